@@ -1,17 +1,20 @@
-"""Tensors from files that PyTorch saved, without PyTorch: its zip archives, and its streams from before 1.6.
+"""A tensor from a file that PyTorch saved, without PyTorch: its zip archives, and its streams from before 1.6.
 
-Both are a pickle that names storages, and the storages' bytes. The reader here rebuilds tensors and refuses
-every other class, so that no file can run code. Source of the format: torch/serialization.py of PyTorch.
+Both are a pickle that names a storage, and the storage's bytes. The reader here takes files of strangers: it
+bounds every size before it reads, knows tensors only, and so runs no code and reads nothing outside the file.
+Source of the format: torch/serialization.py of PyTorch.
 """
 
 import io
+import math
 import pickle
+import pickletools
 import zipfile
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -21,32 +24,58 @@ from hcbench.impact import Floats
 
 _KINDS = {"DoubleStorage": "<f8", "FloatStorage": "<f4", "LongStorage": "<i8", "IntStorage": "<i4"}
 _FIRST_PARTS = 3  # of a stream: magic number, protocol, sizes of types
+_MOST_BYTES = 4 << 20  # of a file; a toss has 0.1 MB
+_ENCRYPTED = 1  # bit of a zip member's flags
+
+# Opcodes of a pickled tensor, protocols 2 to 5. Their number and the memo's are bounded before a file is
+# unpickled: deeply nested tuples crash Python's unpickler, and a memo's index reserves memory up to itself.
+_MOST_OPCODES = 1000
+_OPCODES = frozenset(
+    "PROTO FRAME STOP MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 LONG1 BINUNICODE SHORT_BINUNICODE "
+    "EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS "
+    "BINPUT LONG_BINPUT MEMOIZE BINGET LONG_BINGET GLOBAL STACK_GLOBAL REDUCE BINPERSID".split()
+)
+_PUTS = ("BINPUT", "LONG_BINPUT")
+
+_Numbers = np.ndarray[Any, np.dtype[Any]]
+_Load = Callable[[str, str], Callable[[], _Numbers]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Tensor:
-    """A tensor whose numbers may not be read yet. strides: in numbers."""
+    """A tensor whose numbers may not be read yet, as the file describes it. strides: in numbers."""
 
-    storage: Callable[[], Any]
-    offset: int
-    shape: tuple[int, ...]
-    strides: tuple[int, ...]
+    storage: Callable[[], _Numbers]
+    offset: Any
+    shape: Any
+    strides: Any
 
     def array(self) -> Floats:
+        """The numbers; ValueError for a description that leads outside the storage."""
         numbers = self.storage()
-        last = self.offset + sum((n - 1) * s for n, s in zip(self.shape, self.strides, strict=True))
-        if not 0 <= self.offset <= last < len(numbers):
+        shape, strides = _whole_numbers(self.shape), _whole_numbers(self.strides)
+        (offset,) = _whole_numbers((self.offset,))
+        if len(shape) != len(strides) or not 0 < math.prod(shape) <= len(numbers):
+            raise ValueError(f"shape {shape}, strides {strides} and {len(numbers)} numbers do not agree")
+        last = offset + sum((n - 1) * stride for n, stride in zip(shape, strides, strict=True))
+        if last >= len(numbers):
             raise ValueError("a tensor that is larger than its storage")
-        strides = [s * numbers.itemsize for s in self.strides]
-        view = np.lib.stride_tricks.as_strided(numbers[self.offset :], self.shape, strides)
-        return np.array(view, dtype=np.float64)
+        steps = [stride * numbers.itemsize for stride in strides]
+        return np.array(np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps), dtype=np.float64)
+
+
+def _whole_numbers(values: Any) -> tuple[int, ...]:
+    """Sizes of a tensor; ValueError where they are not numbers of 0 or more."""
+    if not isinstance(values, tuple) or not all(type(value) is int and value >= 0 for value in values):
+        raise ValueError("sizes or strides that are no whole numbers of 0 or more")
+    return values
 
 
 class _Unpickler(pickle.Unpickler):
     """Knows tensors and nothing else. load: what stands for a storage's key and type."""
 
-    def __init__(self, file: Any, load: Callable[[str, str], Callable[[], Any]]) -> None:
-        super().__init__(file)
+    def __init__(self, content: bytes, load: _Load) -> None:
+        super().__init__(io.BytesIO(content))
         self.load_storage = load
 
     def find_class(self, module: str, name: str) -> Any:
@@ -58,51 +87,77 @@ class _Unpickler(pickle.Unpickler):
             return OrderedDict
         raise pickle.UnpicklingError(f"{module}.{name} is no tensor")
 
-    def persistent_load(self, pid: Any) -> Callable[[], Any]:
+    def persistent_load(self, pid: Any) -> Callable[[], _Numbers]:
         _, kind, key, *_ = pid
-        return self.load_storage(str(key), str(kind))
+        if kind not in _KINDS.values():
+            raise pickle.UnpicklingError("a storage of unknown numbers")
+        return self.load_storage(str(key), kind)
 
 
 def read_tensor(path: Path) -> Floats:
     """The tensor in a .pt file. UserError for what cannot be read or holds anything else."""
     try:
-        content = read_bytes(path)
+        content = read_bytes(path, _MOST_BYTES)
         tensor = _from_zip(content) if content[:2] == b"PK" else _from_stream(io.BytesIO(content))
         return tensor.array()
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, EOFError) as error:
-        raise UserError("data", f"{path}: {error}", "one tensor that PyTorch saved") from None
-    except (pickle.UnpicklingError, zipfile.BadZipFile) as error:
-        raise UserError("data", f"{path}: {error}", "one tensor that PyTorch saved") from None
+    except Exception as error:  # damaged archives and pickles raise what they like
+        reason = getattr(error, "strerror", None) or f"{error}" or type(error).__name__
+        raise UserError("data", f"{path}: {reason}", "one tensor that PyTorch saved") from None
 
 
 def _from_zip(content: bytes) -> _Tensor:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("data.pkl"))
-        root = name.removesuffix("data.pkl")
-        parts = {n: archive.read(n) for n in archive.namelist() if n.startswith(f"{root}data/")}
-        pickled = archive.read(name)
+        pickled = io.BytesIO(_stored(archive, name))
 
-    def load(key: str, kind: str) -> Callable[[], Any]:
-        return lambda: np.frombuffer(parts[f"{root}data/{key}"], kind)
+    def load(key: str, kind: str) -> Callable[[], _Numbers]:
+        def numbers() -> _Numbers:
+            with zipfile.ZipFile(io.BytesIO(content)) as archive:
+                stored = _stored(archive, f"{name.removesuffix('data.pkl')}data/{key}")
+            return np.frombuffer(stored, kind)
 
-    return _one_tensor(_Unpickler(io.BytesIO(pickled), load).load())
+        return numbers
+
+    return _one_tensor(_unpickled(pickled, load))
 
 
-def _from_stream(file: BinaryIO) -> _Tensor:
+def _stored(archive: zipfile.ZipFile, name: str) -> bytes:
+    """A member that is written as it is, as PyTorch does: it cannot be longer than the file."""
+    member = archive.getinfo(name)
+    if member.compress_type != zipfile.ZIP_STORED or member.flag_bits & _ENCRYPTED:
+        raise ValueError(f"{name} is compressed or encrypted")
+    return archive.read(member)
+
+
+def _from_stream(file: io.BytesIO) -> _Tensor:
     kinds: dict[str, str] = {}
-    storages: dict[str, Any] = {}
+    storages: dict[str, _Numbers] = {}
 
-    def load(key: str, kind: str) -> Callable[[], Any]:
+    def load(key: str, kind: str) -> Callable[[], _Numbers]:
         kinds[key] = kind
         return lambda: storages[key]
 
     for _ in range(_FIRST_PARTS):
-        _Unpickler(file, load).load()
-    tensor = _one_tensor(_Unpickler(file, load).load())
-    for key in _Unpickler(file, load).load():
-        (count,) = np.frombuffer(file.read(8), "<i8")
-        storages[key] = np.frombuffer(file.read(int(count) * np.dtype(kinds[key]).itemsize), kinds[key])
+        _unpickled(file, load)
+    tensor = _one_tensor(_unpickled(file, load))
+    for key in _unpickled(file, load):
+        (count,) = np.frombuffer(file.read(8), "<i8").tolist()
+        size = count * np.dtype(kinds[key]).itemsize
+        if not 0 <= size <= file.getbuffer().nbytes - file.tell():
+            raise ValueError(f"{count} numbers, more than the file has")
+        storages[key] = np.frombuffer(file.read(size), kinds[key])
     return tensor
+
+
+def _unpickled(file: io.BytesIO, load: _Load) -> Any:
+    """The next object of a stream of pickles; ValueError where no tensor is written like that."""
+    begin = file.tell()
+    for count, (opcode, argument, _) in enumerate(pickletools.genops(file)):
+        if opcode.name not in _OPCODES:
+            raise ValueError(f"the opcode {opcode.name} is no tensor's")
+        if count >= _MOST_OPCODES or (opcode.name in _PUTS and argument >= _MOST_OPCODES):
+            raise ValueError(f"a pickle of more than {_MOST_OPCODES} opcodes")
+    return _Unpickler(file.getvalue()[begin : file.tell()], load).load()
 
 
 def _one_tensor(content: Any) -> _Tensor:
