@@ -144,7 +144,7 @@ class Launch:
         return 2.0 * clearance / both if both > 0.0 else math.inf
 
 
-@dataclass(slots=True)  # not frozen: as of Impact
+@dataclass(slots=True, repr=False)  # not frozen: as of Impact
 class Trajectory:
     """What an engine saw at each step; arrays of shape (n,), SI.
 
@@ -156,6 +156,10 @@ class Trajectory:
     penetration: Floats
     rate: Floats
     force: Floats
+
+    def __repr__(self) -> str:
+        lasts = self.time[-1] - self.time[0] if len(self.time) else 0.0
+        return f"{type(self).__name__} of {len(self.time)} states over {lasts:.4g} s"
 
     def thinned(self, most: int) -> Trajectory:
         """A trajectory of at most so many steps, evenly chosen, both ends among them."""

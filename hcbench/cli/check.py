@@ -21,7 +21,7 @@ from hcbench.cli.console import (
 from hcbench.cli.help import command
 from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.cli.terminal import progress, show, status
-from hcbench.errors import UserError
+from hcbench.errors import EngineFailed, UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -130,6 +130,8 @@ def measure(
         return
     with status("measuring"):
         measurement = measure_job(job, asked.limit)
+    if measurement.failure:
+        raise EngineFailed("model", measurement.failure, "a bounce")
     if page is not None:
         from hcbench.reporting.measurement_page import measurement_page
 

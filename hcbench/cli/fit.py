@@ -157,7 +157,7 @@ def _fit_force(
     file: Path, kind: str | None, setup: MeasurementSetup, as_json: bool, **of_bounces: object
 ) -> bool:
     """Fit and print forces; False where the file has none. of_bounces: options that apply to bounces."""
-    from hcbench.fitting import force as forces_of
+    from hcbench.fitting import force_text as forces_of
     from hcbench.fitting.read import read_force
     from hcbench.fitting.text import with_uncertainty
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
+from hcbench._notebook import Shown
 from hcbench.errors import UserError
 from hcbench.fitting.candidates import dissipation_of
 from hcbench.laws import closed_form
@@ -16,8 +17,6 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.impact import Floats
 
@@ -28,8 +27,8 @@ _LEAST_POINTS = 20
 _OFF_LAW = 0.05  # rms over the largest force from which on the loop is another law's
 
 
-@dataclass(frozen=True, slots=True)
-class ForceFit:
+@dataclass(frozen=True, slots=True, repr=False)
+class ForceFit(Shown):
     """value: k in N/m^n, n, α in s/m. covariance: (3, 3), of ln k, n and α; n's is 0 where it was given.
 
     e, e_uncertainty: by the impulse; NaN for loops. speed: m/s. misfit: rms of the force over its largest.
@@ -74,6 +73,19 @@ class ForceFit:
         """95 %, s/m."""
         half = SIGMAS_95 * self.alpha_uncertainty
         return max(0.0, self.alpha - half), self.alpha + half
+
+    def _lines(self) -> list[str]:
+        from hcbench.fitting.force_text import lines_of
+        from hcbench.fitting.text import with_uncertainty
+
+        return lines_of(self, with_uncertainty)
+
+    def _rows(self) -> list[dict[str, object]]:
+        from hcbench.fitting.force_text import as_record
+
+        kept = ("stiffness_n_per_m_n", "exponent", "alpha_s_per_m", "restitution", "misfit")
+        record = as_record(self)
+        return [{"file": self.file, **{name: record[name] for name in kept}}]
 
 
 def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -> ForceFit:
@@ -221,70 +233,3 @@ def _covariance(done: object, order: list[int | None]) -> Floats:
             if a is not None and b is not None:
                 out[i, j] = whole[a, b]
     return out
-
-
-def as_record(force_fit: ForceFit) -> dict[str, object]:
-    """The fit of forces as `--json` prints it."""
-    low, high = force_fit.alpha_interval
-    return {
-        "schema": 1,
-        "kind": "hcbench fit",
-        "files": [{"name": force_fit.file, "kind": force_fit.kind}],
-        "law": "hunt-crossley" if force_fit.is_law else None,
-        "law_asked": "hunt-crossley",
-        "alpha_s_per_m": force_fit.alpha,
-        "alpha_standard_uncertainty_s_per_m": force_fit.alpha_uncertainty,
-        "alpha_interval_95_s_per_m": [low, high],
-        "restitution": force_fit.e,
-        "restitution_interval_95": [
-            force_fit.e - SIGMAS_95 * force_fit.e_uncertainty,
-            force_fit.e + SIGMAS_95 * force_fit.e_uncertainty,
-        ],
-        "restitution_by_shape": None if math.isnan(force_fit.e_by_shape) else force_fit.e_by_shape,
-        "shape_contradicts_impulse": force_fit.contradicts,
-        "laws": [],
-        "flagged": [],
-        "stiffness_n_per_m_n": force_fit.stiffness,
-        "exponent": force_fit.exponent,
-        "covariance_ln_k_n_alpha": force_fit.covariance.tolist(),
-        "misfit": force_fit.misfit,
-        "speed_range_m_per_s": list(force_fit.speeds),
-    }
-
-
-def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine: str) -> str:
-    """The fit for a terminal. describe: a value and its standard uncertainty as text."""
-    sd = np.sqrt(np.diag(force_fit.covariance))
-    low, high = force_fit.alpha_interval
-    k, n = force_fit.stiffness, force_fit.exponent
-    lines = [
-        f"data      {force_fit.file}: {force_fit.kind}, fitted with the law",
-        f"k         {describe(k, k * sd[0])} N/m^{n:.4g}",
-        f"n         {describe(n, sd[1])}",
-        f"α         {describe(force_fit.alpha, sd[2])} s/m, 95 %: {low:.4g} ... {high:.4g} s/m",
-    ]
-    if not math.isnan(force_fit.e):
-        lines.append(
-            f"e         {describe(force_fit.e, force_fit.e_uncertainty)} by the impulse, without k and n, "
-            f"at {force_fit.speeds[1]:.3g} m/s"
-        )
-    if force_fit.contradicts:
-        lines.append(
-            f"          {force_fit.e_by_shape:.4f} by the pulse's shape: they contradict. The impulse "
-            f"means α = {force_fit.alpha_by_impulse:.4g} s/m; do not use k and n"
-        )
-    if sd[0] and sd[1]:
-        together = force_fit.covariance[0, 1] / (sd[0] * sd[1])
-        lines.append(f"ln k, n   correlation {together:.3f}: --exponent fixes n where it is known")
-    lines.append(f"misfit    {100 * force_fit.misfit:.2g} % of the largest force (rms)")
-    if not force_fit.is_law:
-        lines.append(
-            "law       not Hunt and Crossley's: the force does not follow it, and α has little meaning"
-        )
-        return "\n".join(lines) + "\n"
-    stiffness = f'--stiffness "{k:.5g}" --exponent {n:.5g}'
-    tuned = f'--alpha "{describe(max(force_fit.alpha, 0.0), sd[2])} s/m" {stiffness}'
-    return (
-        "\n".join([*lines, "", "next:", f"  hcbench tune {engine} {tuned} --timestep 1e-5 --match both"])
-        + "\n"
-    )

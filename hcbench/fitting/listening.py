@@ -57,7 +57,15 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
             "clicks of one ball, each flight shorter than the one before",
             "Record nearer to the plate and in quiet, or give the times in a file",
         )
-    heard = [_Heard.of(band, train, setup, recording) for band, train in trains]
+    try:
+        return _ranked([_Heard.of(band, train, setup, recording) for band, train in trains])
+    except (ArithmeticError, np.linalg.LinAlgError):
+        got = "clicks that no law of bounces describes"
+        raise UserError(recording.name, got, "flights that shrink, as of a ball") from None
+
+
+def _ranked(heard: list[_Heard]) -> list[Picks]:
+    """The trains, the one to take first."""
     best = heard[0].improved()
     others = [one.improved() if one.train.score > _CLOSE * best.train.score else one for one in heard[1:]]
     for other in others:

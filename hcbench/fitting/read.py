@@ -60,6 +60,7 @@ KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
 _MOST_TOUCHES = 60
 _MOST_PAIRS = 500  # a dozen seconds; they are as many unknowns
 _LEAST_SAMPLES = 12
+_ONE_SPEED = 1e-6  # share of a speed within which all are one
 
 
 def read_dataset(
@@ -231,6 +232,9 @@ def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
     if len(pairs.speed) < 3:
         got = f"{len(pairs.speed)} impacts"
         raise UserError(pairs.name, got, "3 or more", "Fewer say nothing of how far to trust them")
+    if float(np.ptp(pairs.speed)) <= _ONE_SPEED * float(pairs.speed.max()):
+        got = f"{len(pairs.speed)} impacts, all at {pairs.speed[0]:.4g} m/s"
+        raise UserError(pairs.name, got, "two speeds or more", "One speed gives one e, and no α")
     if not (pairs.restitution > 0.0).any():
         raise UserError(
             pairs.name, "no impact rebounds: a rest only", "e above 0", "α cannot be known from it"

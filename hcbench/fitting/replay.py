@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,8 +44,8 @@ class Replay:
     """
 
     tuned: Tuned
-    recorded: Floats
-    simulated: Floats
+    recorded: Floats = field(repr=False)
+    simulated: Floats = field(repr=False)
     setting: Setting
     alpha: float | None = None
 

@@ -146,6 +146,9 @@ class Measurement(Drawn):
 
     def _lines(self) -> Iterator[str]:
         yield from self.headline[:2]
+        if self.failure:
+            yield self.failure
+            return
         curve = self.curve
         shown = curve[:: max(1, len(curve) // 4)]
         yield from (f"e = {p.restitution:.4f} at {p.speed_in:.4g} m/s" for p in shown[:5])
@@ -162,6 +165,15 @@ class Measurement(Drawn):
                 "samples": point.samples,
                 "failed": point.failed,
             }
+
+    @property
+    def failure(self) -> str:
+        """The reason why launches that touched have no e, none of them; "" where one has."""
+        touched = [impact for impact in self.impacts if impact.status is not Status.NO_TOUCH]
+        if not touched or self.measured:
+            return ""
+        causes = "".join(f" {cause.title}" for cause in self.causes[:1])
+        return f"every launch of {' on '.join(self.facts.pair)} failed: {touched[0].reason}.{causes}"
 
     @property
     def measured(self) -> list[Impact]:

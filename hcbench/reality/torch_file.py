@@ -1,4 +1,4 @@
-"""A tensor from a file that PyTorch saved, without PyTorch: its zip archives, and its streams from before 1.6.
+"""A tensor that PyTorch saved, read without it: its zip archives, and its streams from before 1.6.
 
 Both are a pickle that names a storage, and the storage's bytes. The reader here takes files of strangers: it
 bounds every size before it reads, knows tensors only, and so runs no code and reads nothing outside the file.
@@ -31,9 +31,14 @@ _ENCRYPTED = 1  # bit of a zip member's flags
 # unpickled: deeply nested tuples crash Python's unpickler, and a memo's index reserves memory up to itself.
 _MOST_OPCODES = 1000
 _OPCODES = frozenset(
-    "PROTO FRAME STOP MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 LONG1 BINUNICODE SHORT_BINUNICODE "
-    "EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS "
-    "BINPUT LONG_BINPUT MEMOIZE BINGET LONG_BINGET GLOBAL STACK_GLOBAL REDUCE BINPERSID".split()
+    [
+        *("PROTO", "FRAME", "STOP", "MARK", "NONE", "NEWTRUE", "NEWFALSE"),
+        *("BININT", "BININT1", "BININT2", "LONG1", "BINUNICODE", "SHORT_BINUNICODE"),
+        *("EMPTY_TUPLE", "TUPLE", "TUPLE1", "TUPLE2", "TUPLE3"),
+        *("EMPTY_LIST", "APPEND", "APPENDS", "EMPTY_DICT", "SETITEM", "SETITEMS"),
+        *("BINPUT", "LONG_BINPUT", "MEMOIZE", "BINGET", "LONG_BINGET"),
+        *("GLOBAL", "STACK_GLOBAL", "REDUCE", "BINPERSID"),
+    ]
 )
 _PUTS = ("BINPUT", "LONG_BINPUT")
 
@@ -155,7 +160,7 @@ def _unpickled(file: io.BytesIO, load: _Load) -> Any:
     for count, (opcode, argument, _) in enumerate(pickletools.genops(file)):
         if opcode.name not in _OPCODES:
             raise ValueError(f"the opcode {opcode.name} is no tensor's")
-        if count >= _MOST_OPCODES or (opcode.name in _PUTS and argument >= _MOST_OPCODES):
+        if count >= _MOST_OPCODES or (opcode.name in _PUTS and int(argument or 0) >= _MOST_OPCODES):
             raise ValueError(f"a pickle of more than {_MOST_OPCODES} opcodes")
     return _Unpickler(file.getvalue()[begin : file.tell()], load).load()
 

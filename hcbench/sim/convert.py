@@ -88,8 +88,8 @@ def convert(
     contact = contact_of(
         **numbers,
         solref=_solref(solref),
-        adams=read_adams(adams) if isinstance(adams, str) else adams,
-        newton=read_newton(newton) if isinstance(newton, str) else newton,
+        adams=None if adams is None else read_adams(adams),
+        newton=None if newton is None else read_newton(newton),
         reading=target,
     )
     engines = map(registry.adapter, registry.names())

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from hcbench._notebook import Shown
 from hcbench.impact import Floats
 
 
@@ -20,9 +22,9 @@ class Touchdowns:
 
     part: str
     other: str
-    time: Floats
-    speed: Floats
-    slide: Floats
+    time: Floats = field(repr=False)
+    speed: Floats = field(repr=False)
+    slide: Floats = field(repr=False)
     band: tuple[float, float] | None
     setting: str
 
@@ -35,8 +37,8 @@ class Touchdowns:
         return float(np.mean((self.speed < low) | (self.speed > high)))
 
 
-@dataclass(frozen=True, slots=True)
-class TrajectoryTouchdowns:
+@dataclass(frozen=True, slots=True, repr=False)
+class TrajectoryTouchdowns(Shown):
     """Touchdowns in a recorded motion.
 
     states: how many were read. interval: between two, s. feet: those that touch down most first.
@@ -48,3 +50,21 @@ class TrajectoryTouchdowns:
     states: int
     interval: float
     feet: tuple[Touchdowns, ...]
+
+    def _lines(self) -> Iterator[str]:
+        every = f"{self.states} states, one every {1e3 * self.interval:.4g} ms"
+        yield f"{self.model}: {every}, {self.engine} {self.version}"
+        for foot in self.feet:
+            most = f"at up to {foot.speed.max():.3g} m/s"
+            yield f"{foot.part} on {foot.other}: {len(foot.time)} touchdowns {most}"
+
+    def _rows(self) -> Iterator[dict[str, object]]:
+        for foot in self.feet:
+            for time, speed, slide in zip(foot.time, foot.speed, foot.slide, strict=True):
+                yield {
+                    "part": foot.part,
+                    "other": foot.other,
+                    "time_s": float(time),
+                    "normal_speed_m_per_s": float(speed),
+                    "sliding_speed_m_per_s": float(slide),
+                }

@@ -17,6 +17,7 @@ from hcbench.errors import UserError
 from hcbench.launch_options import LaunchOptions
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Reading
+from hcbench.laws.spring_text import read_adams, read_newton
 from hcbench.measuring.measurement import Wanted, read_points
 from hcbench.measuring.request import make_request, read_limit, read_pair
 from hcbench.recipes.band import default_band
@@ -227,8 +228,9 @@ def _spring(**ways: Any) -> AdamsImpact | NewtonSpring | None:
     if len(given) != 1:
         names = ", ".join(f"--{name}" for name in ways)
         raise UserError("target", " and ".join(given) or "none", f"one of {names}")
-    spring: AdamsImpact | NewtonSpring | None = ways["adams"] or ways["newton"]
-    return spring
+    if ways["adams"] is not None:
+        return read_adams(ways["adams"])
+    return None if ways["newton"] is None else read_newton(ways["newton"])
 
 
 def make_target(

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from measured_bounces import synthesise, times_of, write
 
+import hcbench as hb
 from hcbench.checking.measured_pairs import parse_points
 from hcbench.cli import run
 from hcbench.errors import UserError
@@ -119,3 +120,23 @@ def test_numbers_that_nobody_measures_are_refused_by_name(
     assert re.search(message, caught.err), caught.err
     assert len(caught.err.splitlines()) == 1
     assert caught.out == ""
+
+
+def test_impacts_at_one_speed_are_refused_for_that(tmp_path: Path) -> None:
+    (tmp_path / "pairs.csv").write_text("speed [m/s],restitution\n1,0.8\n1,0.81\n1,0.79\n")
+    with pytest.raises(UserError, match="all at 1 m/s; expected two speeds or more"):
+        hb.fit(tmp_path / "pairs.csv")
+
+
+def test_a_fit_of_forces_prints_itself_in_a_few_lines(tmp_path: Path) -> None:
+    depth = 1e-4  # m
+    law = hb.law(alpha=0.3).force
+    depths = [depth * (i + 1) / 30 for i in range(30)]
+    ways = [(x, v) for v in (0.5, -0.5) for x in depths]
+    rows = [f"{x},{v},{float(law.force(x, v))}" for x, v in ways]
+    header = "penetration [m],rate [m/s],force [N]"
+    (tmp_path / "loop.csv").write_text("\n".join([header, *rows]))
+    lines = repr(hb.fit(tmp_path / "loop.csv")).splitlines()
+    assert len(lines) <= 12
+    assert lines[0].startswith("data      loop.csv: loop")
+    assert float(lines[3].split()[1]) == pytest.approx(0.3, abs=1e-4)

@@ -159,3 +159,56 @@ def test_another_version_of_downloaded_data_is_noticed(tmp_path: Path) -> None:
     folder = sources.find("ball", tmp_path)
     assert folder == tmp_path / "spindoe"
     assert sources.differs("ball", folder)
+
+
+def _as_hostile(arguments: tuple[Any, ...], storage: Floats) -> bytes:
+    """A stream whose tensor describes itself by these offset, shape and strides."""
+    tensor = _Tensor(storage)
+    tensor.arguments = (storage, *arguments, False, {})
+    parts = [1, 2, 3, tensor, ["0"]]
+    return b"".join(map(_pickled, parts)) + struct.pack("<q", storage.size) + storage.tobytes()
+
+
+@pytest.mark.usefixtures("torch")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (0, (10, 2), (-100, 999)),
+        (0, (2, 2), (-(10**9), 10**9)),
+        (0, (300_000_000,), (0,)),
+        (0, (10**11,), (0,)),
+        (-1, (2,), (1,)),
+        (0, (2, 2), (1,)),
+        (0, (True,), (1,)),
+        (1, (200,), (1,)),
+        (0, (0, 10**30), (1, 1)),
+    ],
+)
+def test_a_tensor_is_read_from_within_its_storage_alone(tmp_path: Path, arguments: tuple[Any, ...]) -> None:
+    (tmp_path / "0.pt").write_bytes(_as_hostile(arguments, np.arange(200.0)))
+    with pytest.raises(UserError, match=r"storage|do not agree|whole numbers"):
+        read_tensor(tmp_path / "0.pt")
+
+
+@pytest.mark.usefixtures("torch")
+def test_an_archive_that_is_compressed_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "0.pt", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("toss/data.pkl", _pickled(_Tensor(np.zeros(3))))
+        archive.writestr("toss/data/0", bytes(1 << 20))
+    with pytest.raises(UserError, match="is compressed or encrypted"):
+        read_tensor(tmp_path / "0.pt")
+
+
+@pytest.mark.parametrize(
+    ("pickled", "reason"),
+    [
+        (b"\x80\x02r\xff\xff\xff\x7f.", "more than 1000 opcodes"),  # a memo of 2^31 places
+        (b"\x80\x02)" + b"\x85" * 2000 + b".", "more than 1000 opcodes"),  # tuples within tuples
+        (b"\x80\x02}b.", "opcode BUILD"),
+        (b"\x80\x05\x96" + struct.pack("<Q", 1 << 40) + b".", "only 1 remain"),
+    ],
+)
+def test_a_pickle_that_no_tensor_has_is_refused_unread(tmp_path: Path, pickled: bytes, reason: str) -> None:
+    (tmp_path / "0.pt").write_bytes(pickled)
+    with pytest.raises(UserError, match=reason):
+        read_tensor(tmp_path / "0.pt")

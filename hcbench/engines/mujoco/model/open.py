@@ -79,6 +79,10 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is not there"
         raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
+    if any("\udc80" <= letter <= "\udcff" for letter in str(path)):  # of a byte that Python could not decode
+        raise SceneError(
+            "model", f"{path} has a byte that is not UTF-8", "a name in UTF-8", "Rename the file"
+        )
     if path.suffix.lower() == ".urdf" and "package://" in (text := read_text(path)):
         text = _keep_folders(with_absolute_files(path, packages))
         return _compiled(partial(mujoco.MjModel.from_xml_string, text), str(path))

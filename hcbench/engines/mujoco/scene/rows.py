@@ -203,7 +203,8 @@ class SoftConstraint:
         first, second = self.solref
         if first > 0:
             constant = max(first, self.shortest)
-            return 1 / max(_MINVAL, (dw * constant * second) ** 2), 2 / max(_MINVAL, dw * constant)
+            reach = dw * constant * second  # whose square may be inf, which ** refuses
+            return 1 / max(_MINVAL, reach * reach), 2 / max(_MINVAL, dw * constant)
         return -first / max(_MINVAL, dw**2), -second / max(_MINVAL, dw)
 
     def _solimp(self) -> Solimp:

@@ -1,0 +1,54 @@
+"""Models that nobody means: a sentence that names the cause, and no number that is none."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hcbench as hb
+from hcbench.cli import run
+from hcbench.errors import SceneError, UserError
+
+MODEL = """<mujoco><option timestep="1e-3" gravity="0 0 -9.81"/><worldbody>
+<geom name="plate" type="plane" size="1 1 1" solref="{solref}"/><body name="ball" pos="0 0 1"><freejoint/>
+<geom name="ball" type="sphere" size="0.1" mass="1" solref="{solref}"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("solref", "cause"),
+    [("-1e300 -1", "too stiff for the step"), ("1e300 1", "still in contact, and not at rest")],
+)
+def test_a_model_whose_every_launch_fails_could_not_be_measured(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], solref: str, cause: str
+) -> None:
+    (tmp_path / "m.xml").write_text(MODEL.format(solref=solref))
+    assert run(["measure", str(tmp_path / "m.xml"), "--pair=ball,plate", "--speeds=0.3"]) == 3
+    message = capsys.readouterr().err
+    assert "every launch of ball on plate failed" in message
+    assert cause in message
+
+
+def test_in_python_the_result_says_why_it_has_no_e() -> None:
+    shown = repr(hb.measure(MODEL.format(solref="-1e300 -1"), "ball,plate", speeds=0.3))
+    assert "every launch of ball on plate failed" in shown
+    assert "nan" not in shown
+
+
+def test_a_file_name_outside_utf8_is_refused_in_one_line(tmp_path: Path) -> None:
+    name = os.fsdecode(os.fsencode(tmp_path) + b"/m\xff.xml")
+    Path(name).write_text(MODEL.format(solref="-1000 -1"))
+    with pytest.raises(SceneError, match="has a byte that is not UTF-8; expected a name in UTF-8"):
+        hb.pairs(name)
+
+
+@pytest.mark.parametrize("given", [0.3, {}, True, [1, 2], "1,2"])
+def test_a_spring_that_is_none_is_refused_by_its_name(given: Any) -> None:
+    for name in ("adams", "newton"):
+        options: dict[str, Any] = {name: given}
+        with pytest.raises(UserError, match=f"^{name}: "):
+            hb.convert(**options, mass=1.0, speed=1.0)
+        with pytest.raises(UserError, match=f"^{name}: "):
+            hb.tune("mujoco", timestep=1e-3, **options)
