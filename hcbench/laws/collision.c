@@ -105,25 +105,24 @@ static void set_steps(hcb_group* g) {
   }
 }
 
-/* Frictionless compression into p and v; lam keeps its normal impulses. */
-static void compress(hcb_group* g) {
+/* Normal impulses into p, lam and v, so that no contact approaches any more and each that has one parts at the e of its own
+   approach: 0 <= lam, W lam + (1 + e) u >= 0, one of them 0. Its kinetic energy changes by lam.(1 - e) u/2 <= 0, whatever
+   the e, as u < 0. */
+static void bounce(hcb_group* g) {
   double fastest = 0;
   for (int i = 0; i < g->n; i++) {
     double u = g->before[3 * i];
-    g->lam[i] = -u / g->block[9 * i];
+    g->target[i] = -u * hcb_contact_restitution(g->s->c + g->of[i], -u);
+    g->lam[i] = (g->target[i] - u) / g->block[9 * i];
     fastest = fmax(fastest, -u);
     add_impulse(g, i, 0, g->lam[i], g->v);
   }
-  if (g->n == 1) {
-    g->v[0] = 0; /* its velocities are its rates: see make_few in impacts.c */
-    return;
-  }
-  for (int round = 0; round < 2; round++) { /* the same share of all, then sweeps; the last scaling bounds energy */
+  for (int round = 0; g->n > 1 && round < 2; round++) { /* the same share of all, then sweeps; the last scaling bounds energy */
     double lin = 0, quad = 0;
     for (int sweep = 0; round && sweep < HCB_SWEEPS; sweep++) {
       double change = 0;
       for (int i = 0; i < g->n; i++) {
-        double W = g->block[9 * i], d = fmax(-g->lam[i], -rate_in(g, i, 0, g->v) / W);
+        double W = g->block[9 * i], d = fmax(-g->lam[i], (g->target[i] - rate_in(g, i, 0, g->v)) / W);
         g->lam[i] += d;
         add_impulse(g, i, 0, d, g->v);
         change = fmax(change, fabs(d) * W);
@@ -131,35 +130,15 @@ static void compress(hcb_group* g) {
       if (change < HCB_SETTLED * fastest) break;
     }
     for (int i = 0; i < g->n; i++) {
-      lin -= g->lam[i] * g->before[3 * i];
+      lin += g->lam[i] * (g->target[i] - g->before[3 * i]);
       quad += g->lam[i] * (rate_in(g, i, 0, g->v) - g->before[3 * i]);
     }
     double scale = quad > 0 ? lin / quad : 0;
     for (int i = 0; i < g->n; i++) g->lam[i] *= scale;
     blend(g, g->v, NULL, g->v, scale);
   }
-}
-
-/* What each contact gives back, as far as the energy of the compression reaches; p and v are after it. */
-static void restitute(hcb_group* g) {
-  double loss = 0, lin = 0, quad = 0, s = 1;
   memset(g->p, 0, 3 * g->n * sizeof(double));
-  clear(g, g->add);
-  for (int i = 0; i < g->n; i++) {
-    g->p[3 * i] = hcb_contact_restitution(g->s->c + g->of[i], -g->before[3 * i]) * g->lam[i];
-    add_impulse(g, i, 0, g->p[3 * i], g->add);
-  }
-  for (int i = 0; i < g->n; i++) {
-    double compressed = rate_in(g, i, 0, g->v);
-    loss -= 0.5 * g->lam[i] * (g->before[3 * i] + compressed);
-    lin += g->p[3 * i] * compressed;
-    quad += g->p[3 * i] * rate_of(g->s, g->of[i], 0, g->add);
-  }
-  if (g->n > 1 && 0.5 * quad + lin > loss) s = share_within(-loss, lin, 0.5 * quad);
-  for (int i = 0; i < g->n; i++) g->p[3 * i] = g->lam[i] + s * g->p[3 * i];
-  for (int q = 0; q < g->parts; q++) {
-    for (int j = g->s->at[g->part[q]]; j < g->s->at[g->part[q] + 1]; j++) g->v[j] += s * g->add[j];
-  }
+  for (int i = 0; i < g->n; i++) g->p[3 * i] = g->lam[i];
 }
 
 /* One sweep of Coulomb's law with the parting speeds held, tangential steps scaled by `scale`; largest change. */

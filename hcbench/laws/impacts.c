@@ -17,10 +17,9 @@
 
    RULE. Contacts that approach faster than `still` collide, in rounds, until none is left; those that share no
    part do so independently. In a round:
-     1. compression without friction: impulses lam >= 0, no contact approaches any more;
-     2. restitution: impulses e_i lam_i more, e_i of the contact's own approach in this round, all scaled by one
-        s <= 1 if they would add energy together (never for a single contact);
-     3. Coulomb friction with the parting speeds of 2 held, scaled by one th <= 1 if it would add energy.
+     1. impulses without friction: no contact approaches any more, and each that has an impulse parts at the e of its
+        own approach in this round; the others, which those push, part faster. That loses energy for any e;
+     2. Coulomb friction with the parting speeds of 1 held, scaled by one th <= 1 if it would add energy.
    Smith, Kaufman, Vouga, Tamstorf and Grinspun (ACM TOG 31(4) 106, 2012) collide the approaching set in rounds
    with one e for all; here each contact has its own, and energy is bounded as the work of the impulses,
    p.(u before + u after)/2, which needs no masses. That frictional Poisson impacts can gain energy: Glocker
@@ -120,8 +119,7 @@ static void collide_group(const hcb_system* s, const hcb_room* r, int n, int par
   hcb_group g = group_of(s, r, n, parts, u);
   hcb_few few;
   make_few(&g, &few);
-  compress(&g);
-  restitute(&g);
+  bounce(&g);
   rub(&g);
   for (int i = 0; i < 3 * n; i++) {
     p[3 * r->of[i / 3] + i % 3] += g.p[i];

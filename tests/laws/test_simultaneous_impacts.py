@@ -155,6 +155,16 @@ def test_a_single_contact_gets_its_restitution_whatever_the_friction() -> None:
     assert worst < 1e-9
 
 
+def test_coupled_contacts_part_at_the_e_of_their_own_speeds() -> None:
+    """Two ends of a rod, which land at 1.2 and 0.8 m/s by laws of their own."""
+    rod, J = np.diag([1.0, 1.0 / 12.0]), np.zeros((6, 2))
+    J[0], J[3] = [1.0, 0.5], [1.0, -0.5]
+    contacts = [Contact(LAW, 0.3, 0, 0), Contact(CONSTANT, 0.2, 0, 0)]
+    after = collide(rod, J, np.array([-1.0, -0.4]), contacts)
+    assert after.u[0] == pytest.approx(1.2 * restitution(0.3, 1.2), abs=1e-9)
+    assert after.u[3] == pytest.approx(0.8 * 0.2, abs=1e-9)
+
+
 @pytest.mark.parametrize(("n", "incoming"), [(2, 1), (5, 1), (5, 2), (10, 3)])
 def test_elastic_row_sends_out_as_many_as_come_in(n: int, incoming: int) -> None:
     v = [1.0] * incoming + [0.0] * (n - incoming)
