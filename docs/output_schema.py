@@ -19,7 +19,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
 from hcbench.cases.schema import type_name
-from hcbench.checking.outcome import SpeedRow, Verdict
+from hcbench.checking.outcome import Verdict
 from hcbench.fitting.budget import Budget
 from hcbench.fitting.estimates import Estimate
 from hcbench.fitting.flags import Flag
@@ -87,6 +87,9 @@ CURVE_POINT = record(
         "restitution_min": Number,
         "restitution_max": Number,
         "restitution_after_force": Number,
+        "target": Number,
+        "error": Number,
+        "error_worst_phase": Number,
         "samples": int,
         "failed": int,
         "angle_rad": NotRequired[Number],
@@ -166,11 +169,10 @@ MEASURE = record(
         "notes": Texts,
     },
 )
-ROW = of_class(SpeedRow, optional=("angle",))
 CHECK = record(
     "Check",
     {
-        "schema": Literal[1],
+        "schema": Literal[2],
         "kind": Literal["hcbench check"],
         "exit_code": int,
         "checks": list[
@@ -183,8 +185,8 @@ CHECK = record(
                     "message": Text,
                     "against": Text,
                     "max_error": Number,
-                    "worst": ROW | None,
-                    "rows": list[ROW],
+                    "worst": CURVE_POINT | None,
+                    "rows": list[CURVE_POINT],
                     "measurement": MEASURE | None,
                 },
             )
@@ -245,12 +247,7 @@ TUNED_PAIR = record(
         "attitude": Text,
         "effective_mass_kg": Number,
         "max_error": Number,
-        "curve": list[
-            record(
-                "TunedPoint",
-                dict.fromkeys(("speed_in_m_per_s", "target", "restitution_min", "restitution_max"), Number),
-            )
-        ],
+        "curve": list[CURVE_POINT],
     },
 )
 STANDING = dict.fromkeys(

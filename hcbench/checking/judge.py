@@ -10,10 +10,11 @@ import numpy as np
 from hcbench._text import sanitized, time_step
 from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.checking.limits import judge_landings, judge_touchdowns
-from hcbench.checking.outcome import Outcome, Report, SpeedRow, Verdict, speed_row, worst_of
+from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.errors import HcbenchError, UserError
-from hcbench.impact import Impact, Launch, Status
+from hcbench.impact import Impact, Status
 from hcbench.laws.restitution import Reading, Restitution
+from hcbench.measuring.curve import CurvePoint, curve_of, point_of, worst_of
 from hcbench.measuring.landing import land_job
 from hcbench.measuring.measure import Job, measure_job
 from hcbench.measuring.measurement import TOLERANCE, Measurement
@@ -78,16 +79,7 @@ def _measure(check: Check) -> Measurement:
 def judge(check: Check, measurement: Measurement) -> Outcome:
     """Hold a measurement against what the check says. Raises UserError for a baseline of another engine."""
     wanted = _wanted(check, measurement)
-    rows = []
-    groups: dict[Launch, list[Impact]] = {}
-    for impact in measurement.impacts:
-        groups.setdefault(impact.launch.at_any_phase, []).append(impact)
-    for launch, impacts in groups.items():
-        good = [i for i in impacts if i.is_measured]
-        columns = [(i.speed_in, i.restitution, wanted(i)) for i in good]
-        speed_in, e, e_wanted = np.array(columns, dtype=float).reshape(-1, 3).T
-        angle = launch.angle if measurement.request.is_oblique else None
-        rows.append(speed_row(launch.speed, speed_in, e, e_wanted, len(impacts) - len(good), angle))
+    rows = curve_of(measurement.impacts, wanted)
     verdict, message = _with_rest(check, measurement, *_verdict(check, measurement, rows))
     worst = worst_of(rows) or rows[0]
     return Outcome(
@@ -95,7 +87,7 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
     )
 
 
-def _against(check: Check, rows: Sequence[SpeedRow]) -> str:
+def _against(check: Check, rows: Sequence[CurvePoint]) -> str:
     """The target in words; of an uncertain α, how wrong it lets e be."""
     speeds = np.array([row.speed_in for row in rows if not math.isnan(row.speed_in)])
     if not isinstance(check.wanted, Restitution) or not check.wanted.uncertainty or not speeds.size:
@@ -121,7 +113,7 @@ def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]
     return lambda impact: before[impact.launch].restitution if impact.launch in before else math.nan
 
 
-def _verdict(check: Check, measurement: Measurement, rows: Sequence[SpeedRow]) -> tuple[Verdict, str]:
+def _verdict(check: Check, measurement: Measurement, rows: Sequence[CurvePoint]) -> tuple[Verdict, str]:
     endless = [impact for impact in measurement.failed if impact.status in _NO_END]
     if endless and not measurement.measured:
         return Verdict.COULD_NOT_RUN, f"no impact ended: {sanitized(endless[0].reason)}"
@@ -160,9 +152,9 @@ def _with_rest(check: Check, measurement: Measurement, verdict: Verdict, message
     return Verdict.FAILED, "; ".join([*bounced, *words])
 
 
-def _within(worst: SpeedRow, max_error: float) -> tuple[Verdict, str]:
-    message = f"largest error {worst.error:+.3g} at {worst.place}, limit {max_error:g}"
-    return Verdict.FAILED if abs(worst.error) > max_error else Verdict.PASSED, message
+def _within(worst: CurvePoint, max_error: float) -> tuple[Verdict, str]:
+    message = f"largest error {worst.worst_phase:+.3g} at {worst.place}, limit {max_error:g}"
+    return Verdict.FAILED if abs(worst.worst_phase) > max_error else Verdict.PASSED, message
 
 
 def _newly_failed(check: Check, measurement: Measurement) -> list[Impact]:
@@ -212,9 +204,18 @@ def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Readi
     for place, group in impacts.groupby(by, sort=False):
         speed, *angle = cast("tuple[float, ...]", place)
         good = group[group["status"].isin(_HAS_E)]
-        columns = ("speed_in_m_per_s", "restitution", f"restitution_{reading}")
-        speed_in, e, wanted = (good[column].to_numpy(float) for column in columns)
-        rows.append(speed_row(speed, speed_in, e, wanted, len(group) - len(good), *angle))
+        rows.append(
+            point_of(
+                speed,
+                angle[0] if angle else 0.0,
+                phase=good["phase"].to_numpy(float),
+                speed_in=good["speed_in_m_per_s"].to_numpy(float),
+                restitution=good["restitution"].to_numpy(float),
+                target=good[f"restitution_{reading}"].to_numpy(float),
+                samples=good["samples"].to_numpy(int),
+                failed=len(group) - len(good),
+            )
+        )
     failed, worst = sum(row.failed for row in rows), worst_of(rows)
     if failed or worst is None:
         verdict = Verdict.FAILED

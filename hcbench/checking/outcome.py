@@ -1,17 +1,15 @@
 """Results of checks."""
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
-
-import numpy as np
 
 from hcbench._notebook import Shown
 from hcbench._text import sanitized
 from hcbench.errors import CannotRun, HcbenchError, LimitPassed, UserError
-from hcbench.impact import Floats
+from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Measurement
 
 
@@ -33,64 +31,6 @@ _ERRORS: dict[Verdict, type[HcbenchError]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class SpeedRow:
-    """All phases of one launch speed and angle; speeds in m/s, NaN for what there is not.
-
-    restitution: the mean. error: the largest e - target, with its sign. failed: impacts without e.
-    angle: from the normal, rad; None where no launch is oblique.
-    """
-
-    speed: float
-    speed_in: float
-    restitution: float
-    lowest: float
-    highest: float
-    target: float
-    error: float
-    failed: int
-    angle: float | None = None
-
-    @property
-    def place(self) -> str:
-        """Where on the curve it is, in words."""
-        angle = "" if self.angle is None else f" and {math.degrees(self.angle):.4g} deg"
-        return f"{self.speed_in:.4g} m/s{angle}"
-
-    def record(self) -> dict[str, Any]:
-        """The outcome as JSON has it."""
-        record = asdict(self)
-        return record if self.angle is not None else {k: v for k, v in record.items() if k != "angle"}
-
-
-def speed_row(
-    speed: float, speed_in: Floats, e: Floats, target: Floats, failed: int, angle: float | None = None
-) -> SpeedRow:
-    """The row of the impacts at one launch speed and angle. target: NaN where there is none."""
-    if not e.size:
-        return SpeedRow(speed, *(math.nan,) * 6, failed=failed, angle=angle)
-    error = e - target
-    worst = int(np.argmax(np.where(np.isnan(error), -1.0, np.abs(error))))
-    return SpeedRow(
-        speed=speed,
-        speed_in=float(speed_in.mean()),
-        restitution=float(e.mean()),
-        lowest=float(e.min()),
-        highest=float(e.max()),
-        target=float(target[worst]),
-        error=float(error[worst]),
-        failed=failed,
-        angle=angle,
-    )
-
-
-def worst_of(rows: Sequence[SpeedRow]) -> SpeedRow | None:
-    """The row with the largest error; None where no row has one."""
-    return max(
-        (row for row in rows if not math.isnan(row.error)), key=lambda row: abs(row.error), default=None
-    )
-
-
-@dataclass(frozen=True, slots=True)
 class Outcome:
     """The result of one check.
 
@@ -103,14 +43,21 @@ class Outcome:
     message: str
     against: str = ""
     max_error: float = math.nan
-    rows: tuple[SpeedRow, ...] = ()
-    worst: SpeedRow | None = None
+    rows: tuple[CurvePoint, ...] = ()
+    worst: CurvePoint | None = None
     measurement: Measurement | None = None
 
     @property
     def line(self) -> str:
         """`PASSED name: message`."""
         return f"{self.verdict.value.upper()} {sanitized(self.name)}: {self.message}"
+
+    @property
+    def is_oblique(self) -> bool:
+        """Whether any launch was at an angle or spun."""
+        if self.measurement is not None:
+            return self.measurement.request.is_oblique
+        return any(row.angle for row in self.rows)
 
     @property
     def exit_code(self) -> int:
@@ -129,8 +76,9 @@ class Report(Shown):
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         for outcome in self.outcomes:
+            about = {"check": outcome.name, "verdict": outcome.verdict.value}
             for row in outcome.rows:
-                yield {"check": outcome.name, "verdict": outcome.verdict.value, **row.record()}
+                yield about | row.record(outcome.is_oblique)
 
     def raise_if_failed(self) -> None:
         """Raises LimitPassed where a limit was exceeded, UserError for a mistake, CannotRun for the rest."""

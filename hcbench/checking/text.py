@@ -3,15 +3,15 @@
 import html
 import math
 import re
-from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree as ET
 
 from hcbench._text import number, sanitized, table, without_empty
-from hcbench.checking.outcome import Outcome, Report, SpeedRow, Verdict
+from hcbench.checking.outcome import Outcome, Report, Verdict
+from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.text import as_record, cause_lines
 
-SCHEMA = 1
+SCHEMA = 2  # 1 had a row of other keys, whose error was that of the worst phase
 _MARKS = {
     Verdict.PASSED: "✅",
     Verdict.MEASURED: "📏",
@@ -19,7 +19,8 @@ _MARKS = {
     Verdict.MISTAKE: "⚠️",
     Verdict.COULD_NOT_RUN: "💥",
 }
-_HEADER = ("launch m/s", "deg", "impact m/s", "e", "lowest", "highest", "target", "error")
+_DECIMALS = 4  # of e
+_HEADER = ("launch m/s", "deg", "impact m/s", "e", "lowest", "highest", "target", "error", "worst phase")
 
 
 def as_text(report: Report) -> str:
@@ -39,7 +40,7 @@ def outcome_text(outcome: Outcome) -> str:
         limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"
         lines.append(f"against {outcome.against}{limit}")
     if outcome.rows:
-        lines += ["", *table(*_table(outcome.rows)), ""]
+        lines += ["", *table(*_table(outcome)), ""]
     lines.append(outcome.line)
     if outcome.verdict is Verdict.FAILED and outcome.measurement is not None:
         lines += cause_lines(outcome.measurement.causes, outcome.measurement.remedy)
@@ -47,20 +48,24 @@ def outcome_text(outcome: Outcome) -> str:
     return "\n".join(lines)
 
 
-def _table(rows: Sequence[SpeedRow]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    return without_empty(_HEADER, [_cells(row) for row in rows], "deg")
+def _table(outcome: Outcome) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    rows = [_cells(row, outcome.is_oblique) for row in outcome.rows]
+    return without_empty(_HEADER, rows, "deg")
 
 
-def _cells(row: SpeedRow) -> tuple[str, ...]:
+def _cells(row: CurvePoint, is_oblique: bool) -> tuple[str, ...]:
+    # The difference of the two numbers as they are printed, so that the row adds up for its reader.
+    error = round(row.restitution, _DECIMALS) - round(row.target, _DECIMALS)
     return (
         f"{row.speed:.4g}",
-        "" if row.angle is None else f"{math.degrees(row.angle):.4g}",
+        f"{math.degrees(row.angle):.4g}" if is_oblique else "",
         number(row.speed_in, ".4g"),
         number(row.restitution),
         number(row.lowest),
         number(row.highest),
         number(row.target),
-        number(row.error, "+z.4f"),
+        number(error, "+z.4f"),
+        number(row.worst_phase, "+z.4f"),
     )
 
 
@@ -82,8 +87,8 @@ def _record(outcome: Outcome) -> dict[str, Any]:
         "message": outcome.message,
         "against": outcome.against,
         "max_error": outcome.max_error,
-        "worst": None if outcome.worst is None else outcome.worst.record(),
-        "rows": [row.record() for row in outcome.rows],
+        "worst": None if outcome.worst is None else outcome.worst.record(outcome.is_oblique),
+        "rows": [row.record(outcome.is_oblique) for row in outcome.rows],
         "measurement": None if outcome.measurement is None else as_record(outcome.measurement),
     }
 
@@ -98,7 +103,7 @@ def as_markdown(report: Report) -> str:
         if outcome.verdict in (Verdict.PASSED, Verdict.MEASURED) or outcome.measurement is None:
             continue
         lines += ["", f"<details><summary>{_safe(outcome.name)}: the curve and the cause</summary>", ""]
-        header, rows = _table(outcome.rows)
+        header, rows = _table(outcome)
         lines += [f"| {' | '.join(header)} |", "|" + "---:|" * len(header)]
         lines += [f"| {' | '.join(cells)} |" for cells in rows]
         for cause in (*outcome.measurement.causes, *outcome.measurement.rest_causes):

@@ -53,7 +53,7 @@ def tune_model(
 def _next_line(tuned: TunedModel, written: Path | None, alpha: float | None, given: dict[str, Any]) -> str:
     """The command that holds the first pair to what was promised, in CI too."""
     pair = tuned.pairs[0]
-    low, high = pair.points[0][0], pair.points[-1][0]
+    low, high = pair.band
     asked = [f'--alpha "{alpha:.10g} s/m"'] if alpha is not None else []
     if given.get("restitution") is not None:
         asked = [f"--restitution {given['restitution']:g}"]
@@ -125,13 +125,12 @@ def _record(tuned: TunedModel) -> dict[str, Any]:
 
 
 def _pair_record(tuned: TunedPair) -> dict[str, Any]:
-    names = ("speed_in_m_per_s", "target", "restitution_min", "restitution_max")
     return {
         "pair": list(tuned.facts.pair),
         "attitude": tuned.attitude,
         "effective_mass_kg": tuned.facts.effective_mass,
         "max_error": tuned.max_error,
-        "curve": [dict(zip(names, point, strict=True)) for point in tuned.points],
+        "curve": [point.record(is_oblique=False) for point in tuned.curve],
     }
 
 
@@ -143,14 +142,16 @@ def _print(tuned: TunedModel, limit: float) -> None:
     show(f"{facts.model}, step {time_step(facts.timestep)} s, gravity {gravity} m/s^2")
     show(f"setting: {tuned.name}")
     for pair in tuned.pairs:
-        facts, low, high = pair.facts, pair.points[0][0], pair.points[-1][0]
+        facts = pair.facts
+        low, high = pair.band
         attitude = f", on its {pair.attitude}" if pair.attitude else ""
         show(f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg")
         show(f"contact {facts.meeting}; moved by {facts.moved}")
         show(f"largest error of e: {pair.max_error:.2g} from {low:.2g} to {high:.2g} m/s, tuned, any phase")
         show("at touch:")
-        for speed, wanted, least, most in pair.points:
-            show(f"  {speed:.3g} m/s: target {wanted:.4f}, {least:.4f} ... {most:.4f}")
+        for point in pair.curve:
+            least_most = f"{point.lowest:.4f} ... {point.highest:.4f}"
+            show(f"  {point.speed_in:.3g} m/s: target {point.target:.4f}, {least_most}")
     show("\n" + "\n".join(_table(tuned)))
     for sentence in _reasons(tuned, limit):
         show(f"\n{sentence}")
@@ -170,8 +171,8 @@ def _table(tuned: TunedModel) -> list[str]:
     for was, now in zip(tuned.untuned, tuned.pairs, strict=True):
         for place in (0, -1):
             title = f"e of {' on '.join([now.facts.pair[0], *filter(None, [now.attitude])])}"
-            old, new = (f"{p.points[place][2]:.2f} ... {p.points[place][3]:.2f}" for p in (was, now))
-            rows.append((f"{title} at {now.points[place][0]:.2g} m/s", old, new))
+            old, new = (f"{p.curve[place].lowest:.2f} ... {p.curve[place].highest:.2f}" for p in (was, now))
+            rows.append((f"{title} at {now.curve[place].speed_in:.2g} m/s", old, new))
     before, after = tuned.before.record, tuned.after.record
     for quantity in QUANTITIES:
         numbers = [record[quantity.key] / quantity.si for record in (before, after)]

@@ -14,7 +14,7 @@ from hcbench._arguments import checked
 from hcbench._notebook import Drawn
 from hcbench._text import sanitized, time_step
 from hcbench.errors import UserError
-from hcbench.impact import Floats, Impact, Launch, Status
+from hcbench.impact import Impact, Status
 from hcbench.launch_options import Quantity
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
@@ -25,10 +25,10 @@ from hcbench.laws.restitution import (
     Restitution,
     RestitutionCurve,
 )
+from hcbench.measuring.curve import CurvePoint, curve_of
 from hcbench.resolution import STEPS_TO_COMPARE, STEPS_TO_SHOW
 from hcbench.sim.model_under_test import Facts, Request
 from hcbench.sim.rest import Rest
-from hcbench.sim.tangential import AlongPlate, along_plate
 
 TOLERANCE = 0.02  # of e
 GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off
@@ -85,28 +85,6 @@ class Cause:
     without: float = math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class CurvePoint:
-    """All phases of one launch speed and angle; NaN where nothing parted or rested.
-
-    speed: at launch, m/s. speed_in: mean at touch, m/s; gravity makes the two differ. restitution: mean of e
-    over the step. lowest, highest: e. samples: fewest steps in contact. failed: impacts without an e.
-    angle: from the normal, rad. along: what it does along the plate, means. restitution_after_force: mean of
-    the ratio once the contact force has ceased; e differs where joints or servos act until the bodies part.
-    """
-
-    speed: float
-    speed_in: float
-    restitution: float
-    lowest: float
-    highest: float
-    samples: int
-    failed: int
-    angle: float
-    along: AlongPlate
-    restitution_after_force: float = math.nan
-
-
 @dataclass(frozen=True, slots=True, repr=False)
 class Measurement(Drawn):
     """One pair of one model, measured.
@@ -127,10 +105,10 @@ class Measurement(Drawn):
     @property
     def curve(self) -> list[CurvePoint]:
         """e over speed, one point for each launch speed and angle, in the order of the request."""
-        groups: dict[Launch, list[Impact]] = {}
-        for impact in self.impacts:
-            groups.setdefault(impact.launch.at_any_phase, []).append(impact)
-        return [_point(launch, impacts) for launch, impacts in groups.items()]
+        wanted = self.wanted
+        if wanted is None:
+            return curve_of(self.impacts)
+        return curve_of(self.impacts, lambda impact: float(wanted.at(impact.speed_in)))
 
     @property
     def headline(self) -> list[str]:
@@ -156,15 +134,7 @@ class Measurement(Drawn):
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         for point in self.curve:
-            yield {
-                "speed_m_per_s": point.speed,
-                "speed_in_m_per_s": point.speed_in,
-                "restitution": point.restitution,
-                "restitution_min": point.lowest,
-                "restitution_max": point.highest,
-                "samples": point.samples,
-                "failed": point.failed,
-            }
+            yield point.record(self.request.is_oblique)
 
     @property
     def failure(self) -> str:
@@ -197,7 +167,7 @@ class Measurement(Drawn):
     @property
     def spread(self) -> float:
         """The largest difference in e between phases of one speed; NaN with nothing to compare."""
-        spreads = [point.highest - point.lowest for point in self.curve if math.isfinite(point.highest)]
+        spreads = [point.spread for point in self.curve if math.isfinite(point.highest)]
         return max(spreads, default=math.nan)
 
     @property
@@ -256,32 +226,3 @@ class Measurement(Drawn):
         if law is None or not self.measured or not math.isfinite(mass):
             return None
         return scoring.score(self.impacts, law, mass)
-
-
-def _point(launch: Launch, impacts: list[Impact]) -> CurvePoint:
-    good = [i for i in impacts if i.is_measured]
-    e = [i.restitution for i in good] or [math.nan]
-    weights = _phase_weights([i.launch.phase for i in good] or [0.5])
-    after_force = [i.restitution_after_force for i in good] or [math.nan]
-    return CurvePoint(
-        speed=launch.speed,
-        speed_in=float(np.mean([i.speed_in for i in good])) if good else math.nan,
-        restitution=float(np.average(e, weights=weights)),
-        lowest=min(e),
-        highest=max(e),
-        samples=min((i.samples for i in good), default=0),
-        failed=len(impacts) - len(good),
-        angle=launch.angle,
-        along=AlongPlate(*np.mean([along_plate(i) for i in good or impacts[:1]], axis=0).tolist()),
-        restitution_after_force=float(np.average(after_force, weights=weights)),
-    )
-
-
-def _phase_weights(phases: Sequence[float]) -> Floats:
-    """The share of a step that each phase stands for: half of the gaps on both sides; they add up to 1."""
-    order = np.argsort(phases)
-    ordered = np.asarray(phases)[order]
-    gaps = np.diff(np.append(ordered, ordered[0] + 1.0))
-    weights = np.empty(len(ordered))
-    weights[order] = (gaps + np.roll(gaps, 1)) / 2
-    return weights

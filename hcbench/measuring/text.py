@@ -11,8 +11,8 @@ from hcbench import scoring
 from hcbench._text import number, sanitized, table, without_empty
 from hcbench.impact import Impact
 from hcbench.laws.restitution import Restitution
-from hcbench.measuring.measurement import Cause, CurvePoint, Measurement
-from hcbench.sim.tangential import ALONG_COLUMNS
+from hcbench.measuring.curve import CurvePoint
+from hcbench.measuring.measurement import Cause, Measurement
 
 SCHEMA = 1
 _LOOP_SAMPLES = 200
@@ -43,7 +43,7 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "settings": dict(facts.settings),
         "model_asks": {"restitution": list(facts.asked), "description": facts.asked_description},
         "target": measurement.wanted.description if measurement.wanted else None,
-        "curve": [_point(p, measurement.request.is_oblique) for p in measurement.curve],
+        "curve": [p.record(measurement.request.is_oblique) for p in measurement.curve],
         "phase_spread": measurement.spread,
         "energy_gained": measurement.energy_gained,
         "law": None
@@ -63,24 +63,6 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "rest_causes": [dataclasses.asdict(c) for c in measurement.rest_causes],
         "notes": list(facts.notes),
     }
-
-
-def _point(point: CurvePoint, is_oblique: bool) -> dict[str, Any]:
-    return {
-        "speed_m_per_s": point.speed,
-        "speed_in_m_per_s": point.speed_in,
-        "restitution": point.restitution,
-        "restitution_min": point.lowest,
-        "restitution_max": point.highest,
-        "restitution_after_force": point.restitution_after_force,
-        "samples": point.samples,
-        "failed": point.failed,
-        **(_along(point) if is_oblique else {}),
-    }
-
-
-def _along(point: CurvePoint) -> dict[str, float]:
-    return {"angle_rad": point.angle, **dict(zip(ALONG_COLUMNS, point.along, strict=True))}
 
 
 def _impact(impact: Impact) -> dict[str, Any]:
@@ -136,7 +118,7 @@ def as_text(measurement: Measurement) -> str:
             number(p.speed_in, ".4g"),
             number(p.restitution),
             number(p.restitution_after_force) if p in acted_after else "",
-            number(p.highest - p.lowest, ".1e"),
+            number(p.spread, ".1e"),
             number(asked[p.speed]),
             str(p.samples),
             str(p.failed or ""),

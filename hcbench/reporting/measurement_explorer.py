@@ -8,7 +8,8 @@ import numpy as np
 
 from hcbench.impact import LOOP_TOLERANCE, Impact
 from hcbench.laws import closed_form
-from hcbench.measuring.measurement import CurvePoint, Measurement
+from hcbench.measuring.curve import CurvePoint
+from hcbench.measuring.measurement import Measurement
 from hcbench.reporting.explorer import TABS, Explorer, LoopStore, as_json, digits, places
 from hcbench.reporting.plot_style import LIMIT, MEASURED
 

@@ -15,6 +15,7 @@ from hcbench.impact import Impact
 from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.laws.require import require
 from hcbench.laws.restitution import MeasuredRestitution, RestitutionCurve
+from hcbench.measuring.curve import curve_of
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.request import LONGEST_LIMIT_S
@@ -214,20 +215,11 @@ def _measured_pair(
             sent = dataclasses.replace(request, speeds=new, phases=each, adapt_phases=halvings > 0)
             impacts = impacts_of(model, sent)
             at |= {v: [i for i in impacts if i.launch.speed == v] for v in new}
-        ordered = [at[speed] for speed in sorted(at)]
-        every = [impact for impacts in ordered for impact in impacts]
+        every = [impact for speed in sorted(at) for impact in at[speed]]
         lost = [i.restitution_after_force - i.restitution for i in every if i.restitution > 0.0]
         taken = max([0.0, *(share for share in lost if math.isfinite(share))], key=abs)
-        points = tuple(_point(impacts, wanted) for impacts in ordered)
-        return TunedPair(model.facts(), _error(every, wanted), points, taken=taken)
-
-
-def _point(impacts: Sequence[Impact], wanted: RestitutionCurve) -> tuple[float, float, float, float]:
-    """(mean speed at touch, e wanted there, lowest e, highest e) of launches at one speed."""
-    restitutions = [i.restitution for i in impacts]
-    touched = [i.speed_in for i in impacts if math.isfinite(i.speed_in)]
-    v = float(np.mean(touched)) if touched else impacts[0].launch.speed
-    return v, float(wanted.at(v)), min(restitutions), max(restitutions)
+        curve = curve_of(every, lambda impact: float(wanted.at(impact.speed_in)))
+        return TunedPair(model.facts(), tuple(curve), taken=taken)
 
 
 def _error(impacts: Sequence[Impact], wanted: RestitutionCurve) -> float:

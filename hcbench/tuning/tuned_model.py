@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from hcbench._notebook import Shown
+from hcbench.measuring.curve import CurvePoint
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.standing import Standing
@@ -21,18 +23,25 @@ _GAINS = 0.95  # of the error as it was: what a setting that is worth writing st
 class TunedPair:
     """How a setting does for one pair.
 
-    points: (mean speed at touch m/s, e wanted there, lowest e, highest e) at held-out speeds, each at the
-    phases between which e differs. max_error: the largest |e - wanted| of these; infinite where an impact
-    has no e. attitude: of the body,
+    curve: e at held-out speeds, rising, each at the phases between which e differs. attitude: of the body,
     such as "edge"; "" where it has but one. taken: how much of the speed at touch, at most, joints and
     servos take between the contact's last force and the touch plane; below 0 where they add to it.
     """
 
     facts: Facts
-    max_error: float
-    points: tuple[tuple[float, float, float, float], ...]
+    curve: tuple[CurvePoint, ...]
     attitude: str = ""
     taken: float = 0.0
+
+    @property
+    def max_error(self) -> float:
+        """The largest error of e in any phase; infinite where an impact has no e."""
+        return max(math.inf if point.failed else abs(point.worst_phase) for point in self.curve)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Mean speeds at touch of the slowest and the fastest launches, m/s."""
+        return self.curve[0].speed_in, self.curve[-1].speed_in
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -56,22 +65,16 @@ class TunedModel(Shown):
     def _lines(self) -> Iterator[str]:
         yield f"{self.pairs[0].facts.model}: {self.name}"
         for pair in self.pairs[:_SHOWN]:
-            low, high = pair.points[0][0], pair.points[-1][0]
+            low, high = pair.band
             within = f"e within {pair.max_error:.2g} from {low:.3g} to {high:.3g} m/s"
             yield f"{' on '.join(pair.facts.pair)}{f', {pair.attitude}' if pair.attitude else ''}: {within}"
         yield f"to paste: .text, {len(self.text.splitlines())} lines"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         for pair in self.pairs:
-            for speed, target, low, high in pair.points:
-                yield {
-                    "pair": ",".join(pair.facts.pair),
-                    "attitude": pair.attitude,
-                    "speed_in_m_per_s": speed,
-                    "target": target,
-                    "restitution_min": low,
-                    "restitution_max": high,
-                }
+            for point in pair.curve:
+                record = point.record(is_oblique=False)
+                yield {"pair": ",".join(pair.facts.pair), "attitude": pair.attitude, **record}
 
     @property
     def text(self) -> str:
@@ -102,7 +105,7 @@ class TunedModel(Shown):
     def flat(self) -> bool | None:
         """Whether a body that meets on faces never gains energy; None where none does."""
         flat = [pair for pair in self.pairs if pair.attitude or pair.facts.settings.get(_POINTS, 1) > 1]
-        return all(most <= MOST_E for pair in flat for *_, most in pair.points) if flat else None
+        return all(point.highest <= MOST_E for pair in flat for point in pair.curve) if flat else None
 
     @property
     def taken(self) -> float:
