@@ -8,6 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 REPORTING := $(VENV)/.reporting
 LOWEST := .venv-lowest
+NEWEST := .venv-newest
 MODELS := .venv-models
 MUJOCOS := 3.5.0 3.6.0 3.7.0 3.8.0 3.9.0 3.10.0 3.11.0 4.0.0
 ENGINES := .venv-engines
@@ -22,7 +23,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check test-plugins test-answers answers test-searches test-lowest test-models test-reality test-engines bench site check format lock clean
+.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check test-plugins test-answers answers test-searches test-lowest test-newest test-models test-reality test-engines bench site check format lock clean
 
 DIGESTS := reports/steel-1lb/hcbench-files.json
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
@@ -74,6 +75,9 @@ test-searches: $(INSTALLED)  ## what tune finds in long searches, and every comm
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile
+
+test-newest: $(NEWEST)/.installed  ## every test on the newest versions that the package index has, not locked
+	$(NEWEST)/bin/python -m pytest -n 2 --dist loadfile
 
 test-models: $(MODELS)/.installed  ## 60 models that others wrote, from their packages (docs/explanation/models.md), and loops of our own over 32
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py \
@@ -131,6 +135,11 @@ $(REPORTING) $(INSTALLED) $(LOWEST)/.installed: pyproject.toml
 	$(UV_INSTALL) --no-deps --editable .
 	touch $@
 
+$(NEWEST)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check --upgrade --editable '.[dev]'
+	touch $@
+
 $(MODELS)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(@D)
 	$(@D)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]' \
@@ -139,4 +148,4 @@ $(MODELS)/.installed: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(LOWEST) $(MODELS) .mujocos .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(LOWEST) $(NEWEST) $(MODELS) .mujocos .pytest_cache .mypy_cache .ruff_cache

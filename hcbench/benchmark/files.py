@@ -1,8 +1,8 @@
 """The files of a sweep: on a file system of this machine, in memory, or anywhere else that fsspec opens.
 
 Files appear whole or not at all, and one sweep at a time writes. On this machine's file systems the lock ends
-with the process that holds it, however that ends; elsewhere (s3://, gs://) it is a file that its owner keeps
-fresh, and that is given up when it is not.
+with the process that holds it, however that ends; elsewhere (s3://, gs://) and on Windows it is a file that
+its owner keeps fresh, and that is given up when it is not.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import os
 import secrets
 import shutil
 import socket
+import sys
 import tempfile
 import threading
 import time
@@ -121,25 +122,35 @@ class LocalFiles(Files):
     @contextmanager
     def locked(self) -> Iterator[None]:
         """While no other sweep writes here; CannotRun where one does."""
+        with super().locked() if sys.platform == "win32" else self._flocked():
+            for unfinished in Path(self._root).rglob(".*.new"):
+                unfinished.unlink()  # what a killed sweep was writing
+            yield
+
+    @contextmanager
+    def _flocked(self) -> Iterator[None]:
+        """The lock of POSIX, which ends with its process."""
         import fcntl
 
         path = Path(self._path_to_write(LOCK))
-        with path.open("a+") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                file.seek(0)
-                raise _taken(self.where, file.read()) from None
-            try:
-                file.truncate(0)
-                file.write(json.dumps(_myself()))
-                file.flush()
-                for unfinished in path.parent.rglob(".*.new"):
-                    unfinished.unlink()  # what a killed sweep was writing
-                yield
-            finally:
-                with suppress(OSError):
-                    path.unlink()
+        while True:
+            with path.open("a+", encoding="utf-8") as file:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    file.seek(0)
+                    raise _taken(self.where, file.read()) from None
+                if not _is_at(file.fileno(), path):
+                    continue  # its owner removed it since: this lock would keep no sweep out
+                try:
+                    file.truncate(0)
+                    file.write(json.dumps(_myself()))
+                    file.flush()
+                    yield
+                finally:
+                    with suppress(OSError):
+                        path.unlink()
+                return
 
 
 def open_files(where: str) -> Files:
@@ -170,6 +181,14 @@ class TemporaryFiles(Files):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle it as `Files`: another process reads the folder as long as it exists."""
         return Files, (self._system, self._root, self.where)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Whether an open file is still the one of this path."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def _myself() -> dict[str, Any]:

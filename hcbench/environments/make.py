@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import platform
 import re
 import shutil
 import signal
@@ -67,14 +68,36 @@ def add(
 
 
 def interpreters() -> list[str]:
-    """Versions of the Pythons on this machine that uv finds, newest first."""
+    """Versions of the Pythons on this machine: those that uv finds, pyenv's, and this one; newest first."""
     done = _run_uv(["python", "list", "--only-installed"], Path.cwd())
-    versions = re.findall(r"(?m)^cpython-(\d+\.\d+\.\d+)\S*\s", done.stdout)
-    return list(dict.fromkeys(versions))
+    versions = {*re.findall(r"(?m)^cpython-(\d+\.\d+\.\d+)\S*\s", done.stdout), *_known_pythons()}
+    return sorted(versions, key=_numbers, reverse=True)
+
+
+def _known_pythons() -> dict[str, str]:
+    """Version to path of the Python of this process, and of pyenv's, whose shims hide all but one from uv."""
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
+    paths = {path.parents[1].name: str(path) for path in pyenv.glob("3.*/bin/python")}
+    usable = {version: path for version, path in paths.items() if re.fullmatch(r"\d+\.\d+\.\d+", version)}
+    lowest = {version: path for version, path in usable.items() if _numbers(version) >= LOWEST_PYTHON}
+    return {**lowest, platform.python_version(): sys.executable}
+
+
+def _known(python: str) -> str:
+    """Path of the newest of those with a version such as "3.13"; "" for none, and for a path."""
+    asked = _numbers(python) if re.fullmatch(r"\d+(\.\d+)*", python) else ()
+    known = _known_pythons()
+    fitting = [version for version in known if asked and _numbers(version)[: len(asked)] == asked]
+    return known[max(fitting, key=_numbers)] if fitting else ""
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(number) for number in re.findall(r"\d+", version))
 
 
 def _make(folder: Path, python: str) -> None:
-    done = _run_uv(["venv", "--relocatable", "--python", python, str(folder)], folder.parent)
+    interpreter = _known(python) or python
+    done = _run_uv(["venv", "--relocatable", "--python", interpreter, str(folder)], folder.parent)
     if done.returncode:
         text = _one_line(done.stderr)
         if re.search(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import os
 import time
+from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import fsspec
@@ -86,6 +89,37 @@ def test_two_sweeps_do_not_write_to_one_folder(tmp_path: Path) -> None:
     with Store(files.open_files(str(tmp_path))).locked(), pytest.raises(CannotRun, match=said):
         sweep(study_from(small()), tmp_path)
     sweep(study_from(small()), tmp_path)
+    assert not (tmp_path / "_lock").exists()
+
+
+def test_a_lock_file_that_its_owner_removed_locks_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second opens the file of the first, which then ends; the third locks a new file."""
+    folder, first, third = files.open_files(str(tmp_path)), ExitStack(), ExitStack()
+    flock = fcntl.flock
+    first.enter_context(folder.locked())
+
+    def late(file: Any, operation: int) -> None:
+        monkeypatch.setattr(fcntl, "flock", flock)
+        first.close()
+        third.enter_context(folder.locked())
+        flock(file, operation)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with third, pytest.raises(CannotRun, match="is writing there"), folder.locked():
+        pass
+
+
+def test_without_flock_one_sweep_at_a_time_writes_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows has none."""
+    folder = files.open_files(str(tmp_path))
+    monkeypatch.setattr(files, "sys", SimpleNamespace(platform="win32"))
+    monkeypatch.delattr(fcntl, "flock")
+    with folder.locked(), pytest.raises(CannotRun, match="is writing there"), folder.locked():
+        pass
     assert not (tmp_path / "_lock").exists()
 
 

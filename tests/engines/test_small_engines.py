@@ -82,7 +82,7 @@ def test_drakes_discrete_plant_damps_by_itself(stiffness: float, off: float) -> 
     alpha, h = ALPHAS[1], 1e-6
     share = math.exp(-math.pi * math.sqrt(stiffness / PLANE.mass) * h / 2)
     contact = {"point_stiffness": 2 * stiffness, "dissipation": 1.5 * alpha}
-    for approximation in ("tamsi", "lagged"):
+    for approximation in ("similar", "lagged"):
         options = {"approximation": approximation, **contact}
         for impact in simulated(Setting("drake", "mine", h, options), Launch(0.033, 0.3), Launch(0.49, 0.8)):
             law = float(closed_form.restitution(alpha, impact.speed_in))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import subprocess
 import sys
 import time
@@ -18,7 +19,7 @@ from hcbench import load_scene, workers
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import study_from
 from hcbench.cli import run
-from hcbench.environments import store
+from hcbench.environments import make, store
 from hcbench.errors import EngineMissing, UserError
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
@@ -98,6 +99,19 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     return error
+
+
+def test_the_python_of_hcbench_and_those_of_pyenv_are_found_by_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for version in ("3.11.0", "3.98.2", "3.98.10", "3.9.1"):
+        python = tmp_path / "versions" / version / "bin" / "python"
+        python.parent.mkdir(parents=True)
+        python.touch()
+    monkeypatch.setenv("PYENV_ROOT", str(tmp_path))
+    assert make._known("3.98") == str(tmp_path / "versions" / "3.98.10" / "bin" / "python")
+    assert make._known(platform.python_version()) == sys.executable
+    assert make._known("3.9") == make._known("3.97") == make._known("/usr/bin/python") == ""
 
 
 def test_versions_stand_side_by_side(there: Path) -> None:

@@ -30,7 +30,7 @@ class DrakeOptions(ScriptOptions):
 
     plant: Literal["continuous", "discrete"] = "discrete"
     accuracy: Annotated[Finite, Field(gt=0.0, lt=1.0)] = 1e-4
-    approximation: Literal["lagged", "similar", "tamsi", "sap"] = "lagged"
+    approximation: Literal["lagged", "similar", "sap"] = "lagged"
     point_stiffness: Positive = None
     dissipation: Positive = None
     relaxation_time: Positive = None
@@ -49,7 +49,7 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
 
     name = "drake"
     title = "Drake"
-    backend = Backend("drake", "drake", "1.51", "1.51")
+    backend = Backend("drake", "drake", "1.51", "1.58")
     laws = (HuntCrossley,)
     table = DrakeOptions
     features = Features(

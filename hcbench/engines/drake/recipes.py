@@ -40,7 +40,7 @@ def discrete(target: Target) -> dict[str, Any]:
     under_gravity = math.sqrt(2.0 * law.alpha * target.gravity / h)
     omega = max(2.0 * _DAMPED / (math.pi * h), target.speed_max / _DEEPEST, under_gravity)
     k = min(target.mass * omega**2, _hertz_stiffness(target))
-    return {"approximation": "tamsi", "point_stiffness": 2.0 * k, "dissipation": law.dissipation}
+    return {"approximation": "similar", "point_stiffness": 2.0 * k, "dissipation": law.dissipation}
 
 
 def spring_damper(target: Target) -> dict[str, Any]:
@@ -72,7 +72,7 @@ _NATIVE = (
         "A discrete plant multiplies e by exp(-π ω h/2), ω² = k/m. No d above 0 makes up for it.",
         "The contact is soft, up to 1 mm deep and milliseconds long, so gravity acts within it.",
         "Above 1 µs the spring would have to be softer than hcbench allows: e is too low there.",
-        "`lagged` (the default) and `similar` give the same e and take longer; `sap` ignores dissipation.",
+        "`lagged`, the default, gives the same e; `sap` ignores dissipation.",
         _HALF,
     ),
     on_a_plane("drake", "spring-damper", Role.CONSTANT_E, spring_damper)(
