@@ -106,8 +106,8 @@ static void set_steps(hcb_group* g) {
 }
 
 /* Normal impulses into p, lam and v, so that no contact approaches any more and each that has one parts at the e of its own
-   approach: 0 <= lam, W lam + (1 + e) u >= 0, one of them 0. Its kinetic energy changes by lam.(1 - e) u/2 <= 0, whatever
-   the e, as u < 0. */
+   approach: 0 <= lam, W lam + (1 + e) u >= 0, one of them 0. Its kinetic energy changes by lam.(1 - e) u/2 <= 0, for
+   any e, as u < 0. */
 static void bounce(hcb_group* g) {
   double fastest = 0;
   for (int i = 0; i < g->n; i++) {
