@@ -254,6 +254,24 @@ def _motion(world: World, ball: int) -> "tuple[Floats, Floats]":
     return RADIUS - world.position(ball)[2:], -world.velocity(ball)[2:]
 
 
+@pytest.mark.parametrize("h", [1e-3, 2e-3, 1 / 240])
+@MAXIMAL
+def test_a_dropped_ball_leaves_by_the_law_at_any_distance_that_bullet_stops_it(
+    world: World, maximal: bool, h: float
+) -> None:
+    """Bullet stops what would touch within a step; of maximal coordinates it does not tell from how far off."""
+    world.set(h, 9.81)
+    ball, plate = world.ball(MASS, maximal=maximal), world.plate()
+    world.add(Restitution(ALPHA), ball, plate)
+    for height in np.linspace(0.02, 0.1, 15):
+        world.place(ball, (0, 0, RADIUS + height), (0, 0, 0))
+        while world.velocity(ball)[2] <= 0:
+            came = _motion(world, ball)
+            world.step()
+        speeds = SpeedReading.TOUCH_PLANE.speeds(came, _motion(world, ball), h * 9.81, 9.81)
+        assert speeds[1] / speeds[0] == pytest.approx(e_of(float(speeds[0][0])), abs=1e-9)
+
+
 def test_a_bounce_train_loses_energy_in_every_impact_and_comes_to_rest(world: World) -> None:
     h = 1e-3
     world.set(h, 9.81)

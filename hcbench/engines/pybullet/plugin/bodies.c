@@ -123,6 +123,8 @@ static int read_body(world* w, body* b) {
     link_state* l = b->link + i;
     double back[3];
     if (!b3GetDynamicsInfo(send(w, b3GetDynamicsInfoCommandInit(w->client, b->id, i)), &l->info)) return 0;
+    /* Of bodies of maximal coordinates Bullet does not tell it: the memory is what the command before left there. */
+    if (l->info.type != MULTI_BODY) l->info.processing_threshold = INFINITY;
     if (i < 0) continue;
     b3GetJointInfo(w->client, b->id, i, &joint);
     l->joint = joint.type;
