@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import re
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ from contact_scenes import (
 
 from hcbench import _compile
 from hcbench.cli import run as run_command
+from hcbench.cli.engines import plugin
 from hcbench.contact import mujoco as contact
 from hcbench.contact.mujoco import ConstantRestitution, Friction, HuntCrossley, Restitution, TouchSpeedLaw
 from hcbench.engines.mujoco.scene.mjcf import model_xml
@@ -346,6 +349,39 @@ def test_the_command_prints_a_path_that_plain_mujoco_loads(capsys: Any, tmp_path
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         assert float(done.stdout) == pytest.approx(e(alpha=0.3), abs=1e-5)
         assert done.stderr == ""
+
+
+def test_a_written_scene_says_in_its_first_comment_how_plain_mujoco_loads_it(tmp_path: Path) -> None:
+    """What the comment says is done to the letter, in processes of their own."""
+    model = tmp_path / "drop.xml"
+    asked = ["--plugin", "--alpha", "0.3 s/m", "--timestep", "2 ms", "--speeds", "0.1:2 m/s"]
+    assert run_command(["tune", "mujoco", *asked, "--write-scene", str(model)]) == 0
+    text = model.read_text(encoding="utf-8")
+    comment = text.partition("<!--")[2].partition("-->")[0]
+    assert text.startswith("<!--")
+    assert ET.fromstring(text).tag == "mujoco"  # no two hyphens in it
+    (command, again) = re.findall(r"`hcbench ([a-z ]+)`", comment)
+    assert command == again
+    printed = subprocess.run(
+        [sys.executable, "-m", "hcbench", *command.split()], capture_output=True, text=True, check=True
+    )
+    (call,) = re.findall(r"mujoco\.mj_loadPluginLibrary\(path\)", comment)
+    code = (
+        f"import mujoco; path = {printed.stdout.strip()!r}; {call}\n"
+        f"m = mujoco.MjModel.from_xml_path({str(model)!r}); d = mujoco.MjData(m)\n"
+        "m.opt.gravity[:] = 0; d.qvel[2] = -0.3; mujoco.mj_step(m, d, nstep=60)\n"
+        "import sys; print('hcbench' in sys.modules, d.qvel[2] / 0.3)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    imported, ratio = done.stdout.split()
+    assert imported == "False"
+    assert float(ratio) == pytest.approx(e(alpha=0.3), abs=1e-5)
+    refused = subprocess.run(
+        [sys.executable, "-c", code.replace(call, "")], capture_output=True, text=True, check=False
+    )
+    assert "hcbench.restitution" in refused.stderr
+    assert '"install"' in comment
+    assert ["--install"] in [option.opts for option in plugin.params]
 
 
 def test_install_puts_it_beside_mujocos_own_and_an_old_one_is_reported(

@@ -36,14 +36,24 @@ def model_path(scene: Scene) -> Path:
         ) from None
 
 
+# XML allows no two hyphens in a comment: the option is written as a word.
+_LOAD = """It needs the plug-in of hcbench, or MuJoCo does not open it. Run `hcbench plugin mujoco` with the option
+"install" once, and every MuJoCo program of this Python loads it. Or load it in a script, before the model:
+  mujoco.mj_loadPluginLibrary(path)  with the path that `hcbench plugin mujoco` prints"""
+
+
 def model_xml(scene: Scene, setting: Setting) -> str:
     """The complete MJCF of a scene under a setting, as it is simulated: runs in plain MuJoCo.
 
     At qpos0 the ball just touches the plate. Raises SceneError and SettingError.
     """
     head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
-    body = as_text(scene_tree(scene, setting.timestep, read_options(setting.options)))
-    return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"
+    options = read_options(setting.options)
+    body = as_text(scene_tree(scene, setting.timestep, options))
+    comment = f"{head.replace('--', '- -')} At qpos0 the ball just touches the plate."
+    if options.law is not None:
+        comment = f"{comment}\n{_LOAD}"
+    return f"<!-- {comment} -->\n{body}"
 
 
 def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:

@@ -51,6 +51,8 @@ def script(scene: Scene, setting: Setting) -> str:
     if setting.options.get("links"):
         of_ball = f"radius, mass, inertia = {radius}, {shortest(scene.mass)}, {shortest(scene.inertia)}"
         setup = f"{of_ball}\nfriction = {shortest(scene.friction)}\n{setup}"
+    if "law" in setting.options:
+        setup = f"{_LIBRARY}\n{setup}"
     return _SCRIPT.format(setup=setup, step=shortest(setting.timestep), radius=radius)
 
 
@@ -92,6 +94,9 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
 _OWN_BALL = "# radius, mass, inertia and friction: of {0}; friction 0 for none"
 _MAXIMAL = "# {0} and {1} were loaded with useMaximalCoordinates=True"
 _CUP = "# with cup=RADIUS,X,Y,Z as well: the cup's, and its centre in the frame of the plate"
+
+_LIBRARY = """# loadPlugin gets the library that hcbench compiled on this machine. Elsewhere, run
+# `hcbench plugin pybullet` and write the path that it prints in its place; nothing else of hcbench is needed."""
 
 _SCRIPT = '''"""A ball dropped on a plane in PyBullet: prints restitution against impact speed (m/s)."""
 

@@ -1,0 +1,288 @@
+"""Random scenes under MuJoCo's plug-ins, drawn as a covering design, and what contact does in each."""
+
+from __future__ import annotations
+
+import copy
+import functools
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from contact_scenes import add_equality
+from covering import covering_rows
+
+from hcbench.contact.mujoco import ConstantRestitution, HuntCrossley, Restitution, add_to_spec
+
+if TYPE_CHECKING:
+    from hcbench.laws.contact_law import Law
+
+FACTORS: dict[str, tuple[Any, ...]] = {
+    "shape": ("sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh", "several geoms"),
+    "floor": ("plane", "box", "mesh", "height field"),
+    "joint": ("free", "hinge", "slide", "ball joint", "chain", "equality", "tendon", "motor"),
+    "centre": ("centred mass", "off-centre mass"),
+    "integrator": ("Euler", "implicit", "implicitfast", "RK4"),
+    "cone": ("pyramidal", "elliptic"),
+    "solver": ("Newton", "CG", "PGS", "Newton, noslip", "PGS, noslip"),
+    "multiccd": ("multiccd on", "multiccd off"),
+    "island": ("island on", "island off"),
+    "step": (0.25e-3, 0.5e-3, 1e-3, 2e-3, 4e-3, 5e-3),
+    "law": ("e 0", "e 0.5", "e 0.9", "e 1", "alpha 0.3 s/m", "alpha 3 s/m", "force"),
+    "bodies": (1, 2, 4),
+    "friction": (0.0, 0.1, 0.5, 1.0),
+    "condim": (1, 3, 4, 6),
+}
+CLASSES = ("shape", "floor", "joint", "centre", "integrator", "cone", "solver", "step", "law")
+_LAWS: dict[str, Law] = {
+    "e 0": ConstantRestitution(0.0),
+    "e 0.5": ConstantRestitution(0.5),
+    "e 0.9": ConstantRestitution(0.9),
+    "e 1": ConstantRestitution(1.0),
+    "alpha 0.3 s/m": Restitution(0.3),
+    "alpha 3 s/m": Restitution(3.0),
+}
+_STEPS_A_CONTACT = 30
+
+
+def allowed(row: dict[str, Any]) -> bool:
+    """One-link joints and chains have a body each that hangs; a pair needs two bodies."""
+    return not (row.get("joint") == "equality" and row.get("bodies") == 1)
+
+
+@functools.cache
+def design(count: int) -> list[dict[str, Any]]:
+    """The first rows of the design."""
+    return covering_rows(FACTORS, count, allowed)
+
+
+@dataclass
+class Made:
+    """A scene with the plug-in, and the same with the contact that MuJoCo has by itself."""
+
+    model: Any
+    native: Any
+    start: Any  # qvel
+    has_force: bool  # by a law that resolves the contact
+
+
+def make(row: dict[str, Any], seed: int) -> Made:
+    """A scene of the design; the rest of it is drawn from the seed."""
+    models = []
+    for has_law in (True, False):
+        rng = np.random.default_rng(seed)
+        spec = _world(row)
+        _add_floor(spec, row, rng)
+        for i in range(row["bodies"]):
+            _add_part(spec, row, i, rng)
+        _join(spec, row)
+        if has_law:
+            _add_laws(spec, _law(row, spec), row)
+        models.append(spec.compile())
+    rng = np.random.default_rng([seed, 1])
+    start = rng.normal(size=models[0].nv) * 3
+    for joint in range(models[0].njnt):
+        at = models[0].jnt_dofadr[joint]
+        if models[0].jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            start[at : at + 6] = rng.normal(size=6) * [0.8, 0.8, 0.8, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+        if models[0].jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
+            start[at] = -abs(rng.normal())
+    return Made(models[0], models[1], start, row["law"] == "force")
+
+
+def _world(row: dict[str, Any]) -> Any:
+    spec = mujoco.MjSpec()
+    option = spec.option
+    option.timestep = row["step"]
+    solver, _, noslip = row["solver"].partition(", ")
+    option.cone = getattr(mujoco.mjtCone, f"mjCONE_{row['cone'].upper()}")
+    option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{row['integrator'].upper()}")
+    option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
+    option.noslip_iterations = 5 if noslip else 0
+    option.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    for flag in ("multiccd", "island"):
+        _set_flag(option, flag.upper(), row[flag].endswith("on"))
+    spec.memory = 2**26
+    return spec
+
+
+def _set_flag(option: Any, name: str, is_on: bool) -> None:
+    """A flag of MuJoCo's, which is among those that enable in some versions, and that disable in others."""
+    if (enables := getattr(mujoco.mjtEnableBit, f"mjENBL_{name}", None)) is not None:
+        option.enableflags |= int(enables) if is_on else 0
+    elif (disables := getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", None)) is not None:
+        option.disableflags |= 0 if is_on else int(disables)
+
+
+def _surface(row: dict[str, Any]) -> dict[str, Any]:
+    return {"friction": [row["friction"], 0.005, 1e-4], "condim": row["condim"]}
+
+
+def _add_floor(spec: Any, row: dict[str, Any], rng: Any) -> None:
+    kind = mujoco.mjtGeom
+    if row["floor"] == "plane":
+        shape = {"type": kind.mjGEOM_PLANE, "size": [5, 5, 1]}
+    elif row["floor"] == "box":
+        shape = {"type": kind.mjGEOM_BOX, "size": [2, 2, 0.2], "pos": [0, 0, -0.2]}
+    elif row["floor"] == "mesh":
+        corners = np.array([[x, y, z] for x in (-2, 2) for y in (-2, 2) for z in (-0.4, 0)], dtype=float)
+        spec.add_mesh(name="slab", uservert=corners.ravel())
+        shape = {"type": kind.mjGEOM_MESH, "meshname": "slab"}
+    else:
+        heights = rng.uniform(0, 1, (16, 16)).astype(float)
+        spec.add_hfield(name="ground", nrow=16, ncol=16, size=[2, 2, 0.02, 0.3], userdata=heights.ravel())
+        shape = {"type": kind.mjGEOM_HFIELD, "hfieldname": "ground"}
+    spec.worldbody.add_geom(name="floor", **shape, **_surface(row))
+
+
+def _add_part(spec: Any, row: dict[str, Any], i: int, rng: Any) -> None:
+    """One of the bodies that may move, and what hangs on it."""
+    height = {"hinge": 0.12, "ball joint": 0.12, "chain": 0.25}.get(row["joint"], 0.14)
+    at = [*(0.1 * rng.uniform(-1, 1, 2) + [0.0, 0.0]), height + 0.17 * i]
+    body = spec.worldbody.add_body(name=f"b{i}", pos=at, quat=rng.normal(size=4))
+    joint = {"name": f"j{i}"}
+    kind = mujoco.mjtJoint
+    if row["joint"] in ("hinge", "ball joint"):
+        is_hinge = row["joint"] == "hinge"
+        axis = rng.normal(size=3)
+        body.add_joint(type=kind.mjJNT_HINGE if is_hinge else kind.mjJNT_BALL, axis=axis, **joint)
+    elif row["joint"] == "slide":
+        body.quat = [1, 0, 0, 0]
+        body.add_joint(type=kind.mjJNT_SLIDE, axis=[0.2 * rng.normal(), 0, 1], **joint)
+    else:
+        body.add_freejoint()
+    off = 0.08 if row["joint"] in ("hinge", "ball joint") else 0.0
+    _add_geoms(spec, body, row, f"b{i}", rng, off)
+    if row["joint"] in ("chain", "tendon", "motor"):
+        child = body.add_body(name=f"c{i}", pos=[0.12, 0, 0])
+        child.add_joint(name=f"k{i}", type=kind.mjJNT_HINGE, axis=[0, 1, 0], armature=1e-3, pos=[-0.06, 0, 0])
+        _add_geoms(spec, child, row, f"c{i}", rng, 0.0)
+        spec.add_exclude(bodyname1=f"b{i}", bodyname2=f"c{i}")
+
+
+def _add_geoms(spec: Any, body: Any, row: dict[str, Any], name: str, rng: Any, off: float) -> None:
+    size, mass = rng.uniform(0.025, 0.055, 3), float(10 ** rng.uniform(-0.7, 0.7))
+    shift = 0.4 * size * rng.normal(size=3) if row["centre"] == "off-centre mass" else np.zeros(3)
+    at = shift + [off, 0, 0]
+    parts = [row["shape"]] if row["shape"] != "several geoms" else ["box", "sphere", "capsule"]
+    for k, part in enumerate(parts):
+        shape: dict[str, Any] = {"size": size * (1 - 0.2 * k)}
+        if part == "mesh":
+            corners = rng.normal(size=(14, 3))
+            corners *= size / np.linalg.norm(corners, axis=1)[:, None]
+            spec.add_mesh(name=f"{name} mesh", uservert=corners.ravel())
+            shape = {"meshname": f"{name} mesh"}
+        body.add_geom(
+            name=f"{name} {k}", type=getattr(mujoco.mjtGeom, f"mjGEOM_{part.upper()}"), mass=mass / len(parts),
+            pos=at + (0.06 * k * rng.normal(size=3) if k else 0), **shape, **_surface(row),
+        )  # fmt: skip
+
+
+def _join(spec: Any, row: dict[str, Any]) -> None:
+    """What holds or moves the joints: all but constant forces and springs without damping take no energy."""
+    if row["joint"] == "equality":
+        kind = ("weld", "connect")[row["bodies"] // 2 % 2]
+        numbers = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1] if kind == "weld" else [0.0, 0.0, 0.08]
+        add_equality(spec, kind, "b0", "b1", numbers)
+        spec.add_exclude(bodyname1="b0", bodyname2="b1")
+    for i in range(row["bodies"]):
+        if row["joint"] == "tendon":
+            tendon = spec.add_tendon(name=f"t{i}", stiffness=3.0, springlength=[0.0, 0.0])
+            tendon.wrap_joint(f"k{i}", 1.0)
+        if row["joint"] == "motor":
+            spec.add_actuator(
+                name=f"a{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"k{i}",
+                gainprm=[3.0, *[0] * 9], biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+                biasprm=[0, -3.0 if i % 2 else 0.0, *[0] * 8],
+            )  # fmt: skip
+
+
+def _law(row: dict[str, Any], spec: Any) -> Law:
+    if row["law"] != "force":
+        return _LAWS[row["law"]]
+    # The contact of 1 kg at 1 m/s lasts 30 steps: T = 2.94 (m/k)^0.4 v^-0.2 of Hertz's theory, with its 5/4.
+    duration = _STEPS_A_CONTACT * row["step"]
+    return HuntCrossley(stiffness=1.25 * (2.94 / duration) ** 2.5, alpha=0.3)
+
+
+def _add_laws(spec: Any, law: Law, row: dict[str, Any]) -> None:
+    bodies = [body for body in spec.bodies if body.geoms]
+    for one, two in combinations(bodies, 2):
+        apart = {one.name, two.name}
+        if any({pair.bodyname1, pair.bodyname2} == apart for pair in spec.excludes):
+            continue
+        add_to_spec(spec, law, bodies=(one.name, two.name))
+
+
+def energy(model: Any, data: Any) -> float:
+    """Kinetic and potential energy of bodies, springs and actuators, as steps keep it in flight.
+
+    RK4 keeps it at whole steps; the others keep it with half a step of the forces in each velocity.
+    """
+    mujoco.mj_forward(model, data)
+    total = float(data.energy.sum())
+    length, gain, bias = data.actuator_length, model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1]
+    total -= float((gain * data.ctrl * length + 0.5 * bias * length**2).sum())
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        return total
+    arm = data.xipos - data.subtree_com[model.body_rootid]
+    v = data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm)
+    power = float(model.body_mass @ (v @ model.opt.gravity))
+    power += float(data.qvel @ (data.qfrc_spring + data.qfrc_actuator))
+    return total + 0.5 * model.opt.timestep * power
+
+
+@dataclass
+class Seen:
+    """gain: of contact, over the first energy; depth: the largest, m; both NaN where the state was."""
+
+    gain: float
+    depth: float
+
+
+def simulate(made: Made, seconds: float, native: bool = False) -> Seen:
+    """Contact's gain is that of the step over one without contact from the same state."""
+    model = made.native if native else made.model
+    data = mujoco.MjData(model)
+    data.qvel[:] = made.start
+    data.ctrl[:] = 0.3
+    free = copy.copy(made.native)
+    free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    alone, now = mujoco.MjData(free), mujoco.MjData(free)
+    alone.ctrl[:] = now.ctrl[:] = data.ctrl
+    now.qvel[:] = data.qvel
+    first = max(energy(free, now), 1e-3)
+    won, low, most, depth = 0.0, 0.0, 0.0, 0.0
+    for _ in range(round(seconds / model.opt.timestep)):
+        alone.qpos[:], alone.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_step(model, data)
+        if not np.isfinite(data.qpos).all() or data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
+            return Seen(np.nan, np.nan)
+        if data.ncon:
+            depth = max(depth, -float(data.contact.dist.min()))
+        touches = bool(np.abs(data.qfrc_constraint).sum() + np.abs(data.qfrc_passive).sum())
+        if native or not (data.ncon or touches):
+            continue
+        mujoco.mj_step(free, alone)
+        now.qpos[:], now.qvel[:] = data.qpos, data.qvel
+        won += energy(free, now) - energy(free, alone)
+        low = low if made.has_force else min(low, won)  # a force gives back what it took in the steps before
+        most = max(most, won - low)
+    return Seen(most / first, depth)
+
+
+def quantiles(rows: list[dict[str, Any]], seen: list[Seen]) -> list[tuple[str, list[float]]]:
+    """Name of each class; number of scenes, and median, 99 % and largest gain of contact in it."""
+    table = []
+    gains = np.array([one.gain for one in seen])
+    for factor in ("all", *CLASSES):
+        for level in FACTORS.get(factor, (None,)):
+            chosen = [
+                gain
+                for row, gain in zip(rows, gains, strict=True)
+                if (factor == "all" or row[factor] == level) and np.isfinite(gain)
+            ]
+            name = level if isinstance(level, str) else f"{level * 1e3:g} ms" if level else "all"
+            table.append((name, [len(chosen), *np.quantile(chosen, [0.5, 0.99, 1.0]).tolist()]))
+    return table
