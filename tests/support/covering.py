@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from collections import Counter
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,52 +12,38 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     Row = dict[str, Any]
+    Factors = Mapping[str, Sequence[Any]]
 
 
-def covering_rows(
-    factors: Mapping[str, Sequence[Any]], count: int, allowed: Callable[[Row], bool], seed: int = 0
-) -> list[Row]:
-    """Rows with one level of each factor, by the pairs that came least so far; ties are drawn.
+def covering_rows(factors: Factors, count: int, allowed: Callable[[Row], bool], seed: int = 0) -> list[Row]:
+    """Rows with one level of each factor, each level by the pairs that came least so far; ties are drawn.
 
     allowed: of a row that has some of its factors. The first rows of a longer design are those of a shorter.
     """
     rng = np.random.default_rng(seed)
-    seen = {
-        (one, two): np.zeros((len(factors[one]), len(factors[two])), dtype=int)
-        for one, two in combinations(factors, 2)
-    }
-    rows = []
+    came: Counter[tuple[Any, ...]] = Counter()
+    names, rows = list(factors), []
     for _ in range(count):
-        chosen: dict[str, int] = {}
-        for name in rng.permutation(list(factors)):
-            fits = [
-                i
-                for i in range(len(factors[name]))
-                if allowed({other: factors[other][j] for other, j in chosen.items()} | {name: factors[name][i]})
-            ]
-            came = [_came(seen, name, i, chosen) + rng.uniform(0, 1e-3) for i in fits]
-            chosen[str(name)] = fits[int(np.argmin(came))]
-        for one, two in seen:
-            seen[one, two][chosen[one], chosen[two]] += 1
-        rows.append({name: factors[name][i] for name, i in chosen.items()})
+        row: Row = {}
+        for k in rng.permutation(len(names)):
+            name = names[k]
+            levels = [level for level in factors[name] if allowed({**row, name: level})]
+            weight = {other: len(factors[name]) * len(factors[other]) for other in row}
+            pairs = [sum(came[name, a, o, b] * weight[o] for o, b in row.items()) for a in levels]
+            ties = rng.random(len(levels)) * 1e-3
+            row[name] = levels[int(np.argmin(pairs + ties))]
+        for (one, a), (two, b) in product(row.items(), repeat=2):
+            came[one, a, two, b] += 1
+        rows.append({name: row[name] for name in names})
     return rows
 
 
-def _came(seen: dict[tuple[str, str], Any], name: str, level: int, chosen: dict[str, int]) -> float:
-    """How often a level came with those chosen, each in shares of what its pair of factors would have."""
-    total = 0.0
-    for other, i in chosen.items():
-        table = seen[name, other][level] if (name, other) in seen else seen[other, name][:, level]
-        total += table[i] * (seen[name, other] if (name, other) in seen else seen[other, name]).size
-    return total
-
-
-def fewest(rows: Sequence[Row], factors: Mapping[str, Sequence[Any]], allowed: Callable[[Row], bool]) -> int:
+def fewest(rows: Sequence[Row], factors: Factors, allowed: Callable[[Row], bool]) -> int:
     """How often the rarest pair of levels comes that may come at all."""
-    counts = []
-    for one, two in combinations(factors, 2):
-        for a in factors[one]:
-            for b in factors[two]:
-                if allowed({one: a, two: b}):
-                    counts.append(sum(row[one] == a and row[two] == b for row in rows))
-    return min(counts)
+    came = Counter(pair for row in rows for pair in combinations(row.items(), 2))
+    return min(
+        came[(one, a), (two, b)]
+        for one, two in combinations(factors, 2)
+        for a, b in product(factors[one], factors[two])
+        if allowed({one: a, two: b})
+    )

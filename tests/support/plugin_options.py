@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from contact_scenes import BOX, HALF, RADIUS, Scene, add_body, kept_in_flight, pile, stack, tumbling, world
 
-from hcbench.contact.mujoco import ConstantRestitution, Restitution
+from hcbench.contact.mujoco import Restitution
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -86,32 +86,6 @@ def _bit(kind: str, name: str | None) -> int:
     bits = getattr(mujoco, f"mjt{kind}Bit")
     prefix = "mjENBL_" if kind == "Enable" else "mjDSBL_"
     return int(getattr(bits, prefix + name.upper()))
-
-
-def random_scene(seed: int) -> tuple[Scene, dict[str, Any]]:
-    """One to six bodies that fall on each other and a floor, under any option that is not refused."""
-    rng = np.random.default_rng(seed)
-    h, integrator = float(rng.choice([1e-3, 2e-3, 1 / 240, 4e-3])), str(rng.choice(INTEGRATORS))
-    solver = str(rng.choice(["Newton", "CG"], p=[0.7, 0.3]))
-    noslip = int(rng.choice([0, 5], p=[0.8, 0.2])) if solver == "Newton" else 0
-    friction = float(rng.choice([0.0, 0.01, 0.1, 0.5, 1.0, 2.0]))
-    options: dict[str, Any] = {
-        "cone": str(rng.choice(CONES)),
-        "integrator": integrator,
-        "solver": solver,
-        "noslip": noslip,
-    }
-    spec = world(h, friction=friction, **options)
-    start: list[tuple[str, Any]] = []
-    kinds = [getattr(mujoco.mjtGeom, f"mjGEOM_{name}") for name in ("SPHERE", "BOX", "CAPSULE", "CYLINDER")]
-    for i in range(int(rng.integers(1, 7))):
-        at, size = (*rng.uniform(-0.12, 0.12, 2), 0.12 + 0.16 * i), rng.uniform(0.02, 0.07, 3)
-        kind, mass = kinds[int(rng.choice(4, p=[0.4, 0.3, 0.2, 0.1]))], 10 ** rng.uniform(-1, 1)
-        add_body(spec, f"b{i}", at, kind, size, mass, friction, quat=rng.normal(size=4))
-        start.append((f"b{i}", rng.normal(size=6) * [0.8, 0.8, 0.8, 8, 8, 8] - [0, 0, 1, 0, 0, 0]))
-    e, alpha = float(rng.choice([0.0, 0.3, 0.5, 0.9, 1.0])), float(rng.choice([0.05, 0.315, 1.0, 3.0]))
-    law = ConstantRestitution(e) if rng.random() < 0.5 else Restitution(alpha)
-    return Scene(spec, law, start), {"condim": int(rng.choice([1, 3, 4, 6], p=[0.1, 0.7, 0.1, 0.1]))}
 
 
 def at_rest(kind: str, h: float, options: dict[str, Any]) -> Scene:

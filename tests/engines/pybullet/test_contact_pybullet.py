@@ -259,7 +259,7 @@ def _motion(world: World, ball: int) -> "tuple[Floats, Floats]":
 def test_a_dropped_ball_leaves_by_the_law_at_any_distance_that_bullet_stops_it(
     world: World, maximal: bool, h: float
 ) -> None:
-    """Bullet stops what would touch within a step; of maximal coordinates it does not tell from how far off."""
+    """Bullet stops what would touch within a step; for maximal coordinates it tells no distance."""
     world.set(h, 9.81)
     ball, plate = world.ball(MASS, maximal=maximal), world.plate()
     world.add(Restitution(ALPHA), ball, plate)

@@ -37,8 +37,8 @@ def model_path(scene: Scene) -> Path:
 
 
 # XML allows no two hyphens in a comment: the option is written as a word.
-_LOAD = """It needs the plug-in of hcbench, or MuJoCo does not open it. Run `hcbench plugin mujoco` with the option
-"install" once, and every MuJoCo program of this Python loads it. Or load it in a script, before the model:
+_LOAD = """It needs the plug-in of hcbench, or MuJoCo does not open it. Run `hcbench plugin mujoco` with the
+option "install" once, and every MuJoCo program of this Python loads it. Or load it in a script, first:
   mujoco.mj_loadPluginLibrary(path)  with the path that `hcbench plugin mujoco` prints"""
 
 

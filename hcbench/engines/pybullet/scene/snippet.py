@@ -96,7 +96,7 @@ _MAXIMAL = "# {0} and {1} were loaded with useMaximalCoordinates=True"
 _CUP = "# with cup=RADIUS,X,Y,Z as well: the cup's, and its centre in the frame of the plate"
 
 _LIBRARY = """# loadPlugin gets the library that hcbench compiled on this machine. Elsewhere, run
-# `hcbench plugin pybullet` and write the path that it prints in its place; nothing else of hcbench is needed."""
+# `hcbench plugin pybullet` and write the path that it prints in its place."""
 
 _SCRIPT = '''"""A ball dropped on a plane in PyBullet: prints restitution against impact speed (m/s)."""
 
