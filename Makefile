@@ -51,7 +51,7 @@ test-pythons: $(INSTALLED)  ## the wheel in environments of every Python of this
 fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, and 100 signals at random times
 	PYTHONPATH=tests/support $(BIN)/python -m fuzz
 
-test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option, a thousand random scenes, a minute at rest
+test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option, 2000 random scenes, a minute at rest
 	HCBENCH_PLUGINS=1 $(BIN)/python -m pytest -q -s -n 2 tests/engines/mujoco/test_plugin_options.py \
 	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_rest.py \
 	  tests/engines/pybullet/test_plugin_random_energy.py
@@ -63,6 +63,14 @@ test-compilers: $(INSTALLED)  ## the plug-ins under every gcc, clang and zig of 
 	done
 	HCBENCH_MUJOCOS=$$(printf ':%s/mujoco' $(MUJOCOS:%=$(CURDIR)/.mujocos/%)) $(BIN)/python -m pytest -q \
 	  tests/engines/test_compilers.py
+
+# libstdc++ as well: an exception of MuJoCo would find no __cxa_throw behind the sanitizer's. MuJoCo's headers would
+# call functions for __SANITIZE_ADDRESS__ that its own library does not have.
+SANITIZED = CC="gcc -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -U__SANITIZE_ADDRESS__" ASAN_OPTIONS=detect_leaks=0 \
+  LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so.6)"
+test-sanitizers: $(INSTALLED)  ## the plug-ins compiled by gcc with AddressSanitizer and UBSan: states, threads, random scenes
+	$(SANITIZED) $(BIN)/python -m pytest -q -p no:cacheprovider tests/engines/mujoco/test_plugin_state.py \
+	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/pybullet/test_contact_pybullet.py
 
 answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answers.json
 	$(BIN)/python -c 'from hcbench.tuning import usual, usual_errors; usual.write(); usual_errors.write()'

@@ -192,13 +192,13 @@ def _join(spec: Any, row: dict[str, Any]) -> None:
         spec.add_exclude(bodyname1="b0", bodyname2="b1")
     for i in range(row["bodies"]):
         if row["joint"] == "tendon":
-            tendon = spec.add_tendon(name=f"t{i}", stiffness=3.0, springlength=[0.0, 0.0])
+            tendon = spec.add_tendon(name=f"t{i}", stiffness=1.0, springlength=[0.0, 0.0])
             tendon.wrap_joint(f"k{i}", 1.0)
         if row["joint"] == "motor":
             spec.add_actuator(
                 name=f"a{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"k{i}",
-                gainprm=[3.0, *[0] * 9], biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-                biasprm=[0, -3.0 if i % 2 else 0.0, *[0] * 8],
+                gainprm=[0.3, *[0] * 9], biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+                biasprm=[0, -0.3 if i % 2 else 0.0, *[0] * 8],
             )  # fmt: skip
 
 
