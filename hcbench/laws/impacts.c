@@ -171,6 +171,7 @@ static int list_approaching(const hcb_system* s, const hcb_room* r, const double
 void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, double* slip, double* work) {
   hcb_room r = divide(s, work);
   hcb_few few;
+  double fastest = 0;
   int count = 0;
   for (int q = 0; q < s->parts; q++) r.part[q] = q;
   for (int i = 0; i < s->n; i++) {
@@ -182,7 +183,10 @@ void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, do
   memset(g.p, 0, 3 * count * sizeof(double));
   memset(g.target, 0, count * sizeof(double));
   set_steps(&g);
-  for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) friction_sweep(&g, 1, 1);
+  for (int i = 0; i < 3 * count; i++) fastest = fmax(fastest, fabs(g.before[i]));
+  for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) {
+    if (friction_sweep(&g, 1, 1) <= HCB_SETTLED * fastest) break;
+  }
   for (int i = 0; i < count; i++) slip[r.of[i]] = length(rate_in(&g, i, 1, g.v), rate_in(&g, i, 2, g.v));
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -177,3 +178,16 @@ def test_each_foot_has_the_e_of_its_own_speed_and_motors_add_their_impulse(law: 
     errors = [error for seed in range(5) for error in errors_of_e(law, seed, motors=motors)]
     assert len(errors) > 15
     assert np.abs(errors).max() < (1e-3 if motors else 2e-4)
+
+
+@pytest.mark.parametrize(("iterations", "words"), [(1, 'iterations="1".*Set at least 5'), (5, "")])
+def test_a_solver_that_stops_early_is_named_once_where_robots_stand(iterations: int, words: str) -> None:
+    model = robot("quadruped", LAWS[2], iterations=iterations)
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        mujoco.mj_step(model, mujoco.MjData(model), nstep=5)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert len(warned) == bool(words)
+    assert re.search(words, "".join(warned))

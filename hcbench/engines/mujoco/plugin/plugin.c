@@ -47,7 +47,7 @@ typedef struct { /* an instance, in mjData.plugin_data */
   size_t size;
   /* of the first instance: the Runge-Kutta step that is under way */
   double time, step, *impulse;
-  int stage, plans, next_plan, room, dofs, flags[2];
+  int stage, plans, next_plan, room, dofs, flags[2], iterations;
   plan* planned;
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
   int entries;

@@ -3,10 +3,15 @@
    parts (is_loaded), its row does not let the contact close again within the step: a servo presses a foot with many times
    its weight, and each step of that would be an impact, whose push nothing bears. */
 
-#define HCB_REST 1e-9        /* compliance of a resting row, in units of the pair's own inverse mass, under Newton; ... */
-#define HCB_REST_CG 1e-3     /* ... under CG, which does not settle stiffer rows in its iterations; ... */
-#define HCB_REST_FORCES 1e-6 /* ... under PGS and noslip, whose forces the step takes */
-#define HCB_SILENT -1e10     /* m/s^2: a row that never pushes */
+/* Compliances of a resting row, in units of the pair's own inverse mass. */
+#define HCB_REST 1e-9          /* under Newton; */
+#define HCB_REST_MOVING 3e-7   /* under Newton while an elliptic cone rolls or slides, or its line search, which ends early in
+                                  stiffer rows, leaves bodies a torque that no contact gives; */
+#define HCB_REST_CG 1e-3       /* under CG, which does not settle stiffer rows in its iterations; */
+#define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
+#define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
+#define HCB_STANDS 1e-5        /* m/s and rad/s, up to which a contact stands still */
+#define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
   int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
@@ -52,13 +57,18 @@ static int is_loaded(const mjModel* m, const mjData* d) {
   return loaded;
 }
 
-static double rest_compliance(const mjModel* m) {
-  return is_dual(m) ? HCB_REST_FORCES : m->opt.solver == mjSOL_CG ? HCB_REST_CG : HCB_REST;
+static double rest_compliance(const mjModel* m, const blow* b) {
+  double fastest = 0;
+  for (int k = 0; k < 6; k++) fastest = fmax(fastest, fabs(b->rate[k]));
+  int moves = fastest > HCB_STANDS;
+  if (is_dual(m)) return moves ? HCB_FORCES_MOVING : HCB_REST_FORCES;
+  if (m->opt.solver == mjSOL_CG) return HCB_REST_CG;
+  return moves && m->opt.cone == mjCONE_ELLIPTIC ? HCB_REST_MOVING : HCB_REST;
 }
 
-static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, double compliance) {
+static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
-  double h = m->opt.timestep, mu = b->friction[0];
+  double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, b);
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
   double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(b->parting, b->swing));
   for (int i = 0; i < b->rows; i++) {

@@ -4,6 +4,8 @@
    that part. So resting loads, stacks and friction at rest are the solver's. */
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
+#define HCB_ITERATIONS 5   /* of the solver Newton, without which robots sink; ... */
+#define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
 #include "advance.c"
 #include "rest.c"
@@ -216,6 +218,16 @@ static void warn_of_flags(int flags, const char* const* names, int count) {
   }
 }
 
+/* Names once a solver that stops before bodies which joints drive can rest. */
+static void warn_of_iterations(const mjModel* m, const mjData* d, instance* memory) {
+  int least = m->opt.solver == mjSOL_NEWTON ? HCB_ITERATIONS : HCB_ITERATIONS_OTHERS;
+  if (memory->iterations == m->opt.iterations || !is_loaded(m, d)) return;
+  memory->iterations = m->opt.iterations;
+  if (m->opt.iterations >= least) return;
+  mju_warning("plugin %s: the solver stops after iterations=\"%d\", before robots rest: their feet may sink, as on MuJoCo's "
+              "own contact. Set at least %d", RESTITUTION_NAME, m->opt.iterations, least);
+}
+
 /* Refuses what it is wrong under, and names once what it was never tried with: an option of a later MuJoCo. */
 static void check_options(const mjModel* m, instance* memory, int first) {
 #ifdef HCB_MIDPOINT
@@ -246,6 +258,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   int stage = stage_of(m, d, memory), nv = m->nv, busy = 0;
   double h = m->opt.timestep;
   check_options(m, memory, first);
+  warn_of_iterations(m, d, memory);
   mj_markStack(d);
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
   int count = gather(m, d, first, all);
@@ -277,7 +290,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   int loaded = is_loaded(m, d);
   for (int i = 0; i < count; i++) {
     all[i].held = loaded && all[i].touches && !all[i].rests;
-    set_rows(m, d, memory, all + i, stage, rest_compliance(m));
+    set_rows(m, d, memory, all + i, stage);
   }
   mj_freeStack(d);
 }
