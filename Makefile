@@ -10,7 +10,7 @@ REPORTING := $(VENV)/.reporting
 LOWEST := .venv-lowest
 NEWEST := .venv-newest
 MODELS := .venv-models
-MUJOCOS := 3.5.0 3.6.0 3.7.0 3.8.0 3.9.0 3.10.0 3.11.0 4.0.0
+MUJOCOS := 3.5.0 3.6.0 3.7.0 3.8.0 3.9.0 3.10.0 3.11.0  # beside the installed one
 ENGINES := .venv-engines
 COMPILE = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet --custom-compile-command "make lock"

@@ -1,7 +1,7 @@
 """The C of the laws and plug-ins under every compiler of this machine: no warning, no private symbol.
 
 `make test-compilers` takes every version of gcc and clang that has a name of its own on PATH, and the wheels
-of MuJoCo unpacked in the folders of $HCBENCH_MUJOCOS.
+of MuJoCo unpacked in the folders of $HCBENCH_MUJOCOS, beside the installed one.
 """
 
 from __future__ import annotations
