@@ -110,6 +110,15 @@ static void set_steps(hcb_group* g) {
    any e, as u < 0. */
 static void bounce(hcb_group* g) {
   double fastest = 0;
+  memset(g->p, 0, 3 * g->n * sizeof(double));
+  if (g->n == 1) { /* its velocities are its rates (make_few in impacts.c): it stops, exactly, and is sent back */
+    double u = g->before[0], stop = -u / g->block[0], back = hcb_contact_restitution(g->s->c + g->of[0], -u) * stop;
+    add_impulse(g, 0, 0, stop, g->v);
+    g->v[0] = 0;
+    add_impulse(g, 0, 0, back, g->v);
+    g->p[0] = stop + back;
+    return;
+  }
   for (int i = 0; i < g->n; i++) {
     double u = g->before[3 * i];
     g->target[i] = -u * hcb_contact_restitution(g->s->c + g->of[i], -u);
@@ -117,7 +126,7 @@ static void bounce(hcb_group* g) {
     fastest = fmax(fastest, -u);
     add_impulse(g, i, 0, g->lam[i], g->v);
   }
-  for (int round = 0; g->n > 1 && round < 2; round++) { /* the same share of all, then sweeps; the last scaling bounds energy */
+  for (int round = 0; round < 2; round++) { /* the same share of all, then sweeps; the last scaling bounds energy */
     double lin = 0, quad = 0;
     for (int sweep = 0; round && sweep < HCB_SWEEPS; sweep++) {
       double change = 0;
@@ -137,7 +146,6 @@ static void bounce(hcb_group* g) {
     for (int i = 0; i < g->n; i++) g->lam[i] *= scale;
     blend(g, g->v, NULL, g->v, scale);
   }
-  memset(g->p, 0, 3 * g->n * sizeof(double));
   for (int i = 0; i < g->n; i++) g->p[3 * i] = g->lam[i];
 }
 
