@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import io
 import json
 import math
 import os
@@ -14,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -71,6 +73,13 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 def read_text(path: Path, encoding: str = "utf-8", most: int = MOST_BYTES) -> str:
     """The text of a file, by `read_bytes`."""
     return read_bytes(path, most).decode(encoding)
+
+
+def require_small_archive(content: bytes) -> None:
+    """Raise ValueError where the members of a zip file come to more than MOST_BYTES; BadZipFile for none."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
+            raise ValueError(f"unpacks to more than {MOST_BYTES >> 20} MiB")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -159,6 +168,7 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
     link within the folder, is in the way.
     """
     made: list[Path] = []
+    scratch: Path | None = None
     try:
         made = [p for p in (folder, *folder.parents) if not p.exists()]
         folder.mkdir(parents=True, exist_ok=True)
@@ -173,6 +183,9 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
                 path.rmdir()
         if isinstance(error, OSError):
             raise _unwritable("output folder", folder, error, "a folder that can be written to") from None
+        if isinstance(error, OutputError) and scratch is not None and str(scratch) in error.got:
+            got = error.got.replace(str(scratch), str(folder))  # what the user knows, and where it would be
+            raise OutputError(error.slot, got, error.expected, error.advice) from None
         raise
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hcbench import units
-from hcbench._files import MOST_BYTES, parse_json, read_bytes, read_text
+from hcbench._files import parse_json, read_bytes, read_text, require_small_archive
 from hcbench.errors import QuantityError, UserError
 from hcbench.sim.model_under_test import Vector
 
@@ -103,10 +103,12 @@ def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:
 
 def _arrays(content: bytes) -> dict[str, Any]:
     """The arrays of an .npz file that unpacks to no more than may be read."""
-    if sum(part.file_size for part in zipfile.ZipFile(io.BytesIO(content)).infolist()) > MOST_BYTES:
-        raise ValueError(f"unpacks to more than {MOST_BYTES >> 20} MiB")
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
+    try:
+        require_small_archive(content)
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except Exception as error:  # a damaged header raises what Python's tokenizer and zipfile have
+        raise ValueError(f"is damaged: {error}") from None
 
 
 def read_direction(text: Any) -> Vector:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import pytest
 
 import hcbench as hb
@@ -52,3 +53,13 @@ def test_a_spring_that_is_none_is_refused_by_its_name(given: Any) -> None:
             hb.convert(**options, mass=1.0, speed=1.0)
         with pytest.raises(UserError, match=f"^{name}: "):
             hb.tune("mujoco", timestep=1e-3, **options)
+
+
+def test_a_zipped_model_is_the_model_and_a_damaged_one_is_refused(tmp_path: Path) -> None:
+    path, model = tmp_path / "good.mjz", Path(__file__).parents[2] / "examples" / "good.xml"
+    with path.open("wb") as file:
+        mujoco.MjSpec.from_file(str(model)).to_zip(file)
+    assert str(hb.pairs(path)).replace(".mjz", ".xml") == str(hb.pairs(model))
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(SceneError, match="not a zip file"):
+        hb.pairs(path)

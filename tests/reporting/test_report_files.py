@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 
+from hcbench._files import atomic_folder, write_text
 from hcbench.benchmark.results import ImpactTable, Results
 from hcbench.errors import OutputError
 from hcbench.reporting.build import build
@@ -69,3 +70,13 @@ def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, t
     with pytest.raises(OutputError, match="can be written"):
         build(results, tmp_path / "file" / "report")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_file_that_cannot_be_written_is_named_by_the_users_folder(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match=r"report/missing/x\.csv: No such file") as raised,
+        atomic_folder(tmp_path / "report") as outer,
+        atomic_folder(outer) as scratch,
+    ):
+        write_text(scratch / "missing" / "x.csv", "")
+    assert ".hcbench-" not in str(raised.value)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import copy
+import io
 import re
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench._files import read_text
+from hcbench._files import read_bytes, read_text, require_small_archive
 from hcbench.engines.mujoco import plugin
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.plausible import require_plausible_model
@@ -86,9 +87,22 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
     if path.suffix.lower() == ".urdf" and "package://" in (text := read_text(path)):
         text = _keep_folders(with_absolute_files(path, packages))
         return _compiled(partial(mujoco.MjModel.from_xml_string, text), str(path))
+    if path.suffix.lower() == ".mjz":
+        return _compiled(partial(_unzipped, mujoco, path), str(path))
     binary = path.suffix.lower() == ".mjb"
     read = mujoco.MjModel.from_binary_path if binary else mujoco.MjModel.from_xml_path
     return _compiled(partial(read, str(path)), str(path))
+
+
+def _unzipped(mujoco: Any, path: Path) -> Any:
+    """The model of an archive that `MjSpec.to_zip` wrote: its .xml, with the files that it names."""
+    try:
+        content = read_bytes(path)
+        require_small_archive(content)
+        spec = mujoco.MjSpec.from_zip(io.BytesIO(content))
+    except Exception as error:  # zipfile has a dozen for a damaged archive
+        raise ValueError(error) from None
+    return spec.compile()
 
 
 def _keep_folders(urdf: str) -> str:
