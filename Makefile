@@ -48,7 +48,7 @@ test-random: $(INSTALLED)  ## the tests of properties, with a thousand random ex
 test-pythons: $(INSTALLED)  ## the wheel in environments of every Python of this machine, from 3.11 on
 	HCBENCH_PYTHONS=1 $(BIN)/python -m pytest tests/project/test_pythons.py
 
-fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, 100 signals at random times, and 300 mutated files a reader
+fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, 100 signals at random times, 8 000 calls of the API, and 300 mutated files a reader
 	PYTHONPATH=tests/support $(BIN)/python -m fuzz
 
 test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option, 2000 random scenes, a minute at rest

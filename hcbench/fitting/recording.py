@@ -48,7 +48,7 @@ def is_sound(path: Path) -> bool:
     try:
         with path.open("rb") as file:
             head = file.read(12)
-    except OSError:
+    except (OSError, ValueError):  # of a name with a null
         return False
     return (head[:4] in (b"RIFF", b"RIFX", b"RF64") and head[8:12] == b"WAVE") or _is_of_phone(path)
 

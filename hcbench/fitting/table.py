@@ -115,6 +115,8 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
         raise UserError(name, got, expected, advice) from None
     except OSError as error:
         raise UserError(name, error.strerror or str(error), "a file that can be read") from None
+    except ValueError as error:  # of a name with a null
+        raise UserError(name, str(error), "a file that can be read") from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
         raise UserError(name, "is empty", "a header and rows of numbers")

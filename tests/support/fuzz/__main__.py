@@ -1,4 +1,4 @@
-"""`make fuzz`: random inputs in one process, some as processes, signals at random times, and mutated files.
+"""`make fuzz`: random inputs in one process, some as processes, signals at random times, calls, and mutated files.
 
 Prints what went wrong with its number, by which `--only` runs it again; exit 1 where anything did.
 """
@@ -21,6 +21,7 @@ import warnings
 from collections import Counter
 from pathlib import Path
 
+from fuzz.calls import call
 from fuzz.files import READERS, mutate
 from fuzz.inputs import make
 from fuzz.judge import faults
@@ -170,12 +171,14 @@ def main() -> int:
     parser.add_argument("--signals", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0, help="number of the first input")
     parser.add_argument("--seconds", type=float, default=1e9, help="of the inputs in one process, at most")
+    parser.add_argument("--calls", type=int, default=8000, help="of the Python API")
     parser.add_argument("--files", type=int, default=300, help="mutated files for each reader")
     parser.add_argument("--readers", nargs="*", default=READERS, choices=READERS, help="of the files")
     parser.add_argument("--only", type=int)
     asked = parser.parse_args()
     if asked.only is not None:
-        asked.seed, asked.count, asked.processes, asked.signals, asked.files = asked.only, 1, 0, 0, 0
+        asked.seed, asked.count, asked.processes, asked.signals = asked.only, 1, 0, 0
+        asked.files = asked.calls = 0
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         os.environ["HCBENCH_DATA"] = str(folder / "data")
@@ -184,6 +187,7 @@ def main() -> int:
         start = asked.seed + 10_000_000
         wrong += as_processes(range(start, start + asked.processes), folder)
         wrong += signals(asked.signals, folder) if asked.signals else []
+        wrong += call(range(asked.seed, asked.seed + asked.calls), folder) if asked.calls else []
         for name in asked.readers if asked.files else ():
             wrong += mutate(name, range(asked.seed, asked.seed + asked.files), folder)
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3

@@ -62,6 +62,10 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
         elif isinstance(source, str) and source.lstrip().startswith("<"):
             label = "MJCF text"
             model = _compiled(partial(mujoco.MjModel.from_xml_string, source), label)
+        elif not isinstance(source, str | Path):
+            raise SceneError(
+                "model", f"a {type(source).__name__}", "a file, MJCF text, an MjModel or an MjSpec"
+            )
         else:
             model, label = _from_file(mujoco, Path(source), request.packages), Path(source).name
     if any("NaN" in line for line in warnings):
