@@ -111,7 +111,7 @@ def _require(answer: Answer, kind: Kind | None, max_error: float | None, gate: P
         raise LimitPassed(_FLAGS[kind], got, "a setting that follows the target and gains no energy")
     if max_error is not None and not best.max_error <= max_error:
         got = f"{best.max_error:.3g} with {best.setting.name!r}"
-        raise LimitPassed("max-error", got, f"{max_error:g} or less")
+        raise LimitPassed("max-error", got, f"{max_error:g} or less", answer.remedy)
     if gate is not None and not gate.sphere:
         raise LimitPassed("--certify", f"{best.setting.name!r} {gate.warning}", "a setting that passes")
 
@@ -119,9 +119,12 @@ def _require(answer: Answer, kind: Kind | None, max_error: float | None, gate: P
 def _gate(answer: Answer) -> Passivity:
     """Run the whole test for energy on the best choice, in the plain engine."""
     from hcbench.sim import registry
+    from hcbench.sim.passivity import Train
 
     best = answer.best
-    return registry.engine(answer.engine).passivity(answer.scene, best.setting, best.speeds, whole=True)
+    train = Train(answer.target.curve, best.max_error, answer.target.speed_max)
+    adapter = registry.engine(answer.engine)
+    return adapter.passivity(answer.scene, best.setting, best.speeds, whole=True, train=train)
 
 
 def _margin(target: Target, alpha: tuple[float, float] | None) -> float:

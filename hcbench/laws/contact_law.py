@@ -97,6 +97,7 @@ def law_of(options: Mapping[str, Any]) -> Law:
 
     {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and
     {"kind": "restitution", "alpha": s/m, "reading": "law"} are eq. (16);
+    {"kind": "restitution", "restitution": e} is one e for all speeds;
     {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n, "exponent": 1.5} and
     {"kind": "restitution", "law": "flores", "restitution": e} a law of `laws.published`, asked for e.
     """
@@ -104,6 +105,9 @@ def law_of(options: Mapping[str, Any]) -> Law:
     given = dict(options)
     kind, named = given.pop("kind", None), "law" in given
     require("option 'law.kind'", kind, kind in ("force", "restitution"), "'force' or 'restitution'")
+    if kind == "restitution" and not named and "restitution" in given:
+        one_e = read_numbers(given, ("restitution",), (), SettingError, "option 'law.{}'")
+        return ConstantRestitution(**one_e)
     make, required, optional = _KINDS[kind, named]
     word = "law" if named else "reading"
     words = {word: given.pop(word)} if named or (make is Restitution and word in given) else {}

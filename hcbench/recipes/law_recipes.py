@@ -66,10 +66,10 @@ def plug_in_recipes(
             "restitution-law",
             Role.LAW,
             lambda target: {"law": _restitution_law(target), **common},
-            "Plug-in: each impact gets the law's e of its own speed, in one step.",
+            "Plug-in: each impact gets the e of its own speed, by the law or one for all, in one step.",
             (_ATTACH, _IMPULSE, _AT_PLANE),
             one_step=True,
-            kinds=("law", "linear"),
+            kinds=("law", "linear", "constant"),
             exact_above=exact_above,
         ),
         *published_law_recipes(engine, published_law, _RESOLVED, STEPS_OF_A_LAW),
@@ -126,6 +126,8 @@ def _force_law(target: Target) -> Options:
 
 
 def _restitution_law(target: Target) -> Options:
+    if target.kind == "constant":
+        return {"kind": "restitution", "restitution": target.points[0][1]}
     return {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
 
 

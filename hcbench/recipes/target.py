@@ -13,10 +13,11 @@ from hcbench.impact import Floats
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import MeasuredRestitution, Restitution, RestitutionCurve
 
-TargetKind = Literal["law", "linear", "points"]
+TargetKind = Literal["law", "linear", "points", "constant"]
 # What the law may be off by to be worth a try, as a share of what one e for all speeds is wrong by.
 _GOOD_FIT = 0.25
 _WORDS = {"law": "α of the law, by --alpha", "linear": "1 - α v, by --alpha and --target linear"}
+_WORDS |= {"constant": "one e, by --restitution"}
 
 
 @checked_fields
@@ -39,7 +40,7 @@ class Target:
     timestep: float
     speed_min: float
     speed_max: float
-    reading: TargetKind = "law"
+    reading: Literal["law", "linear", "points"] = "law"
     points: tuple[tuple[float, float], ...] = ()
     gravity: float = 0.0
     friction: float = 0.0
@@ -76,6 +77,11 @@ class Target:
         """Whether one e for all speeds is all that is wanted."""
         one_e = len({e for _, e in self.points}) == 1 if self.points else self.law.alpha == 0
         return one_e or self.speed_min == self.speed_max
+
+    @property
+    def kind(self) -> TargetKind:
+        """The kind of the target: its reading, or "constant" for points that are one e."""
+        return "constant" if self.reading == "points" and self.is_constant else self.reading
 
     @property
     def curve(self) -> RestitutionCurve:
@@ -119,7 +125,7 @@ def _require_falling(measured: MeasuredRestitution) -> None:
 
 def require_kind(target: Target, recipe: str, kinds: Sequence[TargetKind], instead: str) -> None:
     """Refuse a target of a kind that a recipe does not serve: SettingError, with those to use `instead`."""
-    if target.reading in kinds:
+    if target.kind in kinds or target.reading in kinds:
         return
     slot, given = target.described()
     expected = " or ".join(_WORDS[kind] for kind in kinds)

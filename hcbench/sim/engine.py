@@ -30,7 +30,7 @@ from hcbench.scene import Scene
 from hcbench.setting import PAIR, Pair, Setting
 from hcbench.sim import simulate
 from hcbench.sim.columns import Impacts, Launches
-from hcbench.sim.passivity import Passivity, passivity_of
+from hcbench.sim.passivity import Passivity, Train, passivity_of
 from hcbench.sim.promise import Promise
 from hcbench.sim.read_impact import SpeedReading
 
@@ -115,13 +115,19 @@ class Engine(ABC):
         return ()
 
     def passivity(
-        self, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool = False
+        self,
+        scene: Scene,
+        setting: Setting,
+        speeds: tuple[float, float],
+        whole: bool = False,
+        train: Train | None = None,
     ) -> Passivity:
         """Whether a setting ever gives energy, and how a body rests on it: a screen of about a second.
 
         speeds: the band, m/s. whole: by the gate that takes its time, drops of half a minute among it.
+        train: the longest train of bounces that the target allows after a drop.
         """
-        return passivity_of(self, scene, setting, speeds, whole)
+        return passivity_of(self, scene, setting, speeds, whole, train)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The setting with Coulomb's μ of its contact in it, to be pasted."""

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Pair, Setting
     from hcbench.sim.engine import Engine
-    from hcbench.sim.passivity import Passivity
+    from hcbench.sim.passivity import Passivity, Train
     from hcbench.sim.promise import Promise
 
 _WORKER = ("numpy", "scipy", "pint", "pydantic")
@@ -149,10 +149,15 @@ class RemoteEngine(Wrapped):
         return path
 
     def passivity(
-        self, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool = False
+        self,
+        scene: Scene,
+        setting: Setting,
+        speeds: tuple[float, float],
+        whole: bool = False,
+        train: Train | None = None,
     ) -> Passivity:
         """The engine's, there."""
-        passivity: Passivity = self._call("passivity", scene, setting, speeds, whole)
+        passivity: Passivity = self._call("passivity", scene, setting, speeds, whole, train)
         return passivity
 
     def script(self, scene: Scene, setting: Setting) -> str:

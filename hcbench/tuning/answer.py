@@ -170,6 +170,14 @@ class Answer(Drawn):
         """The largest error of e of the best choice, over its band `best.speeds`, m/s."""
         return self.best.max_error
 
+    @property
+    def remedy(self) -> str:
+        """Advice where the error of the best choice is too large; "" where there is none."""
+        exact = self.of("exact")
+        if exact is None or exact is self.best:
+            return "Try a smaller step, or a narrower band by --speeds"
+        return f"--plugin prints the plug-in: {exact.within}"
+
     def of(self, kind: Kind) -> Choice | None:
         """The choice of a kind."""
         return next((choice for choice in self.choices if choice.kind == kind), None)
@@ -191,12 +199,13 @@ class Answer(Drawn):
 
     @property
     def is_as_asked(self) -> bool:
-        """Whether there is a choice of the kind asked for; one e is all that a constant target asks."""
-        return (
-            self.named is not None
-            or self.best.kind == self.asked
-            or (self.target.is_constant and self.best.kind == "constant")
-        )
+        """True where the best choice is of the kind asked for.
+
+        One e for all speeds is a setting that matches a constant target. It is never a plug-in.
+        """
+        if self.named is not None or self.best.kind == self.asked:
+            return True
+        return self.asked == "settings" and self.target.is_constant and self.best.kind == "constant"
 
     @property
     def tuned(self) -> Tuned:

@@ -14,8 +14,10 @@ from hcbench.laws.restitution import ConstantRestitution
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.recipes.softening import require_end
+from hcbench.recipes.target import require_kind
 from hcbench.setting import PAIR, Pair
 from hcbench.sim import registry
+from hcbench.sim.passivity import Train
 from hcbench.sim.promise import Promise
 from hcbench.tuning.answer import MAX_ERROR, Answer, Choice, Kind, Never
 from hcbench.tuning.choose import Match, candidates
@@ -66,7 +68,7 @@ def find_answer(
 
 
 def _answered(finder: _Finder, asked: Kind, choices: Sequence[Choice], named: Choice | None = None) -> Answer:
-    advised = [choice for choice in choices if choice.tuned is None or not choice.tuned.passivity.warning]
+    advised = [choice for choice in choices if choice.tuned is None or not choice.tuned.flaws]
     never = [*finder.never]
     if named is not None and named not in advised and named.tuned is not None:
         never.append(Never(named.setting.name, named.tuned.flaws))
@@ -115,22 +117,22 @@ class _Finder:
         return self.choice("constant" if is_one else "settings" if recipe.native else "exact", tuned)
 
     def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind) -> list[Choice]:
-        """The best of each kind. tried: candidates for settings and for one e, the simplest first.
+        """The best of each kind; the plug-in alone where that was asked for, which needs no search.
 
-        Without a C compiler the plug-in is left out, unless it is the kind asked for: then NotCompiled.
+        tried: candidates for settings and for one e, the simplest first. Without a C compiler the plug-in is
+        left out, unless it is the kind asked for: then NotCompiled.
         """
+        exact = self._exact_if_compiled(asked)
+        if asked == "exact" and exact is not None:
+            return [exact]
+        if asked == "exact" and (law := self._law()) is not None:
+            require_kind(self.target, law.name, law.kinds, law.instead)
         constants = [each for each in tried if each[0].role is Role.CONSTANT_E]
         others = [each for each in tried if each not in constants]
         _, least = minimax_constant(self.target)
         settings = self._best(others, self._max_error)
         constant = self._best(constants, max(_NEAR * least, 1e-9))
         chosen: list[Choice] = []
-        try:
-            exact = self._exact()
-        except NotCompiled as error:
-            if asked == "exact":
-                raise
-            exact, self.left_out = None, f"left out, not compiled: the plug-in. {error}"
         if exact is not None:
             chosen.append(exact)
         if settings is not None and constant is not None and not settings.error < constant.error:
@@ -198,11 +200,25 @@ class _Finder:
             promise,
         )
 
+    def _exact_if_compiled(self, asked: Kind) -> Choice | None:
+        """The plug-in; None, and the reason kept, where it cannot be compiled and was not asked for."""
+        try:
+            return self._exact()
+        except NotCompiled as error:
+            if asked == "exact":
+                raise
+            self.left_out = f"left out, not compiled: the plug-in. {error}"
+            return None
+
+    def _law(self) -> Recipe | None:
+        """The recipe that puts a law in place of the contact at any step; None where the engine has none."""
+        return first(registry.preferred(self.engine), Role.LAW, self.scene.form, native=False)
+
     def _exact(self) -> Choice | None:
         """The plug-in, whose e is what its card says at any step; its energy is measured."""
         target = self.target
-        recipe = first(registry.preferred(self.engine), Role.LAW, self.scene.form, native=False)
-        if recipe is None or target.reading not in recipe.kinds:
+        recipe = self._law()
+        if recipe is None or not {target.kind, target.reading} & set(recipe.kinds):
             return None
         if recipe.exact_above is None:
             tuned = self._best([(recipe, "a law in place of the contact")], math.inf)
@@ -210,10 +226,13 @@ class _Finder:
         setting, low = recipe(target), exact_from(recipe, target)
         if not low < target.speed_max:
             return None
+        train = Train(target.curve, _EXACT, target.speed_max)
         try:
-            passivity = self._adapter.passivity(self.scene, setting, (low, target.speed_max))
+            passivity = self._adapter.passivity(self.scene, setting, (low, target.speed_max), train=train)
         except (EngineMissing, EngineFailed):
             passivity = None
+        if passivity is not None and not passivity.bounces.tried:  # no launch gave an e, so nothing is known
+            return None
         if passivity is not None and passivity.warning:
             self.never.append(Never(recipe.name, passivity.warning))
             return None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench._notebook import Drawn
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.sim import registry
-from hcbench.sim.passivity import MOST_E
+from hcbench.sim.passivity import MOST_E, Train
 from hcbench.tuning.evaluate import Evaluation, evaluate, rest_test
 
 if TYPE_CHECKING:
@@ -79,9 +79,18 @@ class Tuned(Drawn):
         deep = "deep" if self.evaluation.deep else ""
         rests = "" if not self.rest_failures else "does not rest"
         lost = f"{self.evaluation.failed} impacts gave no restitution" if self.evaluation.failed else ""
-        gains = self.passivity.flat is False or self.evaluation.max_e > MOST_E
-        flat = "a flat face gains energy" if self.target.corners > 1 and gains else ""
-        return ", ".join(filter(None, [self.passivity.warning, flat, deep, rests, lost]))
+        gains = self._gain
+        flat = "a flat face gains energy" if self.target.corners > 1 and self.passivity.flat is False else ""
+        return ", ".join(filter(None, [self.passivity.warning, gains, flat, deep, rests, lost]))
+
+    @property
+    def _gain(self) -> str:
+        """The gain of energy in the launches of the evaluation, which slide and spin; "" for none."""
+        largest = self.evaluation.max_e
+        if not largest > MOST_E or self.passivity.bounces.max_e > MOST_E:  # the latter is in its warning
+            return ""
+        slides = " where it slides and spins" if self.target.friction else ""
+        return f"gains energy{slides} (e up to {largest:.4g})"
 
 
 def make_tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None) -> Tuned:
@@ -91,7 +100,8 @@ def make_tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrato
     if target.friction:
         setting = adapter.with_friction(setting, target.friction)
     evaluation = evaluate(adapter, scene, setting, target)
-    passivity = adapter.passivity(scene, setting, (target.speed_min, target.speed_max))
+    train = Train(target.curve, evaluation.max_error, target.speed_max)
+    passivity = adapter.passivity(scene, setting, (target.speed_min, target.speed_max), train=train)
     rest = rest_test(adapter, scene, setting)
     advice = tuple(filter(None, [passivity.others]))
     advice += tuple(_advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine)))

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, Request
-    from hcbench.sim.passivity import Passivity
+    from hcbench.sim.passivity import Passivity, Train
     from hcbench.sim.promise import Promise
     from hcbench.sim.touchdowns import TrajectoryTouchdowns
 
@@ -107,15 +107,21 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return tuple(needs)
 
     def passivity(
-        self, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool = False
+        self,
+        scene: Scene,
+        setting: Setting,
+        speeds: tuple[float, float],
+        whole: bool = False,
+        train: Train | None = None,
     ) -> Passivity:
         """Test for energy in the model of the rows, and boxes in plain MuJoCo; whole: all in plain MuJoCo."""
         from hcbench.engines.mujoco.passivity.judge import certified, flat_with_law, screened
 
-        passivity = certified(scene, setting) if whole else screened(scene, setting, speeds)
+        passivity = certified(scene, setting, train) if whole else screened(scene, setting, speeds, train)
         if passivity is not None:
             return passivity
-        return replace(super().passivity(scene, setting, speeds, whole), flat=flat_with_law(scene, setting))
+        passivity = super().passivity(scene, setting, speeds, whole, train)
+        return replace(passivity, flat=flat_with_law(scene, setting))
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """Each of its rows with friction, unless it says by itself which of them has."""

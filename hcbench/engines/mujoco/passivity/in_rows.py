@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.engines.mujoco.scene.rows import acceleration
-from hcbench.sim.passivity import HEIGHTS, LASTS, MOST_E, Bounces
+from hcbench.sim.passivity import HEIGHTS, LASTS, MOST_E, Bounces, Train, allowed_rebounds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,17 +22,25 @@ _SLOW, _SPEEDS, _PHASES = 0.1, 24, 24  # launches once each: from this share of 
 
 
 def bounces_in_rows(
-    rows: Sequence[ConstraintRow], timestep: float, gravity: float, speeds: tuple[float, float]
+    rows: Sequence[ConstraintRow],
+    timestep: float,
+    gravity: float,
+    speeds: tuple[float, float],
+    train: Train | None = None,
 ) -> Bounces:
-    """Drops from HEIGHTS, and single impacts from a tenth of the band (m/s) up to its top, at many phases."""
+    """Drops from HEIGHTS, and single impacts from a tenth of the band (m/s) up to its top, at many phases.
+
+    train: the longest train of bounces that the target allows.
+    """
     u = np.geomspace(_SLOW * speeds[0], max(speeds[1], math.sqrt(2.0 * gravity * HEIGHTS[-1])), _SPEEDS)
     later = (np.arange(_PHASES) + 0.5) / _PHASES
     v, phase = (axis.ravel() for axis in np.meshgrid(u, later, indexing="ij"))
     drops = _Drops(rows, timestep, gravity)
-    impacts = drops.run(drops.touching(v, phase), impacts=1)
+    impacts = drops.run(drops.touching(v, phase), np.zeros(v.size), impacts=1)
     if gravity == 0.0:
         return impacts
-    return impacts.joined(drops.run(drops.from_rest(np.array(HEIGHTS))))
+    allowed = allowed_rebounds(train, HEIGHTS, gravity)
+    return impacts.joined(drops.run(drops.from_rest(np.array(HEIGHTS)), allowed))
 
 
 class _Drops:
@@ -70,8 +78,11 @@ class _Drops:
         steps = np.floor((-half + np.sqrt(half**2 - 2.0 * g * x)) / (g * h)) + 1.0
         return (x + steps * h * half + g * h**2 * steps**2 / 2.0, v + g * h * steps), steps * h
 
-    def run(self, states: Floats, impacts: float = math.inf) -> Bounces:
-        """Until each has rested, has had so many impacts, or LASTS are over."""
+    def run(self, states: Floats, allowed: Floats, impacts: float = math.inf) -> Bounces:
+        """Simulate until each drop has rested, has had so many impacts, or LASTS are over.
+
+        allowed: rebound speed of each drop at the end that its target allows, m/s.
+        """
         count, max_e, gains_below, bouncing = states.shape[1], 0.0, 0.0, 0
         x, v, speed_in, clock, still = states
         for _ in range(_MOST_STEPS):
@@ -93,7 +104,9 @@ class _Drops:
                     clock[parted] += flight
             going = (clock <= LASTS) & (still < _RESTED)
             if not going.all():
-                bouncing += int((np.isfinite(clock) & (clock > LASTS)).sum())
+                bounces_on = np.isfinite(clock) & (clock > LASTS) & (speed_in > allowed)
+                bouncing += int(bounces_on.sum())
+                allowed = allowed[going]
                 x, v, speed_in, clock, still = states = states[:, going]
                 if not states.size:
                     break

@@ -18,7 +18,7 @@ from hcbench.engines.mujoco.passivity.untuned import effect_on_others
 from hcbench.engines.mujoco.scene.mjcf import pairs_text
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.laws.contact_law import is_force
-from hcbench.sim.passivity import Passivity
+from hcbench.sim.passivity import Passivity, Train
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -33,12 +33,14 @@ _SOLVERS = ("Newton", "CG", "PGS")
 _CONES = ("elliptic", "pyramidal")
 
 
-def screened(scene: Scene, setting: Setting, speeds: tuple[float, float]) -> Passivity | None:
+def screened(
+    scene: Scene, setting: Setting, speeds: tuple[float, float], train: Train | None = None
+) -> Passivity | None:
     """Test a setting for energy in the model of its rows, and boxes in plain MuJoCo; None without rows."""
     options = read_options(setting.options)
     if not options.rows or scene.form != "plane" or (options.integrator or "Euler") not in _LIKE_EULER:
         return None
-    bounces = bounces_in_rows(options.rows, setting.timestep, scene.gravity, speeds)
+    bounces = bounces_in_rows(options.rows, setting.timestep, scene.gravity, speeds, train)
     if not scene.gravity:
         return Passivity(bounces)
     contact, runs = tried(scene, setting)
@@ -63,14 +65,14 @@ def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
     return law is not None and not is_force(law) and scene.form == "plane"
 
 
-def certified(scene: Scene, setting: Setting) -> Passivity | None:
+def certified(scene: Scene, setting: Setting, train: Train | None = None) -> Passivity | None:
     """Test a setting by the whole gate in plain MuJoCo, under every option it allows; None as `screened`."""
     options = read_options(setting.options)
     is_rows = bool(options.rows) and scene.form == "plane"
     if not is_rows and not _is_restitution_law(scene, setting):
         return None
     contact, runs = tried(scene, setting)
-    return certify(contact, any(row.friction for row in options.rows), runs)
+    return certify(contact, any(row.friction for row in options.rows), runs, train)
 
 
 def _pasted(options: Options, pairs: Sequence[Pair]) -> str:

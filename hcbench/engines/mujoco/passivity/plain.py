@@ -21,6 +21,8 @@ from hcbench.sim.passivity import (
     DropReader,
     Finding,
     Passivity,
+    Train,
+    allowed_rebounds,
 )
 from hcbench.sim.rest import Rest, last_half, rest_of
 
@@ -99,8 +101,10 @@ class Contact:
         return self.model(bodies, options, list(itertools.pairwise(["plate", *names])))
 
 
-def drops(contact: Contact, options: Stepping, heights: Sequence[float] = HEIGHTS) -> Bounces:
-    """Balls dropped for LASTS."""
+def drops(
+    contact: Contact, options: Stepping, heights: Sequence[float] = HEIGHTS, train: Train | None = None
+) -> Bounces:
+    """Balls dropped for LASTS. train: the longest train of bounces that the target allows."""
     mujoco, model = backend(), contact.with_ball(options)
     data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
     states = np.empty((len(heights), mujoco.mj_stateSize(model, kind)))
@@ -108,7 +112,8 @@ def drops(contact: Contact, options: Stepping, heights: Sequence[float] = HEIGHT
         mujoco.mj_resetData(model, data)
         data.qpos[2] += height
         mujoco.mj_getState(model, data, state, kind)
-    reader = DropReader(contact.timestep, contact.gravity, speed_reading(model))
+    allowed = allowed_rebounds(train, heights, contact.gravity)
+    reader = DropReader(contact.timestep, contact.gravity, allowed, speed_reading(model))
     for _ in range(math.ceil(LASTS / _CHUNK_S)):
         path, _ = mujoco.rollout.rollout(model, [data], states, nstep=math.ceil(_CHUNK_S / contact.timestep))
         reader.add(contact.radius - path[:, :, 3], -path[:, :, 1 + model.nq + 2])
@@ -176,11 +181,16 @@ def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
         yield Finding(f"box on {attitude} at {speed:g} m/s", str(options), grew, MOST_ENERGY, "x energy")
 
 
-def certify(contact: Contact, slides: bool, runs: Sequence[Stepping]) -> Passivity:
-    """Run the whole gate under each of the options. slides: whether the contact has friction."""
+def certify(
+    contact: Contact, slides: bool, runs: Sequence[Stepping], train: Train | None = None
+) -> Passivity:
+    """Run the whole gate under each of the options.
+
+    slides: true for a contact with friction. train: the longest train of bounces that the target allows.
+    """
     bounces, findings, flat, drift = Bounces(0.0, 0.0, 0, 0), list[Finding](), True, math.nan
     for options in runs:
-        dropped = drops(contact, options)
+        dropped = drops(contact, options, train=train)
         bounces = bounces.joined(dropped)
         findings.append(Finding("40 drops: largest e", str(options), dropped.max_e, MOST_E))
         findings.append(Finding("40 drops: bounce on", str(options), dropped.still_bouncing, 0))
