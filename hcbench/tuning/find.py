@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from hcbench._compile import NotCompiled
 from hcbench._text import two_digits
 from hcbench.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
+from hcbench.impact import Launch
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.recipe import Recipe, Role, first
@@ -26,6 +27,7 @@ from hcbench.tuning.tuned import Tuned, make_tuned
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
+    from hcbench.setting import Setting
 
 _EXACT = 1e-7  # of e, what a compiled plug-in stays within
 _TURNS = 20  # until that speed stays
@@ -200,6 +202,11 @@ class _Finder:
             promise,
         )
 
+    def _bounces(self, setting: Setting, band: tuple[float, float]) -> bool:
+        """True where a launch at each end of the band, m/s, gives an e."""
+        launches = [Launch.touching(v, 0.5, setting.timestep, self.scene.gravity) for v in band]
+        return all(impact.is_measured for impact in self._adapter.run(self.scene, setting, launches))
+
     def _exact_if_compiled(self, asked: Kind) -> Choice | None:
         """The plug-in; None, and the reason kept, where it cannot be compiled and was not asked for."""
         try:
@@ -231,7 +238,11 @@ class _Finder:
             passivity = self._adapter.passivity(self.scene, setting, (low, target.speed_max), train=train)
         except (EngineMissing, EngineFailed):
             passivity = None
-        if passivity is not None and not passivity.bounces.tried:  # no launch gave an e, so nothing is known
+        if passivity is not None and not self._bounces(setting, (low, target.speed_max)):
+            got = f"launches gave no restitution at {low:.3g} or {target.speed_max:.3g} m/s"
+            advice = "Try other speeds or another step"
+            slot = f"{self.engine} {recipe.name!r}"
+            self._refused = self._refused or EngineFailed(slot, got, "a bounce from each", advice)
             return None
         if passivity is not None and passivity.warning:
             self.never.append(Never(recipe.name, passivity.warning))

@@ -230,10 +230,12 @@ def test_a_mujoco_without_adhesion_is_one_line_that_says_what_to_install(
     assert caught.err == f"hcbench: {said}. Try: pip install mujoco --upgrade\n"
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
-def test_failed_launches_are_never_a_verdict(engine: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("arguments", [["mujoco"], ["pybullet", "--recipe", "restitution"]])
+def test_failed_launches_are_never_a_verdict(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     fast = ["--speeds", "1e7:1e8", "--beyond-bounds"]
-    assert run(["tune", engine, "--restitution", "0.9", "--timestep", "1 ms", *fast]) == 3
+    assert run(["tune", *arguments, "--restitution", "0.9", "--timestep", "1 ms", *fast]) == 3
     caught = capsys.readouterr()
     assert caught.out == ""
     assert "launches gave no restitution" in caught.err
