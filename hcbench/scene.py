@@ -12,6 +12,7 @@ from pydantic import Field, StrictInt, field_validator
 
 from hcbench import units
 from hcbench._arguments import checked, checked_fields
+from hcbench._text import sanitized
 from hcbench.errors import QuantityError, SceneError
 from hcbench.fields import (
     Acceleration,
@@ -214,15 +215,23 @@ def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
         raise SceneError("scene", f"{name_or_path!r}", "a scene's folder or name")
     for base in (*([folder] if folder else []), Path(), *_BUILT_IN):
         path = base / name_or_path
-        if path.name == FILE and path.is_file():
+        if path.name == FILE and _is_file(path):
             path = path.parent
-        if (path / FILE).is_file():
+        if _is_file(path / FILE):
             return read_scene(path)
     raise SceneError(
         "scene",
-        f"{str(name_or_path)!r} was not found",
+        f"{sanitized(name_or_path)!r} was not found",
         f"a folder with a {FILE}, or one of: {', '.join(scene_names())}",
     )
+
+
+def _is_file(path: Path) -> bool:
+    """True for a file; False also for a name that no system can have, as one too long or with a null."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def read_scene(folder: Path) -> Scene:

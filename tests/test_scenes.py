@@ -395,3 +395,9 @@ def test_includes_and_asset_folders_work_from_anywhere(
     (copied / "more.xml").write_text('<mujoco><include file="more.xml"/></mujoco>', encoding="utf-8")
     with pytest.raises(SceneError, match="includes itself"):
         MujocoEngine().run(load_scene(copied), STOCK, [Launch(0.2)])
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "a\0b"])
+def test_a_name_that_no_folder_can_have_is_refused_as_one_that_is_missing(name: str) -> None:
+    with pytest.raises(SceneError, match=r"was not found"):
+        load_scene(name)
