@@ -110,14 +110,13 @@ def as_text(measurement: Measurement) -> str:
     lines += [f"note: {sanitized(note)}" for note in (*measurement.facts.notes, *motion_notes(measurement))]
     speeds = measurement.request.speeds
     asked = dict(zip(speeds, measurement.facts.asked or (math.nan,) * len(speeds), strict=True))
-    acted_after = _acted_after(measurement)
     rows = [
         (
             f"{p.speed:.4g}",
             f"{math.degrees(p.angle):.4g}" if measurement.request.is_oblique else "",
             number(p.speed_in, ".4g"),
             number(p.restitution),
-            number(p.restitution_after_force) if p in acted_after else "",
+            number(p.restitution_after_force) if _acts_on(measurement, p) else "",
             number(p.spread, ".1e"),
             number(asked[p.speed]),
             str(p.samples),
@@ -166,16 +165,16 @@ def _gained(measurement: Measurement) -> float:
     return _FLIGHT_STEPS * gravity * measurement.facts.timestep
 
 
-def _acted_after(measurement: Measurement) -> list[CurvePoint]:
-    """Points where joints or servos change the speed between the contact's force and the touch plane."""
-    if not measurement.facts.shares:
-        return []
-    return [p for p in measurement.curve if abs(p.restitution_after_force - p.restitution) >= _NOTABLE_SHARE]
+def _acts_on(measurement: Measurement, point: CurvePoint) -> bool:
+    """True where joints or servos change the speed between the contact's force and the touch plane."""
+    change = abs(point.restitution_after_force - point.restitution)
+    return bool(measurement.facts.shares) and change >= _NOTABLE_SHARE
 
 
 def _parting_note(measurement: Measurement) -> list[str]:
     """Lines that say if joints or servos act on until the bodies part."""
-    if not (points := _acted_after(measurement)):
+    points = [p for p in measurement.curve if _acts_on(measurement, p)]
+    if not points:
         return []
     worst = max(points, key=lambda p: abs(p.restitution_after_force - p.restitution))
     return [

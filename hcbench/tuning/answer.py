@@ -15,7 +15,8 @@ from hcbench.errors import SettingError
 from hcbench.recipes.band import why_cut
 from hcbench.recipes.constant import minimax_constant
 from hcbench.setting import Pair, Setting
-from hcbench.tuning.tuned import Tuned
+from hcbench.sim import registry
+from hcbench.tuning.tuned import Tuned, make_tuned
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -209,11 +210,12 @@ class Answer(Drawn):
 
     @property
     def tuned(self) -> Tuned:
-        """The chosen setting with what the engine did with it."""
+        """The chosen setting, or else another, with what the engine did; a plug-in alone is run now."""
         tuned = self.best.tuned or next((choice.tuned for choice in self.choices if choice.tuned), None)
-        if tuned is None:
-            raise SettingError("recipe", f"only a plug-in for {self.engine!r}", "a setting of its own")
-        return tuned
+        if tuned is not None:
+            return tuned
+        plug_in = registry.recipes(self.engine)[self.best.setting.name]
+        return make_tuned(plug_in, "a law in place of the contact", self.target, self.scene, None)
 
     @property
     def caution(self) -> str:

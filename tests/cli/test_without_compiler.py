@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from hcbench.cli import run
+from hcbench.engines.mujoco import plugin as mujoco_plugin
 from hcbench.engines.pybullet import plugin as pybullet_plugin
 from hcbench.reporting.ask import find_plan
 
@@ -19,6 +20,8 @@ def without_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("CC", "/nonexistent")
     pybullet_plugin.library.cache_clear()
+    # MuJoCo unloads no library, so what an earlier test of this process loaded must not count.
+    monkeypatch.setattr(mujoco_plugin, "load", mujoco_plugin.load.__wrapped__)
 
 
 def test_tune_prints_the_settings_and_says_in_a_line_that_the_plug_in_was_left_out(capsys: Any) -> None:
