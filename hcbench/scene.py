@@ -227,11 +227,12 @@ def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
 
 
 def _is_file(path: Path) -> bool:
-    """True for a file; False also for a name that no system can have, as one too long or with a null."""
+    """True for a file; SceneError for a name that no system can have, as one too long."""
     try:
         return path.is_file()
-    except (OSError, ValueError):
-        return False
+    except OSError as error:
+        got = f"{sanitized(path.name)!r}: {error.strerror}"
+        raise SceneError("scene", got, "a scene's folder or name") from None
 
 
 def read_scene(folder: Path) -> Scene:
