@@ -119,10 +119,10 @@ def _require(answer: Answer, kind: Kind | None, max_error: float | None, gate: P
 def _gate(answer: Answer) -> Passivity:
     """Run the whole test for energy on the best choice, in the plain engine."""
     from hcbench.sim import registry
-    from hcbench.sim.passivity import Train
+    from hcbench.sim.passivity import LongestTrain
 
     best = answer.best
-    train = Train(answer.target.curve, best.max_error, answer.target.speed_max)
+    train = LongestTrain(answer.target.curve, best.max_error, answer.target.speed_max)
     adapter = registry.engine(answer.engine)
     return adapter.passivity(answer.scene, best.setting, best.speeds, whole=True, train=train)
 

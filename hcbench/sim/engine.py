@@ -30,7 +30,7 @@ from hcbench.scene import Scene
 from hcbench.setting import PAIR, Pair, Setting
 from hcbench.sim import simulate
 from hcbench.sim.columns import Impacts, Launches
-from hcbench.sim.passivity import Passivity, Train, passivity_of
+from hcbench.sim.passivity import Passivity, LongestTrain, passivity_of
 from hcbench.sim.promise import Promise
 from hcbench.sim.read_impact import SpeedReading
 
@@ -120,7 +120,7 @@ class Engine(ABC):
         setting: Setting,
         speeds: tuple[float, float],
         whole: bool = False,
-        train: Train | None = None,
+        train: LongestTrain | None = None,
     ) -> Passivity:
         """Whether a setting ever gives energy, and how a body rests on it: a screen of about a second.
 

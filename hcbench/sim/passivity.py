@@ -43,7 +43,7 @@ _SPEEDS, _PHASES = 8, 8
 
 
 @dataclass(frozen=True, slots=True)
-class Train:
+class LongestTrain:
     """The longest train of bounces that a target allows after a drop.
 
     A target with e near 1 bounces for minutes: e = 0.99 ends 40 s after a drop of 0.2 m. So an engine's
@@ -227,7 +227,7 @@ class DropReader:
         return Bounces(self.max_e, self.gains_below, int(bounces_on.sum()), len(self._parted))
 
 
-def allowed_rebounds(train: Train | None, heights: Sequence[float], gravity: float) -> Floats:
+def allowed_rebounds(train: LongestTrain | None, heights: Sequence[float], gravity: float) -> Floats:
     """Rebound speeds, m/s, that are allowed in the last second of drops of LASTS; 0 without a target."""
     if train is None:
         return np.zeros(len(heights))
@@ -240,7 +240,7 @@ def passivity_of(
     setting: Setting,
     speeds: tuple[float, float],
     whole: bool,
-    train: Train | None = None,
+    train: LongestTrain | None = None,
 ) -> Passivity:
     """Test a setting for energy by impacts below and above a band, m/s; whole: by drops, too.
 
@@ -272,7 +272,7 @@ def drops_in(
     scene: Scene,
     setting: Setting,
     heights: Sequence[float] = HEIGHTS,
-    train: Train | None = None,
+    train: LongestTrain | None = None,
 ) -> Bounces:
     """Drops of LASTS in an engine, by its own steps, under the scene's gravity or the standard one."""
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
@@ -284,7 +284,7 @@ def drops_in(
 
 
 def _drops_here(
-    name: str, scene: Scene, setting: Setting, heights: Sequence[float], train: Train | None
+    name: str, scene: Scene, setting: Setting, heights: Sequence[float], train: LongestTrain | None
 ) -> Bounces:
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     launches = [Launch(0.0, height=height) for height in heights]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Pair, Setting
     from hcbench.sim.engine import Engine
-    from hcbench.sim.passivity import Passivity, Train
+    from hcbench.sim.passivity import Passivity, LongestTrain
     from hcbench.sim.promise import Promise
 
 _WORKER = ("numpy", "scipy", "pint", "pydantic")
@@ -154,7 +154,7 @@ class RemoteEngine(Wrapped):
         setting: Setting,
         speeds: tuple[float, float],
         whole: bool = False,
-        train: Train | None = None,
+        train: LongestTrain | None = None,
     ) -> Passivity:
         """The engine's, there."""
         passivity: Passivity = self._call("passivity", scene, setting, speeds, whole, train)

@@ -18,7 +18,7 @@ from hcbench.recipes.softening import require_end
 from hcbench.recipes.target import require_kind
 from hcbench.setting import PAIR, Pair
 from hcbench.sim import registry
-from hcbench.sim.passivity import Train
+from hcbench.sim.passivity import LongestTrain
 from hcbench.sim.promise import Promise
 from hcbench.tuning.answer import MAX_ERROR, Answer, Choice, Kind, Never
 from hcbench.tuning.choose import Match, candidates
@@ -233,7 +233,7 @@ class _Finder:
         setting, low = recipe(target), exact_from(recipe, target)
         if not low < target.speed_max:
             return None
-        train = Train(target.curve, _EXACT, target.speed_max)
+        train = LongestTrain(target.curve, _EXACT, target.speed_max)
         try:
             passivity = self._adapter.passivity(self.scene, setting, (low, target.speed_max), train=train)
         except (EngineMissing, EngineFailed):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench._notebook import Drawn
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.sim import registry
-from hcbench.sim.passivity import MOST_E, Train
+from hcbench.sim.passivity import MOST_E, LongestTrain
 from hcbench.tuning.evaluate import Evaluation, evaluate, rest_test
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def make_tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrato
     if target.friction:
         setting = adapter.with_friction(setting, target.friction)
     evaluation = evaluate(adapter, scene, setting, target)
-    train = Train(target.curve, evaluation.max_error, target.speed_max)
+    train = LongestTrain(target.curve, evaluation.max_error, target.speed_max)
     passivity = adapter.passivity(scene, setting, (target.speed_min, target.speed_max), train=train)
     rest = rest_test(adapter, scene, setting)
     advice = tuple(filter(None, [passivity.others]))

@@ -10,7 +10,7 @@ import pytest
 import hcbench as hb
 from hcbench.errors import SettingError
 from hcbench.laws.restitution import ConstantRestitution, Restitution
-from hcbench.sim.passivity import Train
+from hcbench.sim.passivity import LongestTrain
 
 G = 9.81
 HEIGHT = 0.2
@@ -23,7 +23,7 @@ def ideal_end(e: float) -> float:
 
 @pytest.mark.parametrize("e", [0.5, 0.9, 0.99])
 def test_a_train_of_constant_e_ends_when_its_series_does(e: float) -> None:
-    train = Train(ConstantRestitution(e), error=0.0, fastest=2.0)
+    train = LongestTrain(ConstantRestitution(e), error=0.0, fastest=2.0)
     assert train.rebounds_after([HEIGHT], G, 0.98 * ideal_end(e))[0] > 0.0
     assert train.rebounds_after([HEIGHT], G, 1.001 * ideal_end(e))[0] == 0.0
 
@@ -31,7 +31,7 @@ def test_a_train_of_constant_e_ends_when_its_series_does(e: float) -> None:
 def test_an_error_never_allows_a_body_to_bounce_for_ever() -> None:
     speeds = np.geomspace(1e-4, 2.0, 20)
     law = Restitution(0.1)
-    allowed = Train(law, error=0.5, fastest=2.0).restitution(speeds)
+    allowed = LongestTrain(law, error=0.5, fastest=2.0).restitution(speeds)
     np.testing.assert_allclose(1.0 - allowed, (1.0 - law.at(speeds)) / 2.0, rtol=1e-9)
 
 

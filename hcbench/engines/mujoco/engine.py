@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, Request
-    from hcbench.sim.passivity import Passivity, Train
+    from hcbench.sim.passivity import Passivity, LongestTrain
     from hcbench.sim.promise import Promise
     from hcbench.sim.touchdowns import TrajectoryTouchdowns
 
@@ -112,7 +112,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         setting: Setting,
         speeds: tuple[float, float],
         whole: bool = False,
-        train: Train | None = None,
+        train: LongestTrain | None = None,
     ) -> Passivity:
         """Test for energy in the model of the rows, and boxes in plain MuJoCo; whole: all in plain MuJoCo."""
         from hcbench.engines.mujoco.passivity.judge import certified, flat_with_law, screened

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.engines.mujoco.scene.rows import acceleration
-from hcbench.sim.passivity import HEIGHTS, LASTS, MOST_E, Bounces, Train, allowed_rebounds
+from hcbench.sim.passivity import HEIGHTS, LASTS, MOST_E, Bounces, LongestTrain, allowed_rebounds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +26,7 @@ def bounces_in_rows(
     timestep: float,
     gravity: float,
     speeds: tuple[float, float],
-    train: Train | None = None,
+    train: LongestTrain | None = None,
 ) -> Bounces:
     """Drops from HEIGHTS, and single impacts from a tenth of the band (m/s) up to its top, at many phases.
 

@@ -18,7 +18,7 @@ from hcbench.engines.mujoco.passivity.untuned import effect_on_others
 from hcbench.engines.mujoco.scene.mjcf import pairs_text
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.laws.contact_law import is_force
-from hcbench.sim.passivity import Passivity, Train
+from hcbench.sim.passivity import Passivity, LongestTrain
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _CONES = ("elliptic", "pyramidal")
 
 
 def screened(
-    scene: Scene, setting: Setting, speeds: tuple[float, float], train: Train | None = None
+    scene: Scene, setting: Setting, speeds: tuple[float, float], train: LongestTrain | None = None
 ) -> Passivity | None:
     """Test a setting for energy in the model of its rows, and boxes in plain MuJoCo; None without rows."""
     options = read_options(setting.options)
@@ -65,7 +65,7 @@ def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
     return law is not None and not is_force(law) and scene.form == "plane"
 
 
-def certified(scene: Scene, setting: Setting, train: Train | None = None) -> Passivity | None:
+def certified(scene: Scene, setting: Setting, train: LongestTrain | None = None) -> Passivity | None:
     """Test a setting by the whole gate in plain MuJoCo, under every option it allows; None as `screened`."""
     options = read_options(setting.options)
     is_rows = bool(options.rows) and scene.form == "plane"

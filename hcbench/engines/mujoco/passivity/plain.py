@@ -21,7 +21,7 @@ from hcbench.sim.passivity import (
     DropReader,
     Finding,
     Passivity,
-    Train,
+    LongestTrain,
     allowed_rebounds,
 )
 from hcbench.sim.rest import Rest, last_half, rest_of
@@ -102,7 +102,7 @@ class Contact:
 
 
 def drops(
-    contact: Contact, options: Stepping, heights: Sequence[float] = HEIGHTS, train: Train | None = None
+    contact: Contact, options: Stepping, heights: Sequence[float] = HEIGHTS, train: LongestTrain | None = None
 ) -> Bounces:
     """Balls dropped for LASTS. train: the longest train of bounces that the target allows."""
     mujoco, model = backend(), contact.with_ball(options)
@@ -182,7 +182,7 @@ def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
 
 
 def certify(
-    contact: Contact, slides: bool, runs: Sequence[Stepping], train: Train | None = None
+    contact: Contact, slides: bool, runs: Sequence[Stepping], train: LongestTrain | None = None
 ) -> Passivity:
     """Run the whole gate under each of the options.
 
