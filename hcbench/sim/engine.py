@@ -30,7 +30,7 @@ from hcbench.scene import Scene
 from hcbench.setting import PAIR, Pair, Setting
 from hcbench.sim import simulate
 from hcbench.sim.columns import Impacts, Launches
-from hcbench.sim.passivity import Passivity, LongestTrain, passivity_of
+from hcbench.sim.passivity import LongestTrain, Passivity, passivity_of
 from hcbench.sim.promise import Promise
 from hcbench.sim.read_impact import SpeedReading
 

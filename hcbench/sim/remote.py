@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Pair, Setting
     from hcbench.sim.engine import Engine
-    from hcbench.sim.passivity import Passivity, LongestTrain
+    from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
 
 _WORKER = ("numpy", "scipy", "pint", "pydantic")

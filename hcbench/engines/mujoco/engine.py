@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, Request
-    from hcbench.sim.passivity import Passivity, LongestTrain
+    from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
     from hcbench.sim.touchdowns import TrajectoryTouchdowns
 

@@ -18,7 +18,7 @@ from hcbench.engines.mujoco.passivity.untuned import effect_on_others
 from hcbench.engines.mujoco.scene.mjcf import pairs_text
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.laws.contact_law import is_force
-from hcbench.sim.passivity import Passivity, LongestTrain
+from hcbench.sim.passivity import LongestTrain, Passivity
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:

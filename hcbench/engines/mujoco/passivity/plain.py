@@ -20,8 +20,8 @@ from hcbench.sim.passivity import (
     Bounces,
     DropReader,
     Finding,
-    Passivity,
     LongestTrain,
+    Passivity,
     allowed_rebounds,
 )
 from hcbench.sim.rest import Rest, last_half, rest_of
