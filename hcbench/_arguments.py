@@ -32,8 +32,8 @@ _WORDS = {
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, given Python's numbers for NumPy's; arguments of another type than annotated are a
-    UserError in the parameter's name.
+    """Decorate a function so that it checks its arguments. NumPy numbers become Python's; an
+    argument of another type than annotated raises a UserError that names the parameter.
     """
     names = tuple(inspect.signature(function).parameters)
 
@@ -50,7 +50,9 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _plain(value: Any) -> Any:
-    """A NumPy number as Python's, which prints as a number; so are those in lists, tuples and mappings."""
+    """Turn a NumPy number into Python's, which prints as a number; also inside lists, tuples and
+    mappings.
+    """
     if isinstance(value, np.generic):
         return value.item()
     if type(value) in (list, tuple):
@@ -78,7 +80,9 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of an annotated type; a list serves for a tuple, any real number for a float."""
+    """Say whether a value fits an annotated type; a list serves for a tuple, any real number for a
+    float.
+    """
     if type(value) is hint and hint is not int:  # nearly always, and at once
         return True
     origin = get_origin(hint)
@@ -147,7 +151,7 @@ _GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {  # in this order: the fi
 
 
 def _words(hint: Any) -> str:
-    """What a type is called in an error."""
+    """Describe a type in words, for an error."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         return " or ".join(_words(part) for part in parts)

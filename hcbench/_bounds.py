@@ -1,4 +1,4 @@
-"""What a number can be in physics: one table of bounds for options, studies, data, states and models.
+"""Bounds of physical numbers: one table for options, studies, data, states and models.
 
 A number beyond its bounds is nearly always a wrong unit. `--beyond-bounds` admits it; in Python,
 `with beyond_bounds():`.
@@ -53,7 +53,7 @@ def admit_beyond_bounds() -> None:
 
 
 def admits_beyond_bounds() -> bool:
-    """Whether numbers beyond BOUNDS are admitted."""
+    """Say whether numbers beyond BOUNDS are admitted."""
     return _beyond.get()
 
 

@@ -1,4 +1,4 @@
-"""Whether this process is a command of hcbench: then all that it holds is hcbench's own."""
+"""Flag that this process runs a command of hcbench, so that all its resources are hcbench's own."""
 
 from contextvars import ContextVar
 

@@ -44,7 +44,9 @@ class NotCompiled(CannotRun):
 
 
 def compiler() -> list[str]:
-    """The command that compiles C. NotCompiled where there is none, UserError where $CC is no command."""
+    """Return the command that compiles C. NotCompiled if none is found, UserError if $CC cannot be
+    parsed.
+    """
     if named := os.environ.get("CC"):
         try:
             return shlex.split(named)
@@ -59,7 +61,9 @@ def compiler() -> list[str]:
 
 
 def is_private(folder: Path) -> bool:
-    """Whether `folder` exists, is writable, and by this user alone: no other may leave a library there."""
+    """Say whether `folder` exists and this user alone can write to it: no other may leave a library
+    there. Creates it if missing.
+    """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = folder.stat()
@@ -69,12 +73,14 @@ def is_private(folder: Path) -> bool:
 
 
 def _is_ours(status: os.stat_result) -> bool:
-    """Whether a file or folder belongs to this user, and no other user may write to it."""
+    """Say whether a file or folder belongs to this user, and no other user may write to it."""
     return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
 
 
 def is_whole(library: Path) -> bool:
-    """Whether a library is there as it was compiled: ours, and of the digest beside it."""
+    """Say whether a compiled library is unchanged: it belongs to this user and has the digest
+    stored beside it.
+    """
     digest = library.with_suffix(".sha256")
     try:
         ours = all(stat.S_ISREG(s.st_mode) and _is_ours(s) for s in (library.lstat(), digest.lstat()))

@@ -46,7 +46,7 @@ def json_text(content: Any) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What JSON says; ValueError for what is none, or is nested deeper than anyone writes."""
+    """Parse JSON. ValueError for invalid text and for text nested too deeply for Python."""
     try:
         return json.loads(text)
     except RecursionError:
@@ -113,7 +113,9 @@ def _remove_left(folder: Path) -> None:
 
 
 def _open_stream(path: Path) -> BinaryIO | None:
-    """What an output is written through; None for a regular file, there or not. OSError for all else."""
+    """Open a device, a pipe or the shell's redirection for writing. None for a regular or a missing
+    file, which the caller replaces as a whole. OSError for a folder and anything else.
+    """
     try:
         status = path.stat()
     except FileNotFoundError:

@@ -57,6 +57,6 @@ class Drawn(Shown):
         return figure
 
     def _repr_html_(self) -> str:
-        """What it found in words, and its main figure: how Jupyter shows it."""
+        """Show the text and the main figure in Jupyter."""
         html: str = hcbench._figures().html_of(self)
         return html

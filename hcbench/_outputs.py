@@ -64,7 +64,9 @@ def _require_replaceable(path: Path, option: str, force: bool) -> None:
 
 
 def _is_standard_stream(path: Path) -> bool:
-    """Whether it is where the shell sends standard output or error: it is written through, like a device."""
+    """Say whether the shell sends standard output or error to this file; it is then written
+    through, like a device.
+    """
     for descriptor in (1, 2):
         with suppress(OSError):
             if os.path.samestat(os.fstat(descriptor), path.stat()):

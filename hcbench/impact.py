@@ -1,4 +1,4 @@
-"""What one impact is, from any engine: records that engines and the reference hand back.
+"""Records of one impact, the same for every engine and the reference: launch, trajectory, results.
 
 Signs throughout: penetration x > 0 in contact (x < 0 is the gap), rate v = dx/dt > 0 on approach,
 normal force F > 0 pushes the bodies apart. SI units.
@@ -22,7 +22,7 @@ _ANGLE_DIGITS = 12  # of an angle in rad: what speeds and slips tell of it
 
 
 class Status(StrEnum):
-    """How an impact ended."""
+    """Outcome of an impact."""
 
     PARTED = "parted"  # touched and left: restitution is meaningful
     RESTED = "rested"  # touched and came to rest in contact: restitution counts as 0
@@ -34,7 +34,7 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Launch:
-    """How a body is sent at the plate.
+    """Initial state of a body that is launched at the plate.
 
     speed: approach speed along the normal at release, m/s.
     phase: where in a time step the touch falls, 0 <= phase < 1. With a clearance of (whole steps + phase)
@@ -113,7 +113,7 @@ class Launch:
 
     @property
     def is_oblique(self) -> bool:
-        """Whether the body arrives otherwise than along the normal and without spin."""
+        """True if the body has slip or spin; False if it arrives straight along the normal."""
         return any(self.slip) or any(self.spin)
 
     def clearance(self, timestep: float) -> float:
@@ -146,7 +146,7 @@ class Launch:
 
 @dataclass(slots=True, repr=False)  # not frozen: as of Impact
 class Trajectory:
-    """What an engine saw at each step; arrays of shape (n,), SI.
+    """States at each step of a simulation; arrays of shape (n,), SI.
 
     `force[i]` is the normal contact force that acts from the state `(penetration[i], rate[i])` on: the one
     that the step from i to i + 1 integrates. `time` is 0 at release; in the loop of an impact, at touch.
@@ -198,7 +198,8 @@ SLIP, SPIN, FRICTION, ENERGY, TANGENTIAL_ROWS = slice(0, 2), slice(2, 5), slice(
 
 @dataclass(frozen=True, slots=True)
 class Tangential:
-    """What an oblique impact did along the plate, in the directions of `Launch`.
+    """Slip, spin, impulse and energy of an oblique impact along the plate, in the directions of
+    `Launch`.
 
     slip_in, slip_out: velocity of the contact point over the plate, before and after, m/s.
     spin_in, spin_out: angular velocity, rad/s. impulse: of friction on the body, N s.
@@ -252,7 +253,7 @@ class Impact:
 
     @property
     def is_measured(self) -> bool:
-        """Whether it has a restitution."""
+        """True if it has a restitution: it parted or came to rest."""
         return self.status in (Status.PARTED, Status.RESTED)
 
     @property
@@ -277,7 +278,9 @@ class Impact:
 
 
 def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:
-    """Where any of three arrays of one shape is not finite; of shape () where all of it is."""
+    """Mask of the places at which any of three arrays is not finite; of shape () if all numbers are
+    finite.
+    """
     if np.isfinite(x.sum() + v.sum() + f.sum()):  # as nearly always, and told in a tenth of the time
         return np.zeros((), bool)
     return ~np.isfinite(x + v + f)

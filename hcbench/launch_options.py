@@ -1,4 +1,4 @@
-"""How a user describes the launches of a pair: the options, stated once.
+"""Options that describe the launches of a pair, stated once.
 
 `hcbench.measure` takes them as keywords. Derived from here are the options of the commands, the keys of
 [tool.hcbench], and the options of the pytest marker and fixture; `measuring.request.make_request` reads them.
@@ -20,7 +20,9 @@ from typing import (
 
 
 class Option(NamedTuple):
-    """What a command's help says of an option. flag: of the command line and of files; "": the name's own."""
+    """Help of an option. flag: its name on the command line and in files; "" if that is the
+    parameter's name.
+    """
 
     help: str
     flag: str = ""
@@ -29,7 +31,7 @@ class Option(NamedTuple):
 
 @runtime_checkable
 class PintQuantity(Protocol):
-    """A quantity of Pint's, of any registry."""
+    """Quantity of Pint, from any registry."""
 
     @property
     def magnitude(self) -> Any:
@@ -37,7 +39,7 @@ class PintQuantity(Protocol):
 
     @property
     def units(self) -> Any:
-        """Its unit."""
+        """Unit of the magnitude."""
 
 
 Quantity = float | str | PintQuantity  # SI, or with a unit
@@ -45,7 +47,9 @@ Quantities = float | str | PintQuantity | Iterable[float | str]  # also "1:20:8 
 
 
 class LaunchOptions(TypedDict, total=False):
-    """How to launch a pair in a model: SI numbers, or text with units. None is the same as left out."""
+    """Options of the launches of a pair: SI numbers, or text with units. None is the same as left
+    out.
+    """
 
     speeds: Annotated[Quantities | None, Option("Launch speeds, such as '1:20:8 in/s'.")]
     phases: Annotated[

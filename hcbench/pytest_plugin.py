@@ -133,7 +133,7 @@ class ModelBounce:
         return self._hold(max_depth=max_depth, max_vibration=max_vibration)
 
     def measured(self) -> Measurement:
-        """What was measured, held against nothing."""
+        """Measurement of the pair, compared with no target."""
         return self._hold()
 
     def _hold(self, max_error: float | None = None, **against: Any) -> Measurement:

@@ -1,4 +1,5 @@
-"""What is fine enough, near enough or too small to count: every such threshold, and why each differs.
+"""Thresholds: how many steps resolve a contact, which errors count as none; each with the reason
+for its value.
 
 Steps are time steps in one contact; "of a law's contact" means of the time that the law gives it.
 """

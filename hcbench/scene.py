@@ -142,7 +142,7 @@ class Scene:
 
     @property
     def normal_gravity(self) -> float:
-        """What of gravity acts along the normal at the touch, m/s^2, into the plate."""
+        """Component of gravity along the normal at the touch, m/s^2, positive into the plate."""
         return self.gravity * math.cos(self.tilt)
 
     @property

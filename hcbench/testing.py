@@ -1,4 +1,5 @@
-"""What every engine must keep, as pytest tests: an engine written elsewhere runs them as hcbench's own do.
+"""Conformance tests of an engine, for pytest: third-party engines run the same tests as hcbench's
+own.
 
     from hcbench.testing import EngineConformance
 
@@ -134,9 +135,10 @@ class EngineConformance:
 
     @classmethod
     def pytest_generate_tests(cls, metafunc: pytest.Metafunc) -> None:
-        """The recipes and scenes that a test's claim is made for; the tests of one share their impacts.
+        """Parametrize each test with the recipes and scenes of its claim; the tests of one pair
+        share their impacts.
 
-        Where the engine is not installed the class is one skip.
+        If the engine is not installed, the class is one skip.
         """
         if hasattr(metafunc.function, "conditions"):
             with _skip_where_missing():
@@ -200,7 +202,9 @@ class EngineConformance:
 
     @_claim(_bounces, _is_set)
     def test_restitution_hardly_depends_on_the_phase(self, recipe: str, scene: str) -> None:
-        """Where in a step the contact starts moves e by less than 0.005, or than the recipe allows for."""
+        """e changes by less than 0.005, or the recipe's own tolerance, with the phase at which the
+        contact starts.
+        """
         if max(i.samples for i in impacts_for(recipe, scene)) in range(6, 16):
             pytest.skip("a contact of a few steps scatters a little: `tune` says by how much")
         for speed in SPEEDS:
@@ -269,7 +273,9 @@ def rounding(recipe: str) -> float:
 
 
 def _run_where(engine: Engine, function: Callable[..., Answer], *args: Any) -> Answer:
-    """What `function(*args)` returns where the engine's simulations run."""
+    """Call `function(*args)` in the process or environment of the engine's simulations and return
+    its result.
+    """
     where = interpreter_of(engine)
     if getattr(adapter_of(engine), "own_process", False) or where is not None:
         return call(function, *args, limit=_LIMIT_S, at=where)
@@ -277,7 +283,7 @@ def _run_where(engine: Engine, function: Callable[..., Answer], *args: Any) -> A
 
 
 def _reading_of(scene: Scene, setting: Setting, fastest: float) -> SpeedReading:
-    """Which speeds an engine's e is the ratio of, under a setting. fastest: m/s at touch."""
+    """Return the speed reading of a setting's world. fastest: m/s at touch."""
     with _load_world(scene, setting, fastest) as world:
         return world.speed_reading
 

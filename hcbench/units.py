@@ -110,7 +110,7 @@ def _registry() -> Any:
 
 @cache
 def _factor(unit: str, si: str) -> float:
-    """What one `unit` is in `si`; raises Pint's own error for text that is not such a unit."""
+    """Return one `unit` in `si`. Raises Pint's own error for text that is not such a unit."""
     registry = _registry()
     quantity = registry.Quantity(1.0, registry.parse_units(unit))
     if ("radian" in str(quantity.to_root_units().units)) != ("rad" in si):
@@ -119,7 +119,7 @@ def _factor(unit: str, si: str) -> float:
 
 
 def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
-    """What one `unit` is in the SI unit of the kind. text: all that the user wrote, for errors."""
+    """Return one `unit` in the SI unit of the kind. text: all that the user wrote, for errors."""
     if not unit:
         return 1.0
     si = kind.unit.replace("^n", f"^{exponent!r}")
@@ -150,11 +150,11 @@ def parse(
     least: float = -math.inf,
     above: float = -math.inf,
 ) -> float:
-    """One quantity as an SI float.
+    """Parse one quantity and return it in SI units.
 
     value: a number (SI already) or text such as "0.008 s/in". quantity: a name in QUANTITIES.
     slot: what to call it in an error. exponent: n in N/m^n, for a stiffness. least, above: bounds, SI.
-    Raises QuantityError for text that is no such quantity and for values not finite or out of bounds.
+    Raises QuantityError for text that is not such a quantity and for values not finite or out of bounds.
     """
     kind, slot = QUANTITIES[quantity], slot or quantity
     value = _without_pint(value, kind, slot, exponent)

@@ -1,4 +1,4 @@
-"""Which environments there are: a folder each, with a record of what is in it."""
+"""Store of engine environments: a folder each, with a record of its contents."""
 
 from __future__ import annotations
 

@@ -11,7 +11,9 @@ SLOWEST = 1.6  # g h: slower impacts end within the step that finds them, and th
 
 
 def default_band(timestep: float, gravity: float) -> tuple[float, float]:
-    """The paper's 1:20 in/s, m/s, as far as a body can bounce at a step (s) under gravity (m/s²)."""
+    """Default band of speeds, m/s: the paper's 1 to 20 in/s, cut below the slowest speed at which a
+    body can bounce at a step (s) under gravity (m/s²).
+    """
     low = max(PAPER[0], _above(SLOWEST * gravity * timestep))
     return low, max(PAPER[1], 4.0 * low)
 
@@ -25,7 +27,7 @@ def _above(speed: float) -> float:
 
 
 def why_cut(low: float, timestep: float, gravity: float) -> str:
-    """Why a band begins at `low` m/s, as a sentence; "" where that is the user's or the paper's own speed."""
+    """Explain why a band begins at `low` m/s; "" if that is the user's or the paper's own speed."""
     if low <= PAPER[0] or low != default_band(timestep, gravity)[0]:
         return ""
     step = f"{1e3 * timestep:.3g} ms"

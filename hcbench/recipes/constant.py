@@ -26,9 +26,11 @@ def minimax_constant(target: Target) -> tuple[float, float]:
 
 
 def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
-    """How long a spring-damper stands in for the law, s: the law's contact time at the geometric mean speed.
+    """Contact time of the spring-damper that replaces the law, s: the law's at the geometric mean
+    speed.
 
-    Not under `steps`, so that a coarse step still sees a contact: the spring is softer than the law then.
+    At least `steps` time steps, so that a coarse step still sees a contact; the spring is then
+    softer than the law.
     """
     speed = math.sqrt(target.speed_min * target.speed_max)
     duration = float(closed_form.duration(target.law, target.mass, speed))

@@ -1,4 +1,6 @@
-"""What a recipe is: a function from targets to one engine's settings, with what a choice goes by."""
+"""Recipes: functions from targets to one engine's settings, with the properties by which one is
+chosen.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ from hcbench.setting import Setting
 
 
 class Role(StrEnum):
-    """What a recipe's settings match of a target."""
+    """Property of the target that a recipe's settings match."""
 
     STOCK = "stock"  # nothing: the engine's default
     CONSTANT_E = "constant-e"  # one restitution for all speeds
@@ -97,7 +99,11 @@ class Recipe:
 def first(
     recipes: Iterable[Recipe], role: Role, form: str, steps: float = 0.0, native: bool = True
 ) -> Recipe | None:
-    """The first recipe of a role for a scene's form and as many steps in the law's shortest contact."""
+    """Return the first recipe of a role for a scene's form; None if there is none.
+
+    steps: time steps in the law's shortest contact; the recipe must not need more. native: without
+    a plug-in.
+    """
     for recipe in recipes:
         fits = form in recipe.forms and recipe.steps_min <= steps
         if fits and recipe.role is role and recipe.native == native:

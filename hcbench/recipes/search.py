@@ -49,7 +49,7 @@ def report_progress(progress: Progress | None) -> Iterator[None]:
 
 @contextmanager
 def map_result(make: Callable[[Any], Any]) -> Iterator[None]:
-    """When a SearchInterrupted leaves the block, replace the best result by `make` of it."""
+    """Replace the best result of a SearchInterrupted by `make` of it, and let the exception pass."""
     try:
         yield
     except SearchInterrupted as interrupt:

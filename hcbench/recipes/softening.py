@@ -1,4 +1,5 @@
-"""Where time steps are too coarse for the law's own contact: a softer spring with the same restitution.
+"""Softer springs with the same restitution, for time steps that are too coarse for the law's own
+contact.
 
 e of (16) depends on α v_i alone, so k is free where only e is wanted. At a given speed the contact lasts
 T ∝ k^(-1/(n+1)).
@@ -30,7 +31,10 @@ def steps_per_contact(target: Target) -> float:
 
 
 def resolvable_law(target: Target, softened_steps: float = STEPS_OF_A_SOFTENED) -> HuntCrossley:
-    """The target's law; where it lasts under STEPS_OF_A_LOOP, one softened to so many at the shortest."""
+    """Return the target's law, softened if its shortest contact lasts less than STEPS_OF_A_LOOP.
+
+    A softened contact lasts `softened_steps` time steps at the speed at which it is shortest.
+    """
     ends = np.array([target.speed_min, target.speed_max])
     steps = float(closed_form.duration(target.law, target.mass, ends).min()) / target.timestep
     if steps >= STEPS_OF_A_LOOP:

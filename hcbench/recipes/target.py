@@ -1,4 +1,4 @@
-"""What a setting should match."""
+"""Targets: the bounce that a setting should match."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ class Target:
 
     @property
     def is_constant(self) -> bool:
-        """Whether one e for all speeds is all that is wanted."""
+        """True if the target is one e for all speeds of its band."""
         one_e = len({e for _, e in self.points}) == 1 if self.points else self.law.alpha == 0
         return one_e or self.speed_min == self.speed_max
 
@@ -95,7 +95,7 @@ class Target:
         return self.curve.at(speed)
 
     def described(self) -> tuple[str, str]:
-        """What was asked for, as a user says it: the option it came by, and its value."""
+        """Return the option by which the user gave the target, and its value in words."""
         if self.reading == "points":
             pairs = f"{len(self.points)} pairs of v and e"
             return "restitution", pairs if len(self.points) > 1 else "one e for all speeds"

@@ -1,4 +1,4 @@
-"""The loop of one impact against the law's."""
+"""Comparison of an impact's force loop with the law's."""
 
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ def _law_loop(law: HuntCrossley, mass: float, speed: float) -> Loop:
 
 
 def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | None:
-    """One impact's loop against the law's at the same speed in; None where there is no resolved loop."""
+    """Compare one impact's loop with the law's at the same speed; None unless it parted with a
+    resolved loop.
+    """
     loop = impact.loop
     if loop is None or impact.status is not Status.PARTED or impact.samples < STEPS_TO_COMPARE:
         return None

@@ -24,8 +24,10 @@ _Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How one setting at one step did over a band of speeds and phases, against one α. Loop figures are the
-    worst over the loops given, NaN where none was resolved. Claims: True, False, or None for "not resolved".
+    """Errors of one setting at one step over a band of speeds and phases, against one α.
+
+    Figures of loops are the worst of the loops given, NaN if none was resolved. Claims: True,
+    False, or None for "not resolved".
     """
 
     impacts: int
@@ -182,7 +184,7 @@ class _Errors:
         self._count += len(errors)
 
     def rms(self) -> float:
-        """Their root mean square."""
+        """Root mean square of the errors added so far; NaN without any."""
         return math.sqrt(self._squares / self._count) if self._count else math.nan
 
 
@@ -268,7 +270,9 @@ def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
 
 
 def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, Any]:
-    """The paper's claims about a sound contact model, judged on what was measured."""
+    """Judge the paper's claims about a sound contact model by the measured loops; None if not
+    resolved.
+    """
     seen = bool(loops) and min(s.samples for s in loops) >= STEPS_AT_ITS_ENDS
     zero = all(s.touch_force < _NEAR_ZERO for s in loops)
     sharp = zero and all(s.parting_force < _NEAR_ZERO for s in loops)

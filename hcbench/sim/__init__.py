@@ -1,1 +1,3 @@
-"""How every engine is driven: the contract, the registry, the stop rule. Knows no engine."""
+"""The contract of an engine, the registry of engines, and the rule that ends a launch. Knows no
+single engine.
+"""

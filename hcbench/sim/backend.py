@@ -57,7 +57,9 @@ class Backend:
         raise self._missing("not installed", "its wheel")
 
     def module(self, name: str = "") -> Any:
-        """The package's module `name`, by default called as the package. Raises EngineMissing."""
+        """Import the package's module `name`; by default the module named like the package. Raises
+        EngineMissing.
+        """
         try:
             return import_module(name or self.package)
         except ImportError as error:
@@ -68,7 +70,9 @@ class Backend:
         return EngineMissing(f"engine {self.engine!r}", got, expected, advice)
 
     def untried(self, version: str) -> str:
-        """What is to be said of a version outside those tried; "" of one within."""
+        """Return a warning that hcbench was not tested with `version`; "" if the version is within
+        the tested ones.
+        """
         oldest, newest = _numbers(self.oldest), _numbers(self.newest)
         given = _numbers(version)
         if oldest <= given[: len(oldest)] and given[: len(newest)] <= newest:
@@ -77,7 +81,9 @@ class Backend:
         return f"{self.package} {version} was never tried with hcbench; {tried} was"
 
     def explained_errors(self) -> AbstractContextManager[None]:
-        """What a version never tried raises is EngineFailed, in one line; a tried one's errors are ours."""
+        """Turn errors that an untested version raises inside the block into EngineFailed, in one
+        line. Errors of a tested version pass unchanged: they are hcbench's own faults.
+        """
         untried = self.untried(self.version())
         if not untried:
             return nullcontext()

@@ -1,4 +1,6 @@
-"""Which parts of a user's model can meet: what an engine lists of them, as text and as records."""
+"""Pairs of parts that can collide in a user's model, as an engine lists them: as text and as
+records.
+"""
 
 import math
 from collections.abc import Mapping, Sequence

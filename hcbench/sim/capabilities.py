@@ -1,4 +1,4 @@
-"""What only some engines can do, a small base class each: `isinstance` asks for it.
+"""Optional capabilities of an engine, a small base class each: `isinstance` asks for it.
 
 An engine that has several of them inherits them all, beside `SteppedEngine`.
 """
@@ -36,7 +36,8 @@ class Feature:
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """The engine's own contact, with nothing added, for the table of `hcbench report field`.
+    """Properties of an engine's own contact, with nothing added, for the table of `hcbench report
+    field`.
 
     law: its force or impulse. exponent: of the penetration in it. threshold: the speed below which it does
     not bounce, and what sets that. licence: of the package. energy: what to know of an e above 1.
@@ -56,7 +57,9 @@ class DescribesContact(Engine):
 
     @abstractmethod
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """What to write for a contact in this engine, for `hcbench convert`."""
+        """Return the numbers and options that describe a contact in this engine, for `hcbench
+        convert`.
+        """
 
 
 class HasPlugin(Engine):
@@ -84,7 +87,9 @@ class OpensModels(Engine):
     opens: tuple[str, ...] = ()
 
     def accepts(self, source: Any) -> bool:
-        """Whether `open` takes `source`, a path, several or an object, where the user names no engine."""
+        """Say whether `open` takes `source` (a path, several paths or an object) if the user names
+        no engine.
+        """
         return isinstance(source, str | Path) and Path(source).suffix.lower() in self.suffixes
 
     def make_room(self) -> None:
@@ -101,7 +106,9 @@ class OpensModels(Engine):
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> list[CandidatePair]:
-        """Which parts of a user's own model can meet, as `open` takes it; those that touch first."""
+        """Return the pairs that can collide in a user's model, those that touch first; `source` as
+        in `open`.
+        """
 
 
 def opener(engine: Engine) -> OpensModels:
@@ -136,7 +143,9 @@ class TunesModels(OpensModels):
         return [("", request)]
 
     def standing(self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]) -> Standing:
-        """How the model rests, holds and runs with a setting; as it was for None."""
+        """Return how the model rests, holds and runs with a setting; None stands for the model as
+        it was.
+        """
         return UNKNOWN
 
 
@@ -153,4 +162,6 @@ class LandsRobots(OpensModels):
     def touchdowns(
         self, source: Any, request: Request, recorded: Mapping[str, Floats]
     ) -> TrajectoryTouchdowns:
-        """Where a recorded motion met the floor. recorded: arrays of states, by the engine's own names."""
+        """Find where a recorded motion met the floor. recorded: arrays of states, by the engine's
+        own names.
+        """

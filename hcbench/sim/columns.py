@@ -127,7 +127,9 @@ class Launches(_Columns[Launch]):
 
     @property
     def is_oblique(self) -> Flags:
-        """Which arrive otherwise than along the normal and without spin, shape (n,)."""
+        """Mask of the launches with slip or spin, shape (n,); False for those straight along the
+        normal.
+        """
         return np.asarray(self.slip.any(axis=1) | self.spin.any(axis=1))
 
     def clearance(self, timestep: float) -> Floats:
@@ -165,7 +167,9 @@ def _listed(column: NDArray[Any]) -> list[Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """What was seen of launches together: time, s, (n,); states: penetration, rate, force; (3, b, n)."""
+    """Record of several launches simulated together: time, s, (n,); states: penetration, rate,
+    force; (3, b, n).
+    """
 
     time: Floats
     states: Floats
@@ -236,12 +240,16 @@ class Impacts(_Columns[Impact]):
 
     @property
     def is_measured(self) -> Flags:
-        """As of `Impact`."""
+        """Mask of the impacts that have a restitution, shape (n,): those that parted or came to
+        rest.
+        """
         return np.asarray((self.status == _PARTED) | (self.status == _RESTED))
 
     @property
     def restitution(self) -> Floats:
-        """As of `Impact`."""
+        """e of each impact, shape (n,): speed out over speed in; 0 if it came to rest, NaN if it
+        has none.
+        """
         e = np.full(len(self), np.nan)
         parted = (self.status == _PARTED) & (self.speed_in > 0.0)
         np.divide(self.speed_out, self.speed_in, out=e, where=parted)

@@ -67,7 +67,9 @@ class Engine(ABC):
         return self.backend.version()
 
     def recipes(self) -> Sequence[Recipe]:
-        """What makes its settings, of each role the preferred one first: `recipes.RECIPES` in its folder."""
+        """Return the engine's recipes, the preferred one of each role first: `recipes.RECIPES` in
+        its folder.
+        """
         recipes = module_of(self, "recipes")
         return recipes.RECIPES if recipes else ()
 
@@ -100,9 +102,11 @@ class Engine(ABC):
         raise EngineFailed(self.name, "knows single impacts only", "an engine that can go on after one")
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """What to paste of a setting into a model or script of one's own; "" where nothing is set.
+        """Return the text of a setting to paste into a user's model or script; "" if nothing is
+        set.
 
-        form: the scene's, "plane" or "cup". pair: what the two are called there, the body that moves first.
+        form: the scene's, "plane" or "cup". pair: names of the two in the user's model, the moving
+        one first.
         """
         return setting.options_text
 
@@ -111,7 +115,7 @@ class Engine(ABC):
         return text
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """What a user's model or machine must have for the text to work, a phrase each."""
+        """Return the requirements of the pasted text on a user's model or machine, a phrase each."""
         return ()
 
     def passivity(
@@ -122,15 +126,16 @@ class Engine(ABC):
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Whether a setting ever gives energy, and how a body rests on it: a screen of about a second.
+        """Test, for about a second, whether a setting ever adds energy to a body, and how a body
+        rests on it.
 
-        speeds: the band, m/s. whole: by the gate that takes its time, drops of half a minute among it.
+        speeds: the band, m/s. whole: run the long test instead, with drops of half a minute.
         train: the longest train of bounces that the target allows after a drop.
         """
         return passivity_of(self, scene, setting, speeds, whole, train)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
-        """The setting with Coulomb's μ of its contact in it, to be pasted."""
+        """Return the setting with Coulomb's μ added to its contact, for pasting."""
         return setting
 
     def script(self, scene: Scene, setting: Setting) -> str:
@@ -180,7 +185,9 @@ class SteppedEngine(Engine):
         """
 
     def speed_reading(self, setting: Setting) -> SpeedReading:
-        """What its steps keep in free flight under a setting: that of the worlds that it loads."""
+        """Quantity that the steps of a setting conserve in free flight; the same as in the worlds
+        it loads.
+        """
         return SpeedReading.TOUCH_PLANE
 
     @final

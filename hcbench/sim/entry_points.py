@@ -44,7 +44,8 @@ def adopt(values: Mapping[str, str]) -> None:
 
 @cache
 def adapter(name: str) -> Engine:
-    """What hcbench knows of the engine registered under `name`, installed or not, without a version.
+    """Return the adapter registered under `name`, whether the engine is installed or not, without a
+    version.
 
     Raises UserError for an unknown name, EngineFailed for an entry point that holds no such engine.
     """
@@ -77,7 +78,7 @@ def base_name(name: str) -> str:
 
 
 def versioned_title(adapter: Engine, name: str) -> str:
-    """What a report prints of an engine under such a name."""
+    """Return the engine's title with its version, as a report prints it under such a name."""
     return f"{adapter.title or adapter.name} {name.partition('@')[2]}".strip()
 
 

@@ -29,7 +29,9 @@ class _Child:
         end.close()
 
     def ask(self, request: Any) -> Any:
-        """What the function returns in the child. Raises what it raises, EngineFailed if the child dies."""
+        """Call the function in the child and return its result. Raises what it raises; EngineFailed
+        if the child dies.
+        """
         try:
             self._pipe.send(request)
             error, answer = self._pipe.recv()
@@ -62,7 +64,7 @@ def _serve(pipe: Connection, end: Connection, make: Callable[[], Any]) -> None:
 
 
 def run_forked(function: Callable[[], Answer]) -> Answer:
-    """What `function()` returns, run in a forked copy of this process."""
+    """Call `function()` in a forked copy of this process and return its result."""
     child = _Child(lambda: lambda _: function())
     try:
         answer: Answer = child.ask(None)

@@ -92,7 +92,9 @@ def _backend(name: str) -> Backend:
 
 
 def requirements(name: str, backend: Backend, version: str) -> list[str]:
-    """What an environment of an engine needs: its package in a version ("": any), and what goes with it."""
+    """Requirements of an engine's environment: its package in a version ("": any), and the packages
+    it needs.
+    """
     adapter = entry_points.entry_point(name).dist
     lines, own = list(worker_requirements()), adapter is not None and adapter.name == "hcbench"
     asked = backend.package  # with the extras of its own that it goes with
@@ -123,10 +125,11 @@ def _try(made: Environment) -> None:
 
 
 def _failed_bounce(name: str) -> str:
-    """Why a bounce fails, in the first recipe where one does; "" where none does.
+    """Bounce a ball with each recipe; return the first failure as text, or "" if all recipes work.
 
-    Every recipe bounces, as a version may lack what only some of them use. What hcbench refuses by name, such
-    as a step too long for a recipe, or a plug-in without a compiler, is no failure.
+    All recipes are tried because a version may lack a feature that only some of them use. A refusal
+    by hcbench, such as a step too long for a recipe or a plug-in without a compiler, does not
+    count.
     """
     scene = load_scene("steel-plane")
     law = HuntCrossley(scene.stiffness, 0.3, scene.exponent)

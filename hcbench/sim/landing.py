@@ -22,7 +22,7 @@ Controller = str | Callable[[Any, Any], Any]
 
 @dataclass(frozen=True, slots=True)
 class DropPlan:
-    """How a robot is dropped.
+    """Heights, tilts and controller of a robot's drops.
 
     heights: of its lowest point over the floor at release, m. tilts: of its base about the world's y, rad.
     controller: "pd", "pd:KP,KD" or "ctrl", or a function of the engine's model and state that returns the
@@ -36,7 +36,8 @@ class DropPlan:
 
 @dataclass(frozen=True, slots=True)
 class Footfall:
-    """What one part of the robot did on the floor in one landing; SI, times from the first touch of any.
+    """Contact of one part of the robot with the floor in one landing; SI, times from the first
+    touch of any part.
 
     part: its name. touch: when it first met the floor. speed, slide: of the contact point there, normal to
         the floor and along it. contact: how long it then stayed, gaps up to PARTED_S included.
@@ -101,7 +102,7 @@ class Landing:
 
     @property
     def bouncing(self) -> int:
-        """How many feet bounce."""
+        """Number of feet that bounce."""
         return sum(foot.bounces > 0 for foot in self.feet)
 
     @property

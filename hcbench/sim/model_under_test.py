@@ -29,7 +29,8 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a user asks to have measured in a model.
+    """Options of a measurement in a user's model: the pair, its launches and the pose they start
+    from.
 
     pair: names of the two, moving one first; None where the model leaves no choice.
     speeds: launch speeds, m/s. phases: where in a step the contact starts, each 0 ... 1.
@@ -69,7 +70,7 @@ class Request:
 
     @property
     def is_oblique(self) -> bool:
-        """Whether any launch is."""
+        """True if any launch has an angle or spin."""
         return any(self.angle) or any(self.spin)
 
     def launches(self) -> list[Launch]:
@@ -103,7 +104,7 @@ class Suspect:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What a model says of itself and of its pair, SI.
+    """Properties of a model and of its pair, as an engine reads them from the model, SI.
 
     pair: as the model names the two, the moving body first. moved: what moves it, as a phrase.
     effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the moving
@@ -143,7 +144,7 @@ class Facts:
 
     @property
     def meeting(self) -> str:
-        """Where the two meet, and from which side the moving body comes, in words."""
+        """Describe the contact point and the side from which the moving body approaches."""
         axis = max(range(3), key=lambda i: abs(self.normal[i]))
         side = ["from the side", "from the side", "from below" if self.normal[2] > 0 else "from above"][axis]
         way, point = (" ".join(f"{x + 0.0:.3g}" for x in vector) for vector in (self.normal, self.point))
@@ -152,7 +153,7 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Where a setting is to be written.
+    """Destination of a setting that is to be written into a model.
 
     folder: of the model; None: that of the source. include: the name of a file of its own for its lines; ""
     for none. version: of the engine that has to load it, such as (3, 5); () for the installed one.
@@ -196,18 +197,22 @@ class ModelUnderTest(World):
 
     @abstractmethod
     def facts(self) -> Facts:
-        """What the model says of itself and of the pair."""
+        """Return the properties of the model and of its pair."""
 
     @abstractmethod
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """What may keep this pair from bouncing as asked, likeliest first."""
+        """Return settings that may keep this pair from bouncing as `wanted`, likeliest first."""
 
     def at_rest(self) -> Rest | None:
-        """How the two lie on each other a while later; None where nothing holds them together."""
+        """Lay one body on the other and return how it lies after a while; None if nothing holds
+        them together.
+        """
         return let_down(self)
 
     def rest_suspects(self) -> list[Suspect]:
-        """What may keep the two from lying still and shallow, besides what keeps them from bouncing."""
+        """Return settings that may keep the two from lying still and shallow, besides those of
+        `suspects`.
+        """
         return []
 
     @abstractmethod

@@ -31,7 +31,9 @@ def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, 
 
 
 def suggest_names(request: str, names: Iterable[str]) -> tuple[str, str]:
-    """What an error says of a name that is not among `names`: what was expected, and the nearest of them."""
+    """For a name that is not among `names`: (the names expected, a sentence with the nearest one),
+    for an error.
+    """
     known = list(dict.fromkeys(filter(None, names)))
     listed = known if len(known) <= _LISTED else [*known[:_LISTED], "..."]
     nearest = difflib.get_close_matches(request, known, 1)

@@ -16,7 +16,9 @@ _FILE = re.compile(r"(?P<before>filename\s*=\s*)(?P<quote>[\"'])(?P<name>.*?)(?P
 
 
 def read_packages(given: str | Mapping[str, str]) -> Packages:
-    """(name, folder) of "NAME=DIR, NAME=DIR", or of a mapping. Raises UserError for what is no folder."""
+    """Parse "NAME=DIR, NAME=DIR", or a mapping, to (name, absolute folder). UserError unless each
+    folder exists.
+    """
     packages = named_folders(given)
     for name, folder in packages:
         if not (name and folder and Path(folder).is_dir()):

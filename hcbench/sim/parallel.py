@@ -95,7 +95,9 @@ class BatchWorld(World):
 
 
 class ScriptedWorlds(BatchWorld):
-    """As many worlds as a script has; see `hcbench.sim.scripted`. Its heights and velocities are arrays."""
+    """Copies of a script's world, stepped together; heights and velocities are arrays. See
+    `hcbench.sim.scripted`.
+    """
 
     def __init__(
         self, scene: Scene, timestep: float, places: int, script: str, reading: SpeedReading

@@ -1,4 +1,5 @@
-"""Whether a contact ever gives energy: what drops of any engine show, and how it is judged.
+"""Test whether a contact adds energy: drops and slow launches in any engine, and the limits they
+must keep.
 
 In free flight each integrator keeps an energy of its own. Semi-implicit Euler, which moves by the new
 velocity, keeps (v + g h/2)² - 2 g x exactly, penetration x, rate v; exact flight and RK4 keep v² - 2 g x. So
@@ -84,7 +85,7 @@ class LongestTrain:
 
 @dataclass(frozen=True, slots=True)
 class Bounces:
-    """What drops from HEIGHTS, and launches below the band, showed.
+    """Results of drops from HEIGHTS and of launches below the band.
 
     max_e: the largest e of all impacts. gains_below: the highest impact speed with an e above MOST_E, m/s; 0
     where there is none. still_bouncing: drops that go on after LASTS, faster than the target allows.
@@ -123,13 +124,13 @@ class Finding:
 
     @property
     def passed(self) -> bool:
-        """Whether the value stays within its limit."""
+        """True if the value stays within its limit."""
         return self.value <= self.limit
 
 
 @dataclass(frozen=True, slots=True)
 class Passivity:
-    """What is known of a setting's energy and rest.
+    """Energy and rest of a setting, as far as they were tested.
 
     bounces: of a ball. flat: whether a box on face, edge and vertex never gained energy; None where that
     was not tried. slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without friction.
@@ -145,18 +146,18 @@ class Passivity:
 
     @property
     def sphere(self) -> bool:
-        """Whether a ball never gains energy, comes to rest, and holds on a slope."""
+        """True if a ball never gains energy, comes to rest, and holds on a slope."""
         holds = not self.slope_drift > MOST_DRIFT
         return self.bounces.passive and holds
 
     @property
     def scenes(self) -> int:
-        """How many scenes were simulated without energy growing, where it never did."""
+        """Number of scenes tested."""
         return self.bounces.tried + len(self.findings)
 
     @property
     def warning(self) -> str:
-        """What keeps it from being advised, in words; "" for nothing."""
+        """Faults that speak against recommending the setting, as a phrase; "" if it has none."""
         bounces, words = self.bounces, []
         if bounces.max_e > MOST_E:
             words.append(f"gains energy below {bounces.gains_below:.2g} m/s (e up to {bounces.max_e:.4g})")
@@ -221,7 +222,7 @@ class DropReader:
 
     @property
     def bounces(self) -> Bounces:
-        """What was seen until now."""
+        """Return the results of the steps read so far."""
         late = self._steps - _STILL / self.timestep
         bounces_on = (self._parted > late) & (self._speed_out > self.allowed)
         return Bounces(self.max_e, self.gains_below, int(bounces_on.sum()), len(self._parted))

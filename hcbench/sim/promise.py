@@ -1,4 +1,6 @@
-"""What `hcbench tune` promised of a pair, written into the model, so that `measure` knows it again."""
+"""The error that `hcbench tune` promised for a pair, written into the model so that `measure`
+recognizes it.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,7 @@ class Promise:
         )
 
     def is_kept(self, impacts: Sequence[Impact]) -> bool:
-        """Whether e is as near as promised."""
+        """Say whether e is as close as promised, with a margin for rounding."""
         return self.measured(impacts) <= _KEPT * self.error + _SLACK
 
     def note(self, impacts: Sequence[Impact]) -> str:

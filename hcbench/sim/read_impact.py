@@ -40,17 +40,20 @@ _DIVERGED = STATUSES.index(Status.DIVERGED)
 
 
 class SpeedReading(StrEnum):
-    """How the speeds at the touch plane, of which e is the ratio, follow from a state before and one after a
-    contact, at a step h under gravity g into the plate: by what the integrator keeps in free flight.
+    """Quantity that an integrator conserves in free flight, from which the speeds at the touch
+    plane follow.
 
-    e² is then the share of its height that a body keeps, whenever in its step an engine reverses the speed.
-    Without gravity all are the same. An engine's `World` says which is its own.
-    TOUCH_PLANE: semi-implicit Euler, which moves by the new velocity, keeps (v + g h/2)² - 2 g x exactly,
-        penetration x, rate v: at x = 0 that is the square of the speed at touch, whichever step sees it.
+    The speeds come from a state before the contact and one after it, at a step h under gravity g
+    into the plate, penetration x and rate v; e is their ratio. e² is then the share of its height
+    that a body keeps, whenever in its step an engine reverses the speed. Without gravity all
+    readings are the same. An engine's `World` says which is its own.
+
+    TOUCH_PLANE: semi-implicit Euler, which moves by the new velocity, keeps (v + g h/2)² - 2 g x
+        exactly: at x = 0 that is the square of the speed at touch, whichever step sees it.
     TOUCH_PLANE_FOUR_SUBSTEPS: four such steps of h/4 in each keep (v + g h/8)² - 2 g x.
     TOUCH_PLANE_EXACT_FLIGHT: steps that are exact in free flight, as RK4's, keep v² - 2 g x.
-    CROSSING: where the simulated path crosses the touch plane, by the parabola through the states around it:
-        for bodies on joints or under servos, which have no one acceleration.
+    CROSSING: the speed where the simulated path crosses the touch plane, by the parabola through
+        the states around it: for bodies on joints or under servos, which have no one acceleration.
     STAGED_CROSSING: the same where a contact bends the step that it ends in, as RK4's, too.
     """
 
@@ -151,7 +154,7 @@ def impacts_of(
 
 @dataclass(frozen=True, slots=True)
 class EndedContacts:
-    """What was seen of launches that have ended; arrays of shape (b,), SI.
+    """Contacts of launches that have ended; arrays of shape (b,), SI.
 
     counts, ends: the steps of each, and why it ended (`End`). first, stops: the step in which the contact
     force first acts, and the one after the last. deepest, hardest: largest penetration and force between

@@ -34,12 +34,14 @@ if TYPE_CHECKING:
 
 
 class Rule(NamedTuple):
-    """What stays the same over the steps, SI. flight_steps, rest_speed, idle_speed: shape (b,), as of
-    `StopRule`; so are contact_steps, fall and lowest, its `deepest`.
+    """Constants of the stop rule for the launches of one scene, SI, as arrays that an engine's
+    device can hold.
 
-    held_speed: at which a body falls no longer; -1 without gravity. radius, beyond: of the body, in the
-    engine's bits, and what these leave out, m. noise: of speeds, the share that is round-off. largest: finite
-    number.
+    flight_steps, rest_speed, idle_speed: shape (b,), with the meaning they have in `StopRule`; so
+    have contact_steps, fall and lowest, its `deepest`.
+    held_speed: at which a body falls no longer; -1 without gravity. radius, beyond: of the body, in
+    the engine's bits, and what these leave out, m. noise: share of a speed that is round-off.
+    largest: finite number.
     """
 
     flight_steps: Any
@@ -58,7 +60,8 @@ class Rule(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What is known of each launch, shape (b,), SI: whole numbers of 32 bits, then floats of the engine's.
+    """State of each launch after the steps read so far, shape (b,), SI: 32-bit integers, then the
+    engine's floats.
 
     steps: seen until it ended; end: why it has (`End`). touch, last: first and last step in which the contact
     force acted, -1 for none. still, idle, held, stuck: the last step that was not so. height, rising: of the
@@ -93,7 +96,9 @@ WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])  # fields that a
 
 
 def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind: type) -> Rule:
-    """The rule for launches of a scene's ball. bits: of the engine's numbers. kind: of the reading's."""
+    """Return the rule for launches of a scene's ball. bits: of the engine's numbers. kind: NumPy
+    type of the reading.
+    """
     rule = StopRule.for_launches(launches, timestep, scene.normal_gravity, scene.touch_radius)
     made = Rule(
         flight_steps=rule.flight_steps,
@@ -197,7 +202,7 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
 
 
 def contacts_of(reading: Reading) -> EndedContacts:
-    """What was seen of launches that have ended. reading: NumPy arrays."""
+    """Return the contacts of launches that have ended. reading: NumPy arrays."""
     whole = (reading.steps, reading.end, np.maximum(reading.touch, 0), reading.last + 1)
     steps, ends, first, stops = (column.astype(np.int64) for column in whole)
     floats = [column.astype(np.float64) for column in reading[Reading._fields.index("x_in") :]]

@@ -52,7 +52,7 @@ def version_beside(name: str) -> str:
 
 
 def is_there(name: str) -> bool:
-    """Whether an engine can run: beside hcbench or in an environment of its own."""
+    """Say whether an engine can run: installed with hcbench or in an environment of its own."""
     try:
         return bool(engine(name).version())
     except EngineMissing:

@@ -59,27 +59,27 @@ class Wrapped(HasPlugin, TunesModels):
             self.suffixes, self.opens = adapter.suffixes, adapter.opens
 
     def recipes(self) -> Sequence[Recipe]:
-        """The adapter's."""
+        """Return the adapter's recipes."""
         return self.adapter.recipes()
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """The adapter's."""
+        """Return the text that the adapter writes for a setting."""
         return self.adapter.snippet(setting, form, pair)
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
-        """The adapter's."""
+        """Return the text with the promise that the adapter writes into it."""
         return self.adapter.promised(text, pair, promise)
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """The adapter's."""
+        """Return the adapter's requirements on a user's model or machine."""
         return self.adapter.needs(setting)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
-        """The adapter's."""
+        """Return the setting with μ, as the adapter adds it."""
         return self.adapter.with_friction(setting, friction)
 
     def accepts(self, source: Any) -> bool:
-        """Whether the engine's adapter accepts such a model."""
+        """Say whether the adapter opens models, and this one."""
         return isinstance(self.adapter, OpensModels) and self.adapter.accepts(source)
 
 
@@ -116,7 +116,9 @@ class RemoteEngine(Wrapped):
         return self.environment.version
 
     def recipes(self) -> Sequence[Recipe]:
-        """The adapter's, made there: what they write may depend on the version."""
+        """Return the adapter's recipes, run in the engine's environment: their options may depend
+        on its version.
+        """
         return [
             dataclasses.replace(recipe, function=partial(self._options, recipe.name))
             for recipe in super().recipes()
@@ -134,7 +136,7 @@ class RemoteEngine(Wrapped):
         return call(_call_there, self.name, method, *args, limit=limit, at=self.interpreter)
 
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
-        """The engine's, there."""
+        """Simulate the launches in the engine's environment."""
         impacts: list[Impact] = self._call("impacts", scene, setting, launches, launches=len(launches))
         return impacts
 
@@ -143,7 +145,7 @@ class RemoteEngine(Wrapped):
         self._call("require_device", device)
 
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
-        """The engine's, there."""
+        """Simulate one launch for `duration`, s, in the engine's environment."""
         steps = duration / setting.timestep
         path: Trajectory = self._call("trajectory", scene, setting, launch, duration, launches=1, steps=steps)
         return path
@@ -156,17 +158,19 @@ class RemoteEngine(Wrapped):
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """The engine's, there."""
+        """Test a setting for energy in the engine's environment."""
         passivity: Passivity = self._call("passivity", scene, setting, speeds, whole, train)
         return passivity
 
     def script(self, scene: Scene, setting: Setting) -> str:
-        """The engine's, there."""
+        """Write the script of a setting in the engine's environment."""
         text: str = self._call("script", scene, setting)
         return text
 
     def plugin(self, *, install: bool = False) -> Path:
-        """The engine's, there; installed into the environment."""
+        """Compile the plug-in in the engine's environment and return its path. install: copy it
+        into that environment.
+        """
         path: Path = call(_plugin_there, self.name, install, limit=None, at=self.interpreter)
         return path
 
@@ -192,7 +196,7 @@ def _plugin_there(name: str, install: bool) -> Path:
 
 @cache
 def worker_requirements() -> tuple[str, ...]:
-    """What hcbench itself imports in a worker process, as pip writes it."""
+    """Return the packages that hcbench itself imports in a worker process, as requirements of pip."""
     names = re.compile(f"({'|'.join(_WORKER)})\\b")
     return tuple(line for line in metadata.requires("hcbench") or () if names.match(line) and ";" not in line)
 
@@ -220,7 +224,11 @@ def interpreter_of(engine: Engine) -> Interpreter | None:
 
 
 def interpreter(environment: Environment) -> Interpreter:
-    """What runs worker processes in an environment: with its engine, and those of hcbench that it may use."""
+    """Return the interpreter for worker processes of an environment.
+
+    It knows the engine of that environment and hcbench's own engines, as their modules are made
+    importable there.
+    """
     values = {name: entry_points.entry_point(name).value for name in entry_points.names()}
     tops = {name: value.partition(":")[0].partition(".")[0] for name, value in values.items()}
     modules = []

@@ -1,4 +1,6 @@
-"""How a body rests on another, off any engine's steps: penetration, drift, vibration, noise of the force."""
+"""Rest of one body on another, read from the steps of any engine: penetration, drift, vibration,
+force noise.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ class Rest:
 
     @property
     def dies_away(self) -> bool:
-        """Whether the vibration falls."""
+        """True if the vibration decays."""
         return self.decay < _DECAY_MAX
 
     @property
@@ -62,10 +64,11 @@ class Rest:
         }
 
     def failures(self, radius: float, timestep: float) -> list[str]:
-        """What keeps a body of this radius (m) from resting as it should at a step (s); none where it rests.
+        """Reasons why a body of this radius (m) does not count as resting at a step (s); empty if
+        it rests.
 
-        It rests when it sinks slower than 1e-5 m/s, is less than 1e-3 R or 0.2 mm a ms of step deep, and its
-        vibration is below 1e-4 m/s or dying away.
+        It rests if it sinks more slowly than 1e-5 m/s, lies less deep than 1e-3 R or 0.2 mm per ms
+        of step, and its vibration is below 1e-4 m/s or decaying.
         """
         if math.isnan(self.penetration):
             return ["it diverges"]
@@ -91,8 +94,11 @@ def rest_of(
     force: Floats | None = None,
     along: Floats | None = None,
 ) -> Rest:
-    """How a body lies after its path has calmed: time (s), penetration (m), rate (m/s), force (N), (n,).
+    """Judge the rest of a body from its path: time (s), penetration (m), rate (m/s), force (N);
+    shape (n,).
 
+    Slopes and vibrations are those of the second half, when the path has calmed. DIVERGED if a
+    number is not finite.
     along: its position along the plate, m, shape (n, k).
     """
     if not (np.isfinite(penetration).all() and np.isfinite(rate).all()):
@@ -116,7 +122,9 @@ def last_half(path: Floats) -> Floats:
 
 
 def let_down(world: World) -> Rest | None:
-    """How a body that is let down on the plate lies there later; None where nothing holds it there."""
+    """Lay a body on the plate and judge how it lies there; None without gravity, or if the plate
+    does not push.
+    """
     if not world.gravity > 0.0:
         return None
     steps = min(_STEPS_MAX, round(_SECONDS / world.timestep))

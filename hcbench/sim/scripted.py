@@ -42,7 +42,9 @@ TIGHT = 1e-8  # an accuracy of error control by which e hardly depends on where 
 
 
 def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
-    """The law that a setting's option "law" names, for an engine into which Python lets it: eq. (16) only."""
+    """Return the law of a setting's option "law" for an engine that takes laws as Python code: eq.
+    (16) only.
+    """
     law = law_of(options)
     if not isinstance(law, PythonLaw):
         raise SettingError(
@@ -74,11 +76,13 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
 
     @abstractmethod
     def lines(self, options: Options, scene: Scene) -> str:
-        """The engine's part of the script. Raises SettingError for options that do not go together."""
+        """Return the engine's part of the script. Raises SettingError for options that exclude each
+        other.
+        """
 
     @abstractmethod
     def paste(self, options: Options, timestep: str) -> str:
-        """What to write into a script of one's own; timestep: s."""
+        """Return the lines to paste into a user's script. timestep: s."""
 
     @final
     def read(self, setting: Setting) -> Options:
@@ -92,14 +96,14 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         return options
 
     def error_controlled(self, setting: Setting) -> bool:
-        """Whether error control, as tight as hcbench's recipes ask for it, takes the steps of a contact: the
-        setting's step says when it is looked at.
+        """Say whether error control, as tight as hcbench's recipes ask for it, chooses the steps of
+        a contact. The setting's time step then only says how often the state is read.
         """
         return float(getattr(self.read(setting), "accuracy", None) or 1.0) <= TIGHT
 
     @final
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """What of the script a setting sets; "" where that is nothing."""
+        """Return the lines of the script that a setting adds; "" if it has no options."""
         return self.paste(self.read(setting), shortest(setting.timestep)) if setting.options else ""
 
     def script(self, scene: Scene, setting: Setting) -> str:
@@ -128,7 +132,7 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
 
 
 def law_lines(law: PythonLaw | None) -> str:
-    """The law as a function of Python's; "" for none."""
+    """Return the law as a function in Python; "" without a law."""
     if law is None:
         return ""
     if isinstance(law, HuntCrossley):

@@ -162,7 +162,7 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         """Lines in the engine's own words that put a law into its steps; "" for none."""
 
     def bits_of(self, setting: Setting) -> int:
-        """How many bits the numbers have under a setting. Raises SettingError."""
+        """Return the bits of the engine's numbers under a setting. Raises SettingError."""
         return self.bits
 
     def impedance(self, setting: Setting) -> float:
@@ -205,7 +205,9 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         return opener(registry.engine(self.model_engine))
 
     def _shared(self, setting: Setting) -> Setting:
-        """What of a setting `model_engine` reads; e(v) needs a contact whose solref a step can set."""
+        """Return the part of a setting that `model_engine` reads; e(v) needs a contact whose solref
+        a step can set.
+        """
         options = {word: value for word, value in setting.options.items() if word not in self.own}
         if isinstance(self.law(setting), Restitution):
             d = self.impedance(setting)
@@ -213,7 +215,7 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         return replace(setting, engine=self.model_engine, options=options)
 
     def law(self, setting: Setting) -> PythonLaw | None:
-        """What of a setting Python does."""
+        """Return the law of a setting that Python code applies; None without one."""
         return python_law_of(setting.options["law"]) if "law" in setting.options else None
 
     def script(self, scene: Scene, setting: Setting) -> str:
@@ -224,12 +226,12 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         return registry.engine(self.model_engine).script(scene, self._shared(setting))
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """The law's lines, or those of `model_engine`."""
+        """Return the law's lines; without a law, the snippet of `model_engine`."""
         lines = self.law_lines(self.law(setting))
         return lines or registry.engine(self.model_engine).snippet(self._shared(setting), form, pair)
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """The law's lines around each step, or what `model_engine` needs."""
+        """Return the requirements: the law's lines around each step, or those of `model_engine`."""
         if self.law_lines(self.law(setting)):
             return ("the lines in your own loop, from Python",)
         return registry.engine(self.model_engine).needs(self._shared(setting))
@@ -238,7 +240,9 @@ class SharedModelEngine(OpensModels, SteppedEngine):
 def shared_recipes(
     engine: str, model_engine: str, changes: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Recipe, ...]:
-    """Recipes of another engine as this one's. changes: their names, with the fields that differ."""
+    """Copy another engine's recipes for this one. changes: name of each recipe -> the fields that
+    differ.
+    """
     return tuple(
         replace(registry.recipe(f"{model_engine}.{name}"), engine=engine, **{"forms": ("plane",), **change})
         for name, change in changes.items()

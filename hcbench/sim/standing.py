@@ -1,4 +1,4 @@
-"""How a model rests, holds and runs: what a setting of its contacts may not make worse."""
+"""Rest, slope and grasp of a model: quantities that a setting of its contacts may not make worse."""
 
 from __future__ import annotations
 

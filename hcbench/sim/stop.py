@@ -35,7 +35,7 @@ _NEVER = 1 << 62  # beyond every step
 
 
 class End(IntEnum):
-    """Why a launch is over, the weightiest first where two reasons meet in one step."""
+    """Reason why a launch has ended; if two apply in one step, the one listed first."""
 
     GOING = 0
     NOT_FINITE = 1

@@ -1,4 +1,5 @@
-"""What happens along the plate in an oblique impact: recorded at each step, and read off the record.
+"""Motion along the plate in an oblique impact: recorded at each step, and evaluated from the
+record.
 
 Directions are those of `hcbench.impact.Launch`: along the way that the body is sent, across it, and along the
 normal away from the plate.
@@ -47,7 +48,7 @@ def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
 
 
 def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, gained: Floats) -> Floats:
-    """The rows of `Record.tangential` of a scene's balls, shape (8, b, n).
+    """Compute the rows of `Record.tangential` for a scene's balls, shape (8, b, n).
 
     velocity, spin: of the centre at the start of each step, m/s and rad/s, shape (b, n, 3). deeper: unit
     vectors into the plate. gained: acceleration in the step without gravity's, m/s²; of the same shape.
@@ -62,7 +63,7 @@ def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, g
 
 
 class AlongPlate(NamedTuple):
-    """What an impact does along the way that the body is sent; NaN where it was not measured.
+    """Slip, spin and energy of an impact in the direction of the launch; NaN if not measured.
 
     slip: of the contact point, m/s; spin: about the axis across, rad/s; before and after. impulse_ratio: of
     friction over the normal impulse. energy_lost: share of the kinetic energy.
@@ -87,7 +88,7 @@ ALONG_COLUMNS = (  # of `AlongPlate`, in files
 
 
 def along_plate(impact: Impact) -> AlongPlate:
-    """What an impact did along the plate; one that is not oblique has neither slip nor spin."""
+    """Summarize an impact along the plate; slip and spin are 0 for one that is not oblique."""
     all_of_it = impact.tangential
     if all_of_it is not None:
         (slip_in, _), (slip_out, _) = all_of_it.slip_in, all_of_it.slip_out
@@ -106,7 +107,7 @@ def tangential_of(
     mass: float,
     by_work: bool = False,
 ) -> Tangential:
-    """What a measured oblique impact did along the plate.
+    """Evaluate a measured oblique impact along the plate.
 
     rows: of `Record.rows`, all steps of this launch, shape (11, n). samples: steps in which the force acted.
     speeds: in and out, m/s. mass: effective, along the normal, kg.
@@ -136,8 +137,8 @@ def tangential_of(
 
 
 def _power(rows: Floats, contact: slice) -> float:
-    """What the contact takes from the motion, summed over its steps, W: force times the mean of the speeds at
-    the ends of each step. rows: as of `tangential_of`.
+    """Power that the contact takes from the motion, summed over its steps, W. Force times the mean
+    of the speeds at the ends of each step. rows: as in `tangential_of`.
     """
     ends = slice(contact.start + 1, contact.stop + 1)
     rate, slip = ((part[..., contact] + part[..., ends]) / 2 for part in (rows[1], rows[3:][SLIP]))

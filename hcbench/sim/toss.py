@@ -55,7 +55,9 @@ class Toss:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """What a setting leaves to be identified. starts: of each search; all are positive. most: its bound."""
+    """Parameter of a setting that is to be identified. starts: of each search, all positive. most:
+    upper bound.
+    """
 
     name: str
     starts: tuple[float, ...]
@@ -101,7 +103,7 @@ def plugin_law(
 
 
 class TossModule(Protocol):
-    """The functions that `scene.toss` of an engine's folder has."""
+    """Functions that the module `scene.toss` in an engine's folder must have."""
 
     SETTINGS: tuple[ContactSetting, ...]
     SHAPES: frozenset[Shape]
@@ -114,7 +116,7 @@ class TossModule(Protocol):
         timestep: float,
         tosses: Sequence[Toss],
     ) -> list[Floats]:
-        """States at the ends of steps, of each toss."""
+        """Return the states at the ends of the steps, an array per toss."""
         ...
 
 
@@ -127,16 +129,19 @@ def engines() -> Iterator[tuple[str, TossModule]]:
 
 
 def as_integrated(velocity: Floats, timestep: float) -> Floats:
-    """What an engine that moves bodies by the new velocity of a step has to be given, shape (..., 3).
+    """Velocity to give an engine that moves bodies by the new velocity of a step, shape (..., 3).
 
-    Half a step of gravity more: its positions then lie on the parabola of free flight, at any step. The
-    velocity at a step's end is that much more than the body's (`as_body`).
+    It has half a step of gravity more: the engine's positions then lie on the parabola of free
+    flight, at any step. The engine's velocity at a step's end exceeds the body's by the same amount
+    (`as_body`).
     """
     given: Floats = velocity + np.array([0.0, 0.0, 0.5 * GRAVITY * timestep])
     return given
 
 
 def as_body(velocity: Floats, timestep: float) -> Floats:
-    """The body's velocity in free flight, by that at the end of such an engine's step."""
+    """Velocity of the body in free flight, from the engine's at the end of a step; the inverse of
+    `as_integrated`.
+    """
     own: Floats = velocity - np.array([0.0, 0.0, 0.5 * GRAVITY * timestep])
     return own

@@ -21,7 +21,8 @@ _CLOSE = 1e-12  # of the smaller one's size: a distance that counts as touching
 
 
 def travel_by_distance(distance: Callable[[float], float], size: float, approach: float = 1.0) -> float:
-    """How far to go until the two touch, or are nearest: one round for convex shapes and straight approaches.
+    """Find the travel at which the two touch or are nearest; converges in one iteration for convex
+    shapes on a straight approach.
 
     distance: moves to a travel and returns the signed distance there, m. size: of the smaller one, m.
     approach: how much the distance falls a unit of travel.
@@ -57,7 +58,9 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
 
 
 def overlap_notes(overlap: float) -> list[str]:
-    """That the two were in each other at the start, by that many m."""
+    """Note that the bodies overlapped by this many m at the start; empty if the overlap is
+    negligible.
+    """
     said = f"The two overlap by {overlap:.3g} m at the start: moved apart to touch."
     return [said] if overlap > _SEEN else []
 

@@ -1,4 +1,6 @@
-"""Where a robot's recorded motion met the floor: the speeds of each foot, and the band its setting is for."""
+"""Touchdowns of a robot's recorded motion: the speeds of each foot, and the band its setting must
+cover.
+"""
 
 from __future__ import annotations
 

@@ -43,5 +43,5 @@ class TwoBlocks:
 
 
 def folder() -> Path:
-    """Where the scene's files are."""
+    """Return the folder of the scene's files."""
     return built_in_folder(NAME)

@@ -1,4 +1,6 @@
-"""What an engine hands to `hcbench.sim.simulate`: a world, simulations in it, and what each step recorded."""
+"""The interface between an engine and `hcbench.sim.simulate`: a world, its simulations, and records
+of steps.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What was seen at the start of each step; arrays of shape (b, n), SI, signs as in `hcbench.impact`.
+    """States at the start of each step; arrays of shape (b, n), SI, signs as in `hcbench.impact`.
 
     force: the normal contact force that acts in the step; exactly 0 where the contact did not act. All three
     are NaN from the step on at which the engine gave up.
@@ -67,9 +69,9 @@ class Simulation(ABC):
 
     @abstractmethod
     def advance(self, steps: int) -> Record:
-        """Take at least one step and at most `steps`; what was seen of the launches that are kept.
+        """Take between one step and `steps`, and return the record of the launches that are kept.
 
-        Raises CannotShareError where several launches are no longer what each would be alone.
+        Raises CannotShareError where launches that share a world have disturbed each other.
         """
 
     @abstractmethod
@@ -77,9 +79,10 @@ class Simulation(ABC):
         """Go on with these only, shape (b,): the others have ended."""
 
     def note(self, launch: int, steps: int) -> str:
-        """What else acted on a launch's bodies in its first `steps` steps, in words; "" where nothing did.
+        """Name the forces other than the contact that acted on a launch's bodies in its first
+        `steps` steps.
 
-        launch: its place among those under way.
+        A sentence; "" if none acted. launch: its place among those under way.
         """
         return ""
 

@@ -46,7 +46,7 @@ Result = TypeVar("Result")
 def call(
     function: Callable[..., Result], *args: Any, limit: float | None, at: Interpreter | None = None
 ) -> Result:
-    """What `function(*args)` returns, run in a worker process.
+    """Call `function(*args)` in a worker process and return its result.
 
     limit: s, after which the worker counts as hung; None: never. at: the interpreter of another environment.
     Raises what the function raises, and WorkerDied.
@@ -68,7 +68,7 @@ def begin(module: str, function: str, *args: Any) -> None:
 
 
 def _is_here(at: Interpreter | None) -> bool:
-    """Whether this process is a worker of that interpreter already."""
+    """Say whether this process already is a worker of that interpreter."""
     return in_worker() and (at is None or at.name == environment())
 
 

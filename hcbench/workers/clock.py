@@ -1,11 +1,11 @@
-"""What a process takes of a processor."""
+"""Processor time of a process."""
 
 import os
 from pathlib import Path
 
 
 def processor_seconds(number: int) -> float:
-    """What a process and its children took of a processor, s; 0 where the system does not tell."""
+    """Processor time of a process and its children, s; 0 if the system does not report it."""
     try:
         fields = Path(f"/proc/{number}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2]
         return sum(map(int, fields.split()[11:15])) / os.sysconf("SC_CLK_TCK")

@@ -1,4 +1,4 @@
-"""What crosses between a worker process and its parent, which may be of different Python versions."""
+"""Messages between a worker process and its parent, which may run different versions of Python."""
 
 import copyreg
 import io
@@ -16,7 +16,7 @@ FirstCall = tuple[str, str, tuple[Any, ...]]  # a module, a function of it, argu
 
 @dataclass(frozen=True, slots=True)
 class CallEnd:
-    """What a worker sends after the results of a request."""
+    """Message of a worker after the results of a request."""
 
     error: Exception | None
 

@@ -82,7 +82,9 @@ class Worker:
     def run(
         self, function: Callable[..., Iterator[Result]], args: tuple[Any, ...], limit: float | None
     ) -> list[Result]:
-        """What `function(*args)` yields in the worker, each result within `limit` s."""
+        """Run the generator `function(*args)` in the worker and return all it yields, each within
+        `limit` s.
+        """
         results: list[Result] = []
         with self._lock:
             try:
@@ -155,9 +157,10 @@ class Worker:
         raise TimeoutError(f"no answer within {limit:g} s")
 
     def _answers(self, limit: float | None) -> bool:
-        """Whether something comes within `limit` s, as long as the process takes them of a processor.
+        """Wait for an answer; False if the process used `limit` s of processor time without one.
 
-        On a busy machine that is longer by the clock; a process that hardly runs at all counts as hung.
+        On a busy machine the wait is longer by the clock. A process that hardly runs at all counts
+        as hung.
         """
         if limit is None or self._process is None:
             return self._pipe.poll(limit)

@@ -31,7 +31,7 @@ def mark_as_worker(environment: str = "") -> None:
 
 
 def in_worker() -> bool:
-    """Whether this process is a worker that hcbench started."""
+    """Say whether this process is a worker that hcbench started."""
     return _is_worker
 
 
