@@ -59,7 +59,7 @@ class BatchResult:
 
 
 def result_of(impacts: Impacts, batch: Batch) -> BatchResult:
-    """What is kept of a batch's impacts."""
+    """Return the columns and loops that are kept of a batch's impacts."""
     loops = [(i, _loop(i, impacts, batch)) for i in batch.kept]
     columns = columns_of(impacts) | (oblique_columns(impacts, batch.scene) if batch.oblique else {})
     return BatchResult(columns, [(i, loop) for i, loop in loops if loop is not None])

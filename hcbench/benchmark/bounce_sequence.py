@@ -69,7 +69,9 @@ class RestAfterDrop:
 
 
 def rest(path: Trajectory) -> RestAfterDrop:
-    """How a body lies at the end of a trajectory; NaN where its engine gave up."""
+    """Depth and vibration of a body in the last second of a trajectory; NaN where its engine gave
+    up.
+    """
     last = path.penetration[path.time >= path.time[-1] - 1.0]
     return RestAfterDrop(float(last.mean()), float(np.ptp(last)))
 
@@ -95,7 +97,7 @@ class Drop:
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """What became of a drop: fewer bounces than BOUNCES where it comes to rest."""
+    """Bounces of a drop, fewer than BOUNCES if it comes to rest, and its rest."""
 
     bounces: Sequence[Bounce]
     rest: RestAfterDrop | None

@@ -27,7 +27,8 @@ _INSTALL = "pip install distributed pyarrow"
 
 @contextmanager
 def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
-    """The executor behind a scheduler's address, and how many tasks its workers run at once.
+    """Connect to a scheduler: its executor, and a function that counts the tasks its workers run at
+    once.
 
     Raises CannotRun without an answer, without a worker, where a worker has another hcbench, and where the
     scheduler or the last worker goes away.
@@ -75,7 +76,9 @@ def _quiet() -> Iterator[None]:
 
 
 def _width(client: Any, address: str) -> Callable[[], int]:
-    """How many tasks the workers run at once. CannotRun where there has been no worker for a while."""
+    """Return a function that counts the tasks the workers run at once. It raises CannotRun if there
+    has been no worker for a while.
+    """
     threads, counted, seen = 1, -math.inf, time.monotonic()
 
     def width() -> int:

@@ -184,7 +184,7 @@ class TemporaryFiles(Files):
 
 
 def _is_at(descriptor: int, path: Path) -> bool:
-    """Whether an open file is still the one of this path."""
+    """Say whether an open file is still the one of this path."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:

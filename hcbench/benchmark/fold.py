@@ -1,4 +1,6 @@
-"""What pages show of the impacts of one setting, α and step: folded part by part, so that any number fits."""
+"""Summary of one setting's impacts for pages, folded part by part, so that any number of them fits
+in memory.
+"""
 
 from __future__ import annotations
 

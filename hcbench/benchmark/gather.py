@@ -40,7 +40,9 @@ class Gathered:
 
 
 def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> list[Gathered]:
-    """What shards of one setting hold, for each α. job: their store, the study as JSON, which they are."""
+    """Collect the shards of one setting, for each α. job: their store, the study as JSON, and their
+    numbers.
+    """
     store, study, shards = job
     seen: dict[Key, _Gathering] = {}
     for shard in shards:
@@ -54,7 +56,7 @@ def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> l
 
 
 def places_of(impacts: bytes) -> dict[Key, slice]:
-    """Which rows of a shard's table are of which key."""
+    """Rows of a shard's table that belong to each key."""
     places, begin = {}, 0
     for summary in metadata_of(impacts)[1]:
         end = begin + summary["impacts"]
@@ -136,7 +138,7 @@ class _Gathering:
         self._folder.add(columns)
 
     def gathered(self) -> Gathered:
-        """What was added."""
+        """Finish and return the collection."""
         self._use(_joined(self._waiting))
         self._waiting = []
         score = dataclasses.astuple(self._tally.score())

@@ -79,7 +79,7 @@ class LaunchGrid:
         )
 
     def looped(self, part: range) -> list[int]:
-        """Which of some launches have their loops kept: at the middle phase, along the normal."""
+        """Numbers of the launches whose loops are kept: at the middle phase, along the normal."""
         speed, phase = self.asked(part)
         kept = np.isin(speed, self.loop_speeds) & (phase == (self.phases // 2 + 0.5) / self.phases)
         return [int(i) for i in np.flatnonzero(kept & ~self.launches(part).is_oblique)]

@@ -44,7 +44,7 @@ _ON_A_DEVICE = 2**20  # impacts in a shard, at most: there they are one batch
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What a result depends on besides its setting; compared wherever it is simulated.
+    """Inputs of a result besides its setting; compared wherever it is simulated.
 
     digests: of the scene's model files, engine -> role -> SHA-256. versions: package or engine -> version.
     """
@@ -105,7 +105,7 @@ class Plan:
         return Shard(number, *whole.cut(part), self.study.is_oblique, self.inputs_of(whole))
 
     def inputs_of(self, grid: LaunchGrid) -> Inputs:
-        """What the results of a grid depend on besides its setting."""
+        """Return the inputs of a grid's results besides its setting."""
         return replace(self.inputs[grid.scene.name], scene=grid.scene)
 
     def described(self) -> dict[str, Any]:

@@ -43,7 +43,7 @@ _PIECE = 16_384  # rows that are read at once
 
 
 def is_sweep(folder: str | Path) -> bool:
-    """Whether a path is a sweep's folder."""
+    """Say whether a path is a sweep's folder."""
     return (Path(folder) / DESCRIPTION).is_file()
 
 
@@ -57,7 +57,7 @@ def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 
 
 def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Results:
-    """What is in a store, in as much memory as its page takes: rows are read when they are asked for.
+    """Read a store in as much memory as its page takes: rows are read when they are asked for.
 
     mapper: scores settings, as `map` does; that of a pool scores them side by side. Raises as `read`.
     """

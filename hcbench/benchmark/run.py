@@ -45,7 +45,7 @@ _TRIES = 2  # of a task that its executor fails
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where a run is. impacts, shards: in the store, and `of` how many impacts.
+    """State of a run. impacts, shards: in the store, and `of` the number of all impacts.
 
     resumed: shards that existed when it began. damaged: those that were, and are run again.
     """
@@ -59,7 +59,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """What runs a study. width: how many tasks the executor runs at once. mapper: as `map`, for recipes.
+    """Processes that run a study. width: number of tasks at once. mapper: like `map`, for recipes.
 
     task_s: how long a task may take, s, that has several jobs. advice: what to do after it failed.
     """

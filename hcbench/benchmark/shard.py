@@ -42,7 +42,7 @@ _GIVE_UP = 32  # crashes in a row: all phases of a few speeds, which fail togeth
 
 @dataclass(frozen=True, slots=True)
 class Timeouts:
-    """How long an engine may take, s: for anything at all, and for each impact on top of that.
+    """Time limits of an engine, s: for anything at all, and for each impact on top of that.
 
     each: None for 4 s at steps of 1 µs or more, for smaller ones in proportion: a ball at rest takes 1 s.
     """
@@ -59,7 +59,7 @@ class Timeouts:
 def run_jobs(
     function: Callable[[Job, Timeouts], Result], jobs: Sequence[Job], timeouts: Timeouts
 ) -> tuple[list[Result], float]:
-    """What a function makes of each job, and how long all of them took, s."""
+    """Apply a function to each job; return the results and the time that all of them took, s."""
     began = time.perf_counter()
     return [function(job, timeouts) for job in jobs], time.perf_counter() - began
 

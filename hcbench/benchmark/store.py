@@ -1,4 +1,4 @@
-"""What is in a sweep's folder: its description, its shards, its summary; and what is wrong with any of it."""
+"""Contents of a sweep's folder: description, shards, summary; damaged ones are detected."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Store:
             raise OutputError("folder", got, expected, self._advice) from None
 
     def description(self) -> dict[str, Any] | None:
-        """The description of the sweep; None where there is no sweep. UserError for another schema."""
+        """Read the description of the sweep; None without a sweep. UserError for another schema."""
         with self._output_errors("a folder that can be read"):
             if DESCRIPTION not in self._files.names():
                 return None
@@ -229,7 +229,7 @@ def _json(content: Mapping[str, Any]) -> bytes:
 
 
 def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
-    """What sets two sweeps apart, in words; None for nothing."""
+    """Name the first difference between two sweeps; None if they are equal."""
     old, new = there["versions"], here["versions"]
     if old != new:
         pairs = [(name, old.get(name, "none"), new.get(name, "none")) for name in sorted({*old, *new})]

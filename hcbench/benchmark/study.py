@@ -46,7 +46,7 @@ class Run:
 
     @property
     def is_oblique(self) -> bool:
-        """Whether any launch is."""
+        """True if any launch has an angle or spin."""
         return any(self.angles) or any(self.spin)
 
     def described(self) -> dict[str, Any]:
@@ -62,7 +62,8 @@ class Run:
 @checked_fields
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What to run. SI. `loop_speeds` are launched too, and their loops kept (at the middle phase) and scored.
+    """Runs of a study, SI. `loop_speeds` are launched too; their loops (at the middle phase) are
+    kept and scored.
 
     all_loops: keep those at every other speed of the band too, and of the drops, to look at.
     scene: the main one; each run has its own. main_alpha, step_speed: the α and the speed that figures of one
@@ -94,7 +95,7 @@ class Study:
 
     @property
     def is_oblique(self) -> bool:
-        """Whether any launch is."""
+        """True if any run has oblique launches."""
         return any(run.is_oblique for run in self.runs)
 
     def described(self) -> dict[str, Any]:
@@ -119,7 +120,9 @@ class Study:
         }
 
     def of_engines(self, there: Callable[[str], bool]) -> Study:
-        """It without the runs of engines that are not there. StudyError where none is."""
+        """Return the study without the runs of missing engines. Raises StudyError if no engine is
+        left.
+        """
         missing = dict.fromkeys(run.engine for run in self.runs if not there(run.engine))
         runs = tuple(run for run in self.runs if run.engine not in missing)
         if not runs:
@@ -153,12 +156,12 @@ def find_study(name: str) -> Path:
 
 
 def is_built_in(path: Path) -> bool:
-    """Whether a study.toml is one of hcbench's own: a missing engine is then a gap in its page."""
+    """Say whether a study.toml is one of hcbench's own: a missing engine is then a gap in its page."""
     return any(path.resolve().is_relative_to(folder.resolve()) for folder in _BUILT_IN)
 
 
 def name_of(path: Path) -> str:
-    """What a study's file is called by: its folder for a study.toml, its own name for any other."""
+    """Name of a study: its folder for a study.toml, else the name of its file."""
     name = path.parent.resolve().name if path.name == "study.toml" else path.stem
     return name or path.stem
 
@@ -247,11 +250,11 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
 
 
 def _stated(table: SentTable) -> dict[str, Any]:
-    """The scene as a table of the study's file states it."""
+    """The scene in the form of the study file's table."""
     stated = {"gravity": table.gravity, "friction": table.friction}
     return {name: value for name, value in stated.items() if value is not None}
 
 
 def _described(scene: Scene) -> dict[str, Any]:
-    """What tells a scene's form, as JSON."""
+    """Form and size of a scene, as JSON."""
     return {"form": scene.form, "relative_radius_m": scene.relative_radius}

@@ -28,7 +28,7 @@ _MOST_PHASES = 1000
 
 
 class SentTable(FileTable):
-    """How bodies are sent: for all runs of a study, or one."""
+    """Gravity, friction, angles and spin of the launches: for all runs of a study, or one."""
 
     gravity: Acceleration | None = None
     friction: Friction | None = None

@@ -70,7 +70,7 @@ def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) ->
 
 
 def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
-    """What the law says of each impact speed, NaN for none."""
+    """e of the law at each impact speed, NaN for none."""
     touched = np.isfinite(speed)
     law = np.full(len(speed), np.nan)
     law[touched] = closed_form.restitution(alpha, speed[touched])
@@ -83,7 +83,7 @@ def _loop_columns(key: Mapping[str, Any], asked: tuple[float, float], loop: Loop
 
 
 def _summary(columns: Mapping[str, Any]) -> Summary:
-    """What one shard adds to its setting's line in the summary."""
+    """Share of one shard in its setting's line of the summary."""
     status = np.asarray(columns["status"])
     good = (status == Status.PARTED) | (status == Status.RESTED)
     e = columns["restitution"][good]
@@ -105,7 +105,9 @@ def _largest(values: Floats) -> float:
 
 @lru_cache(maxsize=1)  # a shard is verified, and then read
 def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
-    """What a shard's table carries: the digest of its loops, "" for none, and its part of the summary."""
+    """Metadata of a shard's table: the digest of its loops, "" for none, and its part of the
+    summary.
+    """
     metadata = metadata_in(impacts)
     summaries: list[Summary] = json.loads(metadata[_SUMMARY])
     return metadata[_LOOPS].decode(), summaries

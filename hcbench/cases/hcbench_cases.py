@@ -123,7 +123,7 @@ def force_noise(each: Json, states: States) -> float:
 
 
 def depth(each: Json, states: States) -> float:
-    """How deep the first body, a box, ends in the floor, over its height."""
+    """Final depth of the first body, a box, in the floor, over its height."""
     return float(0.5 - states[-1][1][2] / (2 * each["world"]["bodies"][0]["half"][2]))
 
 
@@ -207,7 +207,7 @@ def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
 
 
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
-    """The verdicts as JUnit's XML."""
+    """Write the verdicts as JUnit XML."""
     root = ElementTree.Element("testsuite", name=f"hcbench-cases {engine}")
     for verdict in verdicts:
         name = f"{verdict['case']} {verdict['title']}"

@@ -287,7 +287,7 @@ def rolling() -> Iterator[Json]:
 
 
 def text() -> str:
-    """The file's content: a run a line."""
+    """Return the content of the file: a run a line."""
     cases = []
     for about, runs in _CASES:
         lines = ",\n".join(json.dumps(run, separators=(",", ":"), ensure_ascii=False) for run in runs())

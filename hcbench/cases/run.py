@@ -24,13 +24,15 @@ RUNNER = _HERE / "hcbench_cases.py"
 
 
 def adapters() -> dict[str, Path]:
-    """The adapter's file of each engine that has one."""
+    """File of the adapter for each engine that has one."""
     files = sorted((_HERE.parent / "engines").glob("*/cases.py"))
     return {path.parent.name.replace("_", "-"): path for path in files}
 
 
 def _variants(adapter: Path) -> int:
-    """How many engines an adapter makes, read without running it: it may need another environment."""
+    """Number of engines that an adapter makes, read without running it: it may need another
+    environment.
+    """
     for node in ast.parse(read_text(adapter)).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "VARIANTS":
             return len(ast.literal_eval(node.value))
@@ -43,7 +45,8 @@ def run_engines(
     progress: Callable[[int, int], None] = lambda done, total: None,
     only: Sequence[str] = (),
 ) -> list[Json]:
-    """The results of each engine's variants. names: of engines, with "@" and a version or without.
+    """Run the cases in each engine's variants. names: of engines, with "@" and a version or
+    without.
 
     only: the ids of the cases to run; all where it is empty.
 

@@ -27,7 +27,7 @@ Nine = Annotated[list[float], Field(min_length=9, max_length=9)]
 
 
 class Run(TypedDict, total=False):
-    """What became of one run: one of the three."""
+    """Result of one run: exactly one of the three."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[misc]
 
@@ -55,7 +55,7 @@ class About(TypedDict):
 
 
 class Results(TypedDict):
-    """What an engine did in the cases: the file of `--out`, as a list, one item an engine."""
+    """Results of an engine in the cases: the file of `--out`, as a list, one item an engine."""
 
     format: Annotated[Literal[1], _field("", "Version of this format")]
     set: Annotated[str, _field("", "Name of the set of cases")]
@@ -68,7 +68,7 @@ class Results(TypedDict):
 
 
 class Verdict(TypedDict):
-    """What a case came to."""
+    """Verdict on a case."""
 
     case: Annotated[CaseId, _field("", "Id of the case, which never changes")]
     title: Annotated[str, _field("", "What the case asks of an engine")]
@@ -84,7 +84,7 @@ class Verdict(TypedDict):
 
 
 class Score(TypedDict):
-    """What an engine's results came to: an item of `--json`."""
+    """Score of an engine: an item of `--json`."""
 
     engine: Annotated[str, _field("", "Name of the engine")]
     version: Annotated[str, _field("", "Version of the engine")]

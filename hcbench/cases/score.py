@@ -35,7 +35,7 @@ def known_failures() -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True, slots=True)
 class EngineScore:
-    """What the results of one engine came to.
+    """Score of one engine's results.
 
     verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "threshold", where it is obeyed above a speed;
     "ignored", where the number makes no difference; "mixed"; or None where the first case was not run.
@@ -51,12 +51,12 @@ class EngineScore:
 
     @property
     def name(self) -> str:
-        """The engine's name with its version."""
+        """Name of the engine with its version."""
         return f"{self.engine} {self.version}".strip()
 
     @property
     def passed(self) -> int:
-        """How many cases the engine passes."""
+        """Number of cases the engine passes."""
         return sum(verdict["verdict"] == "pass" for verdict in self.verdicts)
 
     def as_dict(self) -> dict[str, Any]:
@@ -68,7 +68,7 @@ class EngineScore:
 def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> EngineScore:
     """Judge the results of one engine, in all cases or in `only` these.
 
-    Raises UserError, with source as the slot, for what is no results.
+    Raises UserError, with source as the slot, for anything else than results.
     """
     cases = the_cases(only)
     validated(results, "results", source)

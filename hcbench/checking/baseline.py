@@ -53,7 +53,7 @@ class BaselineImpact(BaseModel):
 
     @property
     def launch(self) -> Launch:
-        """How the body was launched."""
+        """The launch of the impact."""
         return Launch(self.speed_m_per_s, self.phase, self.height_m, self.slip_m_per_s, self.spin_rad_per_s)
 
 

@@ -14,7 +14,7 @@ from hcbench.measuring.measurement import Measurement
 
 
 class Verdict(StrEnum):
-    """How a check ended."""
+    """Result of a check."""
 
     PASSED = "passed"
     MEASURED = "measured"  # and held against nothing
@@ -54,7 +54,7 @@ class Outcome:
 
     @property
     def is_oblique(self) -> bool:
-        """Whether any launch was at an angle or spun."""
+        """True if any launch was at an angle or spun."""
         if self.measurement is not None:
             return self.measurement.request.is_oblique
         return any(row.angle for row in self.rows)

@@ -35,7 +35,9 @@ MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what any
 
 
 def _no_truth_value(value: Any) -> Any:
-    """The value, of NumPy or not; true and false are no numbers."""
+    """Return the value, of NumPy or not. Refuses true and false, which Python would take for 1 and
+    0.
+    """
     value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, bool):
         raise mistake("a number, or text with a unit")
@@ -52,7 +54,7 @@ _Number = Annotated[float | str, BeforeValidator(_no_truth_value)]
 
 
 class SharedSpec(_LaunchTable):
-    """What several checks may share: the options of launches, and these. None: left out.
+    """Options that several checks may share: those of launches, and these. None: left out.
 
     max_depth, max_vibration: of the pair at rest. limit: time after which a model counts as hung.
     """
@@ -130,12 +132,12 @@ class Check:
 
     @property
     def has_target(self) -> bool:
-        """Whether the check has a target."""
+        """True if the check has a target."""
         return bool(self.limits) or any(t is not None for t in (self.wanted, self.baseline, self.rest))
 
     @property
     def against(self) -> str:
-        """What the model is compared with, as a phrase."""
+        """The target that the model is compared with, as a phrase."""
         if self.limits:
             return ", ".join(limit.text for limit in self.limits)
         if self.rest is not None and self.wanted is None and self.baseline is None:

@@ -70,7 +70,7 @@ def _cells(row: CurvePoint, is_oblique: bool) -> tuple[str, ...]:
 
 
 def as_record_of(report: Report) -> dict[str, Any]:
-    """What `--json` prints; NaN where a number does not apply."""
+    """Record of the report for `--json`; NaN for a number that does not apply."""
     return {
         "schema": SCHEMA,
         "kind": "hcbench check",

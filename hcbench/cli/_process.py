@@ -78,7 +78,9 @@ def _wrap(stream: Any, required: bool) -> Any:
 
 
 def flush_stdio() -> None:
-    """Write what is left; what cannot be written is no error any more, as the interpreter tries again."""
+    """Write the rest of standard output. Errors no longer matter here: the interpreter tries again
+    when it exits.
+    """
     if isinstance(sys.stdout, _Stream):
         sys.stdout.required = False
         sys.stdout.flush()
@@ -92,7 +94,9 @@ class _Interrupts:
     _begin: float = 0.0
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Of an interrupt in an import others make another error, as of an engine that is not there."""
+        """Raise KeyboardInterrupt, but not within an import, where a package would report it as a
+        missing module.
+        """
         now = time.monotonic()
         if number != _AGAIN:
             before, self._last = self._last, now
@@ -105,7 +109,9 @@ class _Interrupts:
             raise KeyboardInterrupt
 
     def on_ignored(self, ignored: Any) -> None:
-        """What is raised in callbacks of weak references and in __del__, Python ignores: it comes again."""
+        """Send an interrupt again that Python ignored because it came in __del__ or a weak
+        reference's callback.
+        """
         if _AGAIN is not None and isinstance(ignored.exc_value, KeyboardInterrupt):
             signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
         else:

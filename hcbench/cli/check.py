@@ -40,7 +40,7 @@ def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's
 
 
 def _source(command: Callable[..., Any]) -> Callable[..., Any]:
-    """What every command on a model takes: the model, and what opens it."""
+    """Add the options of every command on a model: the model, and the engine that opens it."""
     for decorate in (
         click.option("--limit", help="Give up on a model after this time, such as '60 s'."),
         click.option(

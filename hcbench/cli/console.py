@@ -1,4 +1,4 @@
-"""What the commands share: options, their types, JSON."""
+"""Options, their types and JSON, shared by the commands."""
 
 import math
 import os

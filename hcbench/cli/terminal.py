@@ -1,4 +1,4 @@
-"""What a person at a terminal sees: lines of at most 100 columns, verdicts in colour, names of work."""
+"""Output for a person at a terminal: lines of at most 100 columns, verdicts in colour, progress."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def show_code(text: str) -> None:
 
 
 def has_colour() -> bool:
-    """Whether standard output is a terminal that may have colour (https://no-color.org)."""
+    """Say whether standard output is a terminal that may have colour (https://no-color.org)."""
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
@@ -89,7 +89,7 @@ def _folded_call(line: str) -> Iterator[str]:
 
 
 def _joined(parts: list[str], line: str, by: str, room: int = 0) -> Iterator[str]:
-    """As many parts a line as fit, all but the first line indented. room: columns to leave free."""
+    """Fill lines with parts, all but the first line indented. room: columns to leave free."""
     longest = max(map(len, parts[1:]), default=0)
     lead = " " * max(0, min(len(line) - len(line.lstrip()) + 4, WIDTH - room - longest))
     now = parts[0]

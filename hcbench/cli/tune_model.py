@@ -70,7 +70,7 @@ def _nothing_gained(tuned: TunedModel) -> LimitPassed:
 
 
 def _cure(tuned: TunedModel) -> str:
-    """What to change where no setting reaches the target."""
+    """Advice for a target that no setting reaches."""
     from hcbench.sim import registry
     from hcbench.sim.capabilities import HasPlugin
 

@@ -79,7 +79,8 @@ def _shared(train: Train, better: Train) -> bool:
 
 
 class _Search:
-    """Of the flight from click i to click j, over (n, n): the score of the best train that ends with it.
+    """Scores of the best trains that end with the flight from click i to click j; arrays of shape
+    (n, n).
 
     last: that flight, s; the second of two where a touch between them is unheard. e: of its last impact, NaN
     for none. before: the click at which the flight before began, -1 for none. gap: whether a touch within
@@ -198,7 +199,9 @@ def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
 
 
 def _ends_in_echo(times: Floats, clicks: Indices) -> bool:
-    """Whether the last click follows its touch as fast as clicks outside the train follow two others."""
+    """Say whether the last click is an echo: the same delay is seen after touches of the train
+    elsewhere.
+    """
     delay = times[clicks[-1]] - times[clicks[-2]]
     others = np.delete(times, clicks)
     if not others.size:

@@ -1,4 +1,4 @@
-"""Where the uncertainty comes from, as the GUM asks: scatter and timing (type A), what was given (type B)."""
+"""Error budget as the GUM asks: scatter and timing (type A), uncertainty of given values (type B)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Budget:
 
 
 def error_budget(fit: LawFit, sets: Sequence[Dataset]) -> Budget:
-    """The budget of a law's first named parameter: α, or e of a constant."""
+    """Compute the budget of a law's first named parameter: α, or e of a constant."""
     name = next(iter(fit.law.describe(tuple(fit.parameters), fit.reference)))
     setup = sets[0].setup
     inputs = list(setup.perturbed()) if any(s.needs_gravity for s in sets) else []

@@ -51,7 +51,7 @@ class CandidateLaw(ABC):
 
     @abstractmethod
     def describe(self, parameters: tuple[float, ...], reference: float) -> dict[str, float]:
-        """The law's parameters by the names that people know, SI."""
+        """Return the parameters of the law by their common names, SI."""
 
 
 @dataclass(frozen=True, slots=True)

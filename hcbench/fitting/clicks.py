@@ -30,7 +30,8 @@ _OVERSAMPLING = 4
 
 @dataclass(frozen=True, slots=True)
 class FrequencyBand:
-    """What is heard above a frequency (Hz), and below another. sound: (n,), filtered; rate: Hz.
+    """Part of a sound in one band of frequencies (Hz), with its clicks. sound: (n,), filtered;
+    rate: Hz.
 
     places, level: (m,), samples at which clicks are, and how loud each is, dB over the noise.
     """
@@ -86,7 +87,9 @@ def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
 
 
 class Timer:
-    """When clicks began: by Akaike's criterion (Maeda 1985), then by correlation with the train's mean."""
+    """Times of clicks: by Akaike's criterion (Maeda 1985), then by correlation with the train's
+    mean.
+    """
 
     def __init__(self, band: FrequencyBand, places: Indices) -> None:
         """places: (n,), samples at which the train's clicks are."""
@@ -146,7 +149,7 @@ def _shifted(piece: Floats, shift: float) -> Floats:
 
 
 def _shift_to(template: Floats, piece: Floats, reach: int) -> float:
-    """How many samples a piece lies after the template, to fractions of one."""
+    """Delay of a piece against the template in samples, refined by a parabola to fractions of one."""
     core = template[reach : len(template) - reach]
     score = np.correlate(piece, core, "valid")
     top = int(np.argmax(score))

@@ -1,4 +1,4 @@
-"""What the columns of a table are, by the names in its header."""
+"""Meaning of a table's columns, by the names in its header."""
 
 from __future__ import annotations
 
@@ -198,7 +198,8 @@ class Columns:
 
 
 def columns_of(table: Table) -> Columns:
-    """Which column is what, by the names in the header; those that say nothing of bounces are left out.
+    """Identify the columns by the names in the header; columns that do not concern bounces are left
+    out.
 
     Raises UserError for a name that is not known: it may change what the others mean.
     """
@@ -228,7 +229,7 @@ def _role(name: str) -> str:
 
 
 def _is_beside(table: Table, i: int, role: str, named: set[str]) -> bool:
-    """Whether a column is one that programs write besides: numbers of rows, notes, another axis."""
+    """Say whether programs write this column besides the data: row numbers, notes, another axis."""
     name = " ".join(table.header[i][0].split())
     if role == "interval":
         return "time" in named

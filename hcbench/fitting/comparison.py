@@ -18,7 +18,7 @@ _DROPS_TO_KNOW = 3  # of each material: fewer hardly tell how much drops differ
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What two materials differ in.
+    """Difference of two materials in α, or in 1 - e where e of both is constant.
 
     files: names of the other's. compared: "alpha", or "one_minus_e" where e of both is constant.
     ratio: of the first material's to the other's.
@@ -31,7 +31,7 @@ class Comparison:
 
     @property
     def differ(self) -> bool:
-        """Whether 1 lies outside the 95 % interval of the ratio."""
+        """True if 1 lies outside the 95 % interval of the ratio."""
         return not self.ratio.low <= 1.0 <= self.ratio.high
 
     @property
@@ -67,7 +67,7 @@ def _each(result: FitResult, name: str) -> list[Estimate]:
 
 
 def as_text(comparison: Comparison) -> str:
-    """Whether the materials differ, and by how much, for a terminal."""
+    """Verdict and ratio of a comparison, for a terminal."""
     lines = [f"against {', '.join(comparison.files)}", f"  {comparison.line}"]
     if comparison.few_drops:
         lines.append("  With three drops or more of each, the difference from drop to drop is known better.")

@@ -48,7 +48,7 @@ class Dataset(ABC):
 
     @property
     def needs_gravity(self) -> bool:
-        """Whether speeds come from flights."""
+        """True if speeds are computed from flights."""
         return True
 
     @abstractmethod
@@ -68,14 +68,14 @@ class Dataset(ABC):
 
     @abstractmethod
     def touches(self) -> list[str]:
-        """What each column of by_scatter is, for people."""
+        """Labels for the columns of by_scatter, for people."""
 
     def rows(self) -> list[str]:
-        """What each row of the residual is, where one alone may be measured wrongly; else none."""
+        """Labels for the rows of the residual; empty if single rows cannot be wrong on their own."""
         return []
 
     def doubts(self, fit: LawFit) -> Iterator[str]:
-        """Why the data may not be what they seem, under any law: each a reason to give no number."""
+        """Yield reasons, under any law, to distrust the data so far that no number is given."""
         yield from ()
 
     @property
@@ -85,7 +85,7 @@ class Dataset(ABC):
 
     @property
     def reservation(self) -> str:
-        """Why no law can be chosen, although a number can be given; "" for no reason."""
+        """Reason to give a number but choose no law; "" without one."""
         return ""
 
     def with_setup(self, setup: MeasurementSetup) -> Self:
@@ -222,11 +222,11 @@ class TouchTimes(Dataset):
         )
 
     def rows(self) -> list[str]:
-        """What each row of the residual is."""
+        """Labels for the rows of the residual: each touch with its time."""
         return [f"touch {i + 1} at {t:.4f} s" for i, t in zip(self._which, self.times, strict=True)]
 
     def doubts(self, fit: LawFit) -> Iterator[str]:
-        """Why the touches may not be the ball's; none where the user chose them."""
+        """Yield reasons to doubt that the touches are the ball's; none if the user chose them."""
         if self.heard:
             fastest = float(fit.models[0].speed.max())
             yield from doubts_of(self.heard, fit.scatter, fastest, self.setup.height is not None)
@@ -238,11 +238,13 @@ class TouchTimes(Dataset):
 
     @property
     def reservation(self) -> str:
-        """Why the touches may not be the ball's; "" where they surely are or the user chose them."""
+        """Reason why the touches may not be the ball's; "" if they surely are or the user chose
+        them.
+        """
         return reservation_of(self.heard) if self.heard else ""
 
     def touches(self) -> list[str]:
-        """What each column of by_scatter is."""
+        """Labels for the columns of by_scatter."""
         at = dict(zip(self._which.tolist(), self.rows(), strict=True))
         first = 0 if self.setup.height is not None else 1
         return [at.get(i, f"touch {i + 1}, unheard") for i in range(first, int(self._which[-1]))]

@@ -111,7 +111,8 @@ def _uncertain(cell: str) -> tuple[str, str] | None:
 
 
 def joined_header(rows: list[tuple[str, ...]]) -> tuple[int, tuple[str, ...]] | None:
-    """Where the numbers begin and the header, where the units have a line of their own; else None.
+    """Return the first row of numbers and the header, if the units have a line of their own; else
+    None.
 
     As Logger Pro writes it: names, short names and units in three lines; or names and units in two.
     """

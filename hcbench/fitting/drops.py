@@ -25,7 +25,8 @@ _LOWEST = 1e-2  # of a value: the lower end of an interval that reaches 0
 
 @dataclass(frozen=True, slots=True)
 class Drops:
-    """What all drops share. Over a grid of the scatter between drops τ, (t,): share: its posterior.
+    """Value shared by all drops, over a grid of the scatter between drops τ, (t,). share: posterior
+    of τ.
 
     mean, sd: (t,), of ln of the shared value at each τ.
     """

@@ -77,7 +77,9 @@ class LawFit:
         return self.law.curve(tuple(self.parameters), self.reference)
 
     def measured_off(self) -> list[Floats]:
-        """How far each reading is off the law and its scatter, (n,) a data set, in the data's unit."""
+        """Residual of each reading after the law and its scatter, (n,) per data set, in the data's
+        unit.
+        """
         return [
             model.residual - model.by_scatter @ (latent / wide)
             for model, latent, wide in zip(self.models, self.latent, self.width, strict=True)
@@ -174,7 +176,9 @@ def _law_step(
 def _posterior(
     law: CandidateLaw, parameters: Floats, move: Floats, hessian: Floats, fine: NoiseLikelihood
 ) -> tuple[Posterior, float, float]:
-    """The posterior over the law's parameters, ln of its integral, and the share that was cut off."""
+    """Compute the posterior over the law's parameters, ln of its integral, and the share that was
+    cut off.
+    """
     make = _line if law.count == 1 else _shares
     centre, spread = move, None
     for _ in range(2):

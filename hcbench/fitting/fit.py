@@ -189,7 +189,9 @@ def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
 
 
 def _may_stick(evidence: dict[str, float], lack: LackOfFit) -> bool:
-    """Whether a loss that seems constant may be adhesion: α is then that of the law with either."""
+    """Say whether a loss that seems constant may be adhesion: α is then that of the law with
+    either.
+    """
     return chosen_law(evidence) == WITH_E0 and lack.may_stick
 
 

@@ -78,7 +78,9 @@ def _gains(fit: LawFit, i: int, directions: Floats) -> tuple[Floats, Floats]:
 
 
 def _without_law(reduced: Reduced, log_scatter: Floats, log_noise: Floats) -> tuple[Floats, Floats]:
-    """The law's parameters eliminated: matrices of the right-hand sides over s_e and s_m, and offsets."""
+    """Eliminate the law's parameters: matrices of the right-hand sides over s_e and s_m, and
+    offsets.
+    """
     scatter, noise = np.meshgrid(np.exp(log_scatter), np.exp(log_noise), indexing="ij")
     matrix, offset = reduced.profile(scatter, noise)
     q = reduced.law

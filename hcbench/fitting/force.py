@@ -48,7 +48,7 @@ class ForceFit(Shown):
 
     @property
     def contradicts(self) -> bool:
-        """Whether the shape of the pulse means another e than its impulse."""
+        """True if the shape of the pulse implies another e than its impulse does."""
         apart = abs(self.e_by_shape - self.e)
         return apart > max(_APART * self.e_uncertainty, _NO_CONTRADICTION)
 
@@ -59,7 +59,7 @@ class ForceFit(Shown):
 
     @property
     def is_law(self) -> bool:
-        """Whether the force goes as eq. (16) has it."""
+        """True if the force follows eq. (16)."""
         is_law = 1.0 <= self.exponent <= 10.0 and self.alpha_interval[1] > 0.0
         return is_law and self.misfit < _OFF_LAW and not self.contradicts
 
@@ -89,9 +89,10 @@ class ForceFit(Shown):
 
 
 def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -> ForceFit:
-    """One impact, force over time. The impulse gives e without k and n; the pulse's shape then gives those.
+    """Fit one impact, force over time. The impulse gives e without k and n; the pulse's shape then
+    gives those.
 
-    Raises UserError without mass and speed (or drop height), and for what is no single push.
+    Raises UserError without mass and speed (or drop height), and unless the force is a single push.
     """
     mass, u_mass, speed, u_speed = _approach(name, setup)
     inside, force = _pulse(name, time, force)
@@ -167,7 +168,9 @@ def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]
 
 
 def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
-    """Which samples are the push, and the force less the load cell's zero and upwards."""
+    """Select the samples of the push, and correct the force: zero of the load cell removed, push
+    upwards.
+    """
     zero = float(np.median(force))
     force = force - zero
     if abs(force.min()) > force.max():

@@ -80,10 +80,10 @@ class Heights(Dataset):
         )
 
     def touches(self) -> list[str]:
-        """What each column of by_scatter is."""
+        """Labels for the columns of by_scatter."""
         count = len(self.heights) - (self.setup.height is None)
         return [f"bounce {i + 1}" for i in range(count)]
 
     def rows(self) -> list[str]:
-        """What each row of the residual is."""
+        """Labels for the rows of the residual."""
         return [f"height {i + 1}" for i in range(len(self.heights))]

@@ -1,4 +1,6 @@
-"""Whether any law fits: the odds of a change of ln e over speed, besides the law and the scatter."""
+"""Test whether any law fits: odds of a smooth change of ln e over speed besides the law and the
+scatter.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +42,12 @@ class LackOfFit:
 
     @property
     def is_certain(self) -> bool:
-        """Whether no law of the list fits."""
+        """True if none of the laws fits."""
         return self.odds > ODDS_AGAINST
 
     @property
     def may_stick(self) -> bool:
-        """Whether adhesion is not ruled out."""
+        """True if the data do not rule out adhesion."""
         return self.adhesion > _RIVAL
 
 
@@ -123,7 +125,7 @@ class _Change:
 
 
 def _shape(change: Floats) -> str:
-    """How e departs from the law, in words, by the change at a slow, a middle and a fast impact."""
+    """Describe the departure of e from the law by the change at a slow, a middle and a fast impact."""
     slow, middle, fast = change
     if middle > max(slow, fast):
         return "e lies above the law at middle speeds and below it at both ends"

@@ -39,7 +39,7 @@ class LinearModel:
 
 @dataclass(frozen=True, slots=True)
 class Reduced:
-    """What the likelihood needs of a linear model, for any s_e and s_m.
+    """Linear model reduced so that its likelihood is cheap for any s_e and s_m.
 
     size: (m,), eigenvalues' roots of D Dᵀ. columns: (m, p + q + c), the model's columns [own, law, residual
     and more right-hand sides] along its eigenvectors; rest: their Gram matrix across them, of rest_count

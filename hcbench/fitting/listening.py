@@ -45,9 +45,9 @@ _HALF = 0.5  # of the best score, below which a train is no rival
 
 
 def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
-    """The trains of touches that may be the ball's, the one to take first.
+    """Find the trains of touches that may be the ball's, the most likely first.
 
-    Raises UserError where there are not three clicks that can be bounces of one ball.
+    Raises UserError for fewer than three clicks that can be bounces of one ball.
     """
     trains = _trains(recording)
     if not trains:

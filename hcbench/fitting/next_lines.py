@@ -1,4 +1,4 @@
-"""What to type after a fit: lines that run as they stand."""
+"""Commands to type after a fit, complete as printed."""
 
 from __future__ import annotations
 
@@ -62,6 +62,6 @@ def _inwards(low: float, high: float) -> tuple[float, float]:
 
 
 def _reads_xml(engine: str) -> bool:
-    """Whether scenes of an engine are models that `check` opens; those of others are scripts."""
+    """Say whether scenes of an engine are models that `check` opens; those of others are scripts."""
     adapter = registry.engine(engine)
     return isinstance(adapter, OpensModels) and ".xml" in adapter.suffixes

@@ -22,7 +22,7 @@ _ROUNDS = 3
 
 
 def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> list[Floats]:
-    """How much wider than s_e each e scatters, (m,) a data set, for all laws alike.
+    """Width of each e's scatter over s_e, (m,) per data set, the same for all laws.
 
     t as a mixture of normal distributions: the weight of an impact is the mean of its precision, given how
     far its e is off the law (expectation maximisation). Laws with weights of their own could not be compared.

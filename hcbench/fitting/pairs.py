@@ -51,7 +51,7 @@ class SpeedPairs(Dataset):
 
     @property
     def needs_gravity(self) -> bool:
-        """Whether speeds come from flights."""
+        """False: the speeds are given."""
         return False
 
     def pairs(self) -> tuple[Floats, Floats]:
@@ -85,5 +85,5 @@ class SpeedPairs(Dataset):
         )
 
     def touches(self) -> list[str]:
-        """What each column of by_scatter is."""
+        """Labels for the columns of by_scatter."""
         return [f"the pair at {v:.4g} m/s" for v in self.speed]

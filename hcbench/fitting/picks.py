@@ -61,7 +61,7 @@ def rivals(heard: Sequence[Picks]) -> list[Picks]:
 
 
 def reservation_of(heard: Sequence[Picks]) -> str:
-    """Why no law can be chosen, although the first train is likely the ball's; "" for no reason."""
+    """Reason to choose no law although the first train is likely the ball's; "" without one."""
     best = heard[0]
     if best.score >= _SURE_SCORE:
         return ""
@@ -70,7 +70,7 @@ def reservation_of(heard: Sequence[Picks]) -> str:
 
 
 def doubts_of(heard: Sequence[Picks], scatter: float, fastest: float, height_given: bool) -> list[str]:
-    """Why the first train may not be the ball's: each a reason to give no number.
+    """Reasons to doubt that the first train is the ball's; with any, the fit gives no number.
 
     scatter: of e, 1. fastest: impact speed, m/s.
     """

@@ -1,4 +1,6 @@
-"""Refuses touches that are no bounces of one ball: those of a clock, or of another drop than was given."""
+"""Refuse touches that cannot be bounces of one ball: those of a clock, or of another drop than the
+given one.
+"""
 
 from __future__ import annotations
 

@@ -47,7 +47,9 @@ _KINDS: dict[frozenset[str], str] = {
 
 @dataclass(frozen=True, slots=True)
 class Excerpt:
-    """Of a recording. begin, end: s. train: from 0, and touches, from 1: None where not chosen."""
+    """Part of a recording. begin, end: s. train: from 0, and touches, from 1: None where not
+    chosen.
+    """
 
     begin: float = 0.0
     end: float | None = None

@@ -44,7 +44,7 @@ class Recording:
 
 
 def is_sound(path: Path) -> bool:
-    """Whether a file begins as WAV files do, or is named as phones name recordings."""
+    """Say whether a file begins like a WAV file, or has a suffix of phone recordings."""
     try:
         with path.open("rb") as file:
             head = file.read(12)
@@ -60,11 +60,12 @@ def _is_of_phone(path: Path) -> bool:
 def read_recording(
     path: Path, score: Callable[[Recording], float], begin: float = 0.0, end: float | None = None
 ) -> Recording:
-    """WAV (integers of 8 to 32 bits or floats) or what phones write; of several channels the loudest.
+    """Read WAV (integers of 8 to 32 bits or floats) or a phone's format; of several channels the
+    loudest.
 
-    score: how likely a part holds bounces. begin, end: s, the part to read. Of more than 24 s the 20 s with
-    the best score; no more than that is held in memory. Raises UserError for what is no such file, or has no
-    sound.
+    score: how likely a part holds bounces. begin, end: s, the part to read. Of more than 24 s the
+    20 s with the best score; no more than that is held in memory. Raises UserError for other files
+    and for files without a sound.
     """
     name = sanitized(path.name)
     source = _Compressed(path) if _is_of_phone(path) else _Wav(path)

@@ -72,7 +72,7 @@ class Replay:
 
     @property
     def script(self) -> str:
-        """The scene, in the engine's own format."""
+        """Return the scene in the engine's own format."""
         return registry.engine(self.setting.engine).script(self.tuned.scene, self.setting)
 
 
@@ -178,7 +178,7 @@ def _simulated(scene: Scene, setting: Setting, result: FitResult, recorded: Floa
 
 
 def touches_of(path: Trajectory) -> Floats:
-    """When the surfaces met before each turn of the body, s."""
+    """Times at which the surfaces met before each turn of the body, s."""
     turns = np.flatnonzero((path.rate[:-1] > 0) & (path.rate[1:] <= 0))
     touches, last = [], 0
     for turn in turns:

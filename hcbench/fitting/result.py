@@ -1,4 +1,4 @@
-"""What a fit found: α, its uncertainty and where it comes from, and which law the data support."""
+"""Result of a fit: α, its uncertainty and the sources of that, and the law that the data support."""
 
 from __future__ import annotations
 
@@ -91,7 +91,9 @@ class FitResult(Drawn):
 
     @property
     def is_plain(self) -> bool:
-        """Whether eq. (16) alone stands for the data: chosen, or the likelier of the two where e0 is open."""
+        """True if eq. (16) without e0 describes the data: chosen, or likelier than the law with e0
+        if both are left.
+        """
         return self.law == PLAIN or (self.law == EITHER and self.best.law.name == PLAIN)
 
     def fit_of(self, name: str) -> LawFit | None:

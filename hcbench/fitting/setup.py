@@ -1,4 +1,4 @@
-"""What is known of a measurement besides its data."""
+"""Setup of a measurement: masses, heights and other given values besides its data."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class MeasurementSetup:
 
     @property
     def has_air(self) -> bool:
-        """Whether flights are in air."""
+        """True if drag is computed: mass and diameter are given."""
         return self.mass is not None and self.diameter is not None
 
     @property
@@ -102,7 +102,9 @@ class MeasurementSetup:
 
 
 class SetupOptions(TypedDict, total=False):
-    """What a user knows of a measurement: SI numbers, or text with units and standard uncertainties."""
+    """Options for the setup of a measurement: SI numbers, or text with units and standard
+    uncertainties.
+    """
 
     height: Any
     gravity: Any

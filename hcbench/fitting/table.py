@@ -55,7 +55,9 @@ class Table:
             return math.nan
 
     def column(self, at: int, quantity: str) -> Floats:
-        """A column in SI. Raises UserError for a cell that is no finite number and for a missing unit."""
+        """Return a column in SI. Raises UserError for a cell that is not a finite number and for a
+        missing unit.
+        """
         name, unit = self.header[at]
         scale = unit_scale(self.name, name, unit, quantity)
         values = np.empty(len(self.cells))
@@ -86,7 +88,9 @@ def computed(name: str) -> Iterator[None]:
 
 
 def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
-    """What one unit of a column is in SI. Raises UserError for none and for one that does not fit."""
+    """Return one unit of a column in SI. Raises UserError for a missing unit and for one that does
+    not fit.
+    """
     example = units.QUANTITIES[quantity].example.split()[-1]
     if not unit and units.QUANTITIES[quantity].unit:
         advice = f"Write it with one, such as: {name} [{example}]"
@@ -178,7 +182,7 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
 
 
 def _is_title(first: str, second: str) -> bool:
-    """Whether a line is a name alone, over a header of several columns."""
+    """Say whether a line is a name alone, over a header of several columns."""
     below = [cell.strip() for cell in re.split(r"[\t;,]", second)]
     titles = [cell for cell in re.split(r"[\t;,]", first) if cell.strip()]
     return len(titles) == 1 and len(below) > 1 and all(re.match(r"[^\d+-]", cell) for cell in below)

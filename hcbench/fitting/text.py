@@ -1,4 +1,4 @@
-"""What a fit found, for a terminal, as JSON, and as points of e over speed."""
+"""Text and JSON of a fit, and its points of e over speed."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def _heard(result: FitResult) -> list[str]:
 
 
 def trains_of(s: TouchTimes) -> list[tuple[str, ...]]:
-    """The trains of clicks that may be the ball's: letter, touches, from, to, α, s_e, ln of the odds."""
+    """Trains of clicks that may be the ball's: letter, touches, from, to, α, s_e, ln of the odds."""
     return [
         (
             "ABCDEF"[i],
@@ -222,7 +222,7 @@ def _budget(result: FitResult) -> list[str]:
 
 
 def as_record(result: FitResult) -> dict[str, Any]:
-    """What `--json` prints; None where a number does not apply."""
+    """Record of the fit for `--json`; None for numbers that do not apply."""
     best, alpha, e = result.best, result.alpha, result.restitution
     return {
         "schema": SCHEMA,

@@ -117,7 +117,7 @@ class Track(Dataset):
         )
 
     def touches(self) -> list[str]:
-        """What each column of by_scatter is."""
+        """Labels for the columns of by_scatter."""
         named = [f"touch {i + 1} at {t:.3f} s" for i, t in enumerate(self.touch_times)]
         return named[0 if self._dropped else 1 : -1]
 

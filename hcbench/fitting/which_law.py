@@ -1,4 +1,4 @@
-"""Which law the data support, from the odds between the laws."""
+"""Choice of the law that the data support, by the odds between the laws."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAMILY = (PLAIN, WITH_E0, EITHER)
 
 
 def chosen_law(evidence: Mapping[str, float]) -> str | None:
-    """The law by ln of each law's evidence; None where several are left.
+    """Choose the law by ln of each law's evidence; None if several are left.
 
     Eq. (16) with and without e0 are one family: a law outside it must be 25 times less likely than the better
     of the two, and 25 : 1 between the two then decide on e0. A constant e is a case of the law with e0, which

@@ -1,7 +1,9 @@
-"""The path of eq. (16) as pure numbers: g(y) = y - ln(1 + y), its inverse, and where the force peaks.
+"""Dimensionless path of eq. (16): g(y) = y - ln(1 + y), its inverse, and the rate at which the
+force peaks.
 
-y = a v = (3/2) α v is the rate, -1 < y; q = ±sqrt(2 g(y)) with the sign of y is the straightened rate.
-All of them are given as ratios that are finite and smooth at 0, so that α = 0 is no special case.
+y = a v = (3/2) α v is the rate, -1 < y; q = ±sqrt(2 g(y)) with the sign of y is the straightened
+rate. All of them are given as ratios that are finite and smooth at 0, so that α = 0 needs no
+branch.
 """
 
 from __future__ import annotations

@@ -76,7 +76,9 @@ _KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]
 
 
 def is_force(law: Law) -> TypeGuard[PluginForceLaw]:
-    """Whether a law needs steps that resolve the contact."""
+    """Say whether a law gives a force over the contact, and so needs steps that resolve the
+    contact.
+    """
     return isinstance(law, (HuntCrossley, TouchSpeedLaw))
 
 
@@ -87,13 +89,14 @@ def coarse(law: Law) -> str:
 
 
 def require_law(law: object) -> None:
-    """Raise SettingError for what is no law of a plug-in."""
+    """Raise SettingError unless `law` is one that a plug-in can apply."""
     expected = "HuntCrossley, TouchSpeedLaw, Restitution or ConstantRestitution"
     require("law", law, isinstance(law, Law), expected)
 
 
 def law_of(options: Mapping[str, Any]) -> Law:
-    """The law that a setting's options name under "law"; UserError says which word is wrong.
+    """Build the law named in a setting's options under "law". UserError names the key that is
+    wrong.
 
     {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and
     {"kind": "restitution", "alpha": s/m, "reading": "law"} are eq. (16);

@@ -31,7 +31,7 @@ _CAVEATS = (
 
 @dataclass(frozen=True, slots=True)
 class SystemValue:
-    """What to write in one system. value: one number or, for solref, two."""
+    """Parameter of one system and its value: one number or, for solref, two."""
 
     system: str
     parameter: str
@@ -56,7 +56,7 @@ class Vocabulary:
 
 @dataclass(frozen=True, slots=True)
 class OneContact:
-    """What is to be said in every system's words.
+    """Contact that is to be expressed in every system's parameters.
 
     alpha: α, s/m. speed: where a restitution should hold, m/s, or None. reading: whether that is e of (16) or
     1 - α v. contact_time: of a spring and damper, s. timestep: of a bounce in one step, s; None: not known.
@@ -83,7 +83,7 @@ class OneContact:
 
     @property
     def at(self) -> str:
-        """Where a constant e holds, for a note."""
+        """The speed at which a constant e holds, as a note."""
         return f"matches at {self.speed:.6g} m/s only"
 
 
@@ -231,7 +231,7 @@ def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) 
 
 
 def _others(contact: OneContact) -> Iterator[SystemValue]:
-    """The paper, and libraries that are no engine here."""
+    """Values for the paper, and for libraries that hcbench does not run."""
     alpha, e = contact.alpha, contact.restitution
     yield SystemValue("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v")
     yield SystemValue("paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)")
@@ -276,7 +276,8 @@ def _flores_for(alpha_speed: float) -> float:
 
 
 def _old_tsuji(e: float) -> float:
-    """What LAMMPS' tsuji damping delivered while it lacked a factor √2, over the e asked for.
+    """Restitution of LAMMPS' tsuji damping for an e asked for, before its missing factor √2 was
+    corrected.
 
     F = k x^(3/2) + A √(m k) x^(1/4) v is a damped linear spring in x^(5/4) with ζ = A/√5 (D. Antypov, J. A.
     Elliott, "On an analytical solution for the damped Hertzian spring", EPL 94, 2011, 50004, doi

@@ -31,12 +31,12 @@ def friction_impulse(slip: Sequence[float], normal_impulse: float, scene: Scene)
 
 
 def coulomb_ratio(along: Tangential, scene: Scene) -> float:
-    """What `Tangential.impulse_ratio` should be, for the slip and the normal impulse that there were."""
+    """Coulomb's value of `Tangential.impulse_ratio`, for the measured slip and normal impulse."""
     return math.hypot(*friction_impulse(along.slip_in, along.normal_impulse, scene)) / along.normal_impulse
 
 
 def tangential(impact: Impact, launch: Launch, scene: Scene) -> Tangential:
-    """What an impact whose normal direction is known does along the plate, by Coulomb's law."""
+    """Motion along the plate by Coulomb's law, for an impact whose normal direction is known."""
     m, R, inertia = scene.mass, scene.touch_radius, scene.inertia
     J_n = m * (impact.speed_in + impact.speed_out + scene.gravity * impact.duration)
     (u, v), (p, q, r) = launch.slip, launch.spin

@@ -111,7 +111,7 @@ class EllipticContact:
         return share * self.pressure_max(force), depth * b
 
     def depth_max(self) -> float:
-        """Where Hertz's theory ends: the approach in m at which a is a tenth of the smallest radius."""
+        """Largest approach within Hertz's theory, m: a is there a tenth of the smallest radius."""
         a, _ = self.semi_axes(1.0)
         return self.approach((CONTACT_OVER_RADIUS_MAX * self.radius_min / a) ** 3)
 
@@ -167,11 +167,13 @@ def axis_ratio(curvature_ratio: float) -> float:
 
 
 def axis_stresses(kappa: float, poisson_ratio: float, depth: Floats | float) -> tuple[Floats, Floats, Floats]:
-    """σ_x, σ_y, σ_z over p0 on the axis below the middle, at depths over b, same shape; tension > 0.
+    """σ_x, σ_y, σ_z over p0 on the axis below the middle, at depths over b, same shape; tension >
+    0.
 
-    x along the long axis. A. Sackfield, D. A. Hills, "Some useful results in the classical Hertz contact
-    problem", J. Strain Analysis 18, 1983, 101-105, doi 10.1243/03093247V182101, after H. R. Thomas and V.
-    A. Hoersch, 1930. Here with e² divided out by hand, so that the circle is no special case.
+    x along the long axis. A. Sackfield, D. A. Hills, "Some useful results in the classical Hertz
+    contact problem", J. Strain Analysis 18, 1983, 101-105, doi 10.1243/03093247V182101, after H. R.
+    Thomas and V. A. Hoersch, 1930. Here with e² divided out by hand, so that the circle needs no
+    branch.
     """
     zeta = np.asarray(depth, dtype=float) * kappa  # z / a
     m = 1.0 - kappa * kappa

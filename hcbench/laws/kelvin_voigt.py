@@ -24,7 +24,7 @@ from hcbench.laws.root import root
 
 
 class Ending(StrEnum):
-    """Where contact is taken to end."""
+    """Condition that ends the contact."""
 
     SURFACE = "surface"  # x = 0
     FORCE = "force"  # F = 0

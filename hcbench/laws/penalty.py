@@ -1,7 +1,7 @@
 """Contacts given by a stiffness and a damping in SI: IMPACT of MSC Adams, ke and kd of Newton.
 
-Of both the restitution depends on the effective mass. IMPACT's depends on the speed, too: it is no law of
-one α, and `convert` matches it at one speed, `tune` over a band.
+The restitution of both depends on the effective mass. IMPACT's depends on the speed, too: it does
+not follow one α; `convert` matches it at one speed, `tune` over a band.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class RestitutionCurve(ABC):
     @property
     @abstractmethod
     def description(self) -> str:
-        """What a report calls it."""
+        """Name of the curve in a report."""
 
     def best_constant(self, low: float, high: float) -> float:
         """The one e with the least largest error over a band of speeds, m/s."""
@@ -79,12 +79,12 @@ class Restitution(RestitutionCurve):
 
     @property
     def description(self) -> str:
-        """What a report calls it."""
+        """Name of the curve in a report: its α and how α gives e(v)."""
         by = f" ± {self.uncertainty:.2g}" if self.uncertainty else ""
         return f"α = {self.alpha:.4g}{by} s/m by {'the law' if self.reading == 'law' else '1 - α v'}"
 
     def margin(self, speeds: Floats | float) -> float:
-        """How far e may be from that of α at any of these speeds (m/s), with 95 % confidence."""
+        """Largest uncertainty of e at these speeds (m/s), with 95 % confidence, from that of α."""
         off = SIGMAS_95 * self.uncertainty
         e, low, high = (
             Restitution(alpha, self.reading).at(speeds)
@@ -115,7 +115,7 @@ class ConstantRestitution(RestitutionCurve):
 
     @property
     def description(self) -> str:
-        """What a report calls it."""
+        """Name of the curve in a report."""
         return f"constant e = {self.restitution:g}"
 
 
@@ -150,5 +150,5 @@ class MeasuredRestitution(RestitutionCurve):
 
     @property
     def description(self) -> str:
-        """What a report calls it."""
+        """Name of the curve in a report."""
         return f"{len(self.points)} measured pairs"

@@ -23,7 +23,7 @@ BOUNCY = 0.9  # the e that a fix is written for where no target is given
 
 @dataclass(frozen=True, slots=True)
 class StepFix:
-    """How an engine's user sets its time step, to write fixes with.
+    """Means to set an engine's time step, for fixes.
 
     timestep: s, the model's own. text: what to write, with {} for the step. apply: called with a model and
         `timestep`, sets it there.

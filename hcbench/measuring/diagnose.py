@@ -1,4 +1,4 @@
-"""Why a pair does not bounce as asked: every suspect is tried in copies of the model.
+"""Diagnosis of a pair that does not bounce as asked: every suspect is tried in copies of the model.
 
 All suspects are fixed together first. Then each fix is left out in turn, the least likely first, and stays
 out if the cure is as good without it; the suspects that are left are the causes. So fixes that help only
@@ -119,7 +119,7 @@ def _error(impact: Impact, goal: Goal) -> float:
 
 
 def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
-    """Whether an impact failed, misses the goal, or gains energy."""
+    """Say whether an impact failed, misses the goal, or gains energy."""
     return any(
         math.isnan(i.restitution) or i.restitution > 1 + NOTABLE_GAIN or _error(i, goal) > tolerance
         for i in impacts

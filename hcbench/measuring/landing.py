@@ -122,7 +122,7 @@ def as_text(robots: Sequence[Landings]) -> str:
 
 
 def headline(landings: Landings) -> list[str]:
-    """What was dropped, on what, and what held it."""
+    """Two lines: the model, its floor and start; the engine, its step, gravity and controller."""
     return [
         f"{sanitized(landings.model)}: {sanitized(landings.robot)} ({landings.mass:.4g} kg), from"
         f" {sanitized(landings.start)}, on {sanitized(landings.floor)}",

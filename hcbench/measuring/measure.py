@@ -130,7 +130,8 @@ def measure_job(job: Job, limit: float | None = None) -> Measurement:
 
 
 def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Answer:
-    """What `work(job)` returns: of files, in a worker that may crash, hang or need too much; else here.
+    """Call `work(job)`: for files in a worker, which may crash, hang or run out of memory; for
+    objects here.
 
     limit: s, after which it counts as hung; None: LIMIT_S, or the engine's own where that is longer.
     """
@@ -166,7 +167,9 @@ def prepare(name: str) -> None:
 
 
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
-    """What crosses to the worker: paths or text; None for an object of an engine."""
+    """Return the paths or text of a model, which can be sent to the worker; None for an object of
+    an engine.
+    """
     if isinstance(model, str | Path):
         return str(model)
     if isinstance(model, list | tuple) and model and all(isinstance(part, str | Path) for part in model):

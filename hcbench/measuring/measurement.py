@@ -1,4 +1,4 @@
-"""The result of measuring a pair of a user's own model, and what it is compared with."""
+"""Measurement of a pair in a user's model, and the target it is compared with."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def Wanted(
     points: Sequence[tuple[Quantity, float]] = (),
     reading: Reading = "law",
 ) -> RestitutionCurve:
-    """The target's e(v): exactly one of alpha, restitution and points is given; SI numbers, or with units.
+    """Build the target's e(v) from exactly one of alpha, restitution and points; SI numbers, or
+    with units.
 
     alpha: s/m, of eq. (16) (`reading` "law") or of e = 1 - α v (`reading` "linear"); "0.31 +- 0.004 s/m" has
     a standard uncertainty. restitution: one e for all speeds. points: pairs (v m/s, e), straight between,
@@ -172,7 +173,7 @@ class Measurement(Drawn):
 
     @property
     def energy_gained(self) -> bool:
-        """Whether any body had more kinetic energy after the impact than before, beyond round-off."""
+        """True if a body had more kinetic energy after the impact than before, beyond round-off."""
         return any(i.energy_lost < -2 * GAIN for i in self.measured)
 
     def errors(self, wanted: RestitutionCurve) -> list[tuple[Impact, float]]:
@@ -204,9 +205,10 @@ class Measurement(Drawn):
 
     @property
     def law(self) -> HuntCrossley | None:
-        """The law to compare: the target's α, or the fitted; k so that the hardest impact goes as deep.
+        """Law for comparison: the target's α, or the fitted; k such that the hardest impact goes as
+        deep.
 
-        None where no α was given and no law describes what was measured.
+        None without either: no α was given, and no law describes the measured e.
         """
         alpha = self.wanted.alpha if isinstance(self.wanted, Restitution) else self._fitted_alpha
         if math.isnan(alpha):

@@ -81,7 +81,7 @@ def pairs(
 
 
 def list_pairs(job: Job, limit: float | None = None) -> list[CandidatePair]:
-    """Which parts of the model can meet; those that touch at the start first."""
+    """List the parts of the model that can meet; those that touch at the start first."""
     return run_job(_listed, job, limit)
 
 

@@ -15,7 +15,7 @@ _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 
 
 def is_python(source: Any) -> bool:
-    """Whether a text names a function of a Python file."""
+    """Say whether a text names a function of a Python file."""
     return isinstance(source, str) and _PYTHON.fullmatch(source) is not None
 
 
@@ -35,7 +35,7 @@ def python_function(text: str) -> Callable[..., Any]:
 
 
 def call_python(text: str) -> Any:
-    """What the function of a Python file returns."""
+    """Call the function of a Python file and return its result."""
     function = python_function(text)
     with _user_code(text, "a function without arguments that returns a model"):
         return function()

@@ -1,4 +1,6 @@
-"""How two bodies rest on each other, and what makes them penetrate or vibrate: each fix is tried alone."""
+"""Rest of two bodies on each other, and causes of penetration or vibration: each fix is tried
+alone.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,9 @@ def at_rest(
 def rest_causes(
     model: ModelUnderTest, rest: Rest | None, limits: RestLimits | None, suspects: Sequence[Suspect]
 ) -> tuple[Cause, ...]:
-    """What keeps the pair from resting within the limits: fixes that alone halve an excess, best first."""
+    """Find causes that keep the pair from resting within the limits: fixes that alone halve an
+    excess, best first.
+    """
     every = {} if limits is None else limits.beyond(rest)
     beyond = {name: value for name, (value, _) in every.items() if math.isfinite(value)}
     causes: dict[str, tuple[float, Cause]] = {}

@@ -24,7 +24,7 @@ _FAILURES = 3  # impacts without an e that are listed
 
 
 def as_record(measurement: Measurement) -> dict[str, Any]:
-    """The measurement for JSON; NaN where there is no such number."""
+    """The measurement for JSON; NaN for a number that does not apply."""
     facts, score, law = measurement.facts, measurement.score, measurement.law
     return {
         "schema": SCHEMA,
@@ -193,7 +193,7 @@ def _shares_note(measurement: Measurement) -> list[str]:
 
 
 def _along_lines(measurement: Measurement) -> list[str]:
-    """What happens along the plate in oblique impacts, as a table."""
+    """Table of the motion along the plate in oblique impacts; empty without any."""
     if not measurement.request.is_oblique:
         return []
     friction = measurement.facts.friction
@@ -214,7 +214,7 @@ def _along_lines(measurement: Measurement) -> list[str]:
 
 
 def setting_text(value: Any) -> str:
-    """A setting of the engine's, as the model has it."""
+    """A setting of the engine, written as in the model."""
     return " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
 
 

@@ -1,4 +1,4 @@
-"""How far the paper's approximations (2), (3), (8) ... (12) are from what eq. (16) does.
+"""Errors of the paper's approximations (2), (3), (8) ... (12) against eq. (16).
 
 Every measure depends on u = α v_i alone, not on k, m or (but for the depth (8)) on n. With d = (3/2) u,
 G = 2 (d - ln(1 + d))/d² and e of (16): the elastic energy at the turning point is ½ m v_i² G, and the loop

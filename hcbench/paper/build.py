@@ -68,7 +68,7 @@ def build(
 
 
 def engines_drawn_in(folder: Path) -> set[str]:
-    """The engines whose motion the page in a folder shows; none where there is no page."""
+    """Engines whose motion the page in a folder shows; empty without a page."""
     with suppress(OSError, ValueError):
         text = read_text(folder / PAGE)
         return {name for name in engines_with_two_blocks() if f"{engine_title(name)} plug-in" in text}

@@ -28,7 +28,7 @@ LIMIT = 120.0  # s of wall time for one simulation
 
 @dataclass(frozen=True, slots=True)
 class EngineTrajectory:
-    """The motion of an engine's mass at the ends of steps, arrays of shape (n,): s, m, m/s, N.
+    """Motion of an engine's mass at the ends of steps, arrays of shape (n,): s, m, m/s, N.
 
     resultant: what the blocks did against the position, by the change of speed; P taken off.
     """

@@ -23,7 +23,7 @@ from hcbench.sim import registry
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much the forced figures compute.
+    """Amount of computation for the forced figures.
 
     frequencies, cycles, drawn_cycles: of the bifurcation, the last cycles being drawn. response_frequencies:
     of the response. timestep: of the engines, s, where the mass is clear; a quarter of it where it is
@@ -92,7 +92,7 @@ def _in_engine(
 
 
 def _contact_names(name: str, tuned_at: float | None) -> list[str]:
-    """What the contact of a clear and of a squeezed mass is called; one name where they are the same."""
+    """Names of the contact of a clear and of a squeezed mass; one if they are the same."""
     if tuned_at is None:
         return ["plug-in"]
     own_contact = registry.submodule(name, "scene.two_blocks").own_contact

@@ -49,7 +49,7 @@ class Printed:
 
     @property
     def difference(self) -> float:
-        """Ours over the printed one, less 1."""
+        """Relative difference of our number from the printed one."""
         return self.ours / self.value - 1.0
 
 

@@ -108,7 +108,7 @@ def _bounce(row: Floats, track: Floats) -> tuple[float, ...] | None:
 
 
 def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float | None:
-    """Where the parabolas of both sides meet, s; None where they do not near the lowest frame."""
+    """Time at which the parabolas of both sides meet, s; None if they do not near the lowest frame."""
     difference = np.poly1d(np.polyfit(time[before], height[before], 2))
     difference -= np.poly1d(np.polyfit(time[later], height[later], 2))
     near = [root.real for root in difference.roots if abs(root.imag) < 1e-9 and abs(root.real) < 0.012]

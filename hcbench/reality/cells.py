@@ -1,4 +1,4 @@
-"""What is run: a setting of an engine on parts of a data set, in a worker process where the engine is."""
+"""Cells of the study: a setting of an engine on parts of a data set, run in a worker process."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ class Cell:
 
     @property
     def module(self) -> Any:
-        """The engine's `scene.toss`."""
+        """Module `scene.toss` of the engine."""
         return registry.submodule(self.engine, "scene.toss")
 
     @property
     def cases(self) -> Any:
-        """The measured motions or bounces of the cell's data set."""
+        """Measured motions or bounces of the cell's data set."""
         return _cases(self.data, self.parts, self.folder, self.variant)
 
 
@@ -68,7 +68,7 @@ def _cases(data: str, parts: tuple[int, ...], folder: Path | None, variant: str)
 
 
 def outcome_of(cell: Cell) -> SettingErrors:
-    """The errors of a cell's setting, found in a worker process."""
+    """Errors of a cell's setting, computed in a worker process."""
     outcome: SettingErrors = SETS[cell.data].outcome(cell.module, cell.contact, cell.values, cell.cases)
     return outcome
 
@@ -98,7 +98,7 @@ def settings_of(data: str) -> Iterator[tuple[str, ContactSetting]]:
 
 
 def parts_of(data: str, part: int | None) -> tuple[int, ...]:
-    """The parts to judge: one, or a set's validation parts."""
+    """Parts to judge: one, or a set's validation parts."""
     own: tuple[int, ...] = SETS[data].VALIDATION
     return own if part is None or not SETS[data].TRAINING else (part,)
 

@@ -34,7 +34,7 @@ FOLDER = "data/tosses_processed"
 
 @dataclass(frozen=True, slots=True)
 class Corrections:
-    """Of the published data. scale: of all lengths. inertia: kg m²."""
+    """Corrections of the published data. scale: of all lengths. inertia: kg m²."""
 
     scale: float = 1.0204
     inertia: float = 1.07e-3
@@ -56,9 +56,11 @@ def body(corrections: Corrections = CORRECTED) -> Body:
 
 
 def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:
-    """(number, poses) of each toss: shape (n, 7), position in half widths and quaternion (w, x, y, z).
+    """(number, poses) of each toss: shape (n, 7), position in half widths and quaternion (w, x, y,
+    z).
 
-    folder: of the original repository; None: the shipped tosses. UserError where it is no such folder.
+    folder: of the original repository; None: the shipped tosses. UserError for a folder of anything
+    else.
     """
     if folder is None:
         with np.load(SHIPPED) as shipped:

@@ -54,11 +54,13 @@ class EllipseImpacts:
         return EllipseImpacts(*(getattr(self, name)[keep] for name in self.__slots__))
 
     def as_published(self) -> "EllipseImpacts":
-        """The impacts with the tangent's lever as it is stored."""
+        """Return the impacts with the tangent's lever as it is stored."""
         return replace(self, tangent=self.tangent * [1.0, 1.0, -1.0])
 
     def as_original(self) -> "EllipseImpacts":
-        """The impacts with the original's speed up after, 12 ms of gravity more than the copy's."""
+        """Return the impacts with the original's speed up after, 12 ms of gravity more than the
+        copy's.
+        """
         return replace(self, after=self.after + np.array([0.0, LATE, 0.0]))
 
 

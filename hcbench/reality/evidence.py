@@ -1,4 +1,6 @@
-"""What the data say beyond scores: e over speed by each set's own reading, and what corrections change."""
+"""Evidence in the data besides scores: e over speed by each set's own reading, effects of
+corrections.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What bounds any setting: errors of the data's noise, and of laws with more freedom than engines."""
+"""Lower bounds on the error of any setting: noise of the data, and laws with more freedom than
+engines.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ FREE_IMPULSE, RIGID = "floor: free impulse", "rigid law"
 
 
 def of_friction(cell: Cell) -> SettingErrors:
-    """The best e of each toss at the cell's friction, of every third toss; in a worker process."""
+    """Best e of each toss at the friction of the cell, of every third toss; in a worker process."""
     tosses = replace(cell.cases, motions=cell.cases.motions[::EVERY])
     return best([tosses.outcome(cell.module, cell.contact, (e, *cell.values)) for e in RESTITUTIONS])
 

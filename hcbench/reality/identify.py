@@ -89,7 +89,7 @@ def search(cell: Cell) -> list[tuple[Floats, float]]:
 
 
 def _moving(cell: Cell) -> list[int]:
-    """Which of a cell's parameters are not known otherwise."""
+    """Indices of the parameters of a cell that are not known otherwise."""
     fixed = SETS[cell.data].FIXED
     return [i for i, parameter in enumerate(cell.contact.parameters) if parameter.name not in fixed]
 
@@ -109,7 +109,9 @@ def best_values(cell: Cell, tries: Sequence[tuple[Floats, float]]) -> tuple[floa
 
 
 def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
-    """Where a parabola through the better third of tries is least; else the best try."""
+    """Minimum of a parabola fitted to the best third of the tries; the best try if those are too
+    few.
+    """
     scores = np.array([score for _, score in tries])
     better = np.argsort(scores, kind="stable")[: max(len(tries) // 3, 1)]
     points = np.array([tries[i][0] for i in better])

@@ -58,7 +58,7 @@ class ImpactRead:
 
     @property
     def good(self) -> bool:
-        """Whether e is known and one vertex alone was struck."""
+        """True if e is known and one vertex alone was struck."""
         return self.frames_after >= _LONG and self.u_e < _SURE and self.second > _ALONE
 
 
@@ -130,7 +130,9 @@ class _ImpactFit:
         return place, velocity, Rotation.from_rotvec(turn) * last, spin
 
     def _touch(self) -> tuple[float, Floats, Rotation]:
-        """When the flight before brings the vertex down, the unknowns to start from, and the attitude."""
+        """Estimate the touch: its time after the flight before, the unknowns to start from, and the
+        attitude.
+        """
         last, first = self.time[self.before - 1], self.time[self.before]
         touch = 0.5 * (last + first)
         for _ in range(6):
@@ -160,7 +162,7 @@ class _ImpactFit:
         return turn, arm, velocity, spin
 
     def left(self, u: Floats) -> Floats:
-        """What unknowns of shape (b, 21) leave of the data, in standard deviations, shape (b, 6 n + 6)."""
+        """Residuals of unknowns of shape (b, 21), in standard deviations, shape (b, 6 n + 6)."""
         sets, frames = len(u), len(self.time)
         turn, _, velocity, spin = self._after(u)
         since, later = self.since[None, :, None], self.later[None, :, None]
@@ -200,7 +202,9 @@ class _ImpactFit:
         return energy
 
     def _up(self, u: Floats, turn: Rotation, velocity: Floats, spin: Floats) -> tuple[Floats, Floats]:
-        """When the flight after carries the vertex up through the plate, s after the touch, and how fast."""
+        """Time, s after the touch, and speed at which the flight after carries the vertex up
+        through the plate.
+        """
         after = Rotation.from_rotvec(u[:, _JUMP_TURN]) * turn
         corner = after.apply(self.corners[self.vertex])
         height, time = u[:, 2] + u[:, _JUMPED][:, 2], np.full(len(u), 7e-3)

@@ -1,4 +1,4 @@
-"""What a setting did on a data set: an error for each of its motions or bounces."""
+"""Errors of a setting on a data set: one for each of its motions or bounces."""
 
 from dataclasses import dataclass
 

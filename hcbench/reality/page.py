@@ -79,7 +79,7 @@ def page_text(results: RealityResults) -> str:
 
 
 def _toss(results: RealityResults) -> dict[str, Any]:
-    """What the script draws: poses of a toss, measured and simulated."""
+    """Data for the page's script: poses of a toss, measured and simulated."""
     if not results.drawn:
         return {}
     poses = {name: np.round(each, _PLACES).tolist() for name, each in results.drawn.items()}
@@ -97,7 +97,9 @@ def _of(
 
 
 def verdicts(results: RealityResults) -> Iterator[str]:
-    """What the data tell, and what they cannot, each with its numbers; only what holds in these results."""
+    """Conclusions from the data, and their limits, each with its numbers; only those that these
+    results support.
+    """
     scores = results.scores
     for slow in _of(scores, "cube", FRICTION, "pyramidal"):
         for other in _of(scores, "cube", FRICTION, "elliptic"):

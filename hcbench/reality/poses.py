@@ -44,7 +44,7 @@ class OwnCell(Cell):
 
 @dataclass(frozen=True, slots=True)
 class Own:
-    """What was read from a user's tosses: impacts, and a score and the parameters of each setting."""
+    """Results of a user's tosses: impacts, and a score and the parameters of each setting."""
 
     tosses: Tosses
     impacts: Sequence[ImpactRead]
@@ -52,7 +52,7 @@ class Own:
 
 
 def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Body:
-    """A box by its edges (m) and mass (kg). UserError for what is no box.
+    """Build a box from its edges (m) and mass (kg). UserError unless all are positive.
 
     inertia: about its axes, kg m², or one for all; that of a solid box where none is given.
     """
@@ -154,7 +154,7 @@ def judge(tosses: Tosses, pool: WorkerPool, identify: bool = False, tick: Tick |
 
 
 def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
-    """Median e and friction of impacts at one vertex; nothing of what no impact tells."""
+    """Median e and friction of impacts at one vertex; empty if no impact qualifies."""
     sure = [each for each in impacts if each.good]
     if not sure:
         return {}
@@ -164,7 +164,7 @@ def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
 
 
 def text(own: Own, folder: Path) -> Iterator[str]:
-    """What to print: impacts, errors of settings, and the commands that go on from here.
+    """Lines to print: impacts, errors of settings, and the commands that go on from here.
 
     folder: where the tables are.
     """

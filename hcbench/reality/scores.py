@@ -38,7 +38,7 @@ class SettingScore:
 
 
 def of_cell(cell: Cell, outcome: SettingErrors) -> SettingScore:
-    """The score of an engine's setting in a cell."""
+    """Score of the engine's setting in a cell."""
     return of_outcome(cell.data, cell.engine, cell.contact.name, cell.contact.cone, outcome)
 
 
@@ -64,7 +64,7 @@ def csv_text(scores: Iterable[SettingScore]) -> str:
 
 
 def sets_in(folder: Path) -> set[str]:
-    """The data sets of the study in a folder; none where there is no study."""
+    """Data sets of the study in a folder; empty without a study."""
     try:
         with (folder / FILE).open(encoding="utf-8", newline="") as file:
             return {row["set"] for row in csv.DictReader(file)}

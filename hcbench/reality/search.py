@@ -12,7 +12,8 @@ from hcbench.impact import Floats
 def least(
     function: Callable[[Floats], float], start: Floats, step: float, evaluations: int | None = None
 ) -> tuple[Floats, float]:
-    """Where a function of some unknowns is least, and its value there, by Nelder and Mead.
+    """Minimize a function of some unknowns by Nelder and Mead; return the minimum's place and
+    value.
 
     step: by which the first simplex differs from the start, in each unknown.
     """

@@ -1,4 +1,4 @@
-"""Where the data sets come from: what each is in one sentence, its citation, its licence, and its files."""
+"""Sources of the data sets: a description, citation, licence and files of each."""
 
 import hashlib
 from dataclasses import dataclass
@@ -71,7 +71,9 @@ SOURCES = {
 
 
 def find(name: str, data: Path | None) -> Path | None:
-    """The folder of a data set's original repository: `data` itself, or a folder in it; None for neither."""
+    """Folder of a data set's original repository: `data` itself, or a folder in it; None for
+    neither.
+    """
     if data is None or name == "alumina":
         return None
     path = SOURCES[name].path
@@ -79,7 +81,9 @@ def find(name: str, data: Path | None) -> Path | None:
 
 
 def missing(name: str) -> str:
-    """What to download before a data set can be used; "" for one that is shipped."""
+    """Description of the files to download before a data set can be used; "" for one that is
+    shipped.
+    """
     source = SOURCES[name]
     if source.shipped:
         return ""
@@ -89,7 +93,9 @@ def missing(name: str) -> str:
 
 
 def differs(name: str, folder: Path) -> bool:
-    """Whether a data set's file is another than the one that parameters and numbers here are of."""
+    """Say whether a data set's file differs from the one that the parameters and numbers here
+    belong to.
+    """
     source = SOURCES[name]
     if not source.sha256:
         return False

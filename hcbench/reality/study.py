@@ -37,7 +37,9 @@ _TWIN_EVERY = 3
 
 @dataclass(frozen=True, slots=True)
 class RealityRequest:
-    """What to run. folders: of the original data. part: to judge; None: the validation parts."""
+    """Options of the study. folders: of the original data. part: to judge; None: the validation
+    parts.
+    """
 
     sets: Sequence[str]
     folders: Mapping[str, Path | None] = field(default_factory=dict)
@@ -51,7 +53,7 @@ class RealityRequest:
 
 @dataclass(frozen=True, slots=True)
 class RealityResults:
-    """What the study found.
+    """Results of the study.
 
     changed: scores on a data set with parts of it left as published, by what is. impacts: read from the
     cube's tosses. twins: the same of synthetic ones, by law. slopes: of e over speed. switches: of the

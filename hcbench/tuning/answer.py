@@ -1,4 +1,4 @@
-"""What to write into an engine so that it bounces like a target: the one answer that all commands give.
+"""Settings that make an engine bounce like a target: the one answer that all commands print.
 
 A page, the command line, Python, README and the docs are made of this value: choices of up to three kinds,
 each with its text, its error and its band, and the settings that are never to be used.
@@ -78,19 +78,21 @@ class Choice:
 
     @property
     def energy(self) -> str:
-        """What is known of its energy: in how many launches and drops it never grew, or where it grows."""
+        """Energy of the choice: the number of launches in which it never grew, or the speeds at
+        which it grows.
+        """
         if self.passivity is None:
             return "energy was not measured"
         return self.passivity.warning or f"energy never grew in {self.passivity.scenes} launches and drops"
 
     @property
     def sphere(self) -> bool | None:
-        """Whether a ball never gains energy; None where that was not tried."""
+        """True if a ball never gains energy; None if not tested."""
         return None if self.passivity is None else self.passivity.sphere
 
     @property
     def flat(self) -> bool | None:
-        """Whether a box on face, edge and vertex never gains energy; None where that was not tried."""
+        """True if a box on face, edge and vertex never gains energy; None if not tested."""
         return None if self.passivity is None else self.passivity.flat
 
     @property
@@ -219,7 +221,9 @@ class Answer(Drawn):
 
     @property
     def caution(self) -> str:
-        """Where one e for all speeds would be nearer than the best choice, if the engine kept it; or ""."""
+        """Warning that one e for all speeds would be nearer than the best choice, if the engine
+        kept it; or "".
+        """
         best = self.best
         if best.kind == "exact" or self.target.is_constant:
             return ""
@@ -246,6 +250,6 @@ class Answer(Drawn):
 
     @property
     def band_note(self) -> str:
-        """Why the default band is cut, as a sentence; "" where it is not."""
+        """Reason why the default band is cut, as a sentence; "" if it is not."""
         target = self.target
         return why_cut(target.speed_min, target.timestep, target.gravity)

@@ -119,7 +119,9 @@ def tune(
 
 
 def is_model(model: Any) -> bool:
-    """Whether the argument is a model (a file, FILE.py:FUNCTION, text, an object), and no engine's name."""
+    """Say whether the argument is a model (a file, FILE.py:FUNCTION, text, an object), not an
+    engine's name.
+    """
     if not isinstance(model, str):
         return True
     if registry.base_name(model) in registry.names():  # whose version may look like a suffix

@@ -1,4 +1,4 @@
-"""How good a setting is, by the engine itself, at speeds and phases that no recipe has used."""
+"""Evaluation of a setting: run by the engine itself at speeds and phases that no recipe has used."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _AS_LAW = 1.5  # unless the law's own is as deep, but for so much
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What the engine did with a setting in the target's conditions: gravity, friction.
+    """Errors and extremes of a setting, run in the target's conditions: gravity, friction.
 
     max_error: largest |e - target|, at random launches and about the worst of them. at_speed: where, m/s.
     constant, constant_error: the best constant e. launches: how many. steps_min, steps_max: steps in contact.
@@ -65,7 +65,8 @@ class Evaluation:
 
 
 def held_out_launches(target: Target) -> list[Launch]:
-    """What a setting is judged by: a grid of speeds, each at 8 phases of the step, then random launches.
+    """Launches that judge a setting: a grid of speeds, each at 8 phases of the step, then random
+    launches.
 
     Speeds at touch, both ends of the band among them; with friction, slips up to the band's highest speed.
     """
@@ -136,7 +137,7 @@ def _friction_errors(impacts: Sequence[Impact], _: Target, scene: Scene) -> Floa
 
 
 def _errors(impacts: Sequence[Impact], target: Target, _: Scene) -> Floats:
-    """|e - target|, shape (n,); NaN where there is no e."""
+    """|e - target|, shape (n,); NaN if an impact has no e."""
     speed, e = np.array([(i.speed_in, i.restitution) for i in impacts]).T
     return np.asarray(np.abs(e - target.restitution(speed)))
 

@@ -45,7 +45,7 @@ def find_answer(
     pair: Pair = PAIR,
     asked: Kind = "settings",
 ) -> Answer:
-    """What to write into an engine for a target, under the target's gravity and friction.
+    """Find settings of an engine for a target, under the target's gravity and friction.
 
     engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto" aims at.
     integrator: of an engine that has several; None for the recipe's own. max_error: of e, within which the

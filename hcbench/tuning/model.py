@@ -63,8 +63,8 @@ def tune_model(
     limit: float = LIMIT_S,
     output: Output = BESIDE,
 ) -> TunedModel:
-    """The simplest of the engine's settings whose e is within `max_error` of what is wanted, for all pairs at
-    once; or else the nearest.
+    """Find the simplest setting whose e is within `max_error` of the target for all pairs at once,
+    or the nearest.
 
     requests: one a pair; their speeds span the band. A loose box is tried on face, edge and vertex. output:
     where the texts are to be written. Files are run in a worker. UserError for a pair that cannot meet.

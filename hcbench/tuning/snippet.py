@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 
 
 def snippet(setting: Setting, form: str) -> str:
-    """What to paste of a setting; "" where nothing is set. Options of an engine not known here as JSON.
+    """Return the text of a setting to paste; "" if nothing is set. Options of an unknown engine
+    come as JSON.
 
     form: the scene's, "plane" or "cup".
     """

@@ -61,21 +61,21 @@ class Tuned(Drawn):
 
     @property
     def rest_failures(self) -> list[str]:
-        """Why a body does not rest under the setting, a phrase each; none where it rests."""
+        """Reasons why a body does not rest under the setting, a phrase each; empty if it rests."""
         return self.rest.failures(self.scene.relative_radius, self.setting.timestep)
 
     @property
     def rests(self) -> bool:
-        """Whether a body comes to rest under the setting, laid down and dropped."""
+        """True if a body comes to rest under the setting, both laid down and dropped."""
         return not self.rest_failures and not self.passivity.bounces.still_bouncing
 
     def holds(self, max_error: float) -> bool:
-        """Whether the setting can be recommended in the target's conditions."""
+        """Say whether the setting can be recommended in the target's conditions."""
         return self.error <= max_error and not self.flaws
 
     @property
     def flaws(self) -> str:
-        """Why the setting may not be recommended, however well it bounces; "" where it may."""
+        """Reasons against the setting, however well it bounces; "" without any."""
         deep = "deep" if self.evaluation.deep else ""
         rests = "" if not self.rest_failures else "does not rest"
         lost = f"{self.evaluation.failed} impacts gave no restitution" if self.evaluation.failed else ""
@@ -116,7 +116,7 @@ def _advice(
     recipe: Recipe,
     recipes: Sequence[Recipe],
 ) -> Iterator[str]:
-    """What to know of a setting of a recipe, a sentence each. recipes: all of its engine's."""
+    """Yield sentences that a user of the setting must know. recipes: all of its engine's."""
     depth, radius = evaluation.penetration_max, scene.relative_radius
     if not evaluation.max_error < _BETTER * evaluation.constant_error and evaluation.constant_error > 0:
         better = _better(target, scene, recipes) if recipe.native else ""
@@ -133,7 +133,7 @@ def _advice(
 
 
 def _better(target: Target, scene: Scene, recipes: Sequence[Recipe]) -> str:
-    """What follows a restitution that falls with speed, where a constant e was taken."""
+    """Recommend ways to an e that falls with speed, to follow a sentence on the constant e."""
     if target.reading != "points":
         law = first(recipes, Role.LAW, scene.form, native=False)
         return f"; the plug-in `{law.name}` follows the law at any step" if law else ""

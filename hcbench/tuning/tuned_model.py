@@ -21,7 +21,7 @@ _GAINS = 0.95  # of the error as it was: what a setting that is worth writing st
 
 @dataclass(frozen=True, slots=True)
 class TunedPair:
-    """How a setting does for one pair.
+    """Result of a setting for one pair.
 
     curve: e at held-out speeds, rising, each at the phases between which e differs. attitude: of the body,
     such as "edge"; "" where it has but one. taken: how much of the speed at touch, at most, joints and
@@ -93,24 +93,24 @@ class TunedModel(Shown):
 
     @property
     def worse(self) -> list[str]:
-        """What the setting makes worse than it may, in words."""
+        """Quantities that the setting makes worse than allowed, in words."""
         return list(self.after.worse_than(self.before))
 
     @property
     def gains(self) -> bool:
-        """Whether e is near enough to the target, or nearer than in the model as it was."""
+        """True if e is near enough to the target, or nearer than in the model as it was."""
         return self.max_error <= max(self.enough, _GAINS * largest_error(self.untuned))
 
     @property
     def flat(self) -> bool | None:
-        """Whether a body that meets on faces never gains energy; None where none does."""
+        """True if a body that meets on faces never gains energy; None without such a body."""
         flat = [pair for pair in self.pairs if pair.attitude or pair.facts.settings.get(_POINTS, 1) > 1]
         return all(point.highest <= MOST_E for pair in flat for point in pair.curve) if flat else None
 
     @property
     def taken(self) -> float:
-        """What joints and servos take of the speed at touch, at most, after the contact's last force; below
-        0 where they add to it.
+        """Largest share of the speed at touch that joints and servos take after the contact's last
+        force; below 0 if they add to it.
         """
         return max((pair.taken for pair in self.pairs), key=abs)
 

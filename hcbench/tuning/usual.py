@@ -32,7 +32,7 @@ _PLACE = ("mass_kg", "stiffness", "exponent")
 
 
 class Question(NamedTuple):
-    """What is asked of an engine, of a ball on a plane without friction; SI."""
+    """Engine, time step, gravity and α of a question: a ball on a plane without friction; SI."""
 
     engine: str
     timestep: float

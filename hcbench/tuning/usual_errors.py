@@ -48,7 +48,9 @@ Row: TypeAlias = "list[Any]"
 
 
 class Condition(NamedTuple):
-    """Where the file knows errors at any α; SI. band: of impact speeds, () for the default of the step."""
+    """Conditions for which the file has errors at any α; SI. band: of impact speeds, () for the
+    default of the step.
+    """
 
     engine: str
     timestep: float
@@ -57,7 +59,7 @@ class Condition(NamedTuple):
 
 
 def row(condition: Condition, alpha: float) -> Row:
-    """What `hcbench tune` says there of one α."""
+    """Answer of `hcbench tune` in these conditions for one α."""
     scene, target = _asked(condition, alpha)
     try:
         answer = find_answer(condition.engine, target, scene)
@@ -68,7 +70,9 @@ def row(condition: Condition, alpha: float) -> Row:
 
 
 def lows(condition: Condition) -> list[list[float]]:
-    """Where the plug-in's band begins: pairs of an α, s/m, up to which it is a speed, m/s."""
+    """Slowest speeds at which the plug-in is exact: pairs of an α, s/m, and the speed up to this α,
+    m/s.
+    """
     recipe = first(registry.preferred(condition.engine), Role.LAW, "plane", native=False)
     assert recipe is not None
     steps: list[list[float]] = []

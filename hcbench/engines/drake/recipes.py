@@ -26,7 +26,7 @@ def _hertz_stiffness(target: Target) -> float:
 
 
 def continuous(target: Target) -> dict[str, Any]:
-    """The law's e at any step, by an integrator with error control."""
+    """Follow the law's e at any step, by an integrator with error control."""
     pair = {"point_stiffness": 2.0 * _hertz_stiffness(target), "dissipation": target.law.dissipation}
     return {"plant": "continuous", "accuracy": 2e-11, **pair}
 

@@ -77,7 +77,9 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         )
 
     def paste(self, options: ExudynOptions, timestep: str) -> str:
-        """The contact's numbers, or the law, and the solver's settings."""
+        """Return the lines for a user's script: numbers of the contact, or the law, and settings of
+        the solver.
+        """
         contact = _LAW if options.law else _numbers(options)
         return "\n".join((contact, _SETTINGS, _SOLVER.format(options.solver)))
 

@@ -64,7 +64,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     exact = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
 
     def bits_of(self, setting: Setting) -> int:
-        """How many bits the numbers of a setting have."""
+        """Return the bits of the numbers of a setting: 32 or 64."""
         precision = setting.options.get("precision", "float32")
         if precision not in _BITS:
             raise SettingError("mjx option 'precision'", repr(precision), "'float32' or 'float64'")

@@ -73,7 +73,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         return text
 
     def law_lines(self, law: PythonLaw | None) -> str:
-        """What puts a law into a model."""
+        """Return the lines that add a law to a model."""
         return law_text(law, _FORCE, _EACH)
 
     def copies(

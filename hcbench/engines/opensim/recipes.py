@@ -20,7 +20,9 @@ _HERTZ = 1.5
 
 
 def stock_accuracy(target: Target) -> dict[str, Any]:
-    """The law's own numbers, c = α; SettingError for an exponent that Simbody's contact does not have."""
+    """Set the numbers of the law, c = α; SettingError for an exponent that Simbody's contact does
+    not have.
+    """
     law = target.law
     if law.exponent != _HERTZ:
         given, advice = f"n = {law.exponent:g} in opensim", "The plug-in `hunt-crossley` has any"
@@ -29,7 +31,7 @@ def stock_accuracy(target: Target) -> dict[str, Any]:
 
 
 def hunt_crossley_force(target: Target) -> dict[str, Any]:
-    """The law as OpenSim's force, under error control that is tight enough for e."""
+    """Set the law as OpenSim's force, under error control that is tight enough for e."""
     return {**stock_accuracy(target), "accuracy": _ACCURACY}
 
 

@@ -1,1 +1,1 @@
-"""The paper's vibro-impact system: a body between two contacts, driven."""
+"""Vibro-impact system of the paper: a body between two contacts, driven."""

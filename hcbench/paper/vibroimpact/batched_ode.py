@@ -107,7 +107,9 @@ class _Batch:
         return y + h * _mix(_B, k), h * fifth / np.maximum(bottom, 1e-300)
 
     def _resize(self, rows: Indices, h: Floats, error: Floats) -> None:
-        """The next step's size from this one's error; one cut short by a limit says little about growth."""
+        """Choose the next step's size from this one's error; one cut short by a limit says little
+        about growth.
+        """
         good = error <= 1.0
         factor = np.where(np.isfinite(error), 0.9 * np.maximum(error, 1e-16) ** -0.125, _LARGEST_CUT)
         best = h * np.clip(factor, _LARGEST_CUT, np.where(good, _LARGEST_GROWTH, 1.0))

@@ -70,9 +70,9 @@ class TwoSidedContact:
         return out
 
     def distance(self, y: Floats, mode: Modes, rows: Indices) -> tuple[Floats, Indices]:
-        """How far the nearest switch is (below 0: beyond), and its number.
+        """Distance to the nearest switch (below 0: beyond), and the number of that switch.
 
-        Of surfaces over the size of the motion; of forces F(x, v)/F(x, 0).
+        For surfaces over the size of the motion; for forces F(x, v)/F(x, 0).
         """
         x, w = self._sides(y, rows)
         surface = np.where(mode == APART, -x, x) / self.length[rows]

@@ -27,7 +27,8 @@ Over = Literal["frequency", "amplitude", "gap"]
 
 @dataclass(frozen=True, slots=True)
 class Orbits:
-    """What a parameter does to the motion, each from the same start; arrays of shape (values, kept cycles).
+    """Motion over the values of a parameter, each from the same start; arrays of shape (values,
+    kept cycles).
 
     values: of the parameter, SI, shape (values,). position (m), velocity (m/s): at the end of each cycle.
     highest, lowest: the largest and smallest q within each cycle, m. touches: impacts in each cycle.
@@ -96,7 +97,9 @@ def orbits(
 def _simulate(
     cases: list[tuple[VibroImpact, Sinusoid]], cycles: int, keep: int, start: Floats, tolerance: float
 ) -> Floats:
-    """What `Orbits` keeps of these systems and drives, side by side, shape (5, cases, keep)."""
+    """Simulate these systems and drives side by side; rows as `Orbits` keeps them, shape (5, cases,
+    keep).
+    """
     system, (position, velocity) = cases[0][0], start.tolist()
     amplitude = np.array([d.amplitude for _, d in cases])
     omega = 2.0 * np.pi * np.array([d.frequency for _, d in cases])

@@ -119,7 +119,7 @@ def _force_of(drive: Drive | None, times: Floats) -> Floats:
 
 
 def _checked(drive: Drive, time: float) -> float:
-    """P in N at `time` (s); UserError for what is no force."""
+    """Evaluate P in N at `time` (s); UserError unless it is a finite force."""
     expected = "a finite force, a number in N, at every time"
     try:
         value: object = drive(time)
@@ -187,7 +187,9 @@ def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
 
 
 def _solve(rising: Drive, wanted: float) -> float:
-    """Where a rising function of x > 0 has a value, m."""
+    """Find x > 0, m, at which a rising function reaches a value, by bisection on a logarithmic
+    scale.
+    """
     low, high = 1e-15, 1e6
     for _ in range(60):
         middle = math.sqrt(low * high)

@@ -117,7 +117,8 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedMotion:
-    """What happened: arrays of shape (n,) at the integrator's own steps, events included; SI.
+    """Motion, forces and energies: arrays of shape (n,) at the integrator's own steps, events
+    included; SI.
 
     right, left: what the blocks press with, >= 0. kinetic + stored + lost - put_in is constant.
     """

@@ -1,4 +1,4 @@
-"""The part of Drake's engine that opens users' models."""
+"""Opening of users' models: the part of Drake's engine that loads URDF, SDF and MJCF."""
 
 from __future__ import annotations
 

@@ -110,7 +110,9 @@ def _size(loaded: LoadedPlant, gap: Gap) -> float:
 
 
 def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
-    """What could move a body: its own free or prismatic joint, those that it hangs on, then all of them."""
+    """Yield the joints that could move a body: its own free or prismatic joint, those it hangs on,
+    then all.
+    """
     plant = loaded.plant
     above = {plant.get_joint(i).child_body().index(): plant.get_joint(i) for i in plant.GetJointIndices()}
     turns, chain = False, []

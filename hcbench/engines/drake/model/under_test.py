@@ -78,7 +78,7 @@ class DrakeModel(ModelUnderTest):
         return not all(map(self.loaded.is_hydroelastic, self.place.gap.geometries))
 
     def facts(self) -> Facts:
-        """What the model says of itself and of the pair."""
+        """Return the properties of the model and of its pair."""
         (_, version, _, request), config, place = self._given, self.loaded.config, self.place
         stiffness, dissipation = self.pair_values()
         points = self._is_point_contact()
@@ -110,7 +110,7 @@ class DrakeModel(ModelUnderTest):
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """What may keep this pair from bouncing as asked."""
+        """Return settings that may keep this pair from bouncing as `wanted`."""
         step = causes.StepFix(self.timestep, "time_step={} of the plant, or --timestep", _set_step)
         suspects_of_pair = (
             [*self._implicit_step(), *self._dissipation(impacts, wanted)] if self._is_point_contact() else []
@@ -122,7 +122,7 @@ class DrakeModel(ModelUnderTest):
         return [*suspects_of_pair, *causes.other_contacts(sorted(self.others))]
 
     def _implicit_step(self) -> Iterator[Suspect]:
-        """The discrete plant's implicit step damps by itself."""
+        """Suspect the implicit step of a discrete plant, which damps by itself."""
         omega = math.sqrt(self.pair_values()[0] / self.mass)
         kept = math.exp(-0.5 * math.pi * omega * self.timestep)
         if 1.0 - kept < _NOTABLE:

@@ -29,7 +29,9 @@ _ALONG = 1e-9  # of a direction's component: below it a face or an edge is what 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What a name means. body: Drake's. geometries: ids of those of its shapes that count."""
+    """Body or shape that a name stands for. body: Drake's. geometries: ids of those of its shapes
+    that count.
+    """
 
     name: str
     body: Any
@@ -37,7 +39,9 @@ class Part:
 
 
 class Gap(NamedTuple):
-    """Where two shapes are nearest: signed distance, m; normal from the first to the second; midpoint."""
+    """Nearest points of two shapes: signed distance, m; normal from the first to the second;
+    midpoint.
+    """
 
     distance: float
     normal: Floats
@@ -93,7 +97,7 @@ class LoadedPlant:
             scene_graph.AssignRole(source, geometry, properties, self.drake.RoleAssign.kReplace)
 
     def says(self, geometry: Any, name: str) -> bool:
-        """Whether a shape's file sets this property of its contact."""
+        """Say whether a shape's file sets this property of its contact."""
         return bool(self.inspector.GetProximityProperties(geometry).HasProperty("material", name))
 
     def property(self, geometry: Any, name: str) -> float:
@@ -104,7 +108,7 @@ class LoadedPlant:
         )
 
     def is_hydroelastic(self, geometry: Any) -> bool:
-        """Whether a shape's file asks for a pressure field (hydroelastic contact)."""
+        """Say whether a shape's file asks for a pressure field (hydroelastic contact)."""
         properties = self.inspector.GetProximityProperties(geometry)
         return bool(properties.HasProperty("hydroelastic", "compliance_type"))
 
@@ -113,7 +117,9 @@ class LoadedPlant:
         return self.plant.GetBodyFromFrameId(self.inspector.GetFrameId(geometry))
 
     def part(self, name: str) -> Part:
-        """What a name means: a body first, then a shape. UserError for neither, or a body without shapes."""
+        """Find the body, else the shape, of this name. UserError for neither, or a body without
+        shapes.
+        """
         bodies = [
             self.plant.get_body(i) for i in self.plant.GetBodyIndices(self.drake.default_model_instance())
         ]
@@ -129,11 +135,11 @@ class LoadedPlant:
         return [g for g in self._geometries if self.body_of(g).index() == body.index()]
 
     def short(self, geometry: Any) -> str:
-        """A shape's name without its model's."""
+        """Name of a shape without that of its model."""
         return str(self.inspector.GetName(geometry).rpartition("::")[2])
 
     def nearest(self, context: Any, first: Part, second: Part) -> Gap:
-        """Where two parts are nearest. UserError where Drake makes no contact of them."""
+        """Find the nearest points of two parts. UserError if Drake filters their contact."""
         pairs = [(a, b) for a in first.geometries for b in second.geometries]
         meet = [both for both in pairs if frozenset(both) in self.collide]
         if not meet:
@@ -207,7 +213,9 @@ _LOOKS = ("visual", "light", "asset", "statistic")  # nothing to do with contact
 
 
 def ignored_in_words(lines: Sequence[str]) -> str:
-    """What Drake leaves out of a model's contact and motion, in one sentence; "" for nothing."""
+    """One sentence on everything of a model's contact and motion that Drake leaves out; "" for
+    nothing.
+    """
     said = [line.partition("warning: ")[2].rstrip(".") for line in lines if "warning: " in line]
     words = [_TAG.sub(r"<\1>", _ATTRIBUTE.sub(r"<\2> \1", line)) for line in said]
     words = [word for word in dict.fromkeys(words) if word.strip("<>") not in _LOOKS]

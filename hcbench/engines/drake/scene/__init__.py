@@ -1,1 +1,1 @@
-"""What Drake is asked to simulate beyond the scenes of one bounce."""
+"""Scenes for Drake beyond those of one bounce."""
