@@ -250,7 +250,7 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
 
 
 def _stated(table: SentTable) -> dict[str, Any]:
-    """The scene in the form of the study file's table."""
+    """Gravity and friction of the scene, as the study file states them."""
     stated = {"gravity": table.gravity, "friction": table.friction}
     return {name: value for name, value in stated.items() if value is not None}
 

@@ -165,7 +165,7 @@ def _heard(result: FitResult) -> list[str]:
 
 
 def trains_of(s: TouchTimes) -> list[tuple[str, ...]]:
-    """Trains of clicks that may be the ball's: letter, touches, from, to, α, s_e, ln of the odds."""
+    """Candidate trains of clicks, a row each: letter, touches, from, to, α, s_e, ln of the odds."""
     return [
         (
             "ABCDEF"[i],

@@ -63,7 +63,7 @@ class ImpactLaw(Drawn):
         Raises
         ------
         QuantityError
-            Where `speed` is no speed of 0 m/s or more.
+            If `speed` is not a speed of 0 m/s or more.
 
         Examples
         --------

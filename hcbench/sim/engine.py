@@ -105,7 +105,7 @@ class Engine(ABC):
         """Return the text of a setting to paste into a user's model or script; "" if nothing is
         set.
 
-        form: the scene's, "plane" or "cup". pair: names of the two in the user's model, the first of them moves.
+        form: the scene's, "plane" or "cup". pair: names of the two in the user's model, the first moves.
         """
         return setting.options_text
 
