@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Impact, Status
 from hcbench.laws.restitution import Reading, Restitution
-from hcbench.measuring.curve import CurvePoint, curve_of, point_of, worst_of
+from hcbench.measuring.curve import Curve, CurvePoint, curve_of, curve_of_columns, worst_of
 from hcbench.measuring.landing import land_job
 from hcbench.measuring.measure import Job, measure_job
 from hcbench.measuring.measurement import TOLERANCE, Measurement
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from hcbench.checking.spec import Check
 
-_HAS_E = (Status.PARTED.value, Status.RESTED.value)
 _NO_END = (Status.CRASHED, Status.UNFINISHED)
 
 
@@ -83,7 +82,7 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
     verdict, message = _with_rest(check, measurement, *_verdict(check, measurement, rows))
     worst = worst_of(rows) or rows[0]
     return Outcome(
-        check.name, verdict, message, _against(check, rows), check.allowed, tuple(rows), worst, measurement
+        check.name, verdict, message, _against(check, rows), check.allowed, rows, worst, measurement
     )
 
 
@@ -199,27 +198,26 @@ def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Readi
     named = f"{run['scene']} {run['engine']} {run['setting']}"
     name = f"{named} α = {alpha:.4g} s/m, step {run['timestep_s']:g} s{where}"
     against = Restitution(alpha, reading).description
-    rows = []
-    by = ["speed_m_per_s", *(["angle_rad"] if "angle_rad" in impacts else [])]
-    for place, group in impacts.groupby(by, sort=False):
-        speed, *angle = cast("tuple[float, ...]", place)
-        good = group[group["status"].isin(_HAS_E)]
-        rows.append(
-            point_of(
-                speed,
-                angle[0] if angle else 0.0,
-                phase=good["phase"].to_numpy(float),
-                speed_in=good["speed_in_m_per_s"].to_numpy(float),
-                restitution=good["restitution"].to_numpy(float),
-                target=good[f"restitution_{reading}"].to_numpy(float),
-                samples=good["samples"].to_numpy(int),
-                failed=len(group) - len(good),
-            )
-        )
+    rows = _rows(impacts, reading)
     failed, worst = sum(row.failed for row in rows), worst_of(rows)
     if failed or worst is None:
         verdict = Verdict.FAILED
         message = f"{failed} of {len(impacts)} impacts have no restitution"
     else:
         verdict, message = _within(worst, max_error)
-    return Outcome(name, verdict, message, against, max_error, tuple(rows), worst)
+    return Outcome(name, verdict, message, against, max_error, rows, worst)
+
+
+def _rows(impacts: pd.DataFrame, reading: Reading) -> Curve:
+    """One point for each speed and angle of a study's impacts, in their order."""
+    place = ["speed_m_per_s", *(["angle_rad"] if "angle_rad" in impacts else [])]
+    return curve_of_columns(
+        np.asarray(impacts.groupby(place, sort=False).ngroup(), dtype=np.int64),
+        speed=impacts["speed_m_per_s"].to_numpy(float),
+        angle=impacts["angle_rad"].to_numpy(float) if len(place) > 1 else np.zeros(len(impacts)),
+        phase=impacts["phase"].to_numpy(float),
+        speed_in=impacts["speed_in_m_per_s"].to_numpy(float),
+        restitution=impacts["restitution"].to_numpy(float),
+        target=impacts[f"restitution_{reading}"].to_numpy(float),
+        samples=impacts["samples"].to_numpy(int),
+    )

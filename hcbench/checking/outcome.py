@@ -1,7 +1,7 @@
 """Results of checks."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -43,7 +43,7 @@ class Outcome:
     message: str
     against: str = ""
     max_error: float = math.nan
-    rows: tuple[CurvePoint, ...] = ()
+    rows: Sequence[CurvePoint] = ()
     worst: CurvePoint | None = None
     measurement: Measurement | None = None
 

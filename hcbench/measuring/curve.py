@@ -1,4 +1,8 @@
-"""e over speed: the impacts of each launch speed and angle, all phases of the time step in one point."""
+"""e over speed: the impacts of each launch speed and angle, all phases of the time step in one point.
+
+Every e over speed that hcbench prints, draws or compares is made here, so that the same impacts give the
+same numbers to the last bit.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hcbench.impact import Floats
+from hcbench.sim.columns import Columns, Whole
 from hcbench.sim.tangential import ALONG_COLUMNS, AlongPlate, along_plate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator
 
-    from hcbench.impact import Floats, Impact, Launch
+    from hcbench.impact import Impact, Launch
 
 
 _UNKNOWN = AlongPlate(*(math.nan,) * len(ALONG_COLUMNS))
@@ -84,15 +89,61 @@ class CurvePoint:
         return record
 
 
-def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None = None) -> list[CurvePoint]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve(Columns[CurvePoint]):
+    """A sequence of `CurvePoint`; each column has its attribute of that name, shape (n,).
+
+    along: shape (n, 6), the columns of `AlongPlate`.
+    """
+
+    speed: Floats
+    speed_in: Floats
+    restitution: Floats
+    lowest: Floats
+    highest: Floats
+    target: Floats
+    worst_phase: Floats
+    samples: Whole
+    failed: Whole
+    angle: Floats
+    restitution_after_force: Floats
+    along: Floats
+
+    def __len__(self) -> int:
+        return len(self.speed)
+
+    def __iter__(self) -> Iterator[CurvePoint]:
+        *numbers, along = (column.tolist() for column in self._values())
+        plates = [AlongPlate(*plate) for plate in along]
+        for values in zip(*numbers, plates, strict=True):
+            yield CurvePoint(*values)
+
+    def measured(self) -> Curve:
+        """The points that have an e."""
+        return self.take(np.isfinite(self.restitution))
+
+
+def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None = None) -> Curve:
     """One point for each launch speed and angle, in the order of the launches.
 
     wanted: e that an impact should have; NaN for an impact that is held against nothing.
     """
-    groups: dict[Launch, list[Impact]] = {}
-    for impact in impacts:
-        groups.setdefault(impact.launch.at_any_phase, []).append(impact)
-    return [_point(launch, group, wanted) for launch, group in groups.items()]
+    every = list(impacts)
+    groups: dict[Launch, int] = {}
+    group = [groups.setdefault(impact.launch.at_any_phase, len(groups)) for impact in every]
+    target = [math.nan if wanted is None or not i.is_measured else wanted(i) for i in every]
+    return curve_of_columns(
+        np.array(group, dtype=np.int64),
+        speed=np.array([impact.launch.speed for impact in every]),
+        angle=np.array([impact.launch.angle for impact in every]),
+        phase=np.array([impact.launch.phase for impact in every]),
+        speed_in=np.array([impact.speed_in for impact in every]),
+        restitution=np.array([impact.restitution for impact in every]),
+        target=np.array(target),
+        samples=np.array([impact.samples for impact in every], dtype=np.int64),
+        after_force=np.array([impact.restitution_after_force for impact in every]),
+        along=np.array([along_plate(impact) for impact in every]).reshape(-1, len(ALONG_COLUMNS)),
+    )
 
 
 def worst_of(points: Iterable[CurvePoint]) -> CurvePoint | None:
@@ -101,91 +152,86 @@ def worst_of(points: Iterable[CurvePoint]) -> CurvePoint | None:
     return max(known, key=lambda point: abs(point.worst_phase), default=None)
 
 
-def _point(launch: Launch, impacts: Sequence[Impact], wanted: Callable[[Impact], float] | None) -> CurvePoint:
-    good = [impact for impact in impacts if impact.is_measured]
-    targets = [math.nan if wanted is None else wanted(impact) for impact in good]
-    return point_of(
-        launch.speed,
-        launch.angle,
-        phase=np.array([impact.launch.phase for impact in good]),
-        speed_in=np.array([impact.speed_in for impact in good]),
-        restitution=np.array([impact.restitution for impact in good]),
-        target=np.array(targets),
-        samples=np.array([impact.samples for impact in good], dtype=int),
-        failed=len(impacts) - len(good),
-        after_force=np.array([impact.restitution_after_force for impact in good]),
-        along=np.array([along_plate(impact) for impact in good or impacts[:1]]),
-    )
-
-
-def point_of(
-    speed: float,
-    angle: float,
+def curve_of_columns(
+    group: Whole,
     *,
+    speed: Floats,
+    angle: Floats,
     phase: Floats,
     speed_in: Floats,
     restitution: Floats,
     target: Floats,
-    samples: NDArray[np.int_],
-    failed: int,
+    samples: Whole,
     after_force: Floats | None = None,
     along: Floats | None = None,
-) -> CurvePoint:
-    """The point of the impacts that have an e, as columns of shape (n,); n may be 0.
+) -> Curve:
+    """One point for each group of impacts that are given as columns, shape (n,).
 
-    phase: share of a step. speed_in: m/s. target: NaN where an impact is held against nothing.
-    samples: steps in contact. along: shape (n, 6), of `AlongPlate`.
+    group: number of the point that an impact belongs to, each of 0 to k - 1 at least once. speed: at launch,
+    m/s; angle: from the normal, rad; phase: share of a step; each impact of a group has its own phase.
+    speed_in: m/s. restitution: NaN for an impact without an e. target: NaN for an impact that is held against
+    nothing. samples: steps in contact. after_force: as `Impact.restitution_after_force`. along: shape (n, 6).
     """
-    plate = _UNKNOWN if along is None else AlongPlate(*np.mean(along, axis=0).tolist())
-    if not phase.size:
-        nothing = math.nan
-        return CurvePoint(
-            *(speed, nothing, nothing, nothing, nothing, nothing, nothing),
-            samples=0,
-            failed=failed,
-            angle=angle,
-            along=plate,
-        )
-    held = ~np.isnan(target)
+    first_of_group = np.unique(group, return_index=True)[1]
+    count = len(first_of_group)
+    has_e = ~np.isnan(restitution)
+    has_target = has_e & ~np.isnan(target)
     # A baseline may lack some phases. e and target are means over the same ones, so that they compare.
-    chosen = held if held.any() else ~held
-    share = step_shares(phase[chosen])
-    e = restitution[chosen]
-    error = e - target[chosen]
-    if along is not None:
-        plate = AlongPlate(*_mean(along[chosen], share).tolist())
-    return CurvePoint(
-        speed=speed,
-        speed_in=float(_mean(speed_in[chosen], share)),
-        restitution=float(_mean(e, share)),
-        lowest=float(e.min()),
-        highest=float(e.max()),
-        target=float(_mean(target[chosen], share)),
-        worst_phase=float(error[np.abs(error).argmax()]),
-        samples=int(samples.min()),
+    compares = np.bincount(group[has_target], minlength=count) > 0
+    counts = np.where(compares[group], has_target, has_e)
+    by_phase = np.lexsort((phase, group))
+    rows = by_phase[counts[by_phase]]
+    known, starts, sizes = np.unique(group[rows], return_index=True, return_counts=True)
+    share = step_shares(phase[rows], starts)
+
+    def mean(values: Floats | None, width: int = 1) -> Floats:
+        means = np.full((count, width), math.nan)
+        if values is not None:
+            ordered = values[rows].reshape(-1, width)
+            # About the first one: the mean of equal values is their value, to the last bit.
+            first = ordered[starts]
+            beyond = share[:, np.newaxis] * (ordered - np.repeat(first, sizes, axis=0))
+            means[known] = first + np.add.reduceat(beyond, starts, axis=0)
+        return means if width > 1 else means[:, 0]
+
+    def chosen(values: Floats) -> Floats:
+        column = np.full(count, math.nan)
+        column[known] = values
+        return column
+
+    e = restitution[rows]
+    error = e - target[rows]
+    worst_first = np.lexsort((-np.abs(error), group[rows]))
+    fewest = np.full(count, np.iinfo(np.int64).max)
+    np.minimum.at(fewest, group[has_e], samples[has_e])
+    failed = np.bincount(group[~has_e], minlength=count)
+    return Curve(
+        speed=speed[first_of_group],
+        speed_in=mean(speed_in),
+        restitution=mean(restitution),
+        lowest=chosen(np.minimum.reduceat(e, starts)),
+        highest=chosen(np.maximum.reduceat(e, starts)),
+        target=mean(target),
+        worst_phase=chosen(error[worst_first][starts]),
+        samples=np.where(failed < np.bincount(group, minlength=count), fewest, 0),
         failed=failed,
-        angle=angle,
-        restitution_after_force=math.nan if after_force is None else float(_mean(after_force[chosen], share)),
-        along=plate,
+        angle=angle[first_of_group],
+        restitution_after_force=mean(after_force),
+        along=mean(along, len(ALONG_COLUMNS)),
     )
 
 
-def _mean(values: Floats, share: Floats) -> Floats:
-    """Mean of values, shape (n,) or (n, k), by the share of the step that each stands for, shape (n,)."""
-    # About the first one: the mean of equal values is their value, to the last bit.
-    mean: Floats = values[0] + share @ (values - values[0])
-    return mean
+def step_shares(phases: Floats, starts: Whole) -> Floats:
+    """The share of a step that each phase stands for: half of the gaps on both sides; a group's add up to 1.
 
-
-def step_shares(phases: Floats) -> Floats:
-    """The share of a step that each phase stands for: half of the gaps on both sides; they add up to 1.
-
+    phases: shape (n,), rising within each group. starts: where each group begins.
     `measure` launches at more phases where e differs between neighbours, so the phases are not even.
     """
-    order = np.argsort(phases)
-    ordered = phases[order]
+    ends = np.append(starts[1:], len(phases))[: len(starts)] - 1
+    following = np.roll(phases, -1)
     # The step after the last phase is that of the first again.
-    gaps = np.diff(np.append(ordered, ordered[0] + 1.0))
-    shares = np.empty(len(ordered))
-    shares[order] = (gaps + np.roll(gaps, 1)) / 2
-    return shares
+    following[ends] = phases[starts] + 1.0
+    gap_after = following - phases
+    gap_before = np.roll(gap_after, 1)
+    gap_before[starts] = gap_after[ends]
+    return (gap_after + gap_before) / 2

@@ -25,7 +25,7 @@ from hcbench.laws.restitution import (
     Restitution,
     RestitutionCurve,
 )
-from hcbench.measuring.curve import CurvePoint, curve_of
+from hcbench.measuring.curve import Curve, curve_of
 from hcbench.resolution import STEPS_TO_COMPARE, STEPS_TO_SHOW
 from hcbench.sim.model_under_test import Facts, Request
 from hcbench.sim.rest import Rest
@@ -104,7 +104,7 @@ class Measurement(Drawn):
     rest_causes: tuple[Cause, ...] = ()
 
     @property
-    def curve(self) -> list[CurvePoint]:
+    def curve(self) -> Curve:
         """e over speed, one point for each launch speed and angle, in the order of the request."""
         wanted = self.wanted
         if wanted is None:

@@ -66,7 +66,7 @@ def under(results: Results, gravity: float) -> Results:
     table = results.table.only([key for key in results.table.folded if tuple(key[i] for i in places) in keys])
     study = dict(results.study)
     if gravity != study["gravity"]:
-        speeds = sorted({float(v) for one in table.folded.values() for v in one.curve.asked})
+        speeds = sorted({float(v) for one in table.folded.values() for v in one.curve.speed})
         study |= {"gravity": gravity, "speeds": speeds, "loop_speeds": []}
     return replace(
         results,

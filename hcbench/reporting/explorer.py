@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from hcbench.laws import closed_form
 from hcbench.reporting import tables
 from hcbench.reporting.answers import PageChoice, answered, choices
 from hcbench.reporting.page import Script, script
@@ -172,12 +171,12 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
         curve, of_run = one.curve, kept.get((run, alpha), {})
         # Shown of each speed is the impact whose loop was kept, or else one half-way through a step.
         phases = [phase for phase, *_ in of_run.values()]
-        shown = curve.half_way
-        if phases and abs(curve.of_loops.phase - phases[0]) < abs(shown.phase - phases[0]):
-            shown = curve.of_loops
-        numbers = [-1] * len(curve.asked)
+        shown = one.half_way
+        if phases and abs(one.of_loops.phase - phases[0]) < abs(shown.phase - phases[0]):
+            shown = one.of_loops
+        numbers = [-1] * len(curve)
         for speed, (_, *loop) in of_run.items():
-            numbers[int(np.abs(curve.asked - speed).argmin())] = loops.add(loop)
+            numbers[int(np.abs(curve.speed - speed).argmin())] = loops.add(loop)
         yield {
             **_drawn(view, run),
             "gravity": view.gravity,
@@ -185,12 +184,12 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
             "alpha": alpha,
             "phase": shown.phase,
             "text": texts.of(view, run, alpha),
-            "asked": digits(curve.asked, 4),
-            "v": digits(np.where(np.isfinite(shown.speed_in), shown.speed_in, curve.asked), 5),
+            "asked": digits(curve.speed, 4),
+            "v": digits(np.where(np.isfinite(shown.speed_in), shown.speed_in, curve.speed), 5),
             "e": places(shown.restitution, 5),
-            "low": places(curve.low, 5),
-            "high": places(curve.high, 5),
-            "error": digits(curve.error, 3),
+            "low": places(curve.lowest, 5),
+            "high": places(curve.highest, 5),
+            "error": digits(np.abs(curve.worst_phase), 3),
             "samples": shown.samples.tolist(),
             "loops": numbers,
         }
@@ -227,17 +226,16 @@ def _drawn(view: View, run: RunKey) -> dict[str, str]:
 def _scans(view: View) -> list[dict[str, Any]]:
     """Largest errors over the time step at one speed, for the main α."""
     speed = float(view.study["step_speed"])
-    law = float(closed_form.restitution(view.main_alpha, speed))
     return [
         {
             "engine": run.engine,
             "setting": run.label,
             "alpha": view.main_alpha,
             "v": speed,
-            "steps": [float(h) for h in table["timestep"]],
-            "error": digits(np.maximum(abs(table["low"] - law), abs(table["high"] - law)), 3),
+            "steps": [step for step, _ in points],
+            "error": digits((abs(point.worst_phase) for _, point in points), 3),
         }
-        for run, table in view.step_curves().items()
+        for run, points in view.step_curves().items()
         if run.engine != REFERENCE
     ]
 

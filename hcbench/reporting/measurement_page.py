@@ -25,7 +25,6 @@ from hcbench.reporting.plot_style import (
 def measurement_page(measurement: Measurement) -> str:
     """The page as HTML text."""
     asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
-    wanted = measurement.wanted
     explored = explorer_of(measurement)
     return render(
         "measurement.html",
@@ -36,10 +35,7 @@ def measurement_page(measurement: Measurement) -> str:
         notes=(*measurement.facts.notes, *motion_notes(measurement)),
         curve=draw(Drawing("curve", lambda: curve_figure(measurement))),
         loops=draw(Drawing("loops", (lambda: _loops_figure(measurement)) if measurement.loops else None)),
-        points=[
-            (point, e, math.nan if wanted is None else float(wanted.at(point.speed_in)))
-            for point, e in zip(measurement.curve, asked, strict=True)
-        ],
+        points=list(zip(measurement.curve, asked, strict=True)),
         settings={name: setting_text(value) for name, value in measurement.facts.settings.items()},
     )
 

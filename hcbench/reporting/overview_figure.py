@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hcbench.benchmark.fold import Curve
 from hcbench.laws import closed_form
+from hcbench.measuring.curve import Curve
 from hcbench.reporting import wording
 from hcbench.reporting.plot_style import (
     LAW,
@@ -35,12 +35,12 @@ def _draw_law(axes: Axes, view: View, alpha: float) -> None:
 
 
 def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> None:
-    """One setting: median over phases, with the band that the phases span."""
+    """One setting: mean over phases, with the band that the phases span."""
     style = view.plot_style(run)
-    if (curve.high - curve.low > _BAND_SHOWN).any():
-        draw_band(axes, curve.speed, curve.low, curve.high, style.colour)
-    marks = marker_stride(len(curve.speed), nth)
-    axes.plot(curve.speed, curve.middle, markevery=marks, zorder=3, **style.line())
+    if (curve.highest - curve.lowest > _BAND_SHOWN).any():
+        draw_band(axes, curve.speed_in, curve.lowest, curve.highest, style.colour)
+    marks = marker_stride(len(curve), nth)
+    axes.plot(curve.speed_in, curve.restitution, markevery=marks, zorder=3, **style.line())
 
 
 def overview_figure(view: View, runs: list[RunKey]) -> Figure:
@@ -52,8 +52,9 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
     curves = [
         (nth, run, curve) for nth, run in enumerate(runs) if (curve := view.curve(run, alpha)) is not None
     ]
-    lowest = min([1 - alpha * v_end, *(float(c.low.min()) for _, _, c in curves if c.high.max() > _FAR)])
-    far = [item for item in curves if item[2].high.max() < lowest - _GAP]
+    least = [float(curve.lowest.min()) for _, _, curve in curves if curve.highest.max() > _FAR]
+    lowest = min([1 - alpha * v_end, *least])
+    far = [item for item in curves if item[2].highest.max() < lowest - _GAP]
     lower = 0.2 if far else 0.0
     axes = figure.add_axes((0.075, 0.115 + lower, 0.615, 0.765 - lower))
     _draw_law(axes, view, alpha)
@@ -66,7 +67,7 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
     axes.set_ylabel("restitution e")
     if far:
         bottom = figure.add_axes((0.075, 0.115, 0.615, lower - 0.04), sharex=axes)
-        top = max(0.1, 1.3 * max(float(curve.high.max()) for _, _, curve in far))
+        top = max(0.1, 1.3 * max(float(curve.highest.max()) for _, _, curve in far))
         bottom.set_ylim(-0.15 * top, top)
         set_ticks(bottom.yaxis, [0.0, round(0.8 * top, 2)])
         _draw_named(bottom, view, far, [])
@@ -88,7 +89,7 @@ def _draw_named(
     for nth, run, curve in curves:
         _draw_curve(axes, view, run, curve, nth)
         name = f"{wording.engine_title(run.engine)}, {run.name}, {run.step}"
-        labels = [*labels, (float(curve.middle[-1]), name, view.plot_style(run).colour, "normal")]
+        labels = [*labels, (float(curve.restitution[-1]), name, view.plot_style(run).colour, "normal")]
     _label_ends(axes, labels)
 
 

@@ -12,11 +12,12 @@ import numpy as np
 import pandas as pd
 
 from hcbench.benchmark.bounce_sequence import RestAfterDrop
-from hcbench.benchmark.fold import Curve, Folded
+from hcbench.benchmark.fold import Folded
 from hcbench.benchmark.results import RUN_KEY, Key, Results
 from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.measuring.curve import Curve, CurvePoint
 from hcbench.reporting.plot_style import PlotStyle, plot_styles
 from hcbench.reporting.wording import NBSP, engine_title, span, time
 from hcbench.resolution import STEPS_OF_A_LOOP
@@ -120,7 +121,7 @@ class View:
 
     def band_text(self, timestep: float) -> str:
         """The impact speeds at a step, m/s."""
-        curves = [one.curve.asked for (run, _), one in self.head_on.items() if run.timestep == timestep]
+        curves = [one.curve.speed for (run, _), one in self.head_on.items() if run.timestep == timestep]
         speeds = np.concatenate(curves)
         return f"{span(f'{speeds.min():.3g}', f'{speeds.max():.3g}')}{NBSP}m/s"
 
@@ -147,7 +148,7 @@ class View:
         """Runs over enough speeds to show a curve, in the study's order."""
         enough = min(CURVE_SPEEDS, len(self.study["speeds"]))
         tried = self.head_on.items()
-        return list(dict.fromkeys(run for (run, _), one in tried if len(one.curve.asked) >= enough))
+        return list(dict.fromkeys(run for (run, _), one in tried if len(one.curve) >= enough))
 
     @cached_property
     def band_runs(self) -> list[RunKey]:
@@ -201,8 +202,8 @@ class View:
 
     @cached_property
     def _curves(self) -> dict[tuple[RunKey, float], Curve]:
-        curves = {where: one.curve.bounced() for where, one in self.head_on.items()}
-        return {where: curve for where, curve in curves.items() if curve.speed.size}
+        curves = {where: one.curve.measured() for where, one in self.head_on.items()}
+        return {where: curve for where, curve in curves.items() if len(curve)}
 
     def score(self, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
         """The score of a run for one α, else the main one."""
@@ -231,17 +232,17 @@ class View:
                 out[key] = {str(k): v for k, v in row.items()}
         return out
 
-    def step_curves(self) -> dict[RunKey, pd.DataFrame]:
-        """Run without its step -> e over several at the study's step speed for its main α, steps rising.
+    def step_curves(self) -> dict[RunKey, list[tuple[float, CurvePoint]]]:
+        """Run without its step -> (step, s, point at the study's step speed) for its main α, steps rising.
 
-        Columns: timestep, low, middle, high (NaN where no impact came back).
+        Runs at one step only are left out.
         """
-        rows: dict[RunKey, list[tuple[float, ...]]] = {}
+        rows: dict[RunKey, list[tuple[float, CurvePoint]]] = {}
         for (run, alpha), one in self.head_on.items():
             if one.at_step is not None and self._is_main(alpha):
-                rows.setdefault(run._replace(timestep=0.0), []).append((run.timestep, *one.at_step))
-        columns = ["timestep", "low", "middle", "high"]
-        return {run: pd.DataFrame(sorted(by), columns=columns) for run, by in rows.items() if len(by) > 1}
+                rows.setdefault(run._replace(timestep=0.0), []).append((run.timestep, one.at_step))
+        several = {run: by for run, by in rows.items() if len(by) > 1}
+        return {run: sorted(by, key=lambda point: point[0]) for run, by in several.items()}
 
     @cached_property
     def bounces(self) -> dict[RunKey, pd.DataFrame]:

@@ -29,7 +29,7 @@ def even_size(count: int, most: int) -> int:
     return math.ceil(count / math.ceil(count / most))
 
 
-class _Columns(Sequence[One]):
+class Columns(Sequence[One]):
     """A sequence of objects, kept as their fields: arrays, or columns again, of one length."""
 
     __slots__ = ()
@@ -43,7 +43,7 @@ class _Columns(Sequence[One]):
 
     def take(self, which: Any) -> Self:
         """The rows that an index array, a mask or a slice names, in its order."""
-        return type(self)(*(v.take(which) if isinstance(v, _Columns) else v[which] for v in self._values()))
+        return type(self)(*(v.take(which) if isinstance(v, Columns) else v[which] for v in self._values()))
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -61,7 +61,7 @@ def _joined(values: Sequence[Any]) -> Any:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Launches(_Columns[Launch]):
+class Launches(Columns[Launch]):
     """A sequence of `Launch`. speed, phase, height (NaN for none): shape (n,); slip: (n, 2); spin: (n, 3)."""
 
     speed: Floats
@@ -180,7 +180,7 @@ class Recorded:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Impacts(_Columns[Impact]):
+class Impacts(Columns[Impact]):
     """A sequence of `Impact`; each column has what its attribute of that name has, shape (n,).
 
     status: indices into STATUSES. source: a `Recorded` that has the loop, in a row from a step on (start);

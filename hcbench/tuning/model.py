@@ -219,7 +219,7 @@ def _measured_pair(
         lost = [i.restitution_after_force - i.restitution for i in every if i.restitution > 0.0]
         taken = max([0.0, *(share for share in lost if math.isfinite(share))], key=abs)
         curve = curve_of(every, lambda impact: float(wanted.at(impact.speed_in)))
-        return TunedPair(model.facts(), tuple(curve), taken=taken)
+        return TunedPair(model.facts(), curve, taken=taken)
 
 
 def _error(impacts: Sequence[Impact], wanted: RestitutionCurve) -> float:

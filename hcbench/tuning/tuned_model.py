@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hcbench._notebook import Shown
-from hcbench.measuring.curve import CurvePoint
+from hcbench.measuring.curve import Curve
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.standing import Standing
@@ -29,7 +29,7 @@ class TunedPair:
     """
 
     facts: Facts
-    curve: tuple[CurvePoint, ...]
+    curve: Curve
     attitude: str = ""
     taken: float = 0.0
 

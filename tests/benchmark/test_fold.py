@@ -57,10 +57,10 @@ def test_a_curve_has_each_speed_and_the_range_over_its_phases() -> None:
     speeds = np.linspace(0.01, 1.0, 12)
     one = folded(speeds, 1)
     assert (dict(one.status), len(one)) == ({"rested": 4, "parted": 40, "diverged": 4}, 48)
-    assert one.curve.asked == pytest.approx(speeds, rel=1e-15)
-    assert one.curve.high[1:-1] - one.curve.low[1:-1] == pytest.approx(0.75e-3, abs=1e-9)
-    assert np.isnan(one.curve.middle[-1])
-    assert len(one.curve.bounced().asked) == 11
+    assert one.curve.speed == pytest.approx(speeds, rel=1e-15)
+    assert one.curve.highest[1:-1] - one.curve.lowest[1:-1] == pytest.approx(0.75e-3, abs=1e-9)
+    assert np.isnan(one.curve.restitution[-1])
+    assert len(one.curve.measured()) == 11
     assert one.off_parted == pytest.approx(0.875e-3, abs=1e-9)
     assert one.rested == speeds[0]
     assert one.depth == pytest.approx(1e-4)
@@ -68,8 +68,8 @@ def test_a_curve_has_each_speed_and_the_range_over_its_phases() -> None:
 
 def test_of_more_speeds_than_a_page_can_show_neighbours_are_one_with_the_largest_error_of_all() -> None:
     one = folded(np.linspace(0.01, 1.0, 3 * MOST_SPEEDS), 1)
-    assert len(one.curve.asked) == MOST_SPEEDS
-    assert np.nanmax(one.curve.error[1:]) == pytest.approx(0.875e-3, abs=1e-9)
+    assert len(one.curve) == MOST_SPEEDS
+    assert np.nanmax(np.abs(one.curve.worst_phase[1:])) == pytest.approx(0.875e-3, abs=1e-9)
     assert len(one) == 3 * MOST_SPEEDS * PHASES
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +13,15 @@ from checks import GOOD
 
 import hcbench as hb
 from hcbench._files import json_text
-from hcbench.checking.text import as_record_of, as_text
+from hcbench.benchmark.fold import FOLDED, Folder
+from hcbench.benchmark.run import run_study
+from hcbench.benchmark.study import load_study
+from hcbench.checking.judge import judge_results
+from hcbench.checking.text import as_text
 from hcbench.impact import Impact, Launch, Status
-from hcbench.measuring.curve import curve_of, step_shares, worst_of
-from hcbench.measuring.text import as_record
+from hcbench.measuring.curve import CurvePoint, curve_of, step_shares, worst_of
+from hcbench.pytest_plugin import RestitutionFixture
+from hcbench.reporting.view import View
 
 
 def impacts(e_of_phase: dict[float, float], speed: float = 2.0) -> list[Impact]:
@@ -25,8 +33,8 @@ def impacts(e_of_phase: dict[float, float], speed: float = 2.0) -> list[Impact]:
 
 
 def test_a_phase_stands_for_half_of_the_gaps_beside_it() -> None:
-    assert step_shares(np.array([0.3])) == pytest.approx([1.0])
-    assert step_shares(np.array([0.75, 0.0, 0.5])) == pytest.approx([0.25, 0.375, 0.375])
+    phases, starts = np.array([0.3, 0.0, 0.5, 0.75]), np.array([0, 1])
+    assert step_shares(phases, starts) == pytest.approx([1.0, 0.375, 0.375, 0.25])
 
 
 def test_each_phase_weighs_by_its_share_however_many_there_are() -> None:
@@ -58,12 +66,67 @@ def test_e_and_target_are_means_over_the_same_phases() -> None:
     assert point.failed == 0
 
 
-def test_measure_and_check_give_the_same_curve_to_the_last_bit() -> None:
+def in_json(points: Iterable[CurvePoint]) -> Any:
+    """Every digit of some points; NaN as null, so that equal points are equal."""
+    return json.loads(json_text([point.record(is_oblique=True) for point in points]))
+
+
+def test_measure_check_and_the_fixture_give_the_same_curve_to_the_last_bit() -> None:
     speeds = "0.1, 0.3, 1 m/s"
-    measured = as_record(hb.measure(GOOD, "ball,plate", restitution=0.9, speeds=speeds))["curve"]
-    report = hb.check(GOOD, "ball,plate", restitution=0.9, speeds=speeds, max_error=0.1)
-    record = json.loads(json_text(as_record_of(report)))["checks"][0]
-    assert record["rows"] == record["measurement"]["curve"] == json.loads(json_text(measured))
+    measured = hb.measure(GOOD, "ball,plate", restitution=0.9, speeds=speeds)
+    (outcome,) = hb.check(GOOD, "ball,plate", restitution=0.9, speeds=speeds, max_error=0.1).outcomes
+    assert outcome.measurement is not None
+    fixture = RestitutionFixture({}, Path.cwd())
+    held = fixture(GOOD, "ball,plate", speeds=speeds).matches(0.9, max_error=0.1)
+    curve = in_json(measured.curve)
+    assert len(curve) == 3
+    assert in_json(outcome.rows) == in_json(outcome.measurement.curve) == in_json(held.curve) == curve
+
+
+def test_a_report_folds_impacts_into_the_curve_that_measure_gives() -> None:
+    """Numbers of few digits, as a report reads ten of each."""
+    speeds = {0.5: {0.125: 0.4, 0.375: 0.8, 0.5: 0.7, 0.875: 0.81}, 2.0: {0.125: 0.25, 0.375: 0.5}}
+    every = [impact for speed, e in speeds.items() for impact in impacts(e, speed)]
+    folder = Folder({"step_speed": 2.0, "phases": 4, "speeds": [0.5, 2.0], "runs": []})
+    columns: dict[str, list[Any]] = {
+        "speed_m_per_s": [impact.launch.speed for impact in every],
+        "phase": [impact.launch.phase for impact in every],
+        "status": [impact.status.value for impact in every],
+        "speed_in_m_per_s": [impact.speed_in for impact in every],
+        "restitution": [impact.restitution for impact in every],
+        "restitution_law": [0.6] * len(every),
+        "penetration_max_m": [1e-4] * len(every),
+        "samples": [impact.samples for impact in every],
+    }
+    folder.add({name: np.array(columns[name]) for name in FOLDED})
+    of_report = [(p.speed, p.speed_in, p.restitution, p.target, p.worst_phase) for p in folder.folded().curve]
+    measured = curve_of(every, lambda _: 0.6)
+    assert of_report == [(p.speed, p.speed_in, p.restitution, p.target, p.worst_phase) for p in measured]
+    assert [point.restitution for point in measured] != [np.median(list(e.values())) for e in speeds.values()]
+
+
+STUDY = """schema = 1
+scene = "steel-plane"
+alphas = "0.3 s/m"
+speeds = "0.2, 0.4, 0.8 m/s"
+phases = 4
+[[run]]
+engine = "reference"
+recipe = "kelvin-voigt"
+timesteps = "1e-5 s"
+"""
+
+
+def test_a_report_draws_the_curve_by_which_check_judges_a_study(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(STUDY)
+    results = run_study(load_study(tmp_path / "study.toml"), jobs=1)
+    (outcome,) = judge_results(results, max_error=0.1).outcomes
+    view = View(results)
+    (run,) = view.tabled_runs
+    drawn = view.curve(run, view.main_alpha)
+    assert drawn is not None
+    assert in_json(drawn) == in_json(outcome.rows)
+    assert [point.speed for point in drawn] == pytest.approx([0.2, 0.4, 0.8])
 
 
 def test_a_printed_row_adds_up() -> None:

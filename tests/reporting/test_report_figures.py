@@ -25,8 +25,10 @@ def test_the_overview_shows_the_measured_restitution_and_names_each_line(view: V
     np.testing.assert_allclose(linear[:, 1], 1 - ALPHAS[1] * linear[:, 0])
     curve = view.curve(LAW, ALPHAS[1])
     assert curve is not None
-    np.testing.assert_array_equal(engines[0], np.column_stack([curve.speed, curve.middle]))
-    np.testing.assert_allclose(curve.middle, closed_form.restitution(ALPHAS[1], curve.speed), atol=1e-3)
+    np.testing.assert_array_equal(engines[0], np.column_stack([curve.speed_in, curve.restitution]))
+    np.testing.assert_allclose(
+        curve.restitution, closed_form.restitution(ALPHAS[1], curve.speed_in), atol=1e-3
+    )
     assert [text.get_text()[:5] for text in upper.texts] == ["the l", "1 − α", "expli", "singl"]
     assert [text.get_text()[:12] for text in lower.texts] == ["single, noth"], "far below the rest"
 

@@ -83,7 +83,7 @@ def _slowest_bounce(view: FieldView, engine: str) -> str:
     if case is None:
         return ""
     curve = view.curve(case)
-    bounces = curve.asked[curve.high >= NO_BOUNCE]
+    bounces = curve.speed[curve.highest >= NO_BOUNCE]
     if not len(bounces):
         return "nothing set: at no speed"
     slowest, lowest = float(bounces.min()), float(view.speeds(case.timestep)[0])

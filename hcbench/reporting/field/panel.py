@@ -90,10 +90,10 @@ def _cell(cell: MatrixCell, cases: dict[Case, int]) -> list[Any]:
 
 
 def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
-    """e over speed (m/s): its middle, and its range over the launches where they differ."""
+    """e over speed (m/s): its mean, and its range over the launches where they differ."""
     curve = view.curve(case)
-    speed, low, middle, high = (
-        digits(values, 5) for values in (curve.speed, curve.low, curve.middle, curve.high)
+    speed, low, mean, high = (
+        digits(values, 5) for values in (curve.speed_in, curve.lowest, curve.restitution, curve.highest)
     )
     setting = "nothing set" if case.setting == STOCK else case.setting
     text = snippet(setting_of(view, case), "plane")
@@ -104,7 +104,7 @@ def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
         "text": texts.setdefault(text, len(texts)) if text else None,
         "source": _source(view, case),
         "speed": speed,
-        "middle": middle,
+        "mean": mean,
         **({} if low == high else {"low": low, "high": high}),
     }
 

@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 
 from hcbench import scoring
-from hcbench.benchmark.fold import Curve, Folded
+from hcbench.benchmark.fold import Folded
 from hcbench.benchmark.results import RUN_KEY, Key, Results
+from hcbench.measuring.curve import Curve
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.reporting.view import REFERENCE
 from hcbench.reporting.wording import engine_title
@@ -58,7 +59,7 @@ class FieldView:
 
     @cached_property
     def _speeds(self) -> dict[float, Any]:
-        return {case.timestep: one.curve.asked.round(12) for case, one in self.folded.items()}
+        return {case.timestep: one.curve.speed.round(12) for case, one in self.folded.items()}
 
     def speeds(self, timestep: float) -> Any:
         """Impact speeds of every engine at a step, with gravity and without, m/s, rising."""
@@ -207,7 +208,7 @@ class FieldView:
 
     def curve(self, case: Case) -> Curve:
         """e over the speeds from which an impact came back."""
-        return self.folded[case].curve.bounced()
+        return self.folded[case].curve.measured()
 
     def follows_law(self, case: Case) -> bool:
         """Whether a case's error of e is below a tenth of the best constant e's."""

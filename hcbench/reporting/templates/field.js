@@ -89,7 +89,7 @@ function panel(engine, [words, below, , , number, note]) {
     left.append(...paste(one), ...source(one));
     if (notes.length) left.append(make("details", {}, make("summary", {}, "Where it holds"), make("ul", {}, ...notes.map(line => make("li", {}, ...prose(line))))));
     right.append(make("div", {class: "plot"}, node("svg", {id: "field-curve", "data-case": number, role: "img", "aria-label": spoken(one)})));
-    right.append(make("p", {class: "note"}, "Pale: the law. Dots: the middle of the launches at a speed; shaded: all of them."));
+    right.append(make("p", {class: "note"}, "Pale: the law. Dots: the mean of the launches at a speed; shaded: all of them."));
   }
   const steps = errorsByStep(engine);
   if (one && steps.length) {
@@ -123,21 +123,21 @@ function source(one) {
 }
 
 const spoken = one => one.speed.length
-  ? `e over impact speed: ${one.speed.map((v, i) => `${text(one.middle[i])} at ${text(v)} m/s`).join(", ")}`
+  ? `e over impact speed: ${one.speed.map((v, i) => `${text(one.mean[i])} at ${text(v)} m/s`).join(", ")}`
   : "No body came back.";
 
 function drawCurve() {
   const place = at("curve"), one = data.cases[place?.dataset.case];
   if (!one) return;
   const top = Math.max(...one.speed, 0.5), speeds = Array.from({length: 61}, (_, i) => top * i / 60);
-  const law = speeds.map(v => lawRestitution(data.alpha, v)), {speed, middle, low = middle, high = middle} = one;
+  const law = speeds.map(v => lawRestitution(data.alpha, v)), {speed, mean, low = mean, high = mean} = one;
   const least = Math.min(...law, ...low), most = Math.max(1, ...high), style = KINDS[names[columns.indexOf(state.column)]] ?? KINDS.settings;
   const y = {low: least < 0.5 ? 0 : Math.floor(20 * least - 0.2) / 20, high: most > 1 ? 1.02 * most : 1, label: "restitution e"};
   const plot = new Plot(place, {low: 0, high: top, label: "impact speed, m/s"}, y, {height: 250});
   plot.law(speeds, law);
   plot.band(style, speed, low, high);
-  plot.line(style, speed, middle);
-  plot.dots(style, speed, middle);
+  plot.line(style, speed, mean);
+  plot.dots(style, speed, mean);
 }
 
 function drawPlots() {
