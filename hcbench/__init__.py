@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hcbench.benchmark.study import load_study as load_study
     from hcbench.checking.ask import check
     from hcbench.errors import HcbenchError
-    from hcbench.fitting.ask import fit
+    from hcbench.fitting.ask import fit, fit_force
     from hcbench.impact import Impact as Impact
     from hcbench.impact import Launch as Launch
     from hcbench.impact import Loop as Loop
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from hcbench.sim.landing import Landings as Landings
     from hcbench.sim.registry import engine
     from hcbench.tuning.answer import Answer as Answer
-    from hcbench.tuning.ask import tune
+    from hcbench.tuning.ask import tune, tune_model
 
 _VERBS = {
     "HcbenchError": "errors",
@@ -54,6 +54,7 @@ _VERBS = {
     "convert": "sim.convert",
     "engine": "sim.registry",
     "fit": "fitting.ask",
+    "fit_force": "fitting.ask",
     "land": "measuring.landing",
     "law": "laws.impact_law",
     "load_scene": "scene",
@@ -61,6 +62,7 @@ _VERBS = {
     "pairs": "measuring.pairs",
     "report": "reporting.ask",
     "tune": "tuning.ask",
+    "tune_model": "tuning.ask",
 }
 _CLASSES = {  # and functions, of studies, engines and results
     "Answer": "tuning.answer",
@@ -92,6 +94,7 @@ __all__ = [
     "convert",
     "engine",
     "fit",
+    "fit_force",
     "land",
     "law",
     "load_scene",
@@ -99,6 +102,7 @@ __all__ = [
     "pairs",
     "report",
     "tune",
+    "tune_model",
 ]
 
 

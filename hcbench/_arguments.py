@@ -11,7 +11,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, Unpack, get_args, ge
 import numpy as np
 
 from hcbench.errors import UserError
-from hcbench.launch_options import PintQuantity
+from hcbench.launch_options import BodyPair, PintQuantity, Quantity
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -28,14 +28,18 @@ _WORDS = {
     Path: "a path",
     type(None): "None",
     PintQuantity: "a quantity of Pint's",
+    Quantity: "a number, or text with a unit",
+    BodyPair: "two names, first the one that moves",
 }
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Decorate a function so that it checks its arguments. NumPy numbers become Python's; an
-    argument of another type than annotated raises a UserError that names the parameter.
+    argument of another type than annotated, or of an unknown name, raises a UserError that names it.
     """
-    names = tuple(inspect.signature(function).parameters)
+    signature = _spelled_out(function)
+    names = tuple(signature.parameters)
+    takes_others = any(each.kind is each.VAR_KEYWORD for each in signature.parameters.values())
 
     @functools.wraps(function)
     def outer(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -43,10 +47,25 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         for name, value in (*zip(names, args, strict=False), *kwargs.items()):
             if name in hints and not _fits(value, hints[name]):
                 raise UserError(name, f"{value!r:.80}", _words(hints[name]))
+            if name not in names and not takes_others:
+                raise UserError(name, "unknown argument", f"one of: {', '.join(names)}")
         plain = {name: _plain(value) for name, value in kwargs.items()}
         return function(*map(_plain, args), **plain)
 
+    outer.__signature__ = signature  # type: ignore[attr-defined]  # which `help` and notebooks show
     return outer
+
+
+def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
+    """The signature, with each option of `**options: Unpack[...]` as a keyword of its own."""
+    signature = inspect.signature(function)
+    parameters = list(signature.parameters.values())
+    if not parameters or not str(parameters[-1].annotation).startswith("Unpack["):
+        return signature
+    options = get_args(eval(parameters.pop().annotation, function.__globals__))[0]
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    parameters += [inspect.Parameter(name, keyword, default=None) for name in get_type_hints(options)]
+    return signature.replace(parameters=parameters)
 
 
 def _plain(value: Any) -> Any:

@@ -6,7 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import (
     Annotated,
     Any,
@@ -44,6 +45,14 @@ class PintQuantity(Protocol):
 
 Quantity = float | str | PintQuantity  # SI, or with a unit
 Quantities = float | str | PintQuantity | Iterable[float | str]  # also "1:20:8 in/s", and arrays
+ModelSource = (
+    str | Path | Sequence[str | Path] | object
+)  # files, MJCF text, or an object that an engine opens
+BodyPair = str | Sequence[str | int]  # "a,b" or two names, first the one that moves
+Joints = str | Mapping[str, float | Iterable[float]]  # "hip=0.3, knee=-30 deg", or values by name
+PoseState = str | Path | object  # a file of numbers by name, or an engine's own state
+Folders = str | Mapping[str, str]  # "NAME=DIR", or folders by the name of a package
+Controller = str | Callable[[Any, Any], Any]  # "pd", "ctrl", ..., or a function of model and state
 
 
 class LaunchOptions(TypedDict, total=False):
@@ -68,12 +77,14 @@ class LaunchOptions(TypedDict, total=False):
     ]
     height: Annotated[Quantity | None, Option("Height over the touch to launch from.")]
     qpos: Annotated[
-        str | Mapping[str, Any] | None,
+        Joints | None,
         Option("Joints to start from: 'hip=0.3, knee=-30 deg, base=0, 0, 0.3'."),
     ]
-    state: Annotated[Any, Option("Pose to start from: a file (.npz, JSON); in Python an MjData, too.")]
+    state: Annotated[
+        PoseState | None, Option("Pose to start from: a file (.npz, JSON); in Python an MjData, too.")
+    ]
     package: Annotated[
-        str | Mapping[str, str] | None,
+        Folders | None,
         Option("Folder of a package that package:// names: 'NAME=DIR'; several with commas."),
     ]
     coming_from: Annotated[

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from hcbench._arguments import checked
 from hcbench.checking.command import check as run_spec
 from hcbench.checking.spec import CheckSpec
 from hcbench.errors import UserError
 from hcbench.fields import validate
-from hcbench.launch_options import PintQuantity
+from hcbench.launch_options import BodyPair, LaunchOptions, PintQuantity, Quantities, Quantity
+from hcbench.laws.restitution import Reading
 from hcbench.measuring.request import read_pair
 
 if TYPE_CHECKING:
@@ -21,11 +22,27 @@ if TYPE_CHECKING:
 @checked
 def check(
     model: str | Path | Sequence[str | Path] = (),
-    pair: Any = None,
+    pair: BodyPair | None = None,
     *,
+    name: str | None = None,
+    alpha: Quantity | None = None,
+    target: Reading = "law",
+    restitution: Quantity | None = None,
+    pairs: str | Path | None = None,
+    baseline: str | Path | None = None,
+    require: str | None = None,
+    heights: Quantities | None = None,
+    tilt: Quantities | None = None,
+    controller: str | None = None,
+    trajectory: str | Path | None = None,
+    max_error: Quantity | None = None,
+    max_depth: Quantity | None = None,
+    max_vibration: Quantity | None = None,
+    engine: str | None = None,
+    limit: Quantity | None = None,
     jobs: int = 1,
     measure_only: bool = False,
-    **options: Any,
+    **launch: Unpack[LaunchOptions],
 ) -> Report:
     """Hold a pair of your model to a target, as `hcbench check` does.
 
@@ -35,15 +52,28 @@ def check(
         A model, two URDFs, a study, or a TOML file with a [tool.hcbench] table; ./pyproject.toml by default.
     pair : text or two names, optional
         Two bodies or geoms, first the one that moves.
+    name : text, optional
+        What the result calls the check; the file's name by default.
+    alpha, restitution, pairs, baseline, require : optional
+        One target: α, s/m or with a unit, read as `target` "law" or "linear"; one e for all speeds; a CSV
+        file of measured pairs; a baseline that `hcbench check --write-baseline` wrote; or limits on landings
+        or on a recorded motion, "e < 0.3, peak < 6".
+    heights, tilt, controller : optional
+        With `require`: how to drop a robot, as `land` takes them.
+    trajectory : path, optional
+        With `require`: a file of a recorded motion, as `measure_trajectory` takes it.
+    max_error : float, optional
+        Of e, 0.02 by default.
+    max_depth, max_vibration : float, text or quantity of Pint's, optional
+        Most of the penetration, m, and of the vibration, m/s (rms), at rest.
+    engine, limit : optional
+        As `measure` takes them.
     jobs : int
         Worker processes, for a study.
     measure_only : bool
         Measure without a target; nothing can fail.
-    **options
-        One target: alpha (s/m or with a unit, read as `target` "law" or "linear"), restitution, pairs (a CSV
-        file), baseline (a file), or require ("e < 0.3, peak < 6") with heights, tilt, controller or
-        trajectory. max_error of e, 0.02 by default. engine, limit (s or with a unit), and the options of
-        launches, as `LaunchOptions` describes them.
+    **launch
+        Speeds, pose and all else of the launches, as `LaunchOptions` describes them.
 
     Returns
     -------
@@ -63,12 +93,29 @@ def check(
 
     """
     models = [model] if isinstance(model, str | Path) else list(model)
-    if "target" in options:
-        options["reading"] = options.pop("target")
-    given = {name: _plain(value) for name, value in options.items()}
-    names = read_pair(pair)
-    spec = validate(CheckSpec, {"model": tuple(map(str, models)), "pair": names, **given}, UserError)
-    return run_spec(spec, jobs=jobs, measure_only=measure_only)
+    given = {
+        "model": tuple(map(str, models)),
+        "pair": read_pair(pair),
+        "name": name,
+        "alpha": alpha,
+        "reading": target,
+        "restitution": restitution,
+        "pairs": pairs,
+        "baseline": baseline,
+        "require": require,
+        "heights": heights,
+        "tilt": tilt,
+        "controller": controller,
+        "trajectory": trajectory,
+        "max_error": max_error,
+        "max_depth": max_depth,
+        "max_vibration": max_vibration,
+        "engine": engine,
+        "limit": limit,
+        **launch,
+    }
+    plain = {option: _plain(value) for option, value in given.items()}
+    return run_spec(validate(CheckSpec, plain, UserError), jobs=jobs, measure_only=measure_only)
 
 
 def _plain(value: Any) -> Any:

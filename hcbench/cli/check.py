@@ -237,7 +237,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 @launch_options()
 @_source
 @click.option("--alpha", help="Compare with the law of this α.")
-@target_option("Read α as the law's e(v), or as e = 1 - α v.")
+@target_option("Read α as the law's e(v), or as e = 1 - α v.", name="reading")
 @click.option("--restitution", help="Compare with one e.")
 @_file("--pairs", help="Compare with measured pairs (v, e): a CSV file with units in its header.")
 @_file("--baseline", help="Compare with a baseline that --write-baseline wrote.")

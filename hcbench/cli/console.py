@@ -28,10 +28,10 @@ device_option = click.option(
 )
 
 
-def target_option(help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
+def target_option(help: str, name: str = "target") -> Callable[..., Any]:  # noqa: A002 - Click's own word
     """The option that says how α gives e(v)."""
     choice = click.Choice(["law", "linear"])
-    return click.option("--target", "reading", type=choice, default="law", show_default=True, help=help)
+    return click.option("--target", name, type=choice, default="law", show_default=True, help=help)
 
 
 def launch_options(

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hcbench.laws.conventions import Conversion
-    from hcbench.laws.restitution import Reading
 
 
 @command()
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 @click.option("--timestep", type=TIME, help="Time step, for a solref that bounces in one step.")
 @target_option("Write α as the law's e(v), or as e = 1 - α v.")
 @as_json
-def convert(as_json: bool, reading: Reading, **given: Any) -> None:
+def convert(as_json: bool, **given: Any) -> None:
     """Convert a contact between libraries.
 
     Give α, an e at a speed, a parameter of Drake or Simbody, a solref, or a stiffness and damping of Adams
@@ -41,7 +40,7 @@ def convert(as_json: bool, reading: Reading, **given: Any) -> None:
     """
     from hcbench.sim.convert import convert
 
-    contact = convert(**given, target=reading)
+    contact = convert(**given)
     if as_json:
         print_json(contact.as_dict())
         return

@@ -18,10 +18,8 @@ from hcbench.errors import LimitPassed, UserError
 if TYPE_CHECKING:
     from hcbench.recipes.search import SearchInterrupted
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
     from hcbench.sim.passivity import Passivity
     from hcbench.tuning.answer import Answer, Choice, Kind
-    from hcbench.tuning.choose import Match
     from hcbench.tuning.evaluate import Evaluation
     from hcbench.tuning.tuned import Tuned
 
@@ -31,43 +29,39 @@ _FLAGS: dict[Kind, str] = {"exact": "--plugin", "settings": "--settings", "const
 def tune_engine(
     engine: str,
     *,
-    timestep: float | None,
     alpha: tuple[float, float] | None,
-    points: tuple[tuple[float, float], ...],
     pair: tuple[str, ...],
     kind: Kind | None,
-    recipe: str,
-    match: Match,
-    integrator: str | None,
+    scene: str,
     max_error: float | None,
     certify: bool,
     write_scene: Path | None,
     force: bool,
     as_json: bool,
-    **target: Any,
+    **asked: Any,
 ) -> None:
-    """Tune an engine, print the answer, and write a script with its setting."""
+    """Tune an engine, print the answer, and write a script with its setting. asked: as `tune` takes it."""
     from hcbench._outputs import write_output
-    from hcbench.recipes.search import SearchInterrupted, report_progress
+    from hcbench.recipes.search import SearchInterrupted
     from hcbench.setting import PAIR
     from hcbench.sim import registry
-    from hcbench.tuning import ask
     from hcbench.tuning.answer import MAX_ERROR
-    from hcbench.tuning.find import find_answer
+    from hcbench.tuning.ask import tune
 
-    registry.engine(engine)  # which refuses an unknown name, before anything else is missed
-    if timestep is None:
-        raise UserError("--timestep", "missing", "the engine's step, such as '1 ms'")
     if len(pair) > 1:
         raise UserError("--pair", f"given {len(pair)} times", "one pair of names for an engine")
-    value = None if alpha is None else alpha[0]
-    scene, wanted = ask.make_target(timestep=timestep, alpha=value, points=points, **target)
-    names = ask.names_of(pair[0] if pair else None)
-    limit = MAX_ERROR if max_error is None else max_error
     try:
-        with progress("tuning") as report, report_progress(report):
-            asked = kind or "settings"
-            answer = find_answer(engine, wanted, scene, recipe, match, integrator, limit, names, asked)
+        with progress("tuning") as report:
+            answer = tune(
+                engine,
+                pair[0] if pair else None,
+                alpha=None if alpha is None else alpha[0],
+                kind=kind or "settings",
+                scene=scene,
+                max_error=MAX_ERROR if max_error is None else max_error,
+                progress=report,
+                **asked,
+            )
     except SearchInterrupted as interrupt:
         _print_interrupted(interrupt, scene, as_json)
         raise click.Abort(f"interrupted: {interrupt}") from None
@@ -81,7 +75,7 @@ def tune_engine(
             script = adapter.promised(script, PAIR, best.promise)
         write_output(write_scene, script, "--write-scene", force)
     gate = _gate(answer) if certify else None
-    margin = _margin(wanted, alpha)
+    margin = _margin(answer.target, alpha)
     if as_json:
         print_json(_as_json(answer, margin, gate))
     else:
@@ -236,12 +230,13 @@ def _percent(share: float) -> str:  # three digits, and no power of ten above 1 
     return f"{100 * share:.{'3g' if share < 1 else '0f'}} %"
 
 
-def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool) -> None:
+def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) -> None:
     """The best setting when a search was interrupted; it has not been simulated."""
+    from hcbench.scene import load_scene
     from hcbench.tuning.snippet import snippet
 
     best = interrupt.best
-    text = snippet(best, scene.form)
+    text = snippet(best, load_scene(scene).form)
     if as_json:
         progress_made = {
             "evaluations": interrupt.done,

@@ -28,14 +28,14 @@ def tune_model(
     **given: Any,
 ) -> None:
     """Tune pairs of a model, print the lines and how wrong they are, and write the model with them."""
+    from hcbench.tuning import ask
     from hcbench.tuning.answer import MAX_ERROR
-    from hcbench.tuning.ask import tune_pairs
 
     limit = MAX_ERROR if max_error is None else max_error
     files: dict[str, Any] = {"write_model": write_model, "write_include": write_include}
     value = None if alpha is None else alpha[0]
     with status(f"trying settings in {sanitized(source)}"):
-        tuned = tune_pairs(source, alpha=value, max_error=limit, **files, **given)
+        tuned = ask.tune_model(source, alpha=value, max_error=limit, **files, **given)
     if as_json:
         print_json(_record(tuned))
     else:

@@ -1,4 +1,4 @@
-"""`hcbench.fit`: files of measured bounces, and what is known besides, to α of the material."""
+"""`hcbench.fit` and `hcbench.fit_force`: measured files, and what is known besides, to α of the material."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Literal
 
 from hcbench import units
 from hcbench._arguments import checked
@@ -14,34 +14,41 @@ from hcbench.errors import UserError
 from hcbench.fitting.comparison import compare
 from hcbench.fitting.fit import fit as fit_sets
 from hcbench.fitting.plausible import require_different
-from hcbench.fitting.read import KINDS, Excerpt, read_dataset, read_force
-from hcbench.fitting.setup import MeasurementSetup, SetupOptions, read_setup
+from hcbench.fitting.read import KINDS, Excerpt, has_force, read_dataset, read_force
+from hcbench.fitting.setup import MeasurementSetup, read_setup
 from hcbench.launch_options import Quantity
 
 if TYPE_CHECKING:
+    from hcbench.fitting.force import ForceFit
     from hcbench.fitting.result import FitResult
 
-LAWS = ("auto", "hunt-crossley", "constant", "viscoelastic", "plastic")
+LawToFit = Literal["auto", "hunt-crossley", "constant", "viscoelastic", "plastic"]
 
 
 @checked
 def fit(
     *files: str | Path,
-    law: str = "auto",
+    law: LawToFit = "auto",
     kind: str | None = None,
     touches: str | None = None,
     against: str | Path | Sequence[str | Path] = (),
     begin: Quantity | None = None,
     end: Quantity | None = None,
-    **known: Unpack[SetupOptions],
-) -> Any:
+    height: Quantity | None = None,
+    gravity: Quantity | None = None,
+    mass: Quantity | None = None,
+    diameter: Quantity | None = None,
+    drag_coefficient: Quantity | None = None,
+    contact_time: Quantity | None = None,
+    timing: Quantity | None = None,
+) -> FitResult:
     """Find α of your material from a measurement of bounces, as `hcbench fit` does.
 
     Parameters
     ----------
     *files : paths
-        Recordings, times, heights, tracks or pairs of one ball on one plate, with units in their headers; or
-        one file of forces.
+        Recordings, times, heights, tracks or pairs of one ball on one plate, with units in their headers.
+        `fit_force` fits a file of forces.
     law : {"auto", "hunt-crossley", "constant", "viscoelastic", "plastic"}
         The law, where you know it.
     kind : text, optional
@@ -52,13 +59,16 @@ def fit(
         Files of another material, of the same kind; `against` of the result says whether the two differ.
     begin, end : float, text or quantity of Pint's, optional
         Part of a recording to read, s or with a unit.
-    **known : optional
-        What you know besides, SI or with a unit, also with a standard uncertainty such as "30 +- 0.1 cm":
-        height, gravity, mass, diameter, drag_coefficient, contact_time, timing, speed, exponent.
+    height, gravity, mass, diameter, drag_coefficient, contact_time : optional
+        Quantities that you know besides, SI or with a unit, also with a standard uncertainty such as
+        "30 +- 0.1 cm": the height of release, g, mass and diameter of the ball, its drag coefficient, the
+        duration of the first impact.
+    timing : float, text or quantity of Pint's, optional
+        Standard uncertainty of a time reading, s or with a unit.
 
     Returns
     -------
-    FitResult or ForceFit
+    FitResult
         `alpha` has the value in s/m with its interval; None where the data do not support the law.
 
     Raises
@@ -80,11 +90,65 @@ def fit(
         raise UserError("files", "none given", "a file of measured bounces", advice)
     if kind is not None and kind not in KINDS:
         raise UserError("kind", repr(kind), f"one of {', '.join(KINDS)}")
-    setup = read_setup(**known)
-    if len(paths) == 1 and (forces := read_force(paths[0], setup, kind)) is not None:
-        return forces
+    setup = read_setup(
+        height=height,
+        gravity=gravity,
+        mass=mass,
+        diameter=diameter,
+        drag_coefficient=drag_coefficient,
+        contact_time=contact_time,
+        timing=timing,
+    )
+    if len(paths) == 1 and has_force(paths[0], kind):
+        raise UserError("files", f"{paths[0]}, forces", "measured bounces", "Use `fit_force`")
     others = [Path(file) for file in ([against] if isinstance(against, str | Path) else against)]
     return fit_files(paths, others, law, kind, setup, read_excerpt(begin, end, touches))
+
+
+@checked
+def fit_force(
+    file: str | Path,
+    *,
+    kind: Literal["force", "loop"] | None = None,
+    mass: Quantity | None = None,
+    speed: Quantity | None = None,
+    height: Quantity | None = None,
+    gravity: Quantity | None = None,
+    exponent: Quantity | None = None,
+) -> ForceFit:
+    """Find k, n and α of your material from a measurement of forces, as `hcbench fit` does.
+
+    Parameters
+    ----------
+    file : path
+        Force over time of one pulse, or penetration, rate and force of any number of impacts, with units in
+        its header.
+    kind : {"force", "loop"}, optional
+        Force over time, or over penetration and rate, in place of what the header says.
+    mass : float, text or quantity of Pint's, optional
+        Effective mass, kg or with a unit; a pulse needs it.
+    speed, height, gravity : optional
+        Of a pulse: the speed of approach, or the height of release and g; SI or with a unit, also with a
+        standard uncertainty such as "0.5 +- 0.01 m/s".
+    exponent : float, text or quantity of Pint's, optional
+        n, where you know it.
+
+    Returns
+    -------
+    ForceFit
+        `stiffness`, N/mⁿ, `exponent` and `alpha`, s/m.
+
+    Raises
+    ------
+    UserError
+        Where the file does not hold enough, with the reason.
+
+    """
+    setup = read_setup(mass=mass, speed=speed, height=height, gravity=gravity, exponent=exponent)
+    fitted = read_force(Path(file), setup, kind)
+    if fitted is None:
+        raise UserError("file", f"{file}, no forces", "force over time, or over penetration and rate")
+    return fitted
 
 
 def fit_files(

@@ -98,15 +98,26 @@ def read_dataset(
         return _READERS[data_kind](columns, setup)
 
 
-def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
-    """The fit of a file of forces; None for any other. kind: as for `read_dataset`."""
+def has_force(path: Path, kind: str | None = None) -> bool:
+    """True for a file of forces. kind: as for `read_dataset`."""
+    return _force_columns(path, kind) is not None
+
+
+def _force_columns(path: Path, kind: str | None) -> Columns | None:
+    """The columns of a file of forces; None for any other."""
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
     lines = read_lines(path)
     if phyphox_times(path, lines) is not None or tracker_table(path, lines) is not None:
         return None
     columns = columns_of(read_table(path, lines))
-    if "force" not in columns.places:
+    return columns if "force" in columns.places else None
+
+
+def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
+    """The fit of a file of forces; None for any other. kind: as for `read_dataset`."""
+    columns = _force_columns(path, kind)
+    if columns is None:
         return None
     if kind != "force" and {"penetration", "rate"} <= columns.places.keys():
         x, v, force = (columns.get(role) for role in ("penetration", "rate", "force"))

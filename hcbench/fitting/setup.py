@@ -10,6 +10,7 @@ from hcbench import units
 from hcbench._arguments import checked_fields
 from hcbench.errors import UserError
 from hcbench.fitting.flight import DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY, Ballistics, in_air
+from hcbench.launch_options import Quantity
 from hcbench.laws.require import require
 from hcbench.units import STANDARD_GRAVITY
 
@@ -106,15 +107,15 @@ class SetupOptions(TypedDict, total=False):
     uncertainties.
     """
 
-    height: Any
-    gravity: Any
-    mass: Any
-    diameter: Any
-    drag_coefficient: Any
-    contact_time: Any
-    timing: Any
-    speed: Any
-    exponent: Any
+    height: Quantity | None
+    gravity: Quantity | None
+    mass: Quantity | None
+    diameter: Quantity | None
+    drag_coefficient: Quantity | None
+    contact_time: Quantity | None
+    timing: Quantity | None
+    speed: Quantity | None
+    exponent: Quantity | None
 
 
 _QUANTITY = {

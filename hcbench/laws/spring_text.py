@@ -7,8 +7,11 @@ from hcbench.errors import UserError
 from hcbench.laws.conventions import SOLVERS_OF_NEWTON
 from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 
+Adams = str | AdamsImpact  # "k, e, cmax, d", SI or with units
+Newton = str | NewtonSpring  # "SOLVER, ke, kd"
 
-def read_adams(given: Any, slot: str = "adams") -> AdamsImpact:
+
+def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
     """IMPACT of "k, e, cmax, d", SI or with units, or one that was read. Raises UserError."""
     if isinstance(given, AdamsImpact):
         return given
@@ -19,7 +22,7 @@ def read_adams(given: Any, slot: str = "adams") -> AdamsImpact:
     return AdamsImpact(stiffness, exponent, damping, depth)
 
 
-def read_newton(given: Any, slot: str = "newton") -> NewtonSpring:
+def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
     """The contact of "SOLVER, ke, kd", or one that was read. Raises UserError."""
     if isinstance(given, NewtonSpring):
         return given

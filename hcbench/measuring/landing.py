@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,7 +12,16 @@ from hcbench import units
 from hcbench._arguments import checked
 from hcbench._text import number, sanitized, table, time_step, without_empty
 from hcbench.errors import QuantityError, UserError
-from hcbench.launch_options import Quantities, Quantity
+from hcbench.launch_options import (
+    Controller,
+    Folders,
+    Joints,
+    LaunchOptions,
+    ModelSource,
+    PoseState,
+    Quantities,
+    Quantity,
+)
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.python_file import is_python, python_function
@@ -34,36 +43,64 @@ _FEET = (
 
 @checked
 def land(
-    model: Any,
+    model: ModelSource,
     heights: Quantities = HEIGHTS,
     *,
     tilt: Quantities = 0.0,
-    controller: Any = "pd",
+    controller: Controller = "pd",
     engine: str | None = None,
     limit: Quantity | None = None,
     key: str | None = None,
-    qpos: str | Mapping[str, Any] | None = None,
-    state: Any = None,
+    qpos: Joints | None = None,
+    state: PoseState | None = None,
     timestep: Quantity | None = None,
     gravity: Quantities | None = None,
+    package: Folders | None = None,
 ) -> Landings:
-    """Drop the robot of a model on its floor, from each height at each tilt, and measure how it lands.
+    """Drop the robot of a model on its floor, from each height at each tilt, as `hcbench land` does.
 
-    model: as `measure` takes it; a robot whose base has a free joint, over a floor.
-    heights: of its lowest point over the floor, m. tilt: of its base about the world's y axis, rad.
-    controller: what drives the joints: "pd" (position servos and motors hold the pose), "pd:KP,KD" (gains of
-        the motors, N m/rad and N m s/rad), "ctrl" (the controls of the pose), "file.py:function", or a
-        function of (model, data) that returns the controls or sets them itself.
-    key, qpos, state, timestep, gravity: the pose and the conditions, as `measure` takes them.
-    limit: s, after which a model in a file counts as hung.
-    Raises UserError with the reason for what cannot be dropped.
+    Parameters
+    ----------
+    model : path, text or object
+        As `measure` takes it; a robot whose base has a free joint, over a floor.
+    heights : float, text, quantity of Pint's, or several
+        Of its lowest point over the floor, m or with a unit.
+    tilt : float, text, quantity of Pint's, or several
+        Of its base about the world's y axis, rad or with a unit.
+    controller : text or function
+        What drives the joints: "pd" (position servos and motors hold the pose), "pd:KP,KD" (gains of the
+        motors, N m/rad and N m s/rad), "ctrl" (the controls of the pose), "file.py:function", or a function
+        of (model, data) that returns the controls or sets them itself.
+    engine, limit, key, qpos, state, timestep, gravity, package : optional
+        The pose and the conditions, as `measure` takes them.
+
+    Returns
+    -------
+    Landings
+        `drops`: e of the centre of mass, the peak force, and what each foot does.
+
+    Raises
+    ------
+    UserError
+        With the reason for what cannot be dropped.
+
     """
-    request = make_request(None, key=key, qpos=qpos, state=state, timestep=timestep, gravity=gravity)
+    start: LaunchOptions = {
+        "key": key,
+        "qpos": qpos,
+        "state": state,
+        "timestep": timestep,
+        "gravity": gravity,
+        "package": package,
+    }
+    request = make_request(None, **start)
     job = Job(model, engine, request, None, TOLERANCE, diagnose=False)
     return land_job(job, make_drops(heights, tilt, controller), read_limit(limit))
 
 
-def make_drops(heights: Quantities = HEIGHTS, tilt: Quantities = 0.0, controller: Any = "pd") -> DropPlan:
+def make_drops(
+    heights: Quantities = HEIGHTS, tilt: Quantities = 0.0, controller: Controller = "pd"
+) -> DropPlan:
     """Drops from what a user writes. Raises QuantityError and UserError."""
     high = tuple(units.parse_values(heights, "length", "heights", above=0).tolist())
     if max(high) > _HIGHEST:

@@ -16,7 +16,7 @@ from hcbench._bounds import admits_beyond_bounds, beyond_bounds
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
 from hcbench.impact import Impact, Status
-from hcbench.launch_options import LaunchOptions, Quantity
+from hcbench.launch_options import BodyPair, LaunchOptions, ModelSource, Quantity
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import diagnose, goal_of
@@ -59,8 +59,8 @@ class Job:
 
 @checked
 def measure(
-    model: Any,
-    pair: Sequence[str | int] | str | None = None,
+    model: ModelSource,
+    pair: BodyPair | None = None,
     *,
     engine: str | None = None,
     alpha: Quantity | None = None,

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench._arguments import checked
 from hcbench._notebook import Shown
+from hcbench.launch_options import Folders, Joints, ModelSource, PoseState, Quantity
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.candidate_pairs import CandidatePair, as_records, as_table
-
-if TYPE_CHECKING:
-    from hcbench.launch_options import Quantity
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -41,14 +39,14 @@ class CandidatePairs(Shown):
 
 @checked
 def pairs(
-    model: Any,
+    model: ModelSource,
     *,
     engine: str | None = None,
     limit: Quantity | None = None,
     key: str | None = None,
-    qpos: str | Mapping[str, Any] | None = None,
-    state: Any = None,
-    package: str | Mapping[str, str] | None = None,
+    qpos: Joints | None = None,
+    state: PoseState | None = None,
+    package: Folders | None = None,
 ) -> CandidatePairs:
     """List which parts of your model can meet, and which do, as `hcbench pairs` does.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, Unpack
 
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench.errors import QuantityError, UserError
-from hcbench.launch_options import LaunchOptions, Quantity
+from hcbench.launch_options import BodyPair, LaunchOptions, Quantity
 from hcbench.measuring.pose import read_direction, read_joints, read_state
 from hcbench.sim.model_under_test import Request, Vector
 from hcbench.sim.packages import read_packages
@@ -18,7 +18,7 @@ LONGEST_LIMIT_S = 1e6
 
 
 @checked
-def make_request(pair: Sequence[str | int] | str | None = None, **launch: Unpack[LaunchOptions]) -> Request:
+def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) -> Request:
     """A request from what a user writes, text with units parsed.
 
     pair: "a,b" or ("a", "b"), first the one that moves. launch: as `LaunchOptions` describes it.
@@ -57,7 +57,7 @@ def _direction(along: Any) -> Vector:
     return values[0], values[1], values[2]
 
 
-def read_pair(pair: Sequence[str | int] | str | None) -> tuple[str, str] | None:
+def read_pair(pair: BodyPair | None) -> tuple[str, str] | None:
     """Two names of "a,b" or a sequence of two; None for None."""
     if pair is None:
         return None

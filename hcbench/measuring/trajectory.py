@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from hcbench._arguments import checked
 from hcbench._text import sanitized, table, without_empty
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.launch_options import Quantity
+from hcbench.launch_options import BodyPair, ModelSource, Quantity
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.pose import read_named
@@ -31,9 +32,9 @@ _HEADER = (
 
 @checked
 def measure_trajectory(
-    model: Any,
-    trajectory: Any,
-    pair: Sequence[str | int] | str | None = None,
+    model: ModelSource,
+    trajectory: str | Path | Mapping[str, npt.ArrayLike],
+    pair: BodyPair | None = None,
     *,
     engine: str | None = None,
     limit: Quantity | None = None,

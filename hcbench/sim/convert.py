@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench.errors import UserError
+from hcbench.launch_options import Quantity
 from hcbench.laws.conventions import contact_of, said
+from hcbench.laws.restitution import Reading
 from hcbench.laws.spring_text import read_adams, read_newton
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact
 
 if TYPE_CHECKING:
     from hcbench.laws.conventions import Conversion
+    from hcbench.laws.spring_text import Adams, Newton
 
 _QUANTITIES = {
     "alpha": "alpha",
@@ -30,18 +34,18 @@ _QUANTITIES = {
 @checked
 def convert(
     *,
-    alpha: Any = None,
-    drake: Any = None,
-    simbody: Any = None,
-    restitution: Any = None,
-    solref: Any = None,
-    adams: Any = None,
-    newton: Any = None,
-    mass: Any = None,
-    speed: Any = None,
-    contact_time: Any = None,
-    timestep: Any = None,
-    target: Literal["law", "linear"] = "law",
+    alpha: Quantity | None = None,
+    drake: Quantity | None = None,
+    simbody: Quantity | None = None,
+    restitution: Quantity | None = None,
+    solref: str | Sequence[float | str] | None = None,
+    adams: Adams | None = None,
+    newton: Newton | None = None,
+    mass: Quantity | None = None,
+    speed: Quantity | None = None,
+    contact_time: Quantity | None = None,
+    timestep: Quantity | None = None,
+    target: Reading = "law",
 ) -> Conversion:
     """Convert a contact between libraries, as `hcbench convert` does.
 
@@ -97,7 +101,7 @@ def convert(
     return said(contact, own)
 
 
-def _solref(given: Any) -> tuple[float, float] | None:
+def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | None:
     """The two numbers of a solref, from text or a sequence."""
     if given is None:
         return None

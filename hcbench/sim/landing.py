@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +13,10 @@ from hcbench._notebook import Shown
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
+    from hcbench.launch_options import Controller
 
 PARTED_S = 0.005  # a foot that is off the floor for longer has left it; shorter gaps are chatter
 WINDOW_S = 0.5  # after the first touch, in which a landing is measured
-
-Controller = str | Callable[[Any, Any], Any]
 
 
 @dataclass(frozen=True, slots=True)

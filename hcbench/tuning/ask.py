@@ -1,20 +1,28 @@
-"""`hcbench.tune`: a user's question, in text with units or SI numbers, to the one answer."""
+"""`hcbench.tune` and `hcbench.tune_model`: a question, in text with units or SI numbers, to its answer."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Callable, Sequence
-from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, cast
 
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench._outputs import write_output
 from hcbench._text import sanitized
 from hcbench.errors import UserError
-from hcbench.launch_options import LaunchOptions
+from hcbench.launch_options import (
+    BodyPair,
+    Folders,
+    Joints,
+    LaunchOptions,
+    ModelSource,
+    PoseState,
+    Quantities,
+    Quantity,
+)
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Reading
 from hcbench.laws.spring_text import read_adams, read_newton
@@ -27,14 +35,15 @@ from hcbench.scene import load_scene
 from hcbench.setting import PAIR, Pair
 from hcbench.sim import registry
 from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output
-from hcbench.tuning.answer import KINDS, MAX_ERROR, Answer, Kind
+from hcbench.tuning.answer import MAX_ERROR, Answer, Kind
 from hcbench.tuning.choose import Match
 from hcbench.tuning.find import find_answer
-from hcbench.tuning.model import LIMIT_S, tune_model
+from hcbench.tuning.model import LIMIT_S, tune_job
 from hcbench.tuning.tuned_model import TunedModel
 
 if TYPE_CHECKING:
     from hcbench.laws.penalty import AdamsImpact, NewtonSpring
+    from hcbench.laws.spring_text import Adams, Newton
     from hcbench.scene import Scene
 
     Points = Sequence[tuple[float, float]]
@@ -43,51 +52,73 @@ _GRAVITY = 9.81  # m/s²
 _VERSION = re.compile(r"[a-z-]+@(\d+(?:\.\d+)*)")
 
 
+@checked
 def tune(
-    model: Any,
-    pair: Any = None,
+    engine: str,
+    pair: BodyPair | None = None,
     *,
-    alpha: Any = None,
-    restitution: Any = None,
+    alpha: Quantity | None = None,
+    restitution: Quantity | None = None,
     points: Points = (),
+    adams: Adams | None = None,
+    newton: Newton | None = None,
     target: Reading = "law",
-    timestep: Any = None,
-    speeds: Any = None,
-    gravity: Any = None,
+    timestep: Quantity | None = None,
+    speeds: Quantities | None = None,
+    gravity: Quantity | None = None,
     max_error: float = MAX_ERROR,
-    **options: Any,
-) -> Any:
-    """Find settings that bounce like your material, as `hcbench tune` does.
+    kind: Kind = "settings",
+    recipe: str = "auto",
+    match: Match = "restitution",
+    integrator: str | None = None,
+    scene: str = "steel-plane",
+    mass: Quantity | None = None,
+    stiffness: Quantity | None = None,
+    exponent: float | None = None,
+    friction: float = 0.0,
+    corners: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Answer:
+    """Find settings of an engine that bounce like your material, as `hcbench tune ENGINE` does.
 
     Parameters
     ----------
-    model : text, path or object
-        The name of an engine (`hcbench engines` lists them), tuned in a scene; or your own model, as
-        `measure` takes it, whose pairs are tuned in it.
-    pair : text or two names
-        What the two bodies are called, first the one that moves. Of a model: one pair, or a list of "a,b".
+    engine : text
+        The name of an engine (`hcbench engines` lists them). `tune_model` tunes pairs in your own model.
+    pair : text or two names, optional
+        What the two bodies are called in the text to paste, first the one that moves.
     alpha, restitution, points : optional
         One target: α, s/m or with a unit; one e for all speeds; or pairs of impact speed, m/s, and e.
+    adams, newton : text, optional
+        A contact by stiffness and damping, in place of an e: "k, e, cmax, d" of Adams' IMPACT, or
+        "SOLVER, ke, kd" of Newton.
     target : {"law", "linear"}
         Read α as the law's e(v), or as e = 1 - α v.
     timestep : float, text or quantity of Pint's
-        Time step, s or with a unit; a model has its own.
+        Time step, s or with a unit.
     speeds : float, text, quantity of Pint's, or several, optional
-        Band of impact speeds, m/s or with a unit.
+        Band of impact speeds, m/s or with a unit; the paper's by default, as far as the step can bounce.
     gravity : float, text or quantity of Pint's, optional
-        Into the plate, m/s² or with a unit; 9.81 by default, or the model's own.
+        Into the plate, m/s² or with a unit; 9.81 by default.
     max_error : float
         Of e, within which the simplest setting will do.
-    **options
-        Of an engine: kind ("settings", "exact" for a plug-in, "constant" for one e at all speeds), recipe,
-        match, integrator, friction, corners, scene, mass, stiffness, exponent, progress.
-        Of both: adams, newton, a contact by stiffness and damping in place of an e.
-        Of a model: engine, limit, write_model, write_include, version, force, and key, qpos, state,
-        coming_from and actuators as `LaunchOptions` describes them.
+    kind : {"settings", "exact", "constant"}
+        Settings of the engine's own, the exact plug-in, or the best one e for all speeds.
+    recipe, match, integrator : text, optional
+        The name of a recipe; what the choice aims at ("restitution", "loop" or "both"); an integrator such
+        as "RK4", where the engine has several.
+    scene : text
+        The name or folder of the scene in which settings are tried.
+    mass, stiffness, exponent : optional
+        Effective mass, kg, and k, N/mⁿ, and n of the law; the scene's by default.
+    friction, corners : optional
+        Coulomb's μ; contact points that land together, 4 for the face of a box.
+    progress : function of two integers, optional
+        It is called with how many evaluations are done, and how many there are at most.
 
     Returns
     -------
-    Answer or TunedModel
+    Answer
         `text` is what to paste; `max_error` is the largest error of e that was measured over the band.
 
     Raises
@@ -107,18 +138,149 @@ def tune(
     True
 
     """
-    given: dict[str, Any] = {"alpha": alpha, "restitution": restitution, "points": points, **options}
-    given |= {"timestep": timestep, "speeds": speeds, "gravity": gravity, "max_error": max_error}
-    own, other = (tune_pairs, _of_engine) if is_model(model) else (_of_engine, tune_pairs)
-    for name in options:
-        if name not in _keywords(own):
-            expected = "an engine's name" if own is tune_pairs else "a model"
-            expected = f"{expected}, to which it applies" if name in _keywords(other) else "a keyword of tune"
-            raise UserError(name, f"given with {sanitized(model)!r}", expected)
-    return own(model, pair, reading=target, **given)
+    if is_model(engine):
+        raise UserError("engine", f"{sanitized(engine)!r}, a model", "an engine's name", "Use `tune_model`")
+    registry.engine(engine)  # which refuses an unknown name, before anything else is missed
+    if timestep is None:
+        raise UserError("timestep", "missing", "the engine's step, such as '1 ms'")
+    setting, wanted = make_target(
+        alpha=alpha,
+        restitution=restitution,
+        points=points,
+        adams=adams,
+        newton=newton,
+        reading=target,
+        timestep=timestep,
+        speeds=speeds,
+        gravity=gravity,
+        scene=scene,
+        mass=mass,
+        stiffness=stiffness,
+        exponent=exponent,
+        friction=friction,
+        corners=corners,
+    )
+    names = names_of(pair)
+    with report_progress(progress):
+        return find_answer(engine, wanted, setting, recipe, match, integrator, max_error, names, kind)
 
 
-def is_model(model: Any) -> bool:
+@checked
+def tune_model(
+    model: ModelSource,
+    pair: BodyPair | Sequence[BodyPair] | None = None,
+    *,
+    alpha: Quantity | None = None,
+    restitution: Quantity | None = None,
+    points: Points = (),
+    adams: Adams | None = None,
+    newton: Newton | None = None,
+    target: Reading = "law",
+    speeds: Quantities | None = None,
+    max_error: float = MAX_ERROR,
+    engine: str | None = None,
+    limit: Quantity | None = None,
+    timestep: Quantity | None = None,
+    gravity: Quantities | None = None,
+    key: str | None = None,
+    qpos: Joints | None = None,
+    state: PoseState | None = None,
+    package: Folders | None = None,
+    move: str | None = None,
+    coming_from: str | Sequence[float | str] | None = None,
+    actuators: bool | None = None,
+    version: str | None = None,
+    write_model: str | Path | None = None,
+    write_include: str | Path | None = None,
+    force: bool = False,
+) -> TunedModel:
+    """Find a setting with which pairs of your own model bounce like your material, as `hcbench tune MODEL`.
+
+    Parameters
+    ----------
+    model : path, text or object
+        Your model, as `measure` takes it; its pairs are tuned in it.
+    pair : text or two names, or several
+        Two bodies or geoms, first the one that moves; or a list of pairs such as "foot,floor".
+    alpha, restitution, points, adams, newton, target : optional
+        One target, as `tune` takes it.
+    speeds : float, text, quantity of Pint's, or several, optional
+        Band of impact speeds, m/s or with a unit; 0.1 to 2 m/s by default.
+    max_error : float
+        Of e, within which the simplest setting will do.
+    engine, limit, timestep, gravity, key, qpos, state, package, move, coming_from, actuators : optional
+        As `measure` takes them.
+    version : text, optional
+        "ENGINE@3.5": the version that has to load what is written; the installed one by default.
+    write_model, write_include : path, optional
+        Files for the model with the setting in it, and for the lines that a model includes. They are written
+        where the setting gains.
+    force : bool
+        Replace files that hcbench did not write.
+
+    Returns
+    -------
+    TunedModel
+        `text` is what to paste; `max_error` is the largest error of e that was measured over the band.
+
+    Raises
+    ------
+    UserError
+        For a pair that cannot be tuned, in the argument's name.
+    EngineFailed
+        For an engine that crashed or hung on the model.
+
+    Examples
+    --------
+    >>> import hcbench as hb
+    >>> tuned = hb.tune_model("ball.xml", "ball,plate", restitution=0.5, speeds="0.5, 1 m/s")
+    >>> tuned.gains
+    True
+    >>> tuned.max_error < 0.05
+    True
+
+    """
+    pairs = _listed(pair)
+    if not pairs:
+        advice = f"`hcbench pairs {sanitized(model)}` lists them"
+        raise UserError("pair", "missing", "two bodies or geoms", advice)
+    points = read_points(points)
+    spring = _spring(alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton)
+    wanted = spring or Wanted(alpha, restitution, points, target)
+    band = [v for v, _ in points] if len(points) > 1 else list(DEFAULT_SPEEDS)
+    if speeds is not None:
+        band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
+    launch: LaunchOptions = {
+        "speeds": sorted({min(band), max(band)}),
+        "timestep": timestep,
+        "gravity": gravity,
+        "key": key,
+        "qpos": qpos,
+        "state": state,
+        "package": package,
+        "move": move,
+        "coming_from": coming_from,
+        "actuators": actuators,
+    }
+    requests = [make_request(each, **launch) for each in pairs]
+    if len({frozenset(request.pair or ()) for request in requests}) < len(requests):
+        raise UserError("pair", " and ".join(map(str, pairs)), "each pair once")
+    files = {"write-model": write_model, "write-include": write_include}
+    outputs = {f"--{name}": Path(file) for name, file in files.items() if file is not None}
+    output = _output(outputs.get("--write-model"), outputs.get("--write-include"), version)
+    seconds = read_limit(limit) or LIMIT_S
+    tuned = tune_job(model, requests, wanted, engine, max_error, seconds, output)
+    if tuned.gains:
+        texts = {"--write-model": tuned.written, "--write-include": tuned.texts.include}
+        for option, path in outputs.items():
+            if not texts[option]:
+                of = tuned.pairs[0].facts.engine
+                raise UserError(option, f"a model of {of}", "a model that is one file")
+            write_output(path, texts[option], option, force)
+    return tuned
+
+
+def is_model(model: ModelSource) -> bool:
     """Say whether the argument is a model (a file, FILE.py:FUNCTION, text, an object), not an
     engine's name.
     """
@@ -129,83 +291,12 @@ def is_model(model: Any) -> bool:
     return ".py:" in model or "<" in model or Path(model).suffix != "" or Path(model).is_file()
 
 
-def _keywords(function: Callable[..., Any]) -> set[str]:
-    """The keywords that a form of `tune` takes."""
-    own = {name for name, each in signature(function).parameters.items() if each.kind is each.KEYWORD_ONLY}
-    return own | (_keywords(make_target) if function is _of_engine else set(get_type_hints(LaunchOptions)))
-
-
-@checked
-def _of_engine(
-    engine: str,
-    pair: Any,
-    *,
-    timestep: Any,
-    kind: Kind = "settings",
-    recipe: str = "auto",
-    match: Match = "restitution",
-    integrator: str | None = None,
-    max_error: float = MAX_ERROR,
-    progress: Callable[[int, int], None] | None = None,
-    **target: Any,
-) -> Answer:
-    registry.engine(engine)  # which refuses an unknown name, before anything else is missed
-    if timestep is None:
-        raise UserError("timestep", "missing", "the engine's step, such as '1 ms'")
-    if kind not in KINDS:
-        raise UserError("kind", repr(kind), f"one of: {', '.join(KINDS)}")
-    scene, wanted = make_target(timestep=timestep, **target)
-    with report_progress(progress):
-        return find_answer(engine, wanted, scene, recipe, match, integrator, max_error, names_of(pair), kind)
-
-
-def tune_pairs(
-    model: Any,
-    pair: Any,
-    *,
-    alpha: Any,
-    restitution: Any,
-    points: Points,
-    reading: Reading,
-    speeds: Any,
-    max_error: float,
-    adams: AdamsImpact | None = None,
-    newton: NewtonSpring | None = None,
-    engine: str | None = None,
-    limit: Any = None,
-    write_model: str | Path | None = None,
-    write_include: str | Path | None = None,
-    version: str | None = None,
-    force: bool = False,
-    **launch: Any,
-) -> TunedModel:
-    """`tune` of a model: its pairs, tuned in it. The files are written where the setting gains."""
-    several = isinstance(pair, list | tuple) and (len(pair) != 2 or any("," in str(name) for name in pair))
-    pairs = pair if several else [pair]
-    if pair is None or not pairs:
-        advice = f"`hcbench pairs {sanitized(model)}` lists them"
-        raise UserError("pair", "missing", "two bodies or geoms", advice)
-    spring = _spring(alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton)
-    wanted = spring or Wanted(alpha, restitution, points, reading)
-    band = [v for v, _ in read_points(points)] if len(points) > 1 else list(DEFAULT_SPEEDS)
-    if speeds is not None:
-        band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
-    requests = [make_request(each, speeds=sorted({min(band), max(band)}), **launch) for each in pairs]
-    if len({frozenset(request.pair or ()) for request in requests}) < len(requests):
-        raise UserError("pair", " and ".join(map(str, pairs)), "each pair once")
-    files = {"write-model": write_model, "write-include": write_include}
-    outputs = {f"--{name}": Path(file) for name, file in files.items() if file is not None}
-    output = _output(outputs.get("--write-model"), outputs.get("--write-include"), version)
-    seconds = read_limit(limit) or LIMIT_S
-    tuned = tune_model(model, requests, wanted, engine, max_error, seconds, output)
-    if tuned.gains:
-        texts = {"--write-model": tuned.written, "--write-include": tuned.texts.include}
-        for option, path in outputs.items():
-            if not texts[option]:
-                of = tuned.pairs[0].facts.engine
-                raise UserError(option, f"a model of {of}", "a model that is one file")
-            write_output(path, texts[option], option, force)
-    return tuned
+def _listed(pair: BodyPair | Sequence[BodyPair] | None) -> list[BodyPair]:
+    """The pairs of one pair, of a list of pairs, or of None."""
+    if pair is None:
+        return []
+    is_list = isinstance(pair, list | tuple) and (len(pair) != 2 or any("," in str(name) for name in pair))
+    return list(cast("Sequence[BodyPair]", pair)) if is_list else [cast("BodyPair", pair)]
 
 
 def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
@@ -218,38 +309,41 @@ def _output(model: Path | None, include: Path | None, version: str | None) -> Ou
     return Output(folder, name, numbers)
 
 
-def names_of(pair: Sequence[str] | str | None) -> Pair:
+def names_of(pair: BodyPair | None) -> Pair:
     """The two names, the body that moves first; the scene's for None."""
     names = read_pair(pair)
     return PAIR if names is None else names
 
 
-def _spring(**ways: Any) -> AdamsImpact | NewtonSpring | None:
+def _spring(
+    *, adams: Adams | None, newton: Newton | None, **others: object
+) -> AdamsImpact | NewtonSpring | None:
     """The contact by stiffness and damping, if that is the one target given. Raises UserError for others."""
+    ways = {**others, "adams": adams, "newton": newton}
     given = [f"--{name}" for name, value in ways.items() if value is not None]
     if len(given) != 1:
         names = ", ".join(f"--{name}" for name in ways)
         raise UserError("target", " and ".join(given) or "none", f"one of {names}")
-    if ways["adams"] is not None:
-        return read_adams(ways["adams"])
-    return None if ways["newton"] is None else read_newton(ways["newton"])
+    if adams is not None:
+        return read_adams(adams)
+    return None if newton is None else read_newton(newton)
 
 
 def make_target(
     *,
-    timestep: Any,
-    alpha: Any = None,
-    restitution: Any = None,
+    timestep: Quantity,
+    alpha: Quantity | None = None,
+    restitution: Quantity | None = None,
     points: Points = (),
-    adams: AdamsImpact | None = None,
-    newton: NewtonSpring | None = None,
-    speeds: Any = None,
+    adams: Adams | None = None,
+    newton: Newton | None = None,
+    speeds: Quantities | None = None,
     reading: Reading = "law",
     scene: str = "steel-plane",
-    mass: Any = None,
-    stiffness: Any = None,
+    mass: Quantity | None = None,
+    stiffness: Quantity | None = None,
     exponent: float | None = None,
-    gravity: Any = None,
+    gravity: Quantity | None = None,
     friction: float = 0.0,
     corners: int = 1,
 ) -> tuple[Scene, Target]:

@@ -54,7 +54,7 @@ class _TuneJob(Job):
 
 
 @checked
-def tune_model(
+def tune_job(
     source: Any,
     requests: Sequence[Request],
     wanted: RestitutionCurve | AdamsImpact | NewtonSpring,

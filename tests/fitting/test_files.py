@@ -136,7 +136,7 @@ def test_a_fit_of_forces_prints_itself_in_a_few_lines(tmp_path: Path) -> None:
     rows = [f"{x},{v},{float(law.force(x, v))}" for x, v in ways]
     header = "penetration [m],rate [m/s],force [N]"
     (tmp_path / "loop.csv").write_text("\n".join([header, *rows]))
-    lines = repr(hb.fit(tmp_path / "loop.csv")).splitlines()
+    lines = repr(hb.fit_force(tmp_path / "loop.csv")).splitlines()
     assert len(lines) <= 12
     assert lines[0].startswith("data      loop.csv: loop")
     assert float(lines[3].split()[1]) == pytest.approx(0.3, abs=1e-4)

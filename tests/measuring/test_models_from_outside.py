@@ -9,7 +9,7 @@ from hcbench.errors import UserError
 from hcbench.measuring import Wanted, measure
 from hcbench.measuring.request import make_request
 from hcbench.sim.model_under_test import Output
-from hcbench.tuning.model import tune_model
+from hcbench.tuning.model import tune_job
 
 GYM, ROBOTICS = "gymnasium/envs/mujoco/assets/", "gymnasium_robotics/envs/assets/"
 SUITE, BULLET = "dm_control/suite/", "pybullet_data/"
@@ -103,7 +103,7 @@ TUNED: list[tuple[str, str]] = [
 def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Path) -> None:
     """The speeds and phases are none of those that tune saw; the model has a folder of its own."""
     wanted = Wanted(restitution=0.5)
-    found = tune_model(
+    found = tune_job(
         str(found_file(file)), [make_request(pair, speeds=[0.3, 1.5])], wanted, output=Output(tmp_path)
     )
     (tmp_path / "tuned.xml").write_text(found.written)

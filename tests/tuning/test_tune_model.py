@@ -14,7 +14,7 @@ from hcbench.laws.penalty import NewtonSpring
 from hcbench.measuring import Wanted, measure
 from hcbench.measuring.request import make_request
 from hcbench.sim.capabilities import TunesModels
-from hcbench.tuning.model import tune_model
+from hcbench.tuning.model import tune_job
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -231,7 +231,7 @@ def test_what_stood_stands_when_all_its_contacts_are_tuned(
     text: str, body: str, pairs: list[str], e: float
 ) -> None:
     requests = [make_request(pair, speeds=[0.5]) for pair in pairs]
-    found = tune_model(text, requests, Wanted(restitution=e), max_error=1.0)
+    found = tune_job(text, requests, Wanted(restitution=e), max_error=1.0)
     assert [set(pair.facts.pair) for pair in found.pairs] == [set(pair.split(",")) for pair in pairs]
     before, after = stands_at(text, body), stands_at(found.written, body)
     assert before == pytest.approx(after, abs=2e-3)
@@ -241,7 +241,7 @@ def test_what_stood_stands_when_all_its_contacts_are_tuned(
 def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
     pairs = ["foot_left,floor", "foot_right,floor"]
     wanted = Wanted(points=((0.3, 0.7), (1.0, 0.5)))
-    found = tune_model(
+    found = tune_job(
         HUMANOID, [make_request(pair, speeds=[0.3, 1.0]) for pair in pairs], wanted, max_error=0.15
     )
     assert "spring and damper" in found.name

@@ -41,7 +41,7 @@ def _calls(folder: Path) -> dict[str, tuple[int, list[Any], dict[str, Any]]]:
         }),
         "fit": (16, [str(folder / "h.csv")], {
             "law": "auto", "kind": "times", "touches": "x", "begin": 0, "height": "30 cm", "gravity": 9.81,
-            "mass": "3 g", "diameter": "4 cm", "exponent": 1.5, "contact_time": "0.1 ms", "timing": "1 ms",
+            "mass": "3 g", "diameter": "4 cm", "contact_time": "0.1 ms", "timing": "1 ms",
         }),
         "measure": (7, [model, "ball,plate"], {
             **start, "alpha": 0.3, "points": [(0.1, 0.9)], "angle": "30 deg", "spin": 40, "along": "0,1,0",
