@@ -78,7 +78,7 @@ def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
 
 
 def _plain(value: Any) -> Any:
-    """Turn a NumPy number into Python's, which prints as a number; also inside lists, tuples and
+    """Turn a NumPy number into one of Python, which prints as a number; also inside lists, tuples,
     mappings.
     """
     if isinstance(value, np.generic):

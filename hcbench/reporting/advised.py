@@ -1,4 +1,4 @@
-"""What `hcbench tune` answers for the conditions of a study's runs, and what that says of a run."""
+"""Answers of `hcbench tune` for the conditions of a study's runs, and each run's place among them."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,6 @@
-"""The page's first screen in words: what `hcbench tune` answers for an engine, a step, a gravity and an α."""
+"""First screen of the page: the answer of `hcbench tune` for an engine, a step, a gravity and an α,
+in words.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

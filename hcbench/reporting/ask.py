@@ -205,7 +205,7 @@ def folder_for(out: Path | None, default: Path, missing: tuple[str, ...], presen
 
 
 def engines_in(folder: Path) -> set[str]:
-    """The engines of the report in a folder; none where there is no report."""
+    """Engines of the report in a folder; empty without a report."""
     import csv
 
     try:

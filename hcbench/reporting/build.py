@@ -98,7 +98,7 @@ def band_text(view: View) -> str:
 
 
 def _provenance(by_gravity: Views, results: Results) -> dict[str, str]:
-    """What was run, by the names that the page gives it."""
+    """Scene, law, speeds and counts of the study, by the names that the page gives them."""
     view, study = by_gravity.main, by_gravity.main.study
     place = "the true cup" if study["form"] == "cup" else "the equivalent sphere on a flat plate"
     bands = [f"{band_text(shown)} {_under(shown)}" for shown in by_gravity.shown]

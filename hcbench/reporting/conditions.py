@@ -28,7 +28,7 @@ class Views(NamedTuple):
 
     @property
     def main(self) -> View:
-        """What a user's own scene is like: gravity, where the study has it."""
+        """View that resembles a user's own scene: under gravity, if the study has it."""
         return self.shown[0]
 
 
@@ -44,7 +44,7 @@ def views(results: Results) -> Views:
 
 
 def under(results: Results, gravity: float) -> Results:
-    """What ran under a gravity, m/s², on the axis and with the least friction.
+    """Select the results under a gravity, m/s², on the axis and with the least friction.
 
     In the study's own scene, or else in another one.
     """

@@ -1,4 +1,6 @@
-"""What the explorer in the page knows: curves, loops, drops and answers, rounded to what a screen shows."""
+"""Data of the page's explorer: curves, loops, drops and answers, rounded to the digits that a
+screen shows.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ _USUAL_STEP = 2e-3  # s: what the page opens with, where it ran
 
 @dataclass(frozen=True, slots=True)
 class Explorer:
-    """What the templates need. data: JSON. choice: the best of the answer that the page opens with.
+    """Values for the page's templates. data: JSON. choice: the best of the answer that the page
+    opens with.
 
     tabs: id -> title of the panels under the plots.
     """
@@ -125,7 +128,7 @@ def as_json(content: Any) -> str:
 
 
 def _start(keys: Sequence[_Where], view: View) -> _Where:
-    """What the page opens with: the first engine at the usual step, for the main α."""
+    """Conditions that the page opens with: the first engine at the usual step, for the main α."""
     here = [key for key in keys if key[0] == view.gravity and key[1] == view.engines[0]]
     return min(
         here or keys,
@@ -155,7 +158,7 @@ def _choice(choice: PageChoice) -> dict[str, Any]:
 
 
 def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page opens with where no answer is known: the command that finds one."""
+    """Text in place of an unknown answer: the command that finds one."""
     engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
     command = f'hcbench tune {engine} --alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g}'
     say = f"Ask for a setting of {engine_title(engine)}: this command finds it."

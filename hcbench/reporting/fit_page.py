@@ -153,7 +153,9 @@ def _sound_figure(s: TouchTimes) -> Figure:
 def _heard(
     i: int, s: TouchTimes, typed: Sequence[str]
 ) -> tuple[str, str, list[tuple[str, str, object, str]]]:
-    """The file's name, its sound, and per train: letter, what it is, its touches, and what to type."""
+    """Name and sound of a recording, and per train: letter, description, its touches, and the
+    command for it.
+    """
     trains: list[tuple[str, str, object, str]] = []
     for (letter, count, first, last, alpha, *_), picks in zip(trains_of(s), s.heard, strict=True):
         image = draw(Drawing(f"heard-{i}-{letter}", partial(_train_figure, s, picks.times)))

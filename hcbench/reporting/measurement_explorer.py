@@ -1,4 +1,4 @@
-"""What the explorer in a measurement's page draws: e over speed, and each impact beside the law."""
+"""Explorer in a measurement's page: e over speed, and each impact beside the law."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,9 @@ from hcbench.reporting.plot_style import LIMIT, MEASURED
 
 
 def explorer_of(measurement: Measurement) -> Explorer | None:
-    """None where there is no law to compare with, or no contact took steps enough to show a loop."""
+    """Build the explorer; None without a law to compare with, or if no contact has steps enough for
+    a loop.
+    """
     law, facts = measurement.law, measurement.facts
     points = [p for p in measurement.curve if not math.isnan(p.restitution) and not p.angle]
     if law is None or not points or not measurement.loops:
@@ -64,7 +66,7 @@ def _measured(measurement: Measurement, points: Sequence[CurvePoint], loops: Loo
 
 
 def _asked(points: Sequence[CurvePoint], e: Sequence[float]) -> dict[str, Any]:
-    """The curve of e that the model's settings ask for; it has no loops."""
+    """Curve of e that the model's settings ask for, without loops."""
     known = {"phase": 0.5, "samples": [0] * len(e), "loops": [-1] * len(e)}
     values = places(e, 5)
     line = _line("what the model asks for", LIMIT, points)

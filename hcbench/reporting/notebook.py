@@ -37,7 +37,7 @@ from hcbench.tuning.tuned import Tuned
 
 
 def figure_of(result: Any) -> Figure:
-    """The main figure of a result, in hcbench's style, regardless of matplotlib's settings."""
+    """Draw the main figure of a result, in hcbench's style, regardless of matplotlib's settings."""
     with figure_defaults():
         return _figure(result)
 

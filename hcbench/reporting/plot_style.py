@@ -1,4 +1,4 @@
-"""How figures look: colours, dashes and markers, axes and legends, the same on every page.
+"""Style of all figures: colours, dashes and markers, axes and legends, the same on every page.
 
 Figures are drawn with matplotlib's object interface, on its bundled font, from its default settings: a user's
 matplotlibrc changes nothing, and the same numbers give the same bytes.
@@ -84,7 +84,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 @dataclass(frozen=True, slots=True)
 class PlotStyle:
-    """How one setting of one engine is drawn. dashes: on-off lengths in points; () is a full line.
+    """Style of one setting of one engine. dashes: on-off lengths in points; () is a full line.
 
     kind: "exact" (a law in place of the contact), "settings", "constant" (one e for all speeds) or "stock".
     """
@@ -144,7 +144,9 @@ def numbered_line(i: int) -> dict[str, Any]:
 
 
 def marker_stride(count: int, nth: int) -> tuple[int, int]:
-    """Which of `count` points of the nth line carry a marker: not the same ones as its neighbours' do."""
+    """(first, stride) of the points of the nth line that carry a marker, so that markers of
+    neighbouring lines differ.
+    """
     return (nth % 4, 4) if count > 8 else (0, 1)
 
 

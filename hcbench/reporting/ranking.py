@@ -1,4 +1,4 @@
-"""How well each run follows the law, by rules that the page states too; which runs are the best."""
+"""Ranking of the runs by their agreement with the law, by rules that the page states too."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ _OTHER_SIZE = 2.0  # times the law's depth: a contact of another size, regardles
 
 @dataclass(frozen=True, slots=True)
 class RunVerdict:
-    """How one run did, in words. grade: "good", "even", "bad", for colour beside the words.
+    """Verdict on one run, in words. grade: "good", "even", "bad", for colour beside the words.
 
     lacks: what keeps it from being used under gravity.
     """
@@ -79,7 +79,7 @@ def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
 
 
 def lacks(view: View, run: RunKey) -> tuple[str, ...]:
-    """What keeps a run from being used under gravity, in words; nothing where it ran without."""
+    """Reasons not to use a run under gravity, in words; empty if it ran without gravity."""
     rest, reasons = view.rests.get(run), []
     if rest is not None:
         advised = choice_of(view, run)
@@ -94,7 +94,7 @@ def lacks(view: View, run: RunKey) -> tuple[str, ...]:
 
 
 def lies_still(view: View, run: RunKey) -> bool:
-    """Whether a run's body had come to rest at the end of its drop."""
+    """Say whether a run's body had come to rest at the end of its drop."""
     rest = view.rests.get(run)
     return rest is not None and rest.motion <= REST_MOTION * view.gravity * run.timestep**2
 
@@ -112,7 +112,7 @@ def verdict(view: View, run: RunKey) -> RunVerdict:
 
 
 def loop_verdict(view: View, run: RunKey) -> str:
-    """What there is to say of a run's loops at the main α."""
+    """Verdict on a run's loops at the main α, in words."""
     score = view.score(run)
     if score is None or not score["loops"]:
         return "no loop to judge"
@@ -125,9 +125,10 @@ def loop_verdict(view: View, run: RunKey) -> str:
 
 
 def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
-    """Of runs that are set and lack nothing, those with the least error: several where they tie.
+    """Select the runs with the least error among those that are set and lack nothing: several if
+    they tie.
 
-    Of runs at one step, those that `tune` advises, where that is known.
+    If `tune` has advised a setting for their one step, those with that setting.
     """
     known = {(run.engine, run.timestep): answer_of(view, run.engine, run.timestep) for run in runs}
     if len(known) == 1 and (answer := next(iter(known.values()))) is not None:
@@ -139,7 +140,9 @@ def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
 
 
 def _least(runs: Sequence[RunKey], error: Callable[[RunKey], float], margin: float = 0.0) -> list[RunKey]:
-    """The engine's default is no advice: a user who asks has that already."""
+    """Select the runs with the least error, engines with nothing set left out: a user who asks has
+    those already.
+    """
     errors = {run: error(run) for run in runs if run.engine != REFERENCE and run.setting != STOCK}
     least = min(errors.values(), default=math.inf)
     return [run for run, e in errors.items() if math.isfinite(e) and e <= least * (1 + TIE) + margin]

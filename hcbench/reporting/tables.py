@@ -1,4 +1,4 @@
-"""The page's tables as rows of text; the page only lays them out."""
+"""Tables of the page as rows of text; the page only lays them out."""
 
 import math
 from collections import Counter
@@ -93,7 +93,7 @@ def _error_cell(view: View, run: RunKey, alpha: float) -> list[str]:
 
 
 def constants(by_gravity: Views) -> list[Cells]:
-    """The best constant e's largest error for each α, over what the runs of a step were launched at."""
+    """Largest error of the best constant e for each α, over the launches of a step's runs."""
     rows = []
     for view in by_gravity.shown:
         for step in sorted({run.timestep for run in view.band_runs}):
@@ -129,7 +129,7 @@ class PastedTexts:
                 self._places[view.gravity, run, float(record["alpha_s_per_m"])] = numbers[text]
 
     def of(self, view: View, run: RunKey, alpha: float) -> int:
-        """The number of a run's text; -1 where it has none."""
+        """Number of a run's text; -1 without one."""
         return self._places.get((view.gravity, run, alpha), -1)
 
 

@@ -1,4 +1,6 @@
-"""What figures and tables ask of Results, answered once: curves, which runs cover a band, what is coarse."""
+"""Views of Results for figures and tables: curves, runs that cover a band, steps too coarse for a
+contact.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +42,12 @@ class RunKey(NamedTuple):
 
     @property
     def is_law(self) -> bool:
-        """Whether a run is the law itself, which every figure shows anyway."""
+        """True if a run is the law itself, which every figure shows anyway."""
         return (self.engine, self.setting) == (REFERENCE, LAW_SETTING)
 
     @property
     def title(self) -> str:
-        """The engine's title and the setting, and where it ran."""
+        """Title of the engine, the setting, and the scene if it is not the study's."""
         engine = engine_title(self.engine)
         return f"{engine}, {self.name}" if self.setting == STOCK else f"{engine} {self.label}"
 
@@ -96,7 +98,7 @@ class View:
 
     @property
     def in_inches(self) -> bool:
-        """Whether speeds are shown in in/s, as the study has them; else in m/s."""
+        """True if speeds are shown in in/s, as the study has them; else they are in m/s."""
         return str(self.study.get("speed_unit", "in/s")) == "in/s"
 
     @property
@@ -136,7 +138,7 @@ class View:
 
     @cached_property
     def contact_time(self) -> float:
-        """How long the law's contact lasts at the study's speed for steps, s."""
+        """Duration of the law's contact at the study's speed for steps, s."""
         return float(
             closed_form.duration(self.law(self.main_alpha), self.mass, float(self.study["step_speed"]))
         )
@@ -161,7 +163,7 @@ class View:
         return engines_of(self.band_runs)
 
     def resolves_contact(self, run: RunKey) -> bool:
-        """Whether a run's step is short enough to resolve the contact."""
+        """Say whether a run's step is short enough to resolve the contact."""
         return run.timestep <= self.contact_time / STEPS_OF_A_LOOP * (1 + 1e-9)
 
     def runs_by_resolution(self, resolved: bool) -> list[RunKey]:
@@ -185,7 +187,7 @@ class View:
 
     @cached_property
     def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
-        """How each (engine, setting) of the study is drawn."""
+        """Style of each (engine, setting) of the study."""
         planned = [(run["engine"], run["recipe"]) for run in self.study["runs"]]
         ran = [run[:2] for run in (*(run for run, _ in self.head_on), *self.bounces)]
         return plot_styles([*planned, *ran], law=REFERENCE)
@@ -211,7 +213,9 @@ class View:
 
     @cached_property
     def answers(self) -> dict[tuple[str, float, str], Mapping[str, Any]]:
-        """What `hcbench tune` answers under this gravity: (engine, step, α in nine digits) -> as JSON."""
+        """Answers of `hcbench tune` under this gravity: (engine, step, α in nine digits) -> as
+        JSON.
+        """
         return {
             (answer["engine"], float(answer["timestep"]), f"{answer['alpha']:.9g}"): answer
             for answer in self.results.answers
@@ -252,7 +256,7 @@ class View:
 
     @cached_property
     def rests(self) -> dict[RunKey, RestAfterDrop]:
-        """How bodies lay after a drop under gravity for the main α."""
+        """Rest of the bodies after a drop under gravity for the main α."""
         rows = self._of_main_alpha(self.results.rests).to_dict("records")
         return {
             self.run_of(row): RestAfterDrop(float(row["depth_m"]), float(row["motion_m"])) for row in rows

@@ -104,7 +104,7 @@ def _power_of_ten(exponent: int) -> str:
 
 
 def power_of_ten(value: float) -> str:
-    """ "10⁻³" for a tick; "" for what is no power of ten."""
+    """Format a tick as "10⁻³"; "" unless the value is a power of ten."""
     if value <= 0:
         return ""
     exponent = round(math.log10(value))

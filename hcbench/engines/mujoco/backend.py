@@ -30,13 +30,15 @@ def backend() -> Any:
 
 
 def has_feature(mujoco: Any, feature: str) -> bool:
-    """Whether a MuJoCo has "adhesion" or "integrator 'discrete'"."""
+    """Say whether this MuJoCo has a feature: "adhesion" or "integrator 'discrete'"."""
     owner, attribute, _ = _FEATURES[feature]
     return hasattr(getattr(mujoco, owner), attribute)
 
 
 def can_pull(version: tuple[int, ...]) -> bool:
-    """Whether contacts of a MuJoCo can adhere: of this version, such as (3, 5), and of the installed one."""
+    """Say whether contacts can adhere, both in this version of MuJoCo, such as (3, 5), and in the
+    installed one.
+    """
     since = tuple(int(part) for part in _FEATURES["adhesion"][2].split("."))
     return has_feature(backend(), "adhesion") and (not version or version >= since)
 
@@ -75,6 +77,6 @@ def forget_resets(data: Any) -> None:
 
 
 def resets(data: Any) -> bool:
-    """Whether MuJoCo reset the state, as bad; in a first step the time does not show it."""
+    """Say whether MuJoCo reset the state as bad; in a first step the time does not show it."""
     bad = backend().mjtWarning
     return bool(data.warning.number[int(bad.mjWARN_BADQPOS) : int(bad.mjWARN_BADQACC) + 1].any())

@@ -74,7 +74,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return vocabulary(contact)
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """What to paste of a setting: MJCF."""
+        """Return the MJCF of a setting, to paste."""
         if "law" not in setting.options:
             rows = mjcf.rows_snippet(setting, form, pair) if setting.options.get("rows") else ""
             return rows or setting.options_text
@@ -92,7 +92,9 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return f"{head}{lines}\n{end}{tail}" if lines and end else "\n".join(filter(None, [text, lines]))
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """What a setting needs: a version of MuJoCo, the plug-in, the elliptic cone."""
+        """Return the requirements of a setting: a version of MuJoCo, the plug-in, the elliptic
+        cone.
+        """
         options = read_options(setting.options)
         needs = []
         if options.law is not None:
@@ -132,7 +134,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return replace(setting, options=options)
 
     def script(self, scene: Scene, setting: Setting) -> str:
-        """The scene's MJCF under a setting."""
+        """Return the MJCF of the scene under a setting."""
         return mjcf.model_xml(scene, setting)
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> MujocoWorld:

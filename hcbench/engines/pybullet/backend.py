@@ -28,9 +28,10 @@ LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableF
 
 
 class BulletClient:
-    """The pybullet module with every call bound to one client, as pybullet_utils has it.
+    """Client of pybullet: the module with every call bound to one connection, like that of
+    pybullet_utils.
 
-    Ending one does not disconnect. Raises EngineMissing where there is no pybullet.
+    Ending one does not disconnect. Raises EngineMissing without pybullet.
     """
 
     def __init__(self, client: int) -> None:
@@ -75,7 +76,7 @@ class BulletClient:
 
 
 def is_connected() -> bool:
-    """Whether this process has imported pybullet and has a client that calls without one mean."""
+    """Say whether this process has imported pybullet and has a client that calls without one mean."""
     pybullet = sys.modules.get("pybullet")
     return pybullet is not None and bool(pybullet.isConnected())
 

@@ -68,7 +68,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
     )
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """What to paste of a setting."""
+        """Return the calls that apply a setting to a user's two bodies."""
         return snippet.snippet(setting, form, pair)
 
     def needs(self, setting: Setting) -> tuple[str, ...]:

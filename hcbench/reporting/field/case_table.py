@@ -62,7 +62,9 @@ def _title(one: EngineScore) -> str:
 
 
 def _sentence(scores: Sequence[EngineScore]) -> str:
-    """Who obeys the restitution that is set, in the last version."""
+    """Sentence that sorts the engines, in the last version of each, by their obedience to a set
+    restitution.
+    """
     last = {one.engine: one for one in scores}
     parts = []
     for word, (_, _, phrase) in _OBEDIENCE.items():

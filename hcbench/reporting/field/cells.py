@@ -88,7 +88,7 @@ def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[
 
 
 def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> MatrixCell:
-    """What the engine's default does: its e, without gravity where it did not run under gravity."""
+    """Cell of the engine's default: its e, without gravity where it did not run under gravity."""
     case = here or without_gravity
     if case is None:
         return MatrixCell("not run", note=_ELSEWHERE)
@@ -129,7 +129,7 @@ def left_out(view: FieldView, case: Case) -> str:
 
 
 def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
-    """Whether any setting of the engine adds energy at this step."""
+    """Cell that says whether any setting of the engine adds energy at this step."""
     about = energy_note(engine)
     note = f"{about.text} ({about.source})." if about else ""
     gains = [case for case in cases if view.gains(case)]
@@ -155,7 +155,7 @@ def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
 
 
 def _loop(view: FieldView, case: Case | None) -> MatrixCell:
-    """Whether the force over penetration of the best setting follows the law, too."""
+    """Cell that says whether the force over penetration of the best setting follows the law, too."""
     if case is None:
         return MatrixCell("–")
     score = view.scores[case]
@@ -178,7 +178,7 @@ def _files(engine: str) -> MatrixCell:
 
 
 def grade(view: FieldView, case: Case) -> str:
-    """Which of GRADES a case has: how its error of e compares with the best constant e's."""
+    """Grade of a case, one of GRADES: its error of e against the best constant e's."""
     if view.follows_law(case):
         return "good"
     return "even" if view.error(case) <= 1.25 * view.constant_error(case.timestep) else "bad"

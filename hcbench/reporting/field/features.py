@@ -1,4 +1,6 @@
-"""What is known of each engine: each cell from the run, or from the engine's own folder with its source."""
+"""Table of the engines' features: each cell from the run, or from the engine's own folder with its
+source.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ FEATURES = {
 
 
 def energy_note(engine: str) -> Feature | None:
-    """What is known of an e above 1 in an engine, from its folder."""
+    """Note on an e above 1 in an engine, from the engine's folder; None without one."""
     adapter = registry.adapter(registry.base_name(engine))
     features = adapter.features if isinstance(adapter, DescribesContact) else None
     return None if features is None else features.energy
@@ -58,7 +60,7 @@ def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
 
 
 def _threshold(stated: Feature, seen: str) -> Feature:
-    """What a document says of the slowest bounce, and what this run saw."""
+    """Slowest bounce: the stated one, followed by the one seen in this run."""
     if not seen:
         return stated
     return Feature(f"{stated.text}; {seen}".removeprefix("–; "), f"{stated.source}; {RUN}".strip("; "))

@@ -31,7 +31,9 @@ _WORDS = (
 
 
 def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
-    """Who follows the law at a step: by settings alone; by a plug-in; and who does not."""
+    """Sentences that sort the engines at a step: those that follow the law by settings, by a
+    plug-in, or not.
+    """
     ran = [e for e in view.engines if view.cases(e, gravity, timestep, *OWN, PLUGIN)]
     own = _following(view, ran, gravity, timestep, *OWN)
     plugin = [e for e in _following(view, ran, gravity, timestep, PLUGIN) if e not in own]
@@ -81,7 +83,7 @@ def band(view: FieldView, timestep: float) -> str:
 
 
 def versions(view: FieldView) -> str:
-    """What another version of an engine changed; "" where no engine ran in two."""
+    """Sentence on the differences between versions of an engine; "" if no engine ran in two."""
     words = []
     for one, other in combinations(view.engines, 2):
         if registry.base_name(one) != registry.base_name(other):

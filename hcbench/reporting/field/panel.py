@@ -1,4 +1,4 @@
-"""What a cell of the matrix opens to: words, a curve, the text to paste and its source."""
+"""Panel behind a cell of the matrix: words, a curve, the text to paste and its source."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def setting_of(view: FieldView, case: Case) -> Setting:
 
 
 def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
-    """What the page's script needs, as JSON: the tables, and each of their cases and texts once."""
+    """Data for the page's script, as JSON: the tables, and each of their cases and texts once."""
     cases: dict[Case, int] = {}
     texts: dict[str, int] = {}
     shown = []
@@ -110,7 +110,7 @@ def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
 
 
 def _lines(view: FieldView, case: Case) -> list[str]:
-    """How wrong a setting's e is, and what it does to energy and to slow impacts."""
+    """Sentences on a setting's error of e, its energy, and slow impacts."""
     off, down = view.off(case), view.stays_down(case)
     lines = []
     if math.isfinite(off):

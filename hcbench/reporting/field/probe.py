@@ -1,4 +1,6 @@
-"""What a field report asks of each engine beside its impacts: the same bits again and alone, and the cost."""
+"""Probes of a field report besides the impacts: repeatability to the bit, alone and together, and
+cost.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,8 @@ _REPEAT_S = 0.3  # of one measurement, about
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """Of one setting. repeats: whether the same launches give the same bits. alone: and each by itself.
-    cost: number of balls that were simulated together -> s a ball and step.
+    """Probe of one setting. repeats: whether the same launches give the same bits. alone: and each
+    by itself. cost: number of balls that were simulated together -> s a ball and step.
     """
 
     repeats: bool
@@ -83,7 +85,7 @@ def _cost(engine: SteppedEngine, setting: Setting, scene: Scene, balls: int) -> 
 
 
 def scene_of(view: FieldView) -> Scene:
-    """The study's own, without gravity."""
+    """Load the study's own scene, without gravity."""
     return replace(load_scene(str(view.study["scene"])), gravity=0.0)
 
 

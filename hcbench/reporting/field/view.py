@@ -39,7 +39,7 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class FieldView:
-    """The results for the study's main α."""
+    """Results for the study's main α, arranged by engine and condition."""
 
     results: Results
 
@@ -117,7 +117,7 @@ class FieldView:
         return sorted({case.timestep for case in self.scores if case.engine != REFERENCE})
 
     def title(self, engine: str) -> str:
-        """The engine's name, with the version that ran."""
+        """Name of the engine, with the version that ran."""
         plain = registry.base_name(engine)
         return f"{engine_title(plain)} {self.results.versions.get(engine, '')}".strip()
 
@@ -158,7 +158,9 @@ class FieldView:
         return math.inf if self.scores[case]["failed"] or self.gains(case) or math.isnan(off) else off
 
     def choice(self, case: Case) -> Mapping[str, Any] | None:
-        """What `hcbench tune` says of a setting over the same speeds; None where it is no choice of its."""
+        """Choice of `hcbench tune` that equals the case's setting, over the same speeds; None if
+        there is none.
+        """
         low, high = self.speeds(case.timestep)[[0, -1]]
         for answer in self.results.answers:
             if (answer["engine"], answer["gravity"], answer["timestep"]) != (case.engine, *case[2:]):
@@ -185,16 +187,16 @@ class FieldView:
         return self.folded[case].off_parted
 
     def stays_down(self, case: Case) -> float:
-        """Speed from which on every impact bounces, m/s; 0 where all do, inf where the fastest does not.
+        """Speed from which on every impact bounces, m/s; 0 if all do, inf if the fastest does not.
 
-        Slower ones that come to rest have no e: they are no error of it.
+        Slower ones that come to rest have no e and do not count as errors.
         """
         rested, speeds = self.folded[case].rested, self.speeds(case.timestep)
         above = speeds[speeds > rested * (1.0 + 1e-9)]
         return 0.0 if math.isnan(rested) else float(min(above, default=math.inf))
 
     def gains(self, case: Case) -> bool:
-        """Whether a body left with more energy than it came with, by more than chance."""
+        """True if a body left with more energy than it came with, by more than chance."""
         return bool(self.scores[case]["energy_gained"]) and not self.restitution(case)[1] <= MOST_E
 
     def restitution(self, case: Case) -> tuple[float, float]:
@@ -202,7 +204,7 @@ class FieldView:
         return self.folded[case].restitution
 
     def lost(self, case: Case) -> str:
-        """What became of the impacts where none gave an e, in a word; "" where any did."""
+        """The commonest status of the impacts if none gave an e; "" if any did."""
         counts = self.folded[case].status
         return "" if {"parted", "rested"} & counts.keys() else min(counts, key=lambda s: (-counts[s], s))
 
@@ -211,7 +213,7 @@ class FieldView:
         return self.folded[case].curve.measured()
 
     def follows_law(self, case: Case) -> bool:
-        """Whether a case's error of e is below a tenth of the best constant e's."""
+        """True if a case's error of e is below a tenth of the best constant e's."""
         return self.error(case) <= FOLLOWS * self.constant_error(case.timestep)
 
     def _case(self, row: Mapping[Any, Any]) -> Case:

@@ -60,7 +60,7 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
 
 
 def _is_loose(model: Any, body: int) -> bool:
-    """Whether a body has one geom and a free joint, and no other body hangs on it."""
+    """Say whether a body has one geom and a free joint, and no other body hangs on it."""
     tree = np.flatnonzero(model.body_rootid == body)
     return (
         len(tree) == 1 and int(model.body_geomnum[body]) == 1 and int(model.body_dofnum[body]) == _FREE_DOFS
@@ -68,7 +68,7 @@ def _is_loose(model: Any, body: int) -> bool:
 
 
 def _is_touched(model: Any, start: Any, geom: int, other: int) -> bool:
-    """Whether a third geom touches `geom` at the start."""
+    """Say whether a third geom touches `geom` at the start."""
     ends, data = np.zeros(6), copy.copy(start)
     backend().mj_kinematics(model, data)
     thirds = [third for third in range(model.ngeom) if third not in (geom, other)]

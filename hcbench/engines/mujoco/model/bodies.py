@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 
 def geom_name(model: Any, geom: int) -> str:
-    """The geom's name, or geom:NUMBER for one without."""
+    """Name of the geom, or geom:NUMBER for one without."""
     return sanitized(model.geom(geom).name) or f"geom:{geom}"
 
 
 def joint_name(model: Any, joint: int) -> str:
-    """The joint's name, or joint:NUMBER for one without."""
+    """Name of the joint, or joint:NUMBER for one without."""
     return sanitized(model.joint(joint).name) or f"joint:{joint}"
 
 
 def body_name(model: Any, body: int) -> str:
-    """The body's name, or body:NUMBER for one without."""
+    """Name of the body, or body:NUMBER for one without."""
     return "world" if body == 0 else sanitized(model.body(body).name) or f"body:{body}"
 
 
@@ -51,7 +51,9 @@ def integrator_name(model: Any) -> str:
 
 
 def is_whole_state(model: Any) -> bool:
-    """Whether MuJoCo's state tells how a model moves on: nothing that it does not know of remembers more."""
+    """Say whether MuJoCo's state determines the motion: no plug-in, sleep or callback keeps a
+    memory besides.
+    """
     mujoco = backend()
     sleeps = int(getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0)) & model.opt.enableflags
     callbacks = [getattr(mujoco, name)() for name in dir(mujoco) if name.startswith("get_mjcb_")]
@@ -65,13 +67,13 @@ def speed_reading(model: Any) -> SpeedReading:
 
 
 def masks_match(model: Any, geom1: int, geom2: int) -> bool:
-    """Whether contype and conaffinity of two geoms let them collide."""
+    """Say whether contype and conaffinity of two geoms let them collide."""
     kinds, partners = model.geom_contype, model.geom_conaffinity
     return bool(kinds[geom1] & partners[geom2] or kinds[geom2] & partners[geom1])
 
 
 def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
-    """Which of MuJoCo's filters keeps two geoms apart, "" where they may collide.
+    """Name the filter of MuJoCo that keeps two geoms apart, "" if they may collide.
 
     "exclude": an <exclude>. "masks": contype and conaffinity. "welded", "parent": their bodies are one rigid
     body, or parent and child.

@@ -1,4 +1,6 @@
-"""What drives a robot's joints while it lands: PD at its pose, the pose's own controls, or a function."""
+"""Controllers of a robot's joints while it lands: PD at its pose, the pose's own controls, or a
+function.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Which parts of a MuJoCo model the names of a pair mean, which joints move them, and why some never meet."""
+"""Parts of a MuJoCo model that the names of a pair mean, joints that move them, and reasons why
+some never meet.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,7 +27,8 @@ _FREE_DOFS = 6
 
 @dataclass(frozen=True, slots=True)
 class MovingJoint:
-    """What moves a body: degrees of freedom of one body's free or slide joints, or of its whole robot.
+    """Mover of a body: degrees of freedom of one body's free or slide joints, or of its whole
+    robot.
 
     turns: whether hinges or balls are among them; the body then moves as a push at the contact would move it.
     """
@@ -95,7 +98,7 @@ def _ancestors(model: Any, body: int) -> Iterator[int]:
 
 
 def moving_joints(model: Any, body: int) -> list[MovingJoint]:
-    """What could move this body, nearest first."""
+    """Movers of this body, nearest first."""
     joints = []
     for ancestor in _ancestors(model, body):
         if dofs := _translations(model, ancestor):
@@ -114,7 +117,8 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
 
 
 def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
-    """What `move` names, "base:", "body:NAME" or "joint:NAME", where it carries this body; else None.
+    """Mover that `move` names, "base:", "body:NAME" or "joint:NAME", if it carries this body; else
+    None.
 
     Of a body its joints and all between it and this body move, as a push at the contact would move them.
     Raises UserError for a name that the model does not have.

@@ -98,7 +98,7 @@ class _Bench:
         data.qpos[address + 3 : address + 7] = turned
 
     def _touches(self, data: Any) -> bool:
-        """Whether the robot touches what it can land on, in this pose."""
+        """Say whether the robot touches anything that it can land on, in this pose."""
         backend().mj_fwdPosition(self.model, data)
         geoms, distances = data.contact.geom, data.contact.dist
         on_floor = self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
@@ -172,7 +172,9 @@ class _Bench:
         return Landing(height, tilt, -rising[0], speed_out, self.mass * self.g, fallen, time, pushed)
 
     def _tread(self, data: Any, before: Floats, time: float, feet: dict[int, _Foot]) -> float:
-        """The floor's force on the robot in the step just taken, N upwards; each foot's goes to `feet`."""
+        """Force of the floor on the robot in the step just taken, N upwards; each foot's goes to
+        `feet`.
+        """
         geoms, contacts = data.contact.geom, data.contact
         acting = (contacts.efc_address >= 0) & self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
         upward, wrench, geoms_of = 0.0, np.zeros(6), dict[int, set[int]]()
@@ -210,7 +212,7 @@ class _Bench:
         return -away, float(np.linalg.norm(velocity - away * normal))
 
     def _name(self, body: int, foot: _Foot) -> str:
-        """What to call a foot: the only geom that touched, where it has a name, else the body."""
+        """Name of a foot: the only geom that touched, if it has a name, else the body."""
         (geom, *more) = sorted(foot.geoms)
         name = "" if more else self.model.geom(geom).name
         return geom_name(self.model, geom) if name else body_name(self.model, body)

@@ -105,7 +105,7 @@ def _described(
 
 
 def _unmistakable(model: Any, geom: int) -> str:
-    """The geom's name where no body has the same; else with the word."""
+    """Name of a geom, with the word "geom:" before it if a body has the same name."""
     name = str(geom_name(model, geom))
     bodies = {body_name(model, body) for body in range(model.nbody)}
     return f"geom:{name}" if name in bodies or "," in name else name

@@ -17,7 +17,7 @@ from hcbench.impact import Floats
 
 @dataclass(frozen=True, slots=True)
 class NamedGeoms:
-    """What a user's name means: a body, and those of its geoms that count."""
+    """Part of a model that a user names: a body, and those of its geoms that count."""
 
     name: str
     body: int
@@ -40,8 +40,8 @@ class PairContact:
 
 
 class Nearest(NamedTuple):
-    """Where two parts are nearest: signed distance (m), unit normal from the first to the second, midpoint,
-    and the geoms. The normal is 0 where the two touch without a direction to tell.
+    """Nearest points of two parts: signed distance (m), unit normal from the first to the second,
+    midpoint, and the geoms. The normal is 0 where the two touch without a direction to tell.
     """
 
     distance: float
@@ -82,7 +82,7 @@ class ContactPair:
 
     @cached_property
     def more_than_contacts(self) -> bool:
-        """Whether anything but contacts and gravity can act on the bodies of the model."""
+        """True if anything but contacts and gravity can act on the bodies of the model."""
         return has_more_than_contacts(self.model)
 
     @cached_property
@@ -134,7 +134,7 @@ class ContactPair:
         return ContactPair(self.model, *sides)
 
     def nearest(self, data: Any) -> Nearest:
-        """Where the two parts are nearest, of all their geoms."""
+        """Find the nearest points of the two parts, over all their geoms."""
         if self.height_field >= 0:
             return self._above_field(data)
         best = Nearest(np.inf, np.zeros(3), np.zeros(3), (self.first.geoms[0], self.second.geoms[0]))
@@ -150,7 +150,9 @@ class ContactPair:
         return best
 
     def _above_field(self, data: Any) -> Nearest:
-        """As `nearest`, roughly: from the other's bounding sphere down to the field's highest point."""
+        """Roughly find the nearest point over a height field: from the other's bounding sphere down
+        to its top.
+        """
         field, model = self.height_field, self.model
         up = data.geom_xmat[field].reshape(3, 3)[:, 2]
         on_field = field in self.second.geoms

@@ -38,12 +38,14 @@ class PairReader:
 
     @property
     def normal(self) -> Floats:
-        """The last contact's, from the moving body."""
+        """Normal of the last contact, from the moving body."""
         self._use_contact()
         return self._normal
 
     def contact_point(self, data: Any) -> Floats:
-        """The last contact's, m; of a body that slides and spins it goes along with the body's centre."""
+        """Point of the last contact, m; moved along with the centre of a body that slides and
+        spins.
+        """
         self._use_contact()
         return self._point if self.along is None else self.along.moved_with(data, self._point)
 

@@ -36,7 +36,8 @@ class PairAtTouch:
     effective_mass: along the normal, kg. gravity: acceleration of the approach in
     free flight, by gravity and what the model's springs and actuators add to it, m/s². overlap: how deep
     the two were in each other at the start, m. gap: at touch, by MuJoCo's distance of the geoms, m;
-    infinite for shapes that it knows none of. note: how they were brought together, where it was a choice.
+    infinite for shapes whose distance it cannot compute. note: how they were brought together, where it
+    was a choice.
     """
 
     pair: ContactPair
@@ -99,8 +100,9 @@ def bring_to_touch(
 
 
 def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
-    """Where the two are nearest once the free base of a robot that starts in the other, as keyframes of
-    standing robots do, is moved out by up to _RAISED; `data` is there. As it is where there is none.
+    """Move the free base of a robot out of the other, up to _RAISED, and return the nearest points
+    then. Keyframes of standing robots often start a little inside the floor. `near` unchanged
+    without such a base.
     """
     model, base = pair.model, next(iter(moving_joints(pair.model, pair.first.body)), None)
     if not -_RAISED <= near.distance < 0.0 or base is None or len(base.dofs) != 3 or base.turns:
@@ -119,7 +121,7 @@ class _PassedError(UserError):
 
 
 def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPair, MovingJoint]]:
-    """What could move one of the two, with the pair in that order. move: the only thing that may."""
+    """Movers of either of the two, with the pair in that order. move: the only one that may."""
     orders = (pair, pair.swapped())
     if move is None:
         return [(p, joint) for p in orders for joint in moving_joints(p.model, p.first.body)]
@@ -202,7 +204,9 @@ def _words(vector: Floats) -> str:
 
 
 def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
-    """How far back along the normal the first is clear of the second, m, from where it is."""
+    """Distance back along the normal at which the first is clear of the second, m, from where it
+    is.
+    """
     model, ahead = pair.model, 0.0
     bound = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
     for g in pair.second.geoms:

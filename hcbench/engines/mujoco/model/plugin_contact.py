@@ -26,7 +26,7 @@ _FORCE_KEYS = (
 
 
 def restitution_law(model: Any, geoms: Sequence[int]) -> RestitutionCurve | None:
-    """What the plug-in makes of a contact of two geoms; None where it has none of them."""
+    """Restitution that the plug-in gives a contact of two geoms; None if no instance names them."""
     config = _config(model, geoms, _KEYS)
     if config is None:
         return None
@@ -37,7 +37,7 @@ def restitution_law(model: Any, geoms: Sequence[int]) -> RestitutionCurve | None
 
 
 def has_force_law(model: Any, geoms: Sequence[int]) -> bool:
-    """Whether the plug-in hcbench.hunt_crossley acts between two geoms, or their bodies."""
+    """Say whether the plug-in hcbench.hunt_crossley acts between two geoms, or their bodies."""
     return _config(model, geoms, _FORCE_KEYS) is not None
 
 
@@ -77,9 +77,10 @@ def _number(model: Any, text: str) -> float:
 
 
 class WithoutContact:
-    """The model's own step with contact off, beside the one that is measured.
+    """Step of the same model with contact off, beside the one that is measured.
 
-    A plug-in's impulse is no row of MuJoCo's solver: it is read off the velocities.
+    The impulse of a plug-in does not appear in MuJoCo's solver: it is the difference of the two
+    velocities.
     """
 
     def __init__(self, model: Any) -> None:

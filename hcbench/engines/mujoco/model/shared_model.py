@@ -62,7 +62,7 @@ class LentModel(ModelUnderTest):
 
     @property
     def step_cost(self) -> float:
-        """The cost of MuJoCo's step: all copies share one."""
+        """Cost of MuJoCo's step: all copies share one."""
         return self._own.step_cost
 
     def facts(self) -> Facts:
@@ -73,7 +73,7 @@ class LentModel(ModelUnderTest):
         return dataclasses.replace(own, engine=self._engine.name, version=version, settings=settings)
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """What the engine does otherwise than MuJoCo, and then what MuJoCo itself does."""
+        """Return the engine's differences from MuJoCo, then the suspects of MuJoCo itself."""
         own = self._own.suspects(impacts, wanted)
         if not self._as_given:  # what the engine does otherwise concerns the user's own contact
             return own
@@ -98,7 +98,7 @@ class LentModel(ModelUnderTest):
             )
 
     def _unlike_mujoco(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
-        """Where the same launches bounce otherwise in MuJoCo itself."""
+        """Suspect the engine if the same launches bounce otherwise in MuJoCo itself."""
         sent = {impact.launch.at_any_phase: impact for impact in impacts}.values()
         theirs = simulate.impacts_in(self._own, [impact.launch for impact in sent])
         both = [(abs(a.restitution - b.restitution), a, b) for a, b in zip(sent, theirs, strict=True)]
@@ -158,7 +158,7 @@ class LentFlight(MujocoFlight):
         data.qpos[:], data.qvel[:] = state[: self._model.nq], state[self._model.nq :]
 
     def _force(self, solved: float, seen: Any) -> float:
-        """The pair's force: MuJoCo's own, and what the engine changed of the momentum besides."""
+        """Force of the pair: MuJoCo's own, and the engine's other changes of the momentum."""
         row = self._reader.row(seen)
         slowed = -float(row @ self._changed)
         noise = self._round_off * float(np.abs(row) @ self._speeds)

@@ -69,7 +69,7 @@ class MujocoFlight:
 
     @property
     def is_oblique(self) -> bool:
-        """Whether what it does along the plate is read."""
+        """True if the motion along the plate is read."""
         return self._along is not None
 
     def leave(self) -> None:
@@ -113,8 +113,9 @@ class MujocoFlight:
         return Record(x, v, f, np.array(along).T[:, None] if self.is_oblique else None)
 
     def note(self, steps: int) -> str:
-        """What else acted in the first `steps` steps, the last of them among those taken last. The model
-        keeps it, with the speed lost to each cause where joints and actuators took the most until now.
+        """Name other contacts of the first `steps` steps, the last of which was among those taken
+        last. The model keeps the speed lost to each cause in the launch in which joints and
+        actuators took the most.
         """
         touched = {geom for geom, step in self._first_touch.items() if step < steps}
         self._opened.others |= touched
@@ -158,7 +159,9 @@ class MujocoFlight:
         return x, rate, force, free, along
 
     def _look_further(self, x: float, rate: float, force: float) -> tuple[float, Floats | None]:
-        """What a step has besides, and what changed the approach speed in it, until the two are apart."""
+        """Read (approach speed without contact, row along the plate) of a step, and add up the
+        causes of the change of speed until the two are apart.
+        """
         seen, free, along = self._seen, math.nan, None
         if self._staged and force == 0.0 and x + _STAGE_REACH * self._h * max(rate, 0.0) > 0.0:
             free = self._rate_without_contact()
@@ -189,7 +192,9 @@ class MujocoFlight:
         self._mujoco.mj_step(self._model, data)
 
     def _force(self, solved: float, seen: Any) -> float:
-        """The pair's force in the step just taken, N. solved: by MuJoCo's solver. seen: the state before."""
+        """Force of the pair in the step just taken, N. solved: by MuJoCo's solver. seen: the state
+        before.
+        """
         if self._beside is None:
             return solved
         return self._beside.force(self._reader.row(seen), self._velocity, self._place.effective_mass)
@@ -234,7 +239,7 @@ class Flights(Simulation, Generic[Flight]):
         self._flights = [flight for flight, kept in zip(self._flights, which, strict=True) if kept]
 
     def note(self, launch: int, steps: int) -> str:
-        """What else acted on that launch in its first steps."""
+        """Name other contacts of a launch in its first steps."""
         return self._flights[launch].note(steps)
 
     def side_by_side(self, records: Sequence[Record]) -> Record:

@@ -1,4 +1,4 @@
-"""What changes the approach speed of a pair during a contact, told apart: contact, limits, actuators, ..."""
+"""Causes that change the approach speed of a pair during a contact: contact, limits, actuators, ..."""
 
 from bisect import bisect_left
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ _ROOM = 64  # steps that there is room for at first
 
 
 def has_more_than_contacts(model: Any) -> bool:
-    """Whether anything but contacts and gravity can act on the bodies of a model."""
+    """Say whether anything but contacts and gravity can act on the bodies of a model."""
     fields = ("jnt_limited", "jnt_stiffness", "dof_damping", "dof_frictionloss", "dof_armature")
     return bool(model.nu or model.neq or model.ntendon or any(getattr(model, f).any() for f in fields)) or (
         model.nv != 6 * model.njnt
@@ -69,7 +69,9 @@ class SpeedShares:
         self._at.append(step)
 
     def taken(self, steps: int) -> dict[str, float]:
-        """What each cause took in the first `steps` steps, the last of them added after `settle`; m/s."""
+        """Speed that each cause took in the first `steps` steps, the last of them added after
+        `settle`; m/s.
+        """
         return dict(zip(NAMES, self._sum(bisect_left(self._at, steps)).tolist(), strict=True))
 
     def settle(self) -> None:

@@ -1,4 +1,4 @@
-"""How a user's MuJoCo model rests, holds on a slope and in a grasp, and what a step costs: in plain steps."""
+"""Rest, slope and grasp of a user's MuJoCo model, and the cost of a step: measured in plain steps."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def standing(opened: Sequence[MujocoModel]) -> Standing:
 
 
 def rest_of_pair(opened: MujocoModel) -> Rest | None:
-    """How the pair lies a while after the start, where the two touch there, as a held body and its finger do,
-    or else after it was laid on; None where nothing holds the two together.
+    """Rest of the pair from its start, if it touches there, like a held body and its finger, or
+    else from the touch; None if nothing holds the two together.
     """
     data, place = copy.copy(opened.start), opened.place
     data.time = 0.0
@@ -84,7 +84,7 @@ def _tilted(opened: MujocoModel, angle: float) -> Floats:
 
 
 def _rest(opened: MujocoModel, data: Any, gravity: Floats | None = None, from_body: int = 0) -> Rest:
-    """How the pair rests at the end of a while, from a state that is moved on.
+    """Rest of the pair at the end of a while, from a state that is moved on.
 
     gravity: m/s²; None: the model's. from_body: the body whose motion does not count.
     """
@@ -113,7 +113,7 @@ def _depth(opened: MujocoModel, data: Any) -> float:
 
 
 def _is_grasp(one: MujocoModel, other: MujocoModel) -> bool:
-    """Whether both move the same body, between two that face each other."""
+    """Say whether both pairs move the same body, between two that face each other."""
     same = one.place.pair.first.body == other.place.pair.first.body
     return same and float(one.place.contact.normal @ other.place.contact.normal) < _OPPOSITE
 

@@ -127,9 +127,10 @@ def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float
 
 
 def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
-    """What holds the two back at touch, other than joints: tendons at their limits, stretched equalities.
+    """Error for tendons at their limits and stretched equalities that hold the two back at touch;
+    None without any.
 
-    row: (nv,) M^-1 J^T of the contact. None where nothing does.
+    row: (nv,) M^-1 J^T of the contact.
     """
     mujoco = backend()
     if not data.nefc:

@@ -74,7 +74,7 @@ class TouchSearch:
         return None
 
     def _window(self) -> tuple[float, float]:
-        """How far before and behind the rough distance a contact may begin, m."""
+        """Distances before and behind the rough touch within which a contact may begin, m."""
         pair, field = self.pair, self.pair.height_field
         if field < 0:
             return pair.size, pair.size
@@ -100,7 +100,7 @@ def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats |
 
 
 def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats:
-    """What a push does to some degrees of freedom of a tree while the others of it are at rest."""
+    """Acceleration of some degrees of freedom by a push while the others of their tree are at rest."""
     masses = np.zeros((len(dofs), len(dofs)))
     unit, column = np.zeros(model.nv), np.zeros(model.nv)
     for i, dof in enumerate(dofs):

@@ -54,7 +54,7 @@ class Load:
 
 
 def estimated_mobility(model: object, first: int, second: int) -> float:
-    """What MuJoCo takes for 1/mass of a contact of two bodies, 1/kg."""
+    """MuJoCo's estimate of 1/mass of a contact of two bodies, 1/kg."""
     return float(sum(model.body_invweight0[body][0] for body in (first, second)))  # type: ignore[attr-defined]
 
 

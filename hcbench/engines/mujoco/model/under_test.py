@@ -79,8 +79,8 @@ class MujocoModel(ModelUnderTest):
         self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
 
     def _falls_freely(self) -> bool:
-        """Whether the two have one acceleration beside the contact: no joints, nothing that carries the other
-        one, and no turning: a corner that turns has another one after the impact.
+        """Say whether the two have one constant acceleration apart from the contact. Joints, a
+        moving second body, and a corner that turns in the impact change it.
         """
         model, place = self.model, self.place
         first, second = place.pair.first.body, place.pair.second.body
@@ -107,7 +107,7 @@ class MujocoModel(ModelUnderTest):
         return 1.0 + float(self.model.nv + self.model.ngeom) / 10
 
     def facts(self) -> Facts:
-        """What the model says of itself and of the pair."""
+        """Return the properties of the model and of its pair."""
         model, place, mujoco = self.model, self.place, backend()
         written, words = written_contact(place)
         asked = written.curve(self.request.speeds) if written is not None else ()
@@ -198,7 +198,7 @@ class MujocoModel(ModelUnderTest):
         return list(at_rest(Context(self.place, (), None, tuple(self._gravity()))))
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """What may keep this pair from bouncing as asked."""
+        """Return settings that may keep this pair from bouncing as `wanted`."""
         if restitution_law(self.model, self.place.contact.rows[0][2]) is not None:
             return list(other_contacts(self._others()))  # the others are MuJoCo's own contact's
         if (lost := self._lost_pairs()) > 0:

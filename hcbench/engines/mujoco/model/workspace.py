@@ -1,4 +1,4 @@
-"""What launches of a MuJoCo model are stepped in."""
+"""Memory in which launches of a MuJoCo model are stepped."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class LaunchWorkspace:
-    """What launches of a model are stepped in, one at a time: allocating it takes as long as 500 steps.
+    """Memory for launches of a model, one at a time: allocating it takes as long as 500 steps.
 
     data: the state under way. seen: the state before the step, which RK4 does not leave in `data`. free: for
     steps of RK4 without contact. beside: for those without a plug-in's. Those without a use are None.

@@ -32,7 +32,7 @@ Rows = tuple[ConstraintRow, ...]
 
 @dataclass(frozen=True)
 class PairToTune:
-    """A pair of the user's, and what its contact has to do.
+    """Pair in the user's model, with the launches and the load that its contact has to serve.
 
     requests: its launches, one for each attitude. opened: the model under each. like: equal for pairs that
     are alike, such as the feet of a robot.

@@ -39,7 +39,7 @@ def spec_of(source: Any) -> Any:
 
 
 def label_of(source: Any) -> str:
-    """What to call the model."""
+    """Name of the model in outputs: its file, or "model"."""
     is_file = isinstance(source, str | Path) and not str(source).lstrip().startswith("<")
     return Path(source).name if is_file else "model"
 
@@ -67,7 +67,8 @@ def whole_text(spec: Any, folder: Path | None) -> str:
 
 
 def own_text(source: Any, folder: Path | None, lines: str) -> str:
-    """The user's text, comments and includes and all, with more lines at its end; "" where it has none.
+    """Return the user's text, comments and includes and all, with more lines at its end; "" if it
+    has none.
 
     folder: of the file that is to be written, from which its paths then lead.
     """
@@ -111,6 +112,6 @@ def included(lines: str) -> str:
 
 
 def taken_pairs(model: Any, geoms: Sequence[tuple[int, int]]) -> bool:
-    """Whether the model has <pair>s of its own for any of these geoms."""
+    """Say whether the model has <pair>s of its own for any of these geoms."""
     own = {frozenset(each) for each in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)}
     return any(frozenset(each) in own for each in geoms)

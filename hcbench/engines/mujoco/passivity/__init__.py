@@ -1,1 +1,1 @@
-"""Whether MuJoCo's own contact ever gives energy: in the model of its rows, and in plain steps."""
+"""Energy tests of MuJoCo's own contact: in the model of its rows, and in plain steps."""

@@ -53,7 +53,9 @@ def screened(
 
 
 def flat_with_law(scene: Scene, setting: Setting) -> bool | None:
-    """Whether boxes gain no energy with a law in place of the contact's restitution; None for other laws."""
+    """Say whether boxes gain no energy under a restitution law; None for other laws and without
+    gravity.
+    """
     if not _is_restitution_law(scene, setting) or not scene.gravity:
         return None
     contact, runs = tried(scene, setting)

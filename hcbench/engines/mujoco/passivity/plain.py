@@ -122,7 +122,7 @@ def drops(
 
 
 def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
-    """How a ball that may not turn rests on a slope, held by friction."""
+    """Rest of a ball that may not turn on a slope, held by friction."""
     slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
     model, angle = contact.with_ball(options, slides), math.radians(degrees)
     model.opt.gravity[:] = contact.gravity * np.array([math.sin(angle), 0.0, -math.cos(angle)])
@@ -130,7 +130,7 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
 
 
 def _rest(model: Any, seconds: float) -> Rest:
-    """How the first body rests, from where it stands."""
+    """Rest of the first body, from its position at the start."""
     mujoco, data, force = backend(), backend().MjData(model), np.zeros(6)
     path, start = np.empty((round(seconds / model.opt.timestep), 5)), data.qpos[:3].copy()
     for row in path:
@@ -170,7 +170,7 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
 
 
 def is_flat_passive(contact: Contact, options: Stepping) -> bool:
-    """Whether a box that falls on its face, an edge or a vertex never gains energy."""
+    """Say whether a box that falls on its face, an edge or a vertex never gains energy."""
     return all(finding.passed for finding in boxes(contact, options))
 
 
@@ -222,7 +222,7 @@ def _kinetic(model: Any, data: Any) -> float:
 
 
 def _stack(contact: Contact, options: Stepping) -> Finding:
-    """How deep the lowest of three boxes lies after a while; infinite where they do not lie still."""
+    """Depth of the lowest of three boxes after a while; infinite if they do not lie still."""
     model = contact.with_boxes(options, 3)
     rest = _rest(model, _STACK_S)
     deep = rest.penetration if not rest.failures(1.0, 1.0) else math.inf

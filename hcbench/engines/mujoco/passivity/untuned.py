@@ -1,4 +1,6 @@
-"""What a setting's cone and impratio, which are of the whole model, do to its other contacts."""
+"""Side effects of a setting's cone and impratio, which are of the whole model, on its other
+contacts.
+"""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ _INEXACT = {
 
 
 class ContactAccuracyWarning(UserWarning):
-    """The engine's own contact geometry of this pair is wrong by more than the law can bear."""
+    """Error of the engine's own contact geometry that is larger than the law can bear."""
 
 
 def library() -> Path:
@@ -110,7 +110,9 @@ def install() -> Path:
 
 @checked
 def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str, dict[str, str]]:
-    """The plug-in of a law, and its instance's config but for the pair. more: other keys, as they are."""
+    """Return the plug-in of a law, and the config of its instance but for the pair. more: other
+    keys, unchanged.
+    """
     require_law(law)
     if not is_force(law):
         if friction is not None:

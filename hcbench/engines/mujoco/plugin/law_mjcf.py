@@ -14,7 +14,7 @@ _PAIRS = {"cup": {"tendon": "contact"}, "plane": dict(zip(("geom1", "geom2"), PA
 
 
 def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
-    """The law's plug-in, and MuJoCo's own contact off where a force takes its place."""
+    """Add the law's plug-in to a scene's MJCF; a force law turns MuJoCo's own contact off."""
     form = scene.form
     if is_force(law) and form == "cup":
         named(root, "spatial", "contact", path).set("limited", "false")
@@ -29,8 +29,8 @@ def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
 
 
 def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.Element:
-    """The section that declares a law's plug-in. pair: the keys of its config that say of what. friction: μ
-    that goes with a force law; a restitution law keeps MuJoCo's.
+    """Return the section that declares a law's plug-in. pair: the keys of its config that say of
+    what. friction: μ that goes with a force law; a restitution law keeps MuJoCo's.
     """
     name, keys = config(law, Friction(friction, friction) if friction and is_force(law) else None)
     made = ET.Element("extension")
@@ -51,7 +51,9 @@ def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
 
 
 def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
-    """What to paste of a law into a model of one's own. pair: its geoms, the body that moves first."""
+    """Return the MJCF of a law, to paste into a user's model. pair: its geoms, the first of which
+    moves.
+    """
     config = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
     lines = [
         "<!-- once `hcbench plugin mujoco --install` has run -->",

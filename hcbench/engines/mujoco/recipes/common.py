@@ -1,4 +1,4 @@
-"""What the recipes of MuJoCo's own contact share."""
+"""Functions shared by the recipes of MuJoCo's own contact."""
 
 from typing import Any
 

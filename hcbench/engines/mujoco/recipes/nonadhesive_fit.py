@@ -87,7 +87,7 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """Where a fit begins.
+    """Start of a fit.
 
     dampers: how many, in a usual band. power, highest: of their impedance. from_depth: the share of its width
     from which a damper has to push. lowest: width of the first over the band's lowest penetration.

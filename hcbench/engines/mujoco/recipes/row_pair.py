@@ -66,7 +66,8 @@ class _Rows(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RowFit:
-    """What spring and damper rows are fitted to, in units of the step h and the band's highest speed v.
+    """Goal of a fit of spring and damper rows, in units of the step h and the band's highest speed
+    v.
 
     speeds: over v. phases: where in a step the contact starts. target: e, NaN where any e will do that gains
     no energy; shape (n,) each. fall: g h / v.

@@ -1,4 +1,4 @@
-"""How much e changes where a contact's force is not quite the law's: a formula, no simulation."""
+"""Sensitivity of e to small errors of a contact's force: a formula, no simulation."""
 
 import numpy as np
 

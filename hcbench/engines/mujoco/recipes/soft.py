@@ -34,7 +34,7 @@ _HIGHEST = np.array([2.5, 2.0, -2.0, -0.0005, 0.65, 0.0])
 
 
 def largest_power(midpoint: Floats) -> Floats:
-    """The power beyond which MuJoCo's impedance is not a number; same shape."""
+    """Largest power at which MuJoCo can compute the impedance; same shape."""
     return np.asarray(1.0 + _LOG_SMALLEST_POWER / np.maximum(-np.log(midpoint), -np.log1p(-midpoint)))
 
 

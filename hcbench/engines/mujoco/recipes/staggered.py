@@ -40,7 +40,9 @@ _SPRING_WEIGHT = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE)
 
 @dataclass(frozen=True)
 class Damper:
-    """Where a damper starts, m, and its solimp."""
+    """Damper of a staggered contact. onset: penetration from which it acts, m. solimp: its
+    impedance.
+    """
 
     onset: float
     solimp: tuple[float, float, float, float, float]
@@ -79,7 +81,7 @@ class Band:
 
 
 def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
-    """The band of penetrations of a target's speeds under a law without its loss."""
+    """Band of penetrations of a target's speeds, under a law without its loss."""
 
     def deepest(speed: float) -> float:
         n = law.exponent
@@ -134,7 +136,7 @@ def _straight(onset: float, end: float, highest: float) -> Damper:
 
 
 def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
-    """Where springs start, m: close enough for straight lines to be within `misfit` of the curve.
+    """Onsets of the springs, m: so close that straight lines are within `misfit` of the curve.
 
     Relative to the curve, and below the band's lowest penetration to the curve there.
     """

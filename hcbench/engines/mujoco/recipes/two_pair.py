@@ -83,7 +83,9 @@ def _logistic(logit: float) -> float:
 
 
 def contact_duration(target: Target) -> float:
-    """How long the spring's contact lasts, s: as the law's at the geometric mean speed, or 36 steps."""
+    """Duration of the spring's contact, s: the law's at the geometric mean speed, or 36 steps if
+    that is longer.
+    """
     return contact_time(target, STEPS_OF_A_FITTED_SPRING)
 
 

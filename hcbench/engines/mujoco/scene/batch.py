@@ -98,7 +98,7 @@ class BatchedModel:
 
     @property
     def whole(self) -> bool:
-        """Whether states are those of the model of one as they are, with all else it has."""
+        """True if states are those of the model of one ball, unchanged, with all else it has."""
         return self.size == 1 and not self.sliding
 
     @property
@@ -113,7 +113,9 @@ class BatchedModel:
 
 
 def batch_kind(loaded: SceneModel) -> Kind:
-    """How a ball can share a model with others and keep its bits: not at all, free, or on a slide."""
+    """Choose how a ball can share a model with others and keep its bits: "alone" (not at all),
+    "free" or "sliding".
+    """
     mujoco, model = loaded.mujoco, loaded.model
     if not (_solves_as_usual(mujoco, model.opt) and _moves_alone(loaded) and _touches_in_one_way(model)):
         return "alone"
@@ -126,14 +128,16 @@ def batch_kind(loaded: SceneModel) -> Kind:
 
 
 def _solves_as_usual(mujoco: Any, option: Any) -> bool:
-    """Whether the solver takes the contacts of each ball apart."""
+    """Say whether the solver treats the contacts of each ball separately."""
     changed = option.disableflags & axis.island_flag(mujoco) or option.enableflags or option.noslip_iterations
     is_dense = option.jacobian != mujoco.mjtJacobian.mjJAC_SPARSE
     return not changed and is_dense and option.solver == mujoco.mjtSolver.mjSOL_NEWTON
 
 
 def _moves_alone(loaded: SceneModel) -> bool:
-    """Whether one joint is all that moves, and nothing else of the model acts on it or counts it."""
+    """Say whether one joint is all that moves, and nothing else of the model acts on it or counts
+    it.
+    """
     if loaded.plugged or loaded.model.njnt != 1 or loaded.model.nsensor > 1:
         return False
     has_more = any(getattr(loaded.model, size) for size in _MORE_SIZES)
@@ -141,7 +145,7 @@ def _moves_alone(loaded: SceneModel) -> bool:
 
 
 def _touches_in_one_way(model: Any) -> bool:
-    """Whether the ball can touch by pairs that are written out, or else by one pair of geoms at most."""
+    """Say whether the ball can touch only by written <pair>s, or else by one pair of geoms at most."""
     if ((model.geom_contype | model.geom_conaffinity) & ~_MASK).any():
         return False
     moving = model.body_weldid[model.geom_bodyid] != 0

@@ -24,7 +24,7 @@ _HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies w
 
 
 def model_path(scene: Scene) -> Path:
-    """The scene's MJCF; SceneError where it has none."""
+    """Path of the scene's MJCF. Raises SceneError without one."""
     try:
         return scene.models["mujoco"]["scene"]
     except KeyError:
@@ -57,7 +57,7 @@ def model_xml(scene: Scene, setting: Setting) -> str:
 
 
 def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
-    """What to paste of a setting with rows into a model of one's own.
+    """Return the MJCF of a setting with rows, to paste into a user's model.
 
     <option>, and <pair>s of two geoms or, in the form "cup", limits of a tendon.
     """
@@ -202,7 +202,7 @@ def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr
 
 
 def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
-    """The file's tree with its includes in place; they are relative to the main file's folder."""
+    """Parse a file with its includes in place; they are relative to the main file's folder."""
     try:
         parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
         root = ET.parse(path, parser).getroot()

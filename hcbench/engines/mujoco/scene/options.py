@@ -1,4 +1,4 @@
-"""What a MuJoCo setting may say, checked strictly: MuJoCo itself clamps, warns or ignores in silence."""
+"""Options of a MuJoCo setting, checked strictly: MuJoCo itself clamps, warns or ignores in silence."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -23,7 +23,7 @@ def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
 
 
 def promise_in(model: Any, geoms: tuple[int, int]) -> Promise | None:
-    """What hcbench promised of two geoms of a compiled model; None for nothing."""
+    """Read hcbench's promise for two geoms of a compiled model; None without one."""
     names = [str(model.geom(geom).name) for geom in geoms]
     for pair in (names, names[::-1]):
         number = backend().mj_name2id(model, backend().mjtObj.mjOBJ_TEXT, _name(*pair))

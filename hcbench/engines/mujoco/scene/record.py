@@ -53,8 +53,8 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Workspace:
-    """What a batch is stepped in: an MjData for each thread, and a buffer for states, shape (n,): allocating
-    one is costly.
+    """Memory in which a batch is stepped: an MjData for each thread, and a buffer for states, shape
+    (n,). Allocating one is costly.
     """
 
     batch: BatchedModel
@@ -179,7 +179,9 @@ def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
 
 
 def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Floats, list[Floats]]:
-    """How far the ball's centre is from that of the cup, and the unit vector there, by component; (b, n)."""
+    """Distance of the ball's centre from that of the cup, and the unit vector there, by component;
+    (b, n).
+    """
     touch = model.origin[model.at[0] : model.at[0] + 3]
     centre = touch + np.array([0.0, 0.0, clearance])
     away = [paths.state(0, i)[:, :-1] - centre[i] for i in range(3)]

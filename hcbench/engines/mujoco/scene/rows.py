@@ -215,7 +215,9 @@ class SoftConstraint:
 
     @property
     def is_impulse(self) -> bool:
-        """Whether one step takes the whole impact: damping that turns the body round, hardly any spring."""
+        """True if one step takes the whole impact: damping that reverses the body, hardly any
+        spring.
+        """
         stiffness, damping = (-value for value in self.solref)
         return (
             self.solref[0] <= 0
@@ -225,12 +227,12 @@ class SoftConstraint:
 
     @property
     def is_powerless(self) -> bool:
-        """Whether neither spring nor damper pushes back."""
+        """True if neither spring nor damper pushes back."""
         return self.solref[0] <= 0 and max(abs(value) for value in self.solref) < _MINVAL
 
     @property
     def overflows(self) -> bool:
-        """Whether the sigmoid of solimp cannot be computed, by the engine neither."""
+        """True if the sigmoid of solimp overflows, in the engine too."""
         _, _, width, midpoint, power = self._solimp()
         low = min(midpoint, 1 - midpoint)
         return width > _MINVAL and power > MAX_POWER and math.pow(max(low, 0.0), power - 1) == 0.0

@@ -158,7 +158,7 @@ def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
 
 
 def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
-    """How deep MuJoCo sees the ball in the plate, m: from radii, frames and qpos0 together."""
+    """Depth of the ball in the plate as MuJoCo sees it, m: from radii, frames and qpos0 together."""
     path = str(model_path(scene))
     if scene.form == "cup":
         tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, "contact")

@@ -56,7 +56,8 @@ def differences(
     geoms: Sequence[int] = (),
     rows: Rows = (),
 ) -> list[Suspect]:
-    """What an engine, or its numbers of so many bits, makes another contact of.
+    """Suspect the settings of a model that an engine, or its numbers of so many bits, turns into
+    another contact.
 
     geoms: whose <pair>s are looked at. rows: (solref, solimp) of the contact. By default all of the model.
     """

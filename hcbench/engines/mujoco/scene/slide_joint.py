@@ -19,7 +19,7 @@ Z = 2  # the number of a position or velocity that is along the axis
 
 
 def stays_on_axis(mujoco: Any, model: Any) -> bool:
-    """Whether the ball of a model, which at qpos0 just touches, can leave the vertical in no way.
+    """Say whether the ball of a model, which at qpos0 just touches, cannot leave the vertical.
 
     Expects one free joint, and contact through explicit <pair>s, tendon limits, or one pair of geoms.
     """
@@ -38,7 +38,9 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
 
 
 def _solves_well(mujoco: Any, model: Any) -> bool:
-    """Whether the solver may iterate until it converges: stopped early, it moves a free ball otherwise."""
+    """Say whether the solver may iterate until it converges: stopped early, it moves a free ball
+    otherwise.
+    """
     option, usual = model.opt, mujoco.MjOption()
     return bool(
         option.iterations >= usual.iterations
@@ -71,7 +73,7 @@ def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, i
 
 
 def _touches_below(mujoco: Any, model: Any) -> bool:
-    """Whether all that the ball can touch are fixed horizontal planes, without friction."""
+    """Say whether all that the ball can touch are fixed horizontal planes, without friction."""
     return all(
         dim == 1
         and model.geom_type[other] == mujoco.mjtGeom.mjGEOM_PLANE
@@ -82,7 +84,7 @@ def _touches_below(mujoco: Any, model: Any) -> bool:
 
 
 def _pulls_along(mujoco: Any, model: Any) -> bool:
-    """Whether all tendons hold the ball, and run along the axis: between sites on it."""
+    """Say whether all tendons hold the ball, and run along the axis: between sites on it."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     sites = model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE]
@@ -94,7 +96,9 @@ def _pulls_along(mujoco: Any, model: Any) -> bool:
 
 
 def has_one_constraint(model: Any) -> bool:
-    """Whether a ball is never in more than one constraint, for a model that `stays_on_axis` accepts."""
+    """Say whether a ball is never in more than one constraint, for a model that `stays_on_axis`
+    accepts.
+    """
     return len(_contact_ways(model)) + int(model.ntendon) == 1
 
 

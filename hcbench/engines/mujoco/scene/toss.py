@@ -95,7 +95,7 @@ def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -
 
 
 def in_world(quaternions: Floats, vectors: Floats) -> Floats:
-    """Vectors of a body's frame in the world's, arrays of shape (n, 4) and (n, 3)."""
+    """Rotate vectors of a body's frame into the world's, arrays of shape (n, 4) and (n, 3)."""
     scalar, axis = quaternions[:, :1], quaternions[:, 1:]
     once = 2.0 * np.cross(axis, vectors)
     turned: Floats = vectors + scalar * once + np.cross(axis, once)

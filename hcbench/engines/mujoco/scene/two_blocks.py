@@ -49,7 +49,8 @@ def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 
 
 def mjcf(blocks: TwoBlocks) -> str:
-    """The scene's MJCF: with contact as in the file, or with pairs tuned to the law about a speed.
+    """Return the MJCF of the scene: contact as in the file, or pairs tuned to the law about a
+    speed.
 
     The scene's `tuned.xml` is such a text.
     """

@@ -40,7 +40,8 @@ def _cores() -> int:
 
 @dataclass(frozen=True, slots=True)
 class Batching:
-    """How balls share models, memory and threads: it changes the time that results take, never a bit of one.
+    """Limits for balls that share models, memory and threads: they change the time of results,
+    never a bit of one.
 
     few_rows, balls, balls_of_many_rows, balls_of_one_row: the most balls in a model by its contact's rows:
     the dense Jacobian of more costs more than sharing saves. saved, compiling: s that a shared model saves a
@@ -100,7 +101,7 @@ class BatchPool:
 
     @contextmanager
     def workspace(self, batch: BatchedModel) -> Iterator[Workspace]:
-        """What a batch is stepped in, for one user at a time."""
+        """Memory in which a batch is stepped, for one user at a time."""
         if batch is not self.batches.get(batch.size):
             yield Workspace.of(self.model, batch, 1, BATCHING.chunk_bytes)
             return
@@ -113,14 +114,16 @@ class BatchPool:
         free.append(workspace)
 
     def is_worth_batching(self, size: int, ball_steps: int) -> bool:
-        """Whether so many steps, with those before them, are worth compiling a model of `size` balls for."""
+        """Say whether so many steps, with those before them, are worth compiling a model of `size`
+        balls for.
+        """
         if self.max_batch == 1 or size == 1:
             return False
         self.unbatched[size] += ball_steps
         return self.unbatched[size] * BATCHING.saved > BATCHING.compiling
 
     def size_for(self, balls: int, now: int, steps: int) -> int:
-        """How many balls a model should have for `balls` launches and about `steps` more steps.
+        """Number of balls in a model for `balls` launches and about `steps` more steps.
 
         now: balls in a model until now, 0 at release. A few launches of many are better off alone.
         """

@@ -95,7 +95,9 @@ class BulletBody:
         return rotate(self.pose(joint)[1], self.joints[joint][AXIS])
 
     def response(self, link: int, point: Vector, direction: Vector) -> Response | None:
-        """What a unit force at `point` along `direction` does; None for a body that cannot move."""
+        """Acceleration by a unit force at `point` along `direction`; None for a body that cannot
+        move.
+        """
         if self.kind == "fixed":
             return None
         if self._tree is not None:
@@ -187,7 +189,9 @@ def _inverse(mass_matrix: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class ContactRow:
-    """What a unit force on the first body, and its opposite on the second, does at a contact."""
+    """Response of two bodies to a unit force on the first at a contact, and its opposite on the
+    second.
+    """
 
     bodies: tuple[BulletBody, BulletBody]
     responses: tuple[Response | None, Response | None]

@@ -1,4 +1,6 @@
-"""What may keep a pair in PyBullet from bouncing as asked. Most cannot be read from it, so it is tried."""
+"""Suspects that may keep a pair in PyBullet from bouncing as asked. Most cannot be read back, so
+they are tried.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ _SAME_E = 0.005  # restitutions nearer than this are taken for the same
 
 @dataclass(frozen=True, slots=True)
 class BulletContext:
-    """What the search for causes looks at. unread: as in `LoadedWorld`."""
+    """Pair, impacts and world that the search for causes examines. unread: as in `LoadedWorld`."""
 
     bullet: BulletClient
     place: BulletPlacement
@@ -47,7 +49,7 @@ class BulletContext:
 
     @property
     def is_spring(self) -> bool:
-        """Whether a contactStiffness takes the place of restitution."""
+        """True if a contactStiffness takes the place of restitution."""
         return any(self.bullet.getDynamicsInfo(s.body, s.link)[STIFFNESS] > 0 for s in self.sides)
 
     @property
@@ -174,7 +176,9 @@ def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
-    """What Bullet does to a bounce by default; none of it can be read back, so it is tried."""
+    """Suspect Bullet's defaults that change a bounce; none of them can be read back, so they are
+    tried.
+    """
     if c.slowest <= _THRESHOLD:
         yield Suspect(
             "velocity-threshold",

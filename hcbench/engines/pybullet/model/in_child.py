@@ -28,7 +28,9 @@ def _can_fork(bullet: BulletClient) -> bool:
 
 
 def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:
-    """What `function()` returns, which moves bodies in the world; they are back afterwards."""
+    """Call `function()`, which moves bodies in the world, and return its result; the bodies are
+    back afterwards.
+    """
     if _can_fork(bullet):
         return forked.run_forked(function)
     state = bullet.saveState()

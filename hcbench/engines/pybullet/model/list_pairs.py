@@ -120,8 +120,8 @@ def _joint(body: BulletBody, link: int) -> str:
 
 
 def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
-    """The two that meet: the world's own, or what `names` mean, each a file, a body, or a link ("body/link"
-    where links share a name); without names, the world's only two bodies.
+    """Find the two that meet: the world's own, or those of `names`, each a file, a body, or a link
+    ("body/link" where links share a name); without names, the world's only two bodies.
     """
     bullet = world.bullet
     if world.pair:

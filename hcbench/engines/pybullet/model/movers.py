@@ -1,4 +1,4 @@
-"""What is moved to launch a pair in PyBullet: a free base, a sliding joint, or joints that swing a link."""
+"""Movers that launch a pair in PyBullet: a free base, a sliding joint, or joints that swing a link."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -21,7 +21,7 @@ ANY_LINK = -2  # whichever link touches, as in PyBullet
 
 @dataclass(frozen=True, slots=True)
 class LiveWorld:
-    """A live PyBullet world of the user's.
+    """PyBullet world that the user has set up and is running.
 
     client: physics client id. first, second: what shall meet, the moving body first, each a body id or a
     (body id, link index); None where the request's pair names them.
@@ -42,7 +42,9 @@ class BodyPart:
 
     @property
     def variable(self) -> int | str:
-        """What a script calls the body: as its file, numbered where several came from one; or its id."""
+        """Variable for the body in a script: its file's name, numbered if several came from one; or
+        its id.
+        """
         stem, _, copy = self.name.partition(".")
         name = stem + "".join(f"_{number}" for number in re.findall(r" \((\d+)\)$", copy))
         return name if name.isidentifier() else self.body

@@ -1,4 +1,4 @@
-"""Where a pair in PyBullet just touches, and what is moved to launch it from there."""
+"""Pose in which a pair in PyBullet just touches, and the mover that launches it from there."""
 
 import math
 from collections.abc import Collection, Iterator
@@ -40,7 +40,7 @@ DISTANCE, NORMAL = 8, 7  # in PyBullet's closest points; the normal points at th
 
 @dataclass(frozen=True, slots=True)
 class BulletPlacement:
-    """Where launches start from: the two touch once `mover` has travelled `travel` m.
+    """Start of the launches: the two touch once `mover` has travelled `travel` m.
 
     first, second: the links that touch, the moving body first. normal: unit vector from the first to the
     second. point: where they touch, m. effective_mass: along the normal, kg. overlap: of the two at
@@ -134,7 +134,7 @@ def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) 
 def _clear_start(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, direction: Floats, position: Floats
 ) -> Floats:
-    """Where a body starts from so that it comes along `direction`: clear of the other, over it if it must."""
+    """Position from which a body comes along `direction`: clear of the other, over it if it must."""
     boxes = [_bounds(bullet, part) for part in (moving, other)]
     (low, high), (low2, high2) = boxes
     across = np.abs(direction) < 0.5

@@ -140,7 +140,7 @@ class LaunchInUserWorld(Simulation):
         return contacts
 
     def _contact_point(self) -> Sequence[float]:
-        """The last contact's, m; of a body that slides and spins it goes along with the body."""
+        """Point of the last contact, m; moved along with a body that slides and spins."""
         return self._point if self._along is None else self._along.moved_with(self._point)
 
     def _rate(self) -> float:

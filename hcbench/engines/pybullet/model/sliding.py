@@ -30,7 +30,9 @@ def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
 
 
 def surface_point(contacts: Sequence[Any]) -> list[float]:
-    """Where contacts are on the moving body, m, without those that have slid apart, which Bullet keeps."""
+    """Mean point of the contacts on the moving body, m, without those that have slid apart, which
+    Bullet keeps.
+    """
 
     def slid(contact: Any) -> float:
         apart, normal = np.subtract(contact[5], contact[6]), np.array(contact[7])

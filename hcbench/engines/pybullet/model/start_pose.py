@@ -55,7 +55,9 @@ def set_pose(world: LoadedWorld, request: Request) -> None:
 
 
 def _free_base(world: LoadedWorld, name: str) -> int | None:
-    """The body whose free base a file's name means; "base": of the heaviest. None where there is none."""
+    """Find the body whose free base a file's name means; "base": that of the heaviest. None without
+    one.
+    """
     masses = {b: world.bullet.getDynamicsInfo(b, -1)[0] for b in world.bullet.bodies()}
     free = [body for body, mass in masses.items() if mass > 0.0]
     named = [body for body in free if world.files.get(body, "").partition(".")[0] == name]

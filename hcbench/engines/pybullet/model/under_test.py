@@ -113,7 +113,7 @@ class PybulletModel(ModelUnderTest):
         return x, y, z
 
     def _falls_alone(self) -> bool:
-        """Whether gravity makes the two approach; it does not when both fall."""
+        """Say whether gravity makes the two approach; it does not if both fall."""
         masses = [self.bullet.getDynamicsInfo(s.body, -1)[0] for s in (self.place.first, self.place.second)]
         return isinstance(self.place.mover, FreeBase) and min(masses) == 0.0
 
@@ -135,7 +135,7 @@ class PybulletModel(ModelUnderTest):
         return 1.0 + sum(1 + int(self.bullet.getNumJoints(body)) for body in self.bullet.bodies()) / 5
 
     def facts(self) -> Facts:
-        """What the world says of itself and of the pair."""
+        """Return the properties of the world and of its pair."""
         first, second = restitutions(self.bullet, self.place)
         is_known = not math.isnan(first * second)
         asked = (first * second,) * len(self.request.speeds) if is_known else ()
@@ -168,7 +168,9 @@ class PybulletModel(ModelUnderTest):
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """What may keep this pair from bouncing as asked; nothing is known of a plug-in's law."""
+        """Return settings that may keep this pair from bouncing as `wanted`; none for a plug-in's
+        law.
+        """
         if self.law is not None:
             return []
         context = BulletContext(

@@ -39,13 +39,15 @@ _SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
 
 @functools.cache
 def library() -> Path:
-    """The plug-in's library, compiled when first asked for. CannotRun without a C compiler."""
+    """Return the library of the plug-in, compiled at the first call. CannotRun without a C
+    compiler.
+    """
     return _compile.build(SOURCE, link=LINK)
 
 
 @checked
 def load(client: int = 0) -> int:
-    """The plug-in's number in a client, loaded if it is not yet."""
+    """Load the plug-in into a client, unless it is loaded, and return its number there."""
     bullet = BulletClient(client)
     if not bullet.isConnected():
         raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
@@ -125,7 +127,9 @@ def add(
 
 @checked
 def remove(number: int, *, client: int = 0) -> None:
-    """End a law; Bullet's own contact of its pair is on again. SettingError where there is no such law."""
+    """End a law; Bullet's own contact of its pair acts again. SettingError if the client has no
+    such law.
+    """
     if BulletClient(client).executePluginCommand(load(client), "remove", [number]) < 0:
         raise SettingError(f"contact law {number}", "not in this client", "a number that `add` returned")
 
@@ -179,7 +183,7 @@ def find(first: tuple[int, int], second: tuple[int, int], *, client: int = 0) ->
 
 
 def restitution_of(command: str) -> RestitutionCurve | None:
-    """What a command that adds a law asks for; None of a law later than 1975."""
+    """Restitution that a command which adds a law asks for; None for a law later than 1975."""
     keys = dict(part.split("=", 1) for part in command.split()[1:])
     if "constant" in keys:
         return ConstantRestitution(float(keys["constant"]))

@@ -118,7 +118,7 @@ def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Loops:
-    """The law's own loops, (n,), SI. v: rate at a step's end. scale: of a force, to a share.
+    """Loops of the law, (n,), SI. v: rate at a step's end. scale: of a force, to a share.
 
     The squares of all shares add up to the mean over the loops of the squared distance (rms).
     """
@@ -168,7 +168,8 @@ class _Loops:
 
 @dataclass(frozen=True, slots=True)
 class _Misfit:
-    """What contacts are wrong by, in units of `unit`, of e: in e at launches, (n,), and in force over loops.
+    """Errors of contacts, in units of `unit`, of e: in e at launches, (n,), and in force over
+    loops.
 
     Parameters are the logarithms of stiffnesses, dampings and distances between starts: 3 rows - 1.
     """

@@ -1,4 +1,4 @@
-"""What a PyBullet setting may say, checked strictly.
+"""Options of a PyBullet setting, checked strictly.
 
 PyBullet ignores negative numbers in silence. So what it would drop is refused here, by name, and what it
 would refuse is refused before anything runs.

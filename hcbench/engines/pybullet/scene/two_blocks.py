@@ -22,7 +22,7 @@ NOTE = (
 
 
 def own_contact(squeezed: bool) -> str:
-    """The recipe by which Bullet's own contact is tuned."""
+    """Name of the recipe that tunes Bullet's own contact."""
     return "spring-damper" if squeezed else "restitution"
 
 

@@ -73,7 +73,9 @@ class PybulletWorld(World):
 
     @cached_property
     def recorder(self) -> plugin.Recorder | None:
-        """What steps and reads balls where the plug-in is compiled and no force has to be asked for."""
+        """Recorder of the compiled plug-in, which steps and reads the balls; None if a force must
+        be reported.
+        """
         return None if self.reports_force else plugin.recorder(self.bullet)
 
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:

@@ -1,4 +1,4 @@
-"""What may keep a pair in a MuJoCo model from bouncing as asked, with fixes."""
+"""Suspects that may keep a pair in a MuJoCo model from bouncing as asked, with fixes."""
 
 from hcbench.engines.mujoco.model.causes.contact import mixing, refsafe, solimp, solref
 from hcbench.engines.mujoco.model.causes.context import Context

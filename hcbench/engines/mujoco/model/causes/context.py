@@ -1,4 +1,4 @@
-"""What the search for causes looks at: a model, its impacts, and its contact as written and as used."""
+"""Context of the search for causes: a model, its impacts, and its contact as written and as used."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Context:
 
     @property
     def integrator(self) -> str:
-        """The model's integrator as XML spells it."""
+        """Integrator of the model as XML spells it."""
         return integrator_name(self.model)
 
     @property
@@ -85,7 +85,7 @@ class Context:
 
     @property
     def overridden(self) -> bool:
-        """Whether o_solref and o_solimp replace those of every contact."""
+        """True if o_solref and o_solimp replace those of every contact."""
         return bool(self.model.opt.enableflags & backend().mjtEnableBit.mjENBL_OVERRIDE)
 
     @cached_property
@@ -104,7 +104,7 @@ class Context:
 
 
 def written_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
-    """What the author's solref and solimp ask for, in words too; None where different contacts add up."""
+    """Contact by the author's solref and solimp, in words too; None if different contacts add up."""
     rows, model = place.contact.rows, place.pair.model
     written = {_as_written(model, _in_order(place, geoms)) for _, _, geoms in rows}
     if len(written) > 1:
@@ -136,5 +136,5 @@ def _first_set(values: Floats, default: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def same(a: Sequence[float] | Floats, b: Sequence[float]) -> bool:
-    """Whether two parameters are equal in the digits of XML."""
+    """Say whether two parameters are equal in the digits of XML."""
     return bool(np.allclose(a, b, rtol=1e-12, atol=0))

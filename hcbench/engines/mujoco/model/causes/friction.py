@@ -64,7 +64,7 @@ def pyramidal_cone(model: Any, impacts: Sequence[Impact], friction: float) -> tu
 
 
 def _slides_on(along: Tangential) -> bool:
-    """Whether the contact point slides on, in the direction in which it came."""
+    """Say whether the contact point still slides in the direction in which it came."""
     return sum(a * b for a, b in zip(along.slip_in, along.slip_out, strict=True)) > 0.0
 
 

@@ -101,7 +101,7 @@ def gravity(context: Context) -> Iterator[Suspect]:
 
 
 def losses(context: Context) -> Iterator[Suspect]:
-    """Damping that is not the contact's."""
+    """Suspect damping outside the contact: of joints, and of a medium."""
     model, dofs = context.model, list(context.place.joint.dofs)
     joint = body_name(model, context.place.joint.body)
     for code, field, words in (
