@@ -204,7 +204,8 @@ def _measured(job: Job) -> Measurement:
         chosen = False
         if (promise := facts.promise) is not None:
             facts = dataclasses.replace(facts, notes=(promise.note(impacts), *facts.notes))
-            chosen = promise.is_kept(impacts) and job.wanted in (None, promise.curve)
+            as_tuned = promise.is_kept(impacts) and not facts.changed
+            chosen = as_tuned and job.wanted in (None, promise.curve)
         rest, suspects = at_rest(model, job.rest, impacts)  # before trials end what a user's function made
         goal = goal_of(facts.asked, request.speeds, job.wanted)
         searched = job.diagnose and not chosen

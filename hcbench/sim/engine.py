@@ -109,6 +109,10 @@ class Engine(ABC):
         """
         return setting.options_text
 
+    def model_options(self, setting: Setting) -> tuple[tuple[str, str], ...]:
+        """Options of the whole model that a setting has, (name, text) as the engine's files write them."""
+        return ()
+
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
         """A text to paste with what is promised of it, as `measure` can read it again."""
         return text

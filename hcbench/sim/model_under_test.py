@@ -115,7 +115,8 @@ class Facts:
     point: where the two meet, m. shares: what took how much off the approach speed during the contact, over
     the speed at touch, by cause, in the launch in which joints and actuators took most; empty where there are
     none.
-    promise: what hcbench promised of the pair, where it wrote the setting.
+    promise: what hcbench promised of the pair, where it wrote the setting. changed: codes of the suspects
+    that are not as they were when it promised.
     """
 
     engine: str
@@ -135,6 +136,7 @@ class Facts:
     point: Vector = (math.nan, math.nan, math.nan)
     shares: Mapping[str, float] = field(default_factory=dict)
     promise: Promise | None = None
+    changed: tuple[str, ...] = ()
 
     @property
     def more_than_contact(self) -> float:

@@ -16,6 +16,7 @@ _TEXT = re.compile(
     r"(?P<setting>\S+) by hcbench: (?P<rows>\d+) pairs?; "
     rf"(?P<goal>alpha|linear|restitution) (?P<value>{_NUMBER})(?: s/m)?; "
     rf"error (?P<error>{_NUMBER}); speeds (?P<low>{_NUMBER}) (?P<high>{_NUMBER}) m/s"
+    r"(?:; option (?P<option>(?:\w+=[\w.+-]+ ?)+))?"
 )
 _KEPT, _SLACK = 1.25, 0.005  # of the promised error, and of e: other launches find a little more
 
@@ -24,7 +25,8 @@ _KEPT, _SLACK = 1.25, 0.005  # of the promised error, and of e: other launches f
 class Promise:
     """A setting for a pair.
 
-    rows: <pair>s of the same two geoms. curve: the target. error: of e over `speeds`, m/s.
+    rows: <pair>s of the same two geoms. curve: the target. error: of e over `speeds`, m/s. option: options of
+    the whole model with which the error was found, as the engine's own files name and write them.
     """
 
     setting: str
@@ -32,6 +34,7 @@ class Promise:
     curve: RestitutionCurve
     error: float
     speeds: tuple[float, float]
+    option: tuple[tuple[str, str], ...] = ()
 
     @property
     def text(self) -> str:
@@ -45,7 +48,9 @@ class Promise:
             return ""
         rows = f"{self.rows} pair{'s' if self.rows > 1 else ''}"
         head = f"{self.setting.replace(' ', '-')} by hcbench: {rows}"
-        return f"{head}; {goal}; error {self.error:.3g}; speeds {low:.4g} {high:.4g} m/s"
+        text = f"{head}; {goal}; error {self.error:.3g}; speeds {low:.4g} {high:.4g} m/s"
+        option = " ".join(f"{name}={value}" for name, value in self.option)
+        return f"{text}; option {option}" if option else text
 
     @classmethod
     def read(cls, text: str) -> Promise | None:
@@ -58,7 +63,9 @@ class Promise:
         if match["goal"] != "restitution":
             goal = Restitution(value, "law" if match["goal"] == "alpha" else "linear")
         band = float(match["low"]), float(match["high"])
-        return cls(match["setting"], int(match["rows"]), goal, float(match["error"]), band)
+        option = [each.split("=") for each in (match["option"] or "").split()]
+        pairs = tuple((name, value) for name, value in option)
+        return cls(match["setting"], int(match["rows"]), goal, float(match["error"]), band, pairs)
 
     def measured(self, impacts: Sequence[Impact]) -> float:
         """The largest error of e over the band; 0 where no impact lies in it."""

@@ -66,6 +66,10 @@ class Wrapped(HasPlugin, TunesModels):
         """Return the text that the adapter writes for a setting."""
         return self.adapter.snippet(setting, form, pair)
 
+    def model_options(self, setting: Setting) -> tuple[tuple[str, str], ...]:
+        """Return what the adapter says."""
+        return self.adapter.model_options(setting)
+
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
         """Return the text with the promise that the adapter writes into it."""
         return self.adapter.promised(text, pair, promise)

@@ -185,7 +185,8 @@ class _Finder:
         if math.isfinite(tuned.error):
             rows = len(setting.options.get("rows", ()))
             curve = ConstantRestitution(target.points[0][1]) if len(target.points) == 1 else target.curve
-            promise = Promise(setting.name, rows, curve, tuned.error, band)
+            option = self._adapter.model_options(setting)
+            promise = Promise(setting.name, rows, curve, tuned.error, band, option)
             text = self._adapter.promised(text, self.pair, promise)
         return Choice(
             kind,

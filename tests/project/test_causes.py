@@ -15,7 +15,10 @@ PACKAGE = Path(hcbench.__file__).parent
 PAGE = PACKAGE.parent / "docs" / "reference" / "causes.md"
 ANCHORS = re.findall(r"^### ([\w-]+)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 CODE = re.compile(r"[a-z]+(-[a-z]+)*")
-MIXED = {"{name}-mixing": ("solref-mixing", "solimp-mixing")}
+MIXED = {
+    "{name}-mixing": ("solref-mixing", "solimp-mixing"),
+    "promised-{name}": tuple(f"promised-{name}" for name in ("timestep", "integrator", "cone", "impratio")),
+}
 NO_CAUSE = {"restitution"}  # a fix alone, of another module
 
 

@@ -35,23 +35,23 @@ def plain_mujoco(text: str, step: float, gravity: float) -> Any:
     )
 
 
-def bounces(model: Any, launches: Launches) -> list[float]:
+def bounces(model: Any, launches: Launches, radius: float = RADIUS) -> list[float]:
     """e at the touch plane of each launch, by a loop over mj_step; 0 of a ball that stays down."""
-    return [_bounce(model, speed, phase) for speed, phase in launches]
+    return [_bounce(model, speed, phase, radius) for speed, phase in launches]
 
 
-def _bounce(model: Any, speed: float, phase: float) -> float:
+def _bounce(model: Any, speed: float, phase: float, radius: float) -> float:
     data, h, g = mujoco.MjData(model), model.opt.timestep, -model.opt.gravity[2]
     t = (phase + (speed > 4 * g * h)) * h  # a slower one has not fallen for a whole step
-    data.qpos[2] = RADIUS + speed * t - g * t * t / 2
+    data.qpos[2] = radius + speed * t - g * t * t / 2
     data.qvel[2] = -(speed - g * t - g * h / 2)
     touched = False
     for _ in range(3_000):
-        z, w = data.qpos[2] - RADIUS, float(data.qvel[2])
+        z, w = data.qpos[2] - radius, float(data.qvel[2])
         touched = touched or z < 0
         if touched and z >= 0 and w > 0:  # a contact that ends within the step still acts in it
             mujoco.mj_step(model, data)
-            z, w = data.qpos[2] - RADIUS, float(data.qvel[2])
+            z, w = data.qpos[2] - radius, float(data.qvel[2])
             return math.sqrt((w - g * h / 2) ** 2 + 2 * g * z) / speed
         mujoco.mj_step(model, data)
     return 0.0

@@ -83,6 +83,10 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
 
         return law_snippet(law_of(setting.options["law"]), form, pair)
 
+    def model_options(self, setting: Setting) -> tuple[tuple[str, str], ...]:
+        """Attributes of <option> and their text."""
+        return tuple(mjcf.option_attributes(setting).items())
+
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
         """The text of a setting with a <custom> section that keeps its promise."""
         from hcbench.engines.mujoco.scene.promises import promise_lines

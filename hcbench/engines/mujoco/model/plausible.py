@@ -10,10 +10,13 @@ from hcbench._bounds import BOUNDS, admits_beyond_bounds, require_bounds
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import geom_name
 from hcbench.errors import QuantityError, SceneError, UserError
+from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.place import PairAtTouch
 
+_OTHER_UNITS = {"millimetres": 1000.0, "centimetres": 100.0}  # and how many are in a metre
+_EARTH = 0.02  # of the Earth's gravity: how near to it a model's number is
 _LEAST_QUATERNION = 1e-3  # length of one that still names an attitude
 
 
@@ -33,11 +36,25 @@ def require_plausible_model(model: Any, label: str) -> None:
     require_bounds(f"{label}: timestep", [float(model.opt.timestep)], "timestep", "s")
     if model.opt.timestep <= 0:
         raise SceneError(f"{label}: timestep", f"{model.opt.timestep:g} s", "a step above 0 s")
+    _require_metres(label, float(np.linalg.norm(model.opt.gravity)))
     require_bounds(f"{label}: gravity", model.opt.gravity.tolist(), "acceleration", "m/s^2")
     require_bounds(f"{label}: mass", model.body_mass.tolist(), "mass", "kg", smallest=0.0)
     kinds = backend().mjtGeom
     flat = np.isin(model.geom_type, [int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD)])
     require_bounds(f"{label}: size", model.geom_size[~flat].ravel().tolist(), "length", "m", smallest=0.0)
+
+
+def _require_metres(label: str, gravity: float) -> None:
+    """Refuse a model whose gravity is the Earth's in another unit of length. Raises QuantityError."""
+    for unit, per_metre in _OTHER_UNITS.items():
+        looks_like_it = abs(gravity / (STANDARD_GRAVITY * per_metre) - 1.0) < _EARTH
+        if looks_like_it and not admits_beyond_bounds():
+            raise QuantityError(
+                f"{label}: gravity",
+                f"{gravity:g}, the Earth's in {unit}",
+                "a model in metres, kilograms and seconds",
+                "Scale its lengths to metres; --beyond-bounds reads the numbers as metres",
+            )
 
 
 def require_plausible_state(model: Any, data: Any) -> None:

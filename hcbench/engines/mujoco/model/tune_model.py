@@ -19,7 +19,7 @@ from hcbench.engines.mujoco.model.tune_rows import Load, row_choices
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.engines.mujoco.model.write_pairs import PairToTune, Rows, mass_note, needed_impratio, written
 from hcbench.engines.mujoco.model.written_model import included, label_of, own_text, spec_of, whole_text
-from hcbench.engines.mujoco.scene.promises import promise_lines
+from hcbench.engines.mujoco.scene.promises import option_in_force, promise_lines
 from hcbench.errors import UserError
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.model_under_test import ModelSetting, Output, Request, Texts
@@ -146,18 +146,17 @@ def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTun
     if any(row.adhesion for _, rows in pairs for row in rows):
         notes.append("The lines need MuJoCo 3.11 or later; --for mujoco@3.5 asks for lines without adhesion.")
     compiled = made.spec.compile()
+    option = option_in_force(_as_asked(compiled.__copy__(), pairs[0][0].requests[0]))
 
     def opened(request: Request) -> MujocoModel:
         return MujocoModel(_as_asked(compiled.__copy__(), request), label, None, request)
 
     def texts(promises: Sequence[Promise], output: Output) -> Texts:
         each = zip((pair.geoms for pair, _ in pairs), promises, (rows for _, rows in pairs), strict=True)
-        sections = [
-            promise_lines(
-                [(made.names[a], made.names[b]) for a, b in geoms], replace(promise, rows=len(rows))
-            )
-            for geoms, promise, rows in each
-        ]
+        sections = []
+        for geoms, promise, rows in each:
+            names = [(made.names[a], made.names[b]) for a, b in geoms]
+            sections.append(promise_lines(names, replace(promise, rows=len(rows), option=option)))
         paste = "\n".join(filter(None, [made.lines, *sections]))
         lines = f'<include file="{output.include}"/>' if output.include else paste
         whole = own_text(source, output.folder, lines) if made.own else ""

@@ -11,7 +11,6 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import (
-    explicit_pairs,
     geom_friction,
     geom_name,
     is_whole_state,
@@ -21,6 +20,8 @@ from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.at_rest import at_rest
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.friction import WEAK, pyramidal_cone
+from hcbench.engines.mujoco.model.causes.plugin import slow_for_plugin
+from hcbench.engines.mujoco.model.causes.promise import broken_promise
 from hcbench.engines.mujoco.model.find_pair import moving_joints
 from hcbench.engines.mujoco.model.list_pairs import find_pair
 from hcbench.engines.mujoco.model.place import bring_to_touch
@@ -143,7 +144,8 @@ class MujocoModel(ModelUnderTest):
             point=tuple(float(x) for x in place.contact.point),  # type: ignore[arg-type]
             shares=dict(self.shares),
             friction=geom_friction(model, geoms),
-            promise=None if self._lost_pairs() else self._promise(),
+            promise=self._promise(),
+            changed=tuple(suspect.code for suspect in self._changed_since_tuned()),
         )
 
     def _other_ways(self) -> str:
@@ -153,11 +155,6 @@ class MujocoModel(ModelUnderTest):
 
     def _promise(self) -> Promise | None:
         return promise_in(self.model, self.place.contact.rows[0][2])
-
-    def _lost_pairs(self) -> int:
-        """<pair>s that hcbench wrote for the two geoms and that are not in the model."""
-        promise, geoms = self._promise(), self.place.contact.rows[0][2]
-        return 0 if promise is None else promise.rows - len(explicit_pairs(self.model, geoms))
 
     def _gravity(self) -> Sequence[float]:
         off = self.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
@@ -199,12 +196,22 @@ class MujocoModel(ModelUnderTest):
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`."""
-        if restitution_law(self.model, self.place.contact.rows[0][2]) is not None:
-            return list(other_contacts(self._others()))  # the others are MuJoCo's own contact's
-        if (lost := self._lost_pairs()) > 0:
-            return [_lost_pair(lost, self._promise()), *other_contacts(self._others())]
+        if (law := restitution_law(self.model, self.place.contact.rows[0][2])) is not None:
+            # Every other cause is one of MuJoCo's own contact, which the plug-in replaces.
+            slow = slow_for_plugin(self.model, impacts, law, self.gravity)
+            return [*slow, *other_contacts(self._others())]
+        changed = self._changed_since_tuned()
+        if changed:
+            return [*changed, *other_contacts(self._others())]
         context = Context(self.place, impacts, wanted, tuple(self._gravity()), self.shares)
         return [*find_suspects(context), *self._weak_friction(impacts), *other_contacts(self._others())]
+
+    def _changed_since_tuned(self) -> list[Suspect]:
+        """Return what breaks the promise of `hcbench tune`; nothing where it promised nothing."""
+        promise = self._promise()
+        if promise is None:
+            return []
+        return list(broken_promise(self.model, promise, self.place.contact.rows[0][2]))
 
     def _weak_friction(self, impacts: Sequence[Impact]) -> list[Suspect]:
         """The pyramidal cone, where an elliptic one is tried and friction then takes more."""
@@ -232,17 +239,6 @@ class MujocoModel(ModelUnderTest):
             if suspect.apply is not None:
                 suspect.apply(model)
         return MujocoModel(model, self.label, self.state, self.request)
-
-
-def _lost_pair(lost: int, promise: Promise | None) -> Suspect:
-    assert promise is not None
-    return Suspect(
-        "missing-pair",
-        f"{lost} of the {promise.rows} pairs that hcbench wrote for these two geoms is missing.",
-        f"the model keeps the promise of {promise.rows} pairs: {promise.text}",
-        "paste all <pair> elements that `hcbench tune` printed, all of the same two geoms",
-        always_reported=True,
-    )
 
 
 def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:

@@ -62,8 +62,7 @@ def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
     <option>, and <pair>s of two geoms or, in the form "cup", limits of a tendon.
     """
     options = read_options(setting.options)
-    option = {"timestep": shortest(setting.timestep), **options.attributes(shortest)}
-    head = f"<option {_written(option)}/>"
+    head = f"<option {_written(option_attributes(setting))}/>"
     if form != "cup":
         return f"{head}\n<contact>\n{pairs_text(options.rows, pair, '  ')}</contact>"
     lines = [head, '<!-- on the tendon "contact"; more rows are copies of it -->']
@@ -73,15 +72,21 @@ def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
     return "\n".join(lines)
 
 
+def option_attributes(setting: Setting) -> dict[str, str]:
+    """Attributes of the model's <option> that a setting has: the step, and what else it needs."""
+    return {"timestep": shortest(setting.timestep), **read_options(setting.options).attributes(shortest)}
+
+
 def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
-    """Text of the rows, a line each: a <pair> of two geoms."""
+    """Text of the rows, a line each: a <pair> of two geoms.
+
+    Margin and gap are written even where they are 0, as a model's <default><pair> may have others.
+    """
     lines = []
     for row in rows:
-        attributes = pair_attributes(row, shortest)
-        if not row.onset:
-            del attributes["margin"]
         names = {"geom1": pair[0], "geom2": pair[1]}
-        lines.append(f"{indent}<pair {_written(names | attributes)}/>\n")
+        attributes = names | pair_attributes(row, shortest) | {"gap": "0"}
+        lines.append(f"{indent}<pair {_written(attributes)}/>\n")
     return "".join(lines)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from hcbench._text import shortest
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.scene.elements import quoted
 from hcbench.sim.promise import Promise
@@ -31,6 +32,19 @@ def promise_in(model: Any, geoms: tuple[int, int]) -> Promise | None:
             start, size = int(model.text_adr[number]), int(model.text_size[number])
             return Promise.read(bytes(model.text_data[start : start + size - 1]).decode())
     return None
+
+
+def option_in_force(model: Any) -> tuple[tuple[str, str], ...]:
+    """Options of a compiled model on which e and friction of a contact depend, as XML writes them."""
+    mujoco, option = backend(), model.opt
+    integrator = str(mujoco.mjtIntegrator(int(option.integrator)).name).removeprefix("mjINT_").lower()
+    cone = str(mujoco.mjtCone(int(option.cone)).name).removeprefix("mjCONE_").lower()
+    return (
+        ("timestep", shortest(float(option.timestep))),
+        ("integrator", {"euler": "Euler", "rk4": "RK4"}.get(integrator, integrator)),
+        ("cone", cone),
+        ("impratio", shortest(float(option.impratio))),
+    )
 
 
 def _name(first: str, second: str) -> str:

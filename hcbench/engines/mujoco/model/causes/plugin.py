@@ -1,0 +1,51 @@
+"""What keeps a pair with the plug-in hcbench.restitution from the e that its config says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from hcbench._text import time_step
+from hcbench.engines.mujoco.model.causes import fixes
+from hcbench.measuring.measurement import TOLERANCE
+from hcbench.sim.model_under_test import Suspect
+
+if TYPE_CHECKING:
+    from hcbench.impact import Impact
+    from hcbench.laws.restitution import RestitutionCurve
+
+# Gravity gives a resting body g h in a step. The plug-in cannot tell an impact of about that speed from rest.
+_SLOW = 3.0  # of g h
+_CURED = 4.0  # of g h: what the slowest impact is with the step that is advised
+
+
+def slow_for_plugin(
+    model: Any, impacts: Sequence[Impact], law: RestitutionCurve, gravity: float
+) -> Iterator[Suspect]:
+    """Yield the step, where it is so long that the plug-in takes the slowest impacts for bodies at rest.
+
+    gravity: m/s², along the normal.
+    """
+    timestep = float(model.opt.timestep)
+    gained = abs(gravity) * timestep
+
+    def asked(speed: float) -> float:
+        return float(law.at(speed)) - TOLERANCE
+
+    dead = [
+        impact.speed_in
+        for impact in impacts
+        if impact.speed_in < _SLOW * gained
+        and impact.restitution < float(law.at(impact.speed_in)) - TOLERANCE
+    ]
+    if not dead:
+        return
+    shorter = float(f"{min(dead) / (_CURED * abs(gravity)):.2g}")
+    yield Suspect(
+        "slow-for-step",
+        "The step is too long for the slowest impacts: the plug-in takes them for a body at rest.",
+        f"{min(dead):.3g} m/s, and gravity gives {gained:.3g} m/s in a step of {time_step(timestep)} s",
+        f'<option timestep="{shorter:g}"/>, or speeds above {_CURED * gained:.2g} m/s',
+        partial(fixes.set_options, timestep=shorter),
+    )
