@@ -1,4 +1,4 @@
-"""A text of `tune`, pasted into models of others: it keeps its promise there, or `measure` names what broke it."""
+"""A text of `tune`, pasted into models of others, keeps its promise, or `measure` names what broke it."""
 
 from __future__ import annotations
 

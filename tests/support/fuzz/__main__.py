@@ -67,6 +67,7 @@ def in_this_process(numbers: range, folder: Path, deadline: float) -> list[str]:
         wrong += [_told(number, arguments, fault, err.getvalue()) for fault in found]
         if done % 1000 == 0:
             print(f"{done} inputs, {len(wrong)} faults, exit codes {dict(codes)}", flush=True)
+    current.clear()  # which ends the thread
     print(
         f"{done} inputs in one process: {len(wrong)} faults; exit codes {dict(sorted(codes.items()))}; ",
         end="",

@@ -47,7 +47,7 @@ def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Sus
     if lost < 0:
         yield Suspect(
             "second-pair",
-            f"{len(joining)} <pair>s join these two geoms, and hcbench wrote {promise.rows}: all of them act.",
+            f"{len(joining)} <pair>s join these two geoms where hcbench wrote {promise.rows}: all act.",
             f"the model keeps the promise of {promise.rows}: {promise.text}",
             "take out the <pair>s of these two geoms that `hcbench tune` did not print",
             always_reported=True,
