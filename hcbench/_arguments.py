@@ -17,7 +17,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, Unpack, get_args, ge
 import numpy as np
 
 from hcbench.errors import UserError
-from hcbench.launch_options import BodyPair, PintQuantity, Quantity
+from hcbench.options import BodyPair, PintQuantity, Quantity
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -16,11 +16,11 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import pytest
 
-from hcbench.launch_options import OPTIONS
+from hcbench.options import LAUNCHES, LIMITS, BodyPair, LaunchOptions, LimitOptions, ModelSource, Quantity
 
 pytest.register_assert_rewrite("hcbench.testing")  # so that a failure shows both numbers
 
@@ -36,7 +36,7 @@ _INI = {
     "restitution_phases": "how many phases of a time step restitution tests launch at (default 4)",
     "restitution_timeout": "seconds after which an engine counts as hung (default 60)",
 }
-_KEYS = ("max_error", "max_depth", "max_vibration", *OPTIONS, "engine", "timeout")
+_KEYS = (*LIMITS, *LAUNCHES, "engine", "timeout")
 _MARKER = f"restitution({'=..., '.join(_KEYS)}=...): defaults of the restitution fixture for this test"
 
 
@@ -71,17 +71,26 @@ def restitution(request: pytest.FixtureRequest) -> RestitutionFixture:
     return RestitutionFixture(defaults, folder if folder.is_dir() else Path.cwd())
 
 
+class FixtureOptions(LaunchOptions, LimitOptions, total=False):
+    """Options of the fixture. timeout: time after which an engine counts as hung."""
+
+    engine: str | None
+    timeout: Quantity | None
+
+
 class RestitutionFixture:
     """The fixture: call it with a model and a pair."""
 
     def __init__(self, defaults: Mapping[str, Any], folder: Path) -> None:
         self._defaults, self._folder = dict(defaults), folder
 
-    def __call__(self, model: Any, pair: Any = None, **options: Any) -> ModelBounce:
+    def __call__(
+        self, model: ModelSource, pair: BodyPair | None = None, **options: Unpack[FixtureOptions]
+    ) -> ModelBounce:
         """A model to be held against something.
 
         model: a path (looked for in the test's own folder first), two paths, or an engine's own model object.
-        pair: names, the body that moves first. options: those of launches (`hcbench.launch_options`), engine,
+        pair: names, the body that moves first. options: those of launches (`hcbench.options`), engine,
         max_error, timeout.
         """
         unknown = sorted(set(options) - set(_KEYS))
@@ -116,11 +125,11 @@ class ModelBounce:
         alpha: float | str | None = None,
         *,
         pairs: str | Path | None = None,
-        reading: str = "law",
+        target: Literal["law", "linear"] = "law",
         max_error: float | None = None,
     ) -> Measurement:
-        """Assert the law of eq. (16) with α ("0.008 s/in"; reading "linear": 1 - α v), or a CSV of (v, e)."""
-        return self._hold(alpha=alpha, pairs=pairs, reading=reading, max_error=max_error)
+        """Assert the law of eq. (16) with α ("0.008 s/in"; target "linear": 1 - α v), or a CSV of (v, e)."""
+        return self._hold(alpha=alpha, pairs=pairs, target=target, max_error=max_error)
 
     def equals(self, baseline: str | Path, max_error: float | None = None) -> Measurement:
         """Assert the same bounce as a baseline that `hcbench check --write-baseline` wrote."""

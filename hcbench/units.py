@@ -12,7 +12,7 @@ import numpy as np
 
 from hcbench._bounds import require_bounds
 from hcbench.errors import QuantityError
-from hcbench.launch_options import PintQuantity
+from hcbench.options import PintQuantity
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,9 +11,8 @@ from hcbench.checking.command import check as run_spec
 from hcbench.checking.spec import CheckSpec
 from hcbench.errors import UserError
 from hcbench.fields import validate
-from hcbench.launch_options import BodyPair, LaunchOptions, PintQuantity, Quantities, Quantity
-from hcbench.laws.restitution import Reading
 from hcbench.measuring.request import read_pair
+from hcbench.options import BodyPair, CheckOptions, PintQuantity
 
 if TYPE_CHECKING:
     from hcbench.checking.outcome import Report
@@ -25,24 +24,9 @@ def check(
     pair: BodyPair | None = None,
     *,
     name: str | None = None,
-    alpha: Quantity | None = None,
-    target: Reading = "law",
-    restitution: Quantity | None = None,
-    pairs: str | Path | None = None,
-    baseline: str | Path | None = None,
-    require: str | None = None,
-    heights: Quantities | None = None,
-    tilt: Quantities | None = None,
-    controller: str | None = None,
-    trajectory: str | Path | None = None,
-    max_error: Quantity | None = None,
-    max_depth: Quantity | None = None,
-    max_vibration: Quantity | None = None,
-    engine: str | None = None,
-    limit: Quantity | None = None,
     jobs: int = 1,
     measure_only: bool = False,
-    **launch: Unpack[LaunchOptions],
+    **options: Unpack[CheckOptions],
 ) -> Report:
     """Hold a pair of your model to a target, as `hcbench check` does.
 
@@ -73,7 +57,7 @@ def check(
     measure_only : bool
         Measure without a target; nothing can fail.
     **launch
-        Speeds, pose and all else of the launches, as `LaunchOptions` describes them.
+        Speeds, pose and all else of the launches, as `measure` takes them.
 
     Returns
     -------
@@ -97,24 +81,9 @@ def check(
         "model": tuple(map(str, models)),
         "pair": read_pair(pair),
         "name": name,
-        "alpha": alpha,
-        "reading": target,
-        "restitution": restitution,
-        "pairs": pairs,
-        "baseline": baseline,
-        "require": require,
-        "heights": heights,
-        "tilt": tilt,
-        "controller": controller,
-        "trajectory": trajectory,
-        "max_error": max_error,
-        "max_depth": max_depth,
-        "max_vibration": max_vibration,
-        "engine": engine,
-        "limit": limit,
-        **launch,
+        **options,
     }
-    plain = {option: _plain(value) for option, value in given.items()}
+    plain = {slot: _plain(value) for slot, value in given.items()}
     return run_spec(validate(CheckSpec, plain, UserError), jobs=jobs, measure_only=measure_only)
 
 

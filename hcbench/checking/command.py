@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from hcbench._outputs import require_output, write_output
 from hcbench._text import sanitized
@@ -19,8 +19,6 @@ from hcbench.measuring.request import read_limit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from hcbench.laws.restitution import Reading
 
     Progress = Callable[[int, int], None] | None
 
@@ -62,7 +60,7 @@ def check(
     outputs = outputs or Outputs()
     for option, path in outputs.files.items():
         require_output(path, option, map(Path, spec.models or (DEFAULT_FILE,)), outputs.force)
-    if outputs.baseline is not None and spec.baseline is not None:
+    if outputs.baseline is not None and spec.options["baseline"] is not None:
         raise UserError("baseline", "--baseline and --write-baseline", "one of the two")
     report = _run(spec, outputs, jobs, progress, measure_only or outputs.baseline is not None)
     _write(report, outputs)
@@ -100,12 +98,13 @@ def _listed(path: Path, spec: CheckSpec) -> list[Check]:
     _require_only(
         spec, {"baseline", "max_error", "limit"}, f"given with {path}", "it in the file, for each check"
     )
+    options = spec.options
     changes: dict[str, float | None] = {}
-    if spec.max_error is not None:
-        changes["max_error"] = read_max_error(spec.max_error)
-    if spec.limit is not None:
-        changes["limit"] = read_limit(spec.limit)
-    checks = checks_of(path, spec.baseline)
+    if options["max_error"] is not None:
+        changes["max_error"] = read_max_error(options["max_error"])
+    if options["limit"] is not None:
+        changes["limit"] = read_limit(options["limit"])
+    checks = checks_of(path, None if options["baseline"] is None else Path(options["baseline"]))
     return [dataclasses.replace(check, **changes) for check in checks]  # type: ignore[arg-type]
 
 
@@ -115,21 +114,20 @@ def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> 
     from hcbench.benchmark.study import find_study, load_study
 
     got = f"given with {path}: differs from the study"
-    _require_only(spec, {"reading", "max_error"}, got, "the α, speeds and steps of the study itself")
-    limit = read_max_error(spec.max_error)
+    _require_only(spec, {"target", "max_error"}, got, "the α, speeds and steps of the study itself")
+    limit = read_max_error(spec.options["max_error"])
     if path.is_dir() and (path / "summary.json").is_file():
         results = Results.read(path)
     else:
         results = run_study(load_study(find_study(str(path))), jobs, progress)
-    return judge_results(results, limit, cast("Reading", spec.reading))
+    return judge_results(results, limit, spec.options["target"])
 
 
 def _require_only(spec: CheckSpec, used: set[str], got: str, expected: str) -> None:
     """Raises UserError for what was given and would be ignored."""
     for name, value in spec:
         if name not in used | {"model"} and value != CheckSpec.model_fields[name].default:
-            slot = "target" if name == "reading" else name.replace("_", "-")
-            raise UserError(slot, got, expected)
+            raise UserError(name.replace("_", "-"), got, expected)
 
 
 def _write(report: Report, outputs: Outputs) -> None:

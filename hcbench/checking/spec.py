@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from pydantic import BeforeValidator, ConfigDict, create_model
 
@@ -14,16 +14,15 @@ from hcbench.checking.limits import Limit, read_limits
 from hcbench.checking.measured_pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
 from hcbench.fields import FileTable, mistake
-from hcbench.launch_options import OPTIONS, LaunchOptions, Quantity
 from hcbench.laws.restitution import (
     MeasuredRestitution,
-    Reading,
     RestitutionCurve,
 )
 from hcbench.measuring.landing import make_drops
 from hcbench.measuring.measurement import Wanted
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.measuring.rest import RestLimits
+from hcbench.options import LAUNCHES, OPTIONS, CheckOptions, LaunchOptions, Quantity, SharedOptions
 from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
 
@@ -44,61 +43,60 @@ def _no_truth_value(value: Any) -> Any:
     return value
 
 
-if TYPE_CHECKING:
-    _LaunchTable = FileTable
-else:  # keys whose values `make_request` reads
-    _LaunchTable = create_model(
-        "_LaunchTable", __base__=FileTable, **{name: (Any, each.default) for name, each in OPTIONS.items()}
-    )
 _Number = Annotated[float | str, BeforeValidator(_no_truth_value)]
+# Types of keys in a file, by their types in Python. Others, and those of launches, are read later.
+_IN_FILES: dict[Any, Any] = {
+    str | None: str | None,
+    Quantity | None: _Number | None,
+    str | Path | None: Path | None,
+    Literal["law", "linear"]: str,
+}
 
 
-class SharedSpec(_LaunchTable):
-    """Options that several checks may share: those of launches, and these. None: left out.
+def _keys(declared: type) -> dict[str, Any]:
+    """The keys of a table of a file, each with its type and default."""
+    return {
+        name: (Any if name in LAUNCHES else _IN_FILES.get(hint, Any), OPTIONS[name].default)
+        for name, hint in get_type_hints(declared).items()
+    }
 
-    max_depth, max_vibration: of the pair at rest. limit: time after which a model counts as hung.
-    """
+
+if TYPE_CHECKING:  # which knows no fields that are derived
+    _SharedTable = FileTable
+else:
+    _SharedTable = create_model("_SharedTable", __base__=FileTable, **_keys(SharedOptions))
+
+
+class SharedSpec(_SharedTable):
+    """Options that several checks may share, as `SharedOptions` states them."""
 
     model_config = ConfigDict(
-        alias_generator=lambda name: OPTIONS[name].flag if name in OPTIONS else name.replace("_", "-"),
-        populate_by_name=True,
+        alias_generator=lambda name: OPTIONS[name].flag if name in OPTIONS else name, populate_by_name=True
     )
-
-    max_error: _Number | None = None
-    max_depth: _Number | None = None
-    max_vibration: _Number | None = None
-    engine: str | None = None
-    limit: _Number | None = None
 
     @property
     def launch(self) -> LaunchOptions:
         """The options of launches, as given."""
-        return cast("LaunchOptions", {name: getattr(self, name) for name in OPTIONS})
+        return cast("LaunchOptions", {name: getattr(self, name) for name in LAUNCHES})
 
 
-class CheckSpec(SharedSpec):
-    """One check: text with units, or plain numbers in SI.
+if TYPE_CHECKING:
+    _CheckTable = SharedSpec
+else:
+    _CheckTable = create_model("_CheckTable", __base__=SharedSpec, **_keys(CheckOptions))
 
-    model: a file, two files, or "file.py:function". At most one of alpha, restitution, pairs (a CSV),
-    baseline and require. With require, limits on landings from heights, tilt and controller, or on where a
-    recorded motion, trajectory, met the floor. reading: "law" for e of eq. (16), "linear" for 1 - α v.
+
+class CheckSpec(_CheckTable):
+    """One check: text with units, or plain numbers in SI; its options as `CheckOptions` states them.
+
+    model: a file, two files, or "file.py:function".
     """
 
     model: str | tuple[str, ...]
     name: str | None = None
     pair: str | tuple[str, ...] | None = None
-    alpha: _Number | None = None
-    reading: str = "law"
-    restitution: _Number | None = None
-    pairs: Path | None = None
-    baseline: Path | None = None
-    heights: Any = None
-    tilt: Any = None
-    controller: str | None = None
-    trajectory: Path | None = None
-    require: str | None = None
 
-    if TYPE_CHECKING:  # which knows no fields that are derived
+    if TYPE_CHECKING:
 
         def __init__(self, **fields: Any) -> None: ...
 
@@ -106,6 +104,11 @@ class CheckSpec(SharedSpec):
     def models(self) -> tuple[str, ...]:
         """The files of the models."""
         return (self.model,) if isinstance(self.model, str) else self.model
+
+    @property
+    def options(self) -> CheckOptions:
+        """All options, as given."""
+        return cast("CheckOptions", {name: getattr(self, name) for name in OPTIONS})
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,14 +157,15 @@ class Check:
 
 def plan(spec: CheckSpec) -> Check:
     """Read names, units and files before anything runs. Raises UserError, and its kinds."""
-    if spec.reading != "law" and spec.alpha is None:
-        raise UserError("target", f"{spec.reading!r}, a reading of α", "an α too")
+    options = spec.options
+    if options["target"] != "law" and options["alpha"] is None:
+        raise UserError("target", f"{options['target']!r}, a reading of α", "an α too")
     name = sanitized(spec.name if spec.name is not None else " + ".join(Path(m).name for m in spec.models))
     targets = ("alpha", "restitution", "pairs", "baseline", "require")
     against = [k for k in targets if getattr(spec, k) is not None]
     if len(against) > 1:
         raise UserError(name, f"{' and '.join(against)} are given", "one target")
-    wanted = _wanted(spec)
+    wanted = _wanted(options)
     launch = spec.launch
     request = make_request(spec.pair, **launch)
     if isinstance(wanted, MeasuredRestitution):
@@ -169,34 +173,36 @@ def plan(spec: CheckSpec) -> Check:
             request = replace(request, speeds=tuple(wanted.speeds.tolist()))
         _require_inside(request.speeds, wanted)
     baseline = None
-    if spec.baseline is not None:
+    if options["baseline"] is not None:
         from hcbench.checking.baseline import read_baseline
 
-        baseline = read_baseline(spec.baseline, name)
+        baseline = read_baseline(Path(options["baseline"]), name)
         request = _as_written(baseline, request, launch)
     source = spec.models[0] if len(spec.models) == 1 else spec.models
-    max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)
-    limits, drops = _limits(spec)
-    limit = read_limit(spec.limit)
-    rest = read_rest_limits(spec.max_depth, spec.max_vibration)
+    max_error = read_max_error(options["max_error"], MAX_ERROR if baseline is None else MAX_DRIFT)
+    trajectory = None if options["trajectory"] is None else Path(options["trajectory"])
+    limits, drops = _limits(options)
+    limit = read_limit(options["limit"])
+    rest = read_rest_limits(options["max_depth"], options["max_vibration"])
     if rest is not None and limits:
         raise UserError("require", "given with a limit at rest", "one of the two")
-    ways = (limits, drops, spec.trajectory, rest)
-    return Check(name, source, request, wanted, baseline, max_error, spec.engine, limit, *ways)
+    ways = (limits, drops, trajectory, rest)
+    return Check(name, source, request, wanted, baseline, max_error, options["engine"], limit, *ways)
 
 
-def _limits(spec: CheckSpec) -> tuple[tuple[Limit, ...], DropPlan | None]:
+def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
     """Limits on landings or on a recorded motion, and how to drop the robot for the former."""
-    falls = {name: getattr(spec, name) for name in ("heights", "tilt", "controller")}
+    falls: dict[str, Any] = {name: options[name] for name in ("heights", "tilt", "controller")}
     given = {name: value for name, value in falls.items() if value is not None}
-    if spec.require is None:
-        if strange := [*given, *(["trajectory"] if spec.trajectory is not None else [])]:
+    is_of_motion = options["trajectory"] is not None
+    if options["require"] is None:
+        if strange := [*given, *(["trajectory"] if is_of_motion else [])]:
             raise UserError(strange[0], "given without limits", "--require 'e < 0.3, slip < 5 mm' too")
         return (), None
-    if spec.trajectory is not None and given:
+    if is_of_motion and given:
         raise UserError("trajectory", f"given with {next(iter(given))}", "one of the two")
-    limits = read_limits(spec.require, of_landing=spec.trajectory is None)
-    return limits, make_drops(**given) if spec.trajectory is None else None
+    limits = read_limits(options["require"], of_landing=not is_of_motion)
+    return limits, None if is_of_motion else make_drops(**given)
 
 
 def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) -> Request:
@@ -231,12 +237,12 @@ def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> Rest
     return RestLimits(depth_most, vibration_most, of_user=True)
 
 
-def _wanted(spec: CheckSpec) -> RestitutionCurve | None:
-    if spec.pairs is not None:
-        return MeasuredRestitution(read_pairs(spec.pairs))
-    if spec.alpha is None and spec.restitution is None:
+def _wanted(options: CheckOptions) -> RestitutionCurve | None:
+    if options["pairs"] is not None:
+        return MeasuredRestitution(read_pairs(Path(options["pairs"])))
+    if options["alpha"] is None and options["restitution"] is None:
         return None
-    return Wanted(spec.alpha, spec.restitution, reading=cast("Reading", spec.reading))
+    return Wanted(options["alpha"], options["restitution"], reading=options["target"])
 
 
 def _require_inside(speeds: Sequence[float], pairs: MeasuredRestitution) -> None:

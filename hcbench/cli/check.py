@@ -12,20 +12,18 @@ import click
 from hcbench._text import sanitized
 from hcbench.cli.console import (
     as_json,
-    drop_options,
     jobs_option,
-    launch_options,
+    model_source,
+    options,
     print_json,
-    target_option,
 )
 from hcbench.cli.help import command
-from hcbench.cli.outputs import PathType, force_option, output_option
+from hcbench.cli.outputs import force_option, output_option
 from hcbench.cli.terminal import progress, show, status
 from hcbench.errors import EngineFailed, UserError
+from hcbench.options import LAUNCHES, OPTIONS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import Measurement
@@ -35,25 +33,6 @@ _NO_BOUNCE = 0.01  # e below which a bounce is not seen
 _EXAMPLE_ALPHA = "0.3 s/m"  # steel's
 
 
-def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
-    return click.option(*names, type=PathType(path_type=Path, dir_okay=False), help=help)
-
-
-def _source(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of every command on a model: the model, and the engine that opens it."""
-    for decorate in (
-        click.option("--limit", help="Give up on a model after this time, such as '60 s'."),
-        click.option(
-            "--engine", metavar="NAME", help="Engine that simulates it.  [default: the first that opens it]"
-        ),
-        click.option("--python", metavar="FILE:FUNCTION", help="Use the model that this function returns."),
-        click.argument("models", nargs=-1, type=PathType()),
-    ):
-        command = decorate(command)
-    return command
-
-
-_TRAJECTORY = _file("--trajectory", help="Read where this recorded motion (qpos, qvel) met the floor.")
 _PAIR = click.option("--pair", help="Two bodies or geoms, first the one that moves: 'ball,plate'.")
 
 
@@ -82,12 +61,11 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
 
 @command()
 @_PAIR
-@launch_options()
-@_source
-@click.option("--alpha", help="Target α; look for causes where the model misses it.")
-@click.option("--restitution", help="Target e; look for causes where the model misses it.")
+@options(*LAUNCHES)
+@model_source
+@options("alpha", "restitution")
 @click.option("--all", "each", is_flag=True, help="Measure each pair that touches at the start.")
-@_TRAJECTORY
+@options("trajectory")
 @output_option("--page", help="Also write a one-page report (HTML).")
 @force_option
 @as_json
@@ -208,8 +186,8 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
 
 
 @command()
-@launch_options("key", "qpos", "state", "package")
-@_source
+@options("key", "qpos", "state", "package")
+@model_source
 @as_json
 def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options: object) -> None:
     """List which parts of your model can meet, and which do.
@@ -234,21 +212,10 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 
 @command()
 @_PAIR
-@launch_options()
-@_source
-@click.option("--alpha", help="Compare with the law of this α.")
-@target_option("Read α as the law's e(v), or as e = 1 - α v.", name="reading")
-@click.option("--restitution", help="Compare with one e.")
-@_file("--pairs", help="Compare with measured pairs (v, e): a CSV file with units in its header.")
-@_file("--baseline", help="Compare with a baseline that --write-baseline wrote.")
-@drop_options()
-@_TRAJECTORY
-@click.option("--require", help="Hold landings or a motion to limits: 'e < 0.3, peak < 6, slip < 5 mm'.")
+@model_source
+@options(*(name for name in OPTIONS if name not in ("engine", "limit")))
 @click.option("--measure-only", is_flag=True, help="Measure without a target; nothing can fail.")
 @output_option("--write-baseline", help="Write the result as a baseline for later versions.")
-@click.option("--max-error", help="Fail when e differs from the target by more than this.  [default: 0.02]")
-@click.option("--max-depth", help="Fail when the pair lies deeper at rest, such as '1 mm'.")
-@click.option("--max-vibration", help="Fail when the pair shakes more at rest, such as '1e-4 m/s' (rms).")
 @output_option("--junit", help="Write JUnit XML.")
 @output_option("--markdown", help="Write a Markdown summary, for a CI step.")
 @output_option("--png", help="Write the error curve.")

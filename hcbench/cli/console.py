@@ -11,7 +11,7 @@ import click
 from hcbench._bounds import admit_beyond_bounds
 from hcbench._files import json_text
 from hcbench.cli.outputs import PathType
-from hcbench.launch_options import OPTIONS
+from hcbench.options import OPTIONS, Option
 
 CORES = os.cpu_count() or 1
 
@@ -28,47 +28,42 @@ device_option = click.option(
 )
 
 
-def target_option(help: str, name: str = "target") -> Callable[..., Any]:  # noqa: A002 - Click's own word
-    """The option that says how α gives e(v)."""
-    choice = click.Choice(["law", "linear"])
-    return click.option("--target", name, type=choice, default="law", show_default=True, help=help)
-
-
-def launch_options(
+def options(
     *names: str, cls: type[click.Option] = click.Option
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Gives a command the options of launches: those of these names, or all. cls: the class of each."""
+    """Decorator that adds options, by their names in `hcbench.options`. cls: the class of each."""
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        for name in reversed(names or tuple(OPTIONS)):
+        for name in reversed(names):
             option = OPTIONS[name]
-            flag = f"--{option.flag}/--no-{option.flag}" if option.default is True else f"--{option.flag}"
-            kind = PathType(path_type=Path, dir_okay=False) if name == "state" else None
-            add = click.option(flag, name, cls=cls, type=kind, default=option.default, help=option.help)
+            is_file = option.takes == "FILE"
+            add = click.option(
+                f"--{option.flag}/--no-{option.flag}" if option.default is True else f"--{option.flag}",
+                name,
+                cls=cls,
+                type=PathType(path_type=Path, dir_okay=False) if is_file else _choice(option),
+                metavar=None if is_file else option.takes or None,
+                default=option.default,
+                show_default=bool(option.choices),
+                help=option.help,
+            )
             command = add(command)
         return command
 
     return decorate
 
 
-def drop_options() -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Gives a command the options of drops, each without a value where it is left out."""
-    options = (
-        click.option("--heights", help="Heights to drop a robot from.  [default: 1:20:5 cm]"),
-        click.option("--tilt", help="Tilts of its base about y, such as '0, 10 deg'."),
-        click.option(
-            "--controller",
-            metavar="pd|pd:KP,KD|ctrl|FILE.py:FUNCTION",
-            help="Hold its pose by PD (default), by the pose's own controls, or by a function.",
-        ),
+def _choice(option: Option) -> click.Choice[str] | None:
+    return click.Choice(option.choices) if option.choices else None
+
+
+def model_source(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add what opens a model: its files or a function of Python, the engine, and the time limit."""
+    python = click.option(
+        "--python", metavar="FILE:FUNCTION", help="Use the model that this function returns."
     )
-
-    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return decorate
+    models = click.argument("models", nargs=-1, type=PathType())
+    return models(python(options("engine", "limit")(command)))
 
 
 # What a help says that an option takes.

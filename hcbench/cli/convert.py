@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import ALPHA, MASS, RESTITUTION, SPEED, TIME, as_json, print_json, target_option
+from hcbench.cli.console import ALPHA, MASS, RESTITUTION, SPEED, TIME, as_json, options, print_json
 from hcbench.cli.contacts import spring_options
 from hcbench.cli.help import command
 from hcbench.cli.terminal import show
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     "--contact-time", type=TIME, help="Duration of the contact, for solref's spring, such as '0.2 ms'."
 )
 @click.option("--timestep", type=TIME, help="Time step, for a solref that bounces in one step.")
-@target_option("Write α as the law's e(v), or as e = 1 - α v.")
+@options("target")
 @as_json
 def convert(as_json: bool, **given: Any) -> None:
     """Convert a contact between libraries.

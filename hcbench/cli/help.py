@@ -8,19 +8,22 @@ from typing import Any
 
 import click
 
-from hcbench.launch_options import OPTIONS
+from hcbench.options import OPTIONS
+
+
+def _flags_of(group: str) -> list[str]:
+    """The flags that `hcbench.options` puts under a title."""
+    return [option.flag for option in OPTIONS.values() if option.group == group]
+
 
 # Flags of options by the title of their group, for all commands; those of no group come last.
 _COMMON: dict[str, Sequence[str]] = {
     "Target": (
-        *("alpha", "restitution", "points", "pairs", "baseline", "adams", "newton", "drake", "simbody"),
-        *("solref", "target", "match", "require", "max-error", "max-depth", "max-vibration", "measure-only"),
+        *("points", "adams", "newton", "drake", "simbody", "solref", "match", "measure-only"),
+        *_flags_of("Target"),
     ),
-    "Model": ("engine", "python", "limit", "package"),
-    "Launches": (
-        *("pair", "all", "trajectory", "heights", "tilt", "controller"),
-        *(option.flag for option in OPTIONS.values()),
-    ),
+    "Model": ("python", *_flags_of("Model")),
+    "Launches": ("pair", "all", *_flags_of("Launches")),
     "Output": (
         *("out", "json", "page", "markdown", "junit", "png", "force", "quick", "resume"),
         *("write-baseline", "write-scene", "write-model", "write-include", "write-points"),
@@ -53,17 +56,12 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
     },
     "land": {"Drops": ("heights", "tilt", "controller")},
 }
-# What an option of plain text takes.
+# What an option of plain text takes, of those that one command has.
 _TAKES = {
-    **dict.fromkeys(("alpha", "gravity", "height", "stiffness", "max-depth", "max-vibration"), "QUANTITY"),
-    **dict.fromkeys(("restitution", "max-error"), "NUMBER"),
-    **dict.fromkeys(("limit", "timestep"), "TIME"),
-    **dict.fromkeys(("key", "recipe", "integrator", "scene", "engine"), "NAME"),
-    **dict.fromkeys(("angle", "tilt"), "ANGLES"),
-    **{"speeds": "SPEEDS", "phases": "PHASES", "heights": "HEIGHTS", "pair": "PAIR", "points": "POINTS"},
-    **{"move": "PART", "qpos": "JOINTS", "state": "FILE", "package": "NAME=FOLDER", "from": "SIDE"},
-    **{"along": "VECTOR", "spin": "SPIN", "as": "KIND", "touches": "RANGE", "for": "ENGINE@VERSION"},
-    **{"solref": "'A B'", "require": "LIMITS"},
+    **dict.fromkeys(("gravity", "stiffness"), "QUANTITY"),
+    **dict.fromkeys(("recipe", "integrator", "scene", "engine"), "NAME"),
+    **{"pair": "PAIR", "points": "POINTS", "max-error": "NUMBER"},
+    **{"as": "KIND", "touches": "RANGE", "for": "ENGINE@VERSION", "solref": "'A B'"},
     **{"sets": "NAMES", "size": "'X Y Z'", "inertia": "NUMBERS", "scheduler": "ADDRESS", "python": "VERSION"},
 }
 # Examples of a command, which a test parses, and its page of the documentation.

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
-from hcbench.cli.console import as_json, drop_options, launch_options, print_json
+from hcbench.cli.console import as_json, model_source, options, print_json
 from hcbench.cli.help import command
-from hcbench.cli.outputs import PathType, force_option, output_option
+from hcbench.cli.outputs import force_option, output_option
 from hcbench.cli.terminal import show, status
 from hcbench.errors import UserError
 
 
 @command()
-@click.argument("models", nargs=-1, type=PathType())
-@drop_options()
-@launch_options("key", "qpos", "state", "timestep", "gravity", "package")
-@click.option("--python", metavar="FILE:FUNCTION", help="Use the model that this function returns.")
-@click.option(
-    "--engine", metavar="NAME", help="Engine that simulates it.  [default: the first that opens it]"
-)
-@click.option("--limit", help="Give up on a model after this time, such as '60 s'.")
+@model_source
+@options("heights", "tilt", "controller", "key", "qpos", "state", "timestep", "gravity", "package")
 @output_option("--page", help="Also write a one-page report with the force over time (HTML).")
 @force_option
 @as_json

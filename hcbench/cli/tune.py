@@ -19,8 +19,7 @@ from hcbench.cli.console import (
     STEP,
     UncertainType,
     as_json,
-    launch_options,
-    target_option,
+    options,
 )
 from hcbench.cli.contacts import spring_options
 from hcbench.cli.help import command
@@ -53,7 +52,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @click.option(
     "--speeds", type=SPEEDS, help="Band of impact speeds.  [default: 1:20 in/s, or that of --points]"
 )
-@target_option("Read α as the law's e(v), or as e = 1 - α v.")
+@options("target")
 @click.option(
     "--gravity",
     type=ACCELERATION,
@@ -101,7 +100,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @_engine_option("--settings", "kind", flag_value="settings", help="Print settings of the engine's own.")
 @_engine_option("--constant", "kind", flag_value="constant", help="Print the best one e for all speeds.")
 @_engine_option("--certify", is_flag=True, help="Run the whole gate on it in the plain engine: a minute.")
-@launch_options("key", "qpos", "state", "coming_from", "actuators", cls=_ModelOption)
+@options("key", "qpos", "state", "coming_from", "actuators", cls=_ModelOption)
 @click.option(
     "--strict",
     is_flag=True,

@@ -16,7 +16,7 @@ from hcbench.fitting.fit import fit as fit_sets
 from hcbench.fitting.plausible import require_different
 from hcbench.fitting.read import KINDS, Excerpt, has_force, read_dataset, read_force
 from hcbench.fitting.setup import MeasurementSetup, read_setup
-from hcbench.launch_options import Quantity
+from hcbench.options import Quantity
 
 if TYPE_CHECKING:
     from hcbench.fitting.force import ForceFit

@@ -10,8 +10,8 @@ from hcbench import units
 from hcbench._arguments import checked_fields
 from hcbench.errors import UserError
 from hcbench.fitting.flight import DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY, Ballistics, in_air
-from hcbench.launch_options import Quantity
 from hcbench.laws.require import require
+from hcbench.options import Quantity
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:

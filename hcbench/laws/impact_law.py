@@ -11,16 +11,16 @@ from hcbench import units
 from hcbench._arguments import checked
 from hcbench._notebook import Drawn
 from hcbench.errors import UserError
-from hcbench.launch_options import PintQuantity
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, ImpactSummary, summarize
+from hcbench.options import PintQuantity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from hcbench.impact import Floats
-    from hcbench.launch_options import Quantities, Quantity
+    from hcbench.options import Quantities, Quantity
 
 PAPER_MASS, PAPER_STIFFNESS = "1 lb", "3.1e7 lbf/in^1.5"
 _SHOWN = (0.1, 0.2, 0.5, 1.0, 2.0)  # m/s

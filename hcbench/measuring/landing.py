@@ -12,7 +12,11 @@ from hcbench import units
 from hcbench._arguments import checked
 from hcbench._text import number, sanitized, table, time_step, without_empty
 from hcbench.errors import QuantityError, UserError
-from hcbench.launch_options import (
+from hcbench.measuring.measure import Job, run_job, source_of
+from hcbench.measuring.measurement import TOLERANCE
+from hcbench.measuring.python_file import is_python, python_function
+from hcbench.measuring.request import make_request, read_limit
+from hcbench.options import (
     Controller,
     Folders,
     Joints,
@@ -22,10 +26,6 @@ from hcbench.launch_options import (
     Quantities,
     Quantity,
 )
-from hcbench.measuring.measure import Job, run_job, source_of
-from hcbench.measuring.measurement import TOLERANCE
-from hcbench.measuring.python_file import is_python, python_function
-from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
 

@@ -16,7 +16,6 @@ from hcbench._bounds import admits_beyond_bounds, beyond_bounds
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
 from hcbench.impact import Impact, Status
-from hcbench.launch_options import BodyPair, LaunchOptions, ModelSource, Quantity
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import diagnose, goal_of
@@ -25,6 +24,7 @@ from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.python_file import call_python, is_python
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.measuring.rest import ANY_REST, RestLimits, at_rest, rest_causes
+from hcbench.options import BodyPair, LaunchOptions, ModelSource, Quantity
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine

@@ -15,7 +15,6 @@ from hcbench._notebook import Drawn
 from hcbench._text import sanitized, time_step
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Status
-from hcbench.launch_options import Quantity
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import (
@@ -26,6 +25,7 @@ from hcbench.laws.restitution import (
     RestitutionCurve,
 )
 from hcbench.measuring.curve import Curve, curve_of
+from hcbench.options import Quantity
 from hcbench.resolution import STEPS_TO_COMPARE, STEPS_TO_SHOW
 from hcbench.sim.model_under_test import Facts, Request
 from hcbench.sim.rest import Rest

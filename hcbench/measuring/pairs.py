@@ -8,10 +8,10 @@ from typing import Any
 
 from hcbench._arguments import checked
 from hcbench._notebook import Shown
-from hcbench.launch_options import Folders, Joints, ModelSource, PoseState, Quantity
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.request import make_request, read_limit
+from hcbench.options import Folders, Joints, ModelSource, PoseState, Quantity
 from hcbench.sim.candidate_pairs import CandidatePair, as_records, as_table
 
 

@@ -8,8 +8,8 @@ from typing import Any, Unpack
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench.errors import QuantityError, UserError
-from hcbench.launch_options import BodyPair, LaunchOptions, Quantity
 from hcbench.measuring.pose import read_direction, read_joints, read_state
+from hcbench.options import BodyPair, LaunchOptions, Quantity
 from hcbench.sim.model_under_test import Request, Vector
 from hcbench.sim.packages import read_packages
 

@@ -15,11 +15,11 @@ from hcbench._arguments import checked
 from hcbench._text import sanitized, table, without_empty
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.launch_options import BodyPair, ModelSource, Quantity
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.pose import read_named
 from hcbench.measuring.request import make_request, read_limit
+from hcbench.options import BodyPair, ModelSource, Quantity
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import PARTED_S
 from hcbench.sim.touchdowns import Touchdowns, TrajectoryTouchdowns

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench.errors import UserError
-from hcbench.launch_options import Quantity
 from hcbench.laws.conventions import contact_of, said
 from hcbench.laws.restitution import Reading
 from hcbench.laws.spring_text import read_adams, read_newton
+from hcbench.options import Quantity
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact
 

@@ -13,7 +13,7 @@ from hcbench._notebook import Shown
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-    from hcbench.launch_options import Controller
+    from hcbench.options import Controller
 
 PARTED_S = 0.005  # a foot that is off the floor for longer has left it; shorter gaps are chatter
 WINDOW_S = 0.5  # after the first touch, in which a landing is measured

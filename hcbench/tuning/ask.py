@@ -13,7 +13,12 @@ from hcbench._arguments import checked
 from hcbench._outputs import write_output
 from hcbench._text import sanitized
 from hcbench.errors import UserError
-from hcbench.launch_options import (
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import Reading
+from hcbench.laws.spring_text import read_adams, read_newton
+from hcbench.measuring.measurement import Wanted, read_points
+from hcbench.measuring.request import make_request, read_limit, read_pair
+from hcbench.options import (
     BodyPair,
     Folders,
     Joints,
@@ -23,11 +28,6 @@ from hcbench.launch_options import (
     Quantities,
     Quantity,
 )
-from hcbench.laws.force import HuntCrossley
-from hcbench.laws.restitution import Reading
-from hcbench.laws.spring_text import read_adams, read_newton
-from hcbench.measuring.measurement import Wanted, read_points
-from hcbench.measuring.request import make_request, read_limit, read_pair
 from hcbench.recipes.band import default_band
 from hcbench.recipes.search import report_progress
 from hcbench.recipes.target import Target

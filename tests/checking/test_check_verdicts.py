@@ -37,7 +37,7 @@ def test_the_limit_is_the_limit() -> None:
 
 @pytest.mark.parametrize("reading", ["law", "linear"])
 def test_the_law_and_its_linear_reading_are_distinguished(reading: Reading) -> None:
-    outcome = one(check(ask(alpha="0.016 s/in", reading=reading, speeds="0.5 m/s", max_error=1)))
+    outcome = one(check(ask(alpha="0.016 s/in", target=reading, speeds="0.5 m/s", max_error=1)))
     wanted = Wanted(alpha=0.016 / 0.0254, reading=reading)
     (row,) = outcome.rows
     assert row.target == pytest.approx(float(wanted.at(row.speed_in)), abs=1e-3)

@@ -138,12 +138,12 @@ def test_the_fixture_and_the_marker_take_every_option_of_launches(models: pytest
     models.makepyfile(
         """
         import pytest
-        from hcbench.launch_options import OPTIONS
+        from hcbench.options import LAUNCHES
 
         OBLIQUE = {"angle": "45 deg", "along": "1, 0, 0", "spin": "1 rad/s"}
         GIVEN = {"coming_from": "above", "actuators": False, **OBLIQUE}
 
-        @pytest.mark.restitution(**dict.fromkeys(OPTIONS))
+        @pytest.mark.restitution(**dict.fromkeys(LAUNCHES))
         def test_all(restitution):
             found = restitution("good.xml", "ball,plate", speeds="0.1 m/s", phases=1, **GIVEN).measured()
             assert found.request.coming_from == (0, 0, 1)

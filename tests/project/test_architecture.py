@@ -24,7 +24,7 @@ FLOORS = [
         "errors",
         "units",
         "fields",
-        "launch_options",
+        "options",
         "resolution",
         "_arguments",
         "_bounds",

@@ -14,7 +14,7 @@ from hcbench import units
 from hcbench.engines.mujoco.backend import backend
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.launch_options import Controller
+from hcbench.options import Controller
 
 Drive = Callable[[Any], None]  # sets the controls of an MjData
 

@@ -1,4 +1,4 @@
-"""The options of launches are stated once: every way to give them takes all of them, and reads them alike."""
+"""Options are stated once: every way to give them takes all of them, and reads them alike."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import hcbench
 from hcbench.checking import CheckSpec, plan
 from hcbench.checking.table import checks_of
 from hcbench.cli.check import check, measure
-from hcbench.launch_options import OPTIONS
+from hcbench.cli.tune import tune
 from hcbench.measuring.request import make_request
+from hcbench.options import LAUNCHES, LIMITS, OPTIONS
+from hcbench.pytest_plugin import FixtureOptions
 from hcbench.sim.model_under_test import Request
 
 GIVEN: dict[str, str | bool] = {
@@ -47,11 +49,11 @@ def of_command(command: Any, name: str) -> Request:
     value = [f"--{option.flag}", str(GIVEN[name])] if GIVEN[name] is not False else [f"--no-{option.flag}"]
     more = ["--angle", "1 deg"] if name == "along" else []
     options = command.make_context("x", ["m.xml", *value, *more]).params
-    launch = {each: options[each] for each in OPTIONS}
+    launch = {each: options[each] for each in LAUNCHES}
     return plan(CheckSpec(model="m.xml", **launch)).request
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", LAUNCHES)
 def test_a_command_a_file_and_a_call_read_an_option_alike(name: str, folder: Path) -> None:
     more: dict[str, Any] = {"angle": "1 deg"} if name == "along" else {}
     launch: dict[str, Any] = {name: GIVEN[name], **more}
@@ -65,5 +67,31 @@ def test_a_command_a_file_and_a_call_read_an_option_alike(name: str, folder: Pat
     assert called == checks_of(folder / "checks.toml")[0].request
 
 
-def test_the_call_names_every_option() -> None:
-    assert set(inspect.get_annotations(hcbench.launch_options.LaunchOptions)) == set(OPTIONS) == set(GIVEN)
+def keywords(function: Any) -> set[str]:
+    return set(inspect.signature(function).parameters)
+
+
+def test_every_option_is_tried_here() -> None:
+    assert set(LAUNCHES) == set(GIVEN)
+
+
+def test_the_command_the_file_the_fixture_and_the_call_have_every_option_of_a_check() -> None:
+    assert set(OPTIONS) <= {option.name for option in check.params}
+    assert {option.flag for option in OPTIONS.values()} <= {
+        field.alias for field in CheckSpec.model_fields.values()
+    }
+    assert {*LAUNCHES, *LIMITS, "engine"} <= FixtureOptions.__annotations__.keys()
+    assert set(OPTIONS) <= keywords(hcbench.check)
+    assert set(LAUNCHES) <= keywords(hcbench.measure)
+
+
+def test_every_option_of_tune_is_a_keyword_of_tune_or_of_tune_model() -> None:
+    of_the_command = {"write_scene", "certify", "strict", "as_json", "beyond_bounds"}
+    named = {str(option.name) for option in tune.params}
+    assert named - of_the_command <= keywords(hcbench.tune) | keywords(hcbench.tune_model)
+
+
+def test_an_unknown_option_is_refused_with_those_that_there_are() -> None:
+    options: dict[str, Any] = {"restitutoin": 0.9}
+    with pytest.raises(hcbench.HcbenchError, match=r"^restitutoin: unknown argument; expected one of: "):
+        hcbench.check("ball.xml", "ball,plate", **options)
