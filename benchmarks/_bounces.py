@@ -88,7 +88,7 @@ def box(model: Any, tilt: float, slip: float, seconds: float = 10.0) -> tuple[fl
 
 
 def pybullet_bounces(paste: str, launches: Any, friction: float) -> list[Bounce]:
-    """Of a solid ball, with a setting pasted; read by the speed that a step starts with, as Bullet does."""
+    """Bounce of a solid ball, with a setting pasted; read by the speed at the start of a step."""
     import pybullet
 
     radius, world = 0.0508, {"pybullet": pybullet}

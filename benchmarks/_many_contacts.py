@@ -1,4 +1,4 @@
-"""What a step with many contacts costs under the plug-ins, over the engine's own contact."""
+"""Cost of a step with many contacts under the plug-ins, over the engine's own contact."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _robot() -> str:
 
 
 def in_mujoco_steps(rounds: int) -> Iterator[tuple[str, float, float]]:
-    """What, must, ratio; the first step in which all contacts approach, or steps at rest."""
+    """Rows (name, must, ratio): the first step in which all contacts approach, or steps at rest."""
     in_mujoco.load()
     for count in COUNTS:
         pairs = [_pair(f"b{i}") + ALPHA for i in range(count)]
@@ -202,7 +202,7 @@ def _bullet(count: int, kind: str, law: str | None, h: float, speed: float) -> C
 
 
 def in_bullet_steps(rounds: int) -> Iterator[tuple[str, float, float]]:
-    """What, must, ratio; bodies apart from each other on a plane, a law for each."""
+    """Rows (name, must, ratio): bodies apart from each other on a plane, a law for each."""
     force, restitution = "hunt_crossley stiffness=1e7 alpha=0.3", "restitution alpha=0.315"
     for count in COUNTS:
         for what, kind, law, h, speed in (

@@ -1,4 +1,4 @@
-"""What a user would do without hcbench: search solref and solimp of one contact by a Python loop."""
+"""A user's own way without hcbench: search solref and solimp of one contact by a Python loop."""
 
 from __future__ import annotations
 

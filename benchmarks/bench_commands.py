@@ -1,4 +1,4 @@
-"""What a user waits for: imports, help, the default report, one tune, a sweep on one job and on two."""
+"""Waiting times of a user: imports, help, the default report, one tune, a sweep on one job and on two."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ MEASURED = (MODEL, "--pair", "ball,plate", "--speeds", "0.1, 0.3 m/s")
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
 def test_processor_time_of_a_command(beside: Any, words: tuple[str, ...], must: str, aim: str) -> None:
-    """Of its workers, too: most of it is imports."""
+    """Processor time of a command and its workers; most of it is imports."""
     what = f"hcbench {words[0]}, processor time"
     beside(what, {"hcbench": lambda: processor(HCBENCH, *words)}, rounds=3, must=must, aim=aim)
 
@@ -149,7 +149,7 @@ def test_memory_of_a_sweep(benchmark: Any, tmp_path: Path) -> None:
 
 
 def test_memory_of_a_report(benchmark: Any, tmp_path: Path) -> None:
-    """As of a sweep: of a report of so many impacts, and of ten times as many by its slope from a quarter."""
+    """Memory of a report of so many impacts, and of ten times as many by its slope from a quarter."""
     peaks: dict[int, float] = {}
     for impacts in (IMPACTS // 4, IMPACTS):
         peak_alone("sweep", impacts, tmp_path / str(impacts))
@@ -191,7 +191,7 @@ def peak_of(what: str, impacts: int, folder: str) -> float:
 
 
 def memory() -> float:
-    """Of this process and its children, MiB."""
+    """Memory of this process and its children, MiB."""
     total = 0
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and (entry.name == str(os.getpid()) or parent(entry) == os.getpid()):

@@ -1,4 +1,4 @@
-"""How good `hcbench fit` is, on synthetic measurements by generators that share no code with it.
+"""Quality of `hcbench fit` on synthetic measurements by generators that share no code with it.
 
     python benchmarks/bench_fit.py [--trials 500] [--recordings 20] [--only times|sound|laws|...]
 
@@ -173,7 +173,7 @@ def bounces(law: synth.Law, scatter: float, timing: float, count: int, rng: np.r
 
 
 def answers(what: str, must: str, alpha: float, make: Make, n: int) -> None:
-    """Of n data sets: how many have an α, how often its interval holds, which laws are chosen."""
+    """Statistics of n data sets: how many have an α, how often its interval holds, which laws are chosen."""
     rng, held, chosen, none = np.random.default_rng(30), 0, 0, 0
     off: list[float] = []
     for _ in range(n):
@@ -218,7 +218,7 @@ def some_bounces(law: synth.Law, rng: np.random.Generator) -> Dataset:
 
 
 def to_rest(law: synth.Law, rng: np.random.Generator) -> Dataset:
-    """As many touches as come above 0.25 m/s, 26 at most."""
+    """Bounces down to 0.25 m/s, 26 touches at most."""
     speed, count = float(np.sqrt(2 * synth.GRAVITY * 0.6)), 1
     while speed > 0.25 and count < 26:
         speed, count = speed * law(speed), count + 1

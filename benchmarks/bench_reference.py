@@ -52,7 +52,7 @@ def test_restitution_of_a_million_speeds_over_lambertw(beside: Any) -> None:
         aim="5",
     )
     off = np.abs(by_lambertw(ALPHA, SPEEDS) / closed_form.restitution(ALPHA, SPEEDS) - 1).max()
-    assert off < 1e-7, "the same e, as far as lambertw has it"
+    assert off < 1e-7, "the same e, as far as lambertw is accurate"
 
 
 def test_restitution_of_a_speed_over_solve_ivp(beside: Any) -> None:

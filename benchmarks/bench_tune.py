@@ -1,4 +1,4 @@
-"""What `hcbench tune` promises at the steps of robots, judged in the plain engines: must beside measured.
+"""Promises of `hcbench tune` at the steps of robots, judged in the plain engines: must beside measured.
 
     python benchmarks/bench_tune.py                      # the table: gravity, friction, rest; a minute
     pip install "mujoco[sysid]"                          # for the second row of
@@ -79,7 +79,7 @@ def _largest_errors(case: Case) -> tuple[float, float]:
 
 
 def max_errors(model: Any, case: Case) -> tuple[float, float]:
-    """Of e and of friction's impulse, at random launches over the case's band."""
+    """Errors of e and of friction's impulse, at random launches over the case's band."""
     mu, launches = case.target.friction, at_random(*case.band)
     bounces = [bounce(model, v, phase, slip if mu else 0.0, mu) for v, phase, slip in launches]
     off = [abs(b.e - float(case.target.curve.at(v))) for b, (v, *_) in zip(bounces, launches, strict=True)]

@@ -1,4 +1,4 @@
-"""What the benchmarks share: candidates measured in turns, so that what slows the machine slows all alike."""
+"""Fixtures of the benchmarks: candidates measured in turns, so that a slower machine slows all alike."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Beside = Callable[..., dict[str, float]]  # `measure`, below
 def beside(benchmark: Any) -> Beside:
     """Measures candidates side by side: seconds each, the least of all rounds, for one of `per`.
 
-    The last candidate is ours; the ratios are the others' times over its. must, aim: what the first ratio
+    The last candidate is hcbench; the ratios are the others' times over its. must, aim: what the first ratio
     should be.
     """
 

@@ -1,4 +1,4 @@
-"""What the process takes that runs a sweep of any size: no engine runs, and each part is done at once.
+"""Memory and time of a process that runs a sweep of any size: no engine runs, and parts are done at once.
 
     python benchmarks/simulated_sweep.py [IMPACTS]
 

@@ -106,7 +106,7 @@ def _float(text: str) -> float:
 
 
 def _measured(engine: str, setting: str) -> dict[str, Any] | None:
-    """Of a setting that no report has: seven speeds at two phases."""
+    """Curve of a setting that no report has: seven speeds at two phases."""
     recipe = next(r for r in registry.engine(engine).recipes() if r.name == setting)
     curves: list[dict[str, Any]] = []
     for gravity, step in CONDITIONS:
@@ -240,7 +240,7 @@ def _length(metres: float) -> str:
 
 
 def picture_file(curve: dict[str, Any]) -> Path:
-    """Where the picture of a curve is."""
+    """Path of the picture of a curve."""
     return FOLDER / f"{curve['engine']}-{curve['setting']}.svg"
 
 

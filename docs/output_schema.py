@@ -63,7 +63,7 @@ def of_class(kind: type, optional: tuple[str, ...] = ()) -> Any:
 
 
 def _json_type(hint: Any) -> Any:
-    """A type of the code as JSON has it: tuples are lists, floats may be null, dataclasses are records."""
+    """A type of the code as JSON: tuples are lists, floats may be null, dataclasses are records."""
     if hint is float:
         return Number
     if dataclasses.is_dataclass(hint):

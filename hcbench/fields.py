@@ -45,7 +45,7 @@ class OptionTable(FileTable):
 
 
 class ResultTable(FileTable):
-    """The part that every JSON file of results has: what was run, with what. Others keys are theirs."""
+    """Keys that every JSON file of results has. Its other keys depend on the file."""
 
     model_config = ConfigDict(extra="allow")
     study: dict[str, Any]
@@ -54,7 +54,7 @@ class ResultTable(FileTable):
 
 
 def mistake(expected: str, got: str = "", advice: str = "") -> PydanticCustomError:
-    """The error that a validator raises. got: "" for the value as it came."""
+    """Make the error that a validator raises. got: "" for the value as given."""
     return PydanticCustomError("mistake", "{expected}", {"expected": expected, "got": got, "advice": advice})
 
 

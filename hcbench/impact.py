@@ -56,7 +56,10 @@ class Launch:
     def dropped(
         cls, speed: float, phase: float, timestep: float, gravity: float, share: float = 0.5
     ) -> Launch:
-        """A fall that ends at `speed`, m/s, in a step's `phase`: from rest, or a part of a step's gain."""
+        """Drop a body so that it touches at `speed`, m/s, in a step's `phase`.
+
+        It starts at rest, or with less than one step's gain in speed. share: as in `touching`.
+        """
         return cls.touching(speed, phase, timestep, gravity, steps_most=math.inf, share=share)
 
     @classmethod
@@ -71,11 +74,11 @@ class Launch:
         steps_most: float = 2.0,
         share: float = 0.5,
     ) -> Launch:
-        """A launch whose touch comes at `speed`, m/s, in a step's `phase`, under gravity, m/s²: a plain
-        `Launch` arrives faster, and at fewer phases.
+        """Launch a body so that it touches at `speed`, m/s, in a step's `phase`, under gravity, m/s².
 
-        After `steps_most` whole steps and the phase, or as many as need no throw upwards; where even none do
-        not, it falls from rest, at the phase that is. share: of g h, as `SpeedReading` has it: steps h keep
+        A plain `Launch` arrives faster than its speed, and at fewer phases. The flight takes `steps_most`
+        whole steps and the phase, or fewer, so that the body is never thrown upwards; if no whole step
+        fits, it falls from rest, at the phase that results. share: of g h, see `SpeedReading`: steps h keep
         (v + share g h)² + 2 g z.
         """
         if gravity <= 0.0:

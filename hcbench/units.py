@@ -81,7 +81,7 @@ _SIGN = re.compile(r"(?<![\^*(eE])[-+]")  # but of an exponent: Pint would add o
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
 
 
-# What one unit is in the SI unit of its kind, as Pint has it: those that nearly everybody writes. Pint knows
+# What one unit is in the SI unit of its kind by Pint: those that nearly everybody writes. Pint knows
 # all others, and takes half a second to import.
 _USUAL = {
     "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": INCH},
@@ -132,7 +132,7 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
         return usual
     try:
         return _factor(unit, si)
-    except Exception as error:  # Pint raises several unrelated kinds for text that is no unit
+    except Exception as error:  # Pint raises several unrelated kinds for text that is not a unit
         if type(error) is ValueError and kind.name in _ANGLE:
             what = "an angle" if kind.name == "frequency" else "no angle"
             raise QuantityError(slot, f"{text!r} is {what} in time", expected, _ANGLE[kind.name]) from None

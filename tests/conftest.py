@@ -1,4 +1,6 @@
-"""What the whole suite shares: a test marked with what a MuJoCo must have runs where it has it."""
+"""Hooks of the whole suite: a test marked with a feature of MuJoCo runs where the installed one has
+it.
+"""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ wait
 def test_an_interrupted_compiler_leaves_no_process_and_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As gcc does, it runs another program, and killed it leaves its temporary files."""
+    """Like gcc, the compiler runs another program, and leaves its temporary files when killed."""
     cache, pid, compiler = tmp_path / "cache", tmp_path / "pid", tmp_path / "cc"
     compiler.write_text(SLOW.format(pid=pid))
     compiler.chmod(0o755)

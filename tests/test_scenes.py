@@ -1,4 +1,4 @@
-"""Scenes: the TOML, the MJCF and the URDF of each say the same, and mistakes in one are told in a line."""
+"""Scenes: the TOML, MJCF and URDF of each say the same, and a mistake in one is reported in a line."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_mujoco_sees_the_penetration_right_off_the_axis_of_the_cup(angle: float,
 
 
 def seen_by_mujoco(scene: Scene, shift: list[float]) -> float:
-    """How deep the engine itself finds the ball, moved by `shift` (m) from qpos0."""
+    """Depth of the ball by the engine itself, moved by `shift` (m) from qpos0."""
     model = mujoco.MjModel.from_xml_path(str(scene.models["mujoco"]["scene"]))
     data = mujoco.MjData(model)
     data.qpos[:3] += shift

@@ -114,7 +114,7 @@ def flight_in_air(
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """How a plate sounds. click: length of a first pulse at 1 m/s, s. modes: (Hz, s, share of the click)."""
+    """Sound of a plate. click: length of a first pulse at 1 m/s, s. modes: (Hz, s, share of the click)."""
 
     click: float
     modes: tuple[tuple[float, float, float], ...]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _TEXTS = ("scene", "engine", "setting", "status", "reason")
 _WHOLE = ("samples", "bounce")
 _PARQUET = b"PAR1"  # how its files begin
-_ABOUT, _WORDS = "metadata:", "texts:"  # before names of arrays that are no columns
+_ABOUT, _WORDS = "metadata:", "texts:"  # before names of arrays other than columns
 
 
 def require_parquet() -> None:

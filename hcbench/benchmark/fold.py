@@ -217,7 +217,7 @@ def _edges(study: Mapping[str, Any]) -> Floats | None:
 
 
 def to_digits(values: Floats) -> Floats:
-    """The values as files have them: to so many digits."""
+    """The values rounded to so many digits, for files."""
     known = np.isfinite(values) & (np.abs(values) > _LEAST)
     size = np.floor(np.log10(np.abs(values), out=np.zeros_like(values), where=known)).astype(int)
     scale = _POWERS[np.minimum(_DIGITS - 1 - size, _DECIMALS)]

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 class LaunchGrid:
     """A setting, launched or dropped at every speed (m/s), angle (rad) and phase, compared to every α (s/m).
 
-    spin: of all, as `Launch` has it, rad/s. loop_speeds: those at which loops are kept, at the middle phase.
-    share: of g h, as `SpeedReading` has it, by which every engine touches at the same speeds.
+    spin: of all, see `Launch`, rad/s. loop_speeds: those at which loops are kept, at the middle phase.
+    share: of g h, see `SpeedReading`, by which every engine touches at the same speeds.
     """
 
     scene: Scene
@@ -86,7 +86,7 @@ class LaunchGrid:
 
 
 def share_of(setting: Setting) -> float:
-    """Share of g h that an engine's speed lacks under a setting, as `SpeedReading` has it."""
+    """Share of g h that an engine's speed lacks under a setting, see `SpeedReading`."""
     engine = registry.adapter(registry.base_name(setting.engine))
     return engine.speed_reading(setting).share if isinstance(engine, SteppedEngine) else 0.0
 

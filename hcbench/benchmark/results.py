@@ -154,7 +154,7 @@ class Results(Drawn):
 
     study: the study file's content with its defaults filled in. settings: one record a run key.
     versions: package -> version. impacts, loops, scores: tables, columns as above. answers: what `tune` says
-    of the study's conditions, where that is known without a search, as `usual_answers` has it.
+    of the study's conditions, where that is known without a search, see `usual_answers`.
     """
 
     study: Mapping[str, Any]

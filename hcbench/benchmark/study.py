@@ -31,7 +31,7 @@ class Run:
 
     scene: with the run's own gravity, friction and place off the axis. dropped: bodies fall to touch at these
     speeds; else they are launched at them. angles: from the normal, rad: each launch is made at each of them.
-    spin: of all launches, as `Launch` has it, rad/s.
+    spin: of all launches, see `Launch`, rad/s.
     """
 
     engine: str
@@ -50,7 +50,7 @@ class Run:
         return any(self.angles) or any(self.spin)
 
     def described(self) -> dict[str, Any]:
-        """This part of the study as JSON has it."""
+        """This part of the study as JSON."""
         left_out = {"scene"} if self.is_oblique else {"scene", "angles", "spin"}
         names = [f.name for f in dataclasses.fields(self) if f.name not in left_out]
         scene = self.scene
@@ -99,7 +99,7 @@ class Study:
         return any(run.is_oblique for run in self.runs)
 
     def described(self) -> dict[str, Any]:
-        """The study as JSON has it, defaults filled in."""
+        """The study as JSON, defaults filled in."""
         skipped = {"scene", "runs", *(name for name in ("left_out", "device") if not getattr(self, name))}
         if self.page == "report":
             skipped |= {"page", *(() if self.missing else ("missing",))}

@@ -15,7 +15,7 @@ from hcbench.errors import UserError
 
 KNOWN = Path(__file__).with_name("known.json")
 MEASURED = Path(__file__).with_name("measured.json")
-_HALF = 0.5  # of the restitution asked for: less is no bounce
+_HALF = 0.5  # of the restitution asked for: less does not count as a bounce
 
 
 def the_cases(only: Sequence[str] = ()) -> Json:

@@ -139,7 +139,7 @@ def read_baseline(path: Path, name: str) -> Baseline:
     except ValueError:
         raise UserError("baseline", f"{path} is not JSON", "what --write-baseline wrote") from None
     if not isinstance(content, dict) or content.get("kind") != KIND:
-        raise UserError("baseline", f"{path} is no baseline", "what --write-baseline wrote")
+        raise UserError("baseline", f"{path} is not a baseline", "what --write-baseline wrote")
     if (schema := content.get("schema")) != SCHEMA:
         raise UserError(
             "baseline",

@@ -38,7 +38,7 @@ def read_pairs(path: Path) -> Pairs:
 def parse_points(text: str) -> Pairs:
     """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
     is_file = False
-    with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
+    with suppress(OSError):  # pairs are not the name of a file, and may be longer than one can be
         is_file = Path(text).is_file()
     if is_file:
         return read_pairs(Path(text))

@@ -117,7 +117,7 @@ class Check:
 
     source: as in `measure`.
     max_error: largest |e - wanted| allowed at any speed and phase. limit: s, after which it counts as hung;
-    None: as `measure` has it.
+    None: see `measure`.
     """
 
     name: str
@@ -159,7 +159,7 @@ def plan(spec: CheckSpec) -> Check:
     """Read names, units and files before anything runs. Raises UserError, and its kinds."""
     options = spec.options
     if options["target"] != "law" and options["alpha"] is None:
-        raise UserError("target", f"{options['target']!r}, a reading of α", "an α too")
+        raise UserError("target", f"{options['target']!r} given without an α", "--alpha, which it reads")
     name = sanitized(spec.name if spec.name is not None else " + ".join(Path(m).name for m in spec.models))
     targets = ("alpha", "restitution", "pairs", "baseline", "require")
     against = [k for k in targets if getattr(spec, k) is not None]

@@ -64,7 +64,7 @@ _TAKES = {
     **{"as": "KIND", "touches": "RANGE", "for": "ENGINE@VERSION", "solref": "'A B'"},
     **{"sets": "NAMES", "size": "'X Y Z'", "inertia": "NUMBERS", "scheduler": "ADDRESS", "python": "VERSION"},
 }
-# Examples of a command, which a test parses, and its page of the documentation.
+# Documentation page and examples of each command; a test parses the examples.
 _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     "law": ("tutorial", ['--alpha "0.3 s/m" --speed "0.1, 0.5, 1 m/s"']),
     "fit": ("howto/fit", ["drop.wav", 'heights.csv --height "30 +- 0.1 cm"']),

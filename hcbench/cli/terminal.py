@@ -133,7 +133,7 @@ def status(what: str) -> Iterator[None]:
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """A bar on stderr with rate and time left, on a terminal; yields `tick(done, total)`.
 
-    A bar that is full moves on: what follows takes its time, too.
+    At 100 % the bar becomes indeterminate, since writing takes time too.
     """
     if not sys.stderr.isatty():  # asked before Rich, which takes a while to import, and knows more terminals
         yield lambda done, total: None

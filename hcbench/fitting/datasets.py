@@ -53,7 +53,7 @@ class Dataset(ABC):
 
     @abstractmethod
     def pairs(self) -> tuple[Floats, Floats]:
-        """Impact speeds (m/s) and e as one would read them off: to start from, and to be drawn."""
+        """Rough impact speeds (m/s) and e, for the starting point and for plots."""
 
     @abstractmethod
     def start(self) -> Floats:
@@ -183,7 +183,7 @@ class TouchTimes(Dataset):
         return 0.5 * self.setup.ballistics.gravity * np.maximum(flights, 1e-4)
 
     def pairs(self) -> tuple[Floats, Floats]:
-        """Impact speeds (m/s) and e as one would read them off."""
+        """Rough impact speeds (m/s) and e, without the law."""
         speed, e = pairs_of_launches(self._launches(), self.setup, self.setup.drop)
         if self.numbers is None:
             return speed, e

@@ -136,7 +136,7 @@ def fit_law(
 
 
 def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floats:
-    """Parameters that pass through the pairs as one would read them off, by least squares in ln e."""
+    """Parameters fitted to the rough pairs of v and e, by least squares in ln e."""
     both = [s.pairs() for s in sets]
     speed, e = (np.concatenate([pair[i] for pair in both]) for i in (0, 1))
     log_e = np.log(np.clip(e, 1e-3, 1.0))

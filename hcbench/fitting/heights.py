@@ -49,7 +49,7 @@ class Heights(Dataset):
         return np.sqrt(np.expm1(2.0 * drag * g * self.heights) / drag)
 
     def pairs(self) -> tuple[Floats, Floats]:
-        """Impact speeds (m/s) and e as one would read them off."""
+        """Rough impact speeds (m/s) and e, without the law."""
         return pairs_of_launches(self._launches(), self.setup, self.setup.drop)
 
     def start(self) -> Floats:

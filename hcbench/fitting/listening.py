@@ -41,7 +41,7 @@ _ROUGH, _SMOOTHER = 8e-3, 1.6  # s_e from which on a touch is left out where tha
 _KNOCKS, _FAR_SMOOTHER = 2, 2.0  # first clicks that may be none of the ball's: s_e without them
 _LEAST_LEFT = 5  # touches, where some are left out
 _CLOSE, _SMOOTH = 0.7, 0.5  # share of the best score of a train that is taken if its s_e is this share
-_HALF = 0.5  # of the best score, below which a train is no rival
+_HALF = 0.5  # of the best score, below which a train does not rival it
 
 
 def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SCATTER_SCALE = 0.0035  # of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
 _SPAN = 1e4  # widest range on either side of what is likely
 _FACTOR = math.log(3.0)
-MOST_SCATTER = 1.0  # of e: impacts of bodies that are no balls scatter by a third
+MOST_SCATTER = 1.0  # of e: impacts of bodies other than balls scatter by a third
 _COARSE, _FINE = 19, 13
 _NEGLIGIBLE = 9.0  # in ln of the density
 

@@ -55,7 +55,7 @@ class SpeedPairs(Dataset):
         return False
 
     def pairs(self) -> tuple[Floats, Floats]:
-        """Impact speeds (m/s) and e as one would read them off."""
+        """The given impact speeds (m/s) and e."""
         return self.speed, self.restitution
 
     def start(self) -> Floats:

@@ -53,4 +53,6 @@ def require_different(files: tuple[Path, ...]) -> None:
             continue
         if (other := seen.setdefault(content, path)) is not path:
             got = f"{path} has the same content as {other}"
-            raise UserError("files", got, "each once", "Twice the same would halve the uncertainty")
+            raise UserError(
+                "files", got, "each file once", "Counting one file twice would understate the uncertainty"
+            )

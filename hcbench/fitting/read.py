@@ -77,7 +77,7 @@ def read_dataset(
         return _sound(path, setup, part)
     if part != WHOLE:
         slot = "--touches" if part.train is not None else "--from"
-        raise UserError(slot, f"given for {path.name}, which is no recording", "a .wav")
+        raise UserError(slot, f"given for {path.name}, which is not a recording", "a .wav")
     lines = read_lines(path)
     if kind in (None, "times") and (times := phyphox_times(path, lines)) is not None:
         return _touch_times(sanitized(path.name), setup, times)

@@ -29,7 +29,7 @@ _LEAST_FRAMES = 4  # of a flight
 _UNSURE = 0.1  # of the last flight: whether its end is still flight, nothing after it tells
 _FALLEN = 0.05  # share of the drop after which the ball is falling freely for sure
 _OFF = 3.0  # standard deviations of g from which on the scale or the clock is called wrong
-_NEAR = 0.01  # of g: less is no concern, at any standard deviation
+_NEAR = 0.01  # of g: less does not matter, at any standard deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Track(Dataset):
         return 0.5 * self.setup.ballistics.gravity * np.diff(self.touch_times)
 
     def pairs(self) -> tuple[Floats, Floats]:
-        """Impact speeds (m/s) and e as one would read them off."""
+        """Rough impact speeds (m/s) and e, without the law."""
         return pairs_of_launches(self._launches(), self.setup, self._drop)
 
     def start(self) -> Floats:

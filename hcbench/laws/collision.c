@@ -15,7 +15,7 @@
 enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
 
 /* kind, value: e is that of eq. (16) for alpha = value, or 1 - value v, or value. friction: Coulomb's coefficient.
-   still: m/s, approaches up to it are no impacts. lift, (m/s)^2, and lag, m/s: e is of the speeds
+   still: m/s, approaches up to it do not count as impacts. lift, (m/s)^2, and lag, m/s: e is of the speeds
    U = sqrt(u^2 - lift) - lag where the rates here are u; hcb_under_gravity sets them. */
 typedef struct hcb_contact {
   int kind;

@@ -113,7 +113,7 @@ class Conversion(Shown):
         return (asdict(row) | {"value": row.text} for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
-        """The contact as JSON has it; units are in the keys."""
+        """The contact as JSON; units are in the keys."""
         return {
             "alpha_s_per_m": self.alpha,
             "speed_m_per_s": self.speed,

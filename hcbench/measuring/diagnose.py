@@ -129,7 +129,7 @@ def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
 def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> list[Launch]:
     """Launches to try fixes on: some phases of the worst speed, the lowest and the highest.
 
-    Of the worst speed alone where all take too many steps. step_cost: as `ModelUnderTest` has it.
+    Of the worst speed alone where all take too many steps. step_cost: see `ModelUnderTest`.
     """
     worst = max(impacts, key=lambda i: (math.isnan(i.restitution), _error(i, goal))).launch.speed
     speeds = [i.launch.speed for i in impacts]

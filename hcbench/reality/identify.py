@@ -46,8 +46,8 @@ def identify(
 ) -> Parameters:
     """Parameters by three searches for each setting, to four digits.
 
-    A mean error over a hundred tosses is rough in its parameters, as a corner may land or miss. What counts
-    is the least value of a parabola through the better tries of all three, not the luckiest try.
+    A mean error over a hundred tosses is rough in its parameters, as a corner may land or miss. The
+    result is the minimum of a parabola fitted to the best third of all tries, not the luckiest try.
     """
     cells = [
         Cell(data, engine, setting.key, start, SETS[data].TRAINING, folders.get(data))

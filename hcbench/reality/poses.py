@@ -104,7 +104,7 @@ def read(paths: Sequence[Path], body: Body) -> Tosses:
         time, place, turn = rows[:, 0], rows[:, 1:4], rows[:, 4:]
         length = np.linalg.norm(turn, axis=1, keepdims=True)
         if (np.abs(length - 1.0) > _UNIT).any():
-            raise UserError(f"{path}", "a quaternion that is no rotation", "qw, qx, qy, qz of length 1")
+            raise UserError(f"{path}", "a quaternion that is not a rotation", "qw, qx, qy, qz of length 1")
         if (np.diff(time) <= 0.0).any():
             raise UserError(f"{path}", "times that do not increase", "seconds, a row for each frame")
         toss = motion(number, body, time, place, turn / length)

@@ -72,7 +72,7 @@ class _Tensor:
 def _whole_numbers(values: Any) -> tuple[int, ...]:
     """Sizes of a tensor; ValueError where they are not numbers of 0 or more."""
     if not isinstance(values, tuple) or not all(type(value) is int and value >= 0 for value in values):
-        raise ValueError("sizes or strides that are no whole numbers of 0 or more")
+        raise ValueError("sizes or strides that are not whole numbers of 0 or more")
     return values
 
 
@@ -90,7 +90,7 @@ class _Unpickler(pickle.Unpickler):
             return _KINDS[name]
         if (module, name) == ("collections", "OrderedDict"):
             return OrderedDict
-        raise pickle.UnpicklingError(f"{module}.{name} is no tensor")
+        raise pickle.UnpicklingError(f"{module}.{name} is not a tensor")
 
     def persistent_load(self, pid: Any) -> Callable[[], _Numbers]:
         _, kind, key, *_ = pid
@@ -159,7 +159,7 @@ def _unpickled(file: io.BytesIO, load: _Load) -> Any:
     begin = file.tell()
     for count, (opcode, argument, _) in enumerate(pickletools.genops(file)):
         if opcode.name not in _OPCODES:
-            raise ValueError(f"the opcode {opcode.name} is no tensor's")
+            raise ValueError(f"the opcode {opcode.name} does not belong to a tensor")
         if count >= _MOST_OPCODES or (opcode.name in _PUTS and int(argument or 0) >= _MOST_OPCODES):
             raise ValueError(f"a pickle of more than {_MOST_OPCODES} opcodes")
     return _Unpickler(file.getvalue()[begin : file.tell()], load).load()

@@ -120,7 +120,7 @@ def _require_falling(measured: MeasuredRestitution) -> None:
         i = int(rises[0])
         before, after = (f"{values[j]:.4g} at {speeds[j]:.4g} m/s" for j in (i, i + 1))
         got = f"e goes from {before} to {after}"
-        raise SettingError("restitution", got, "one e a speed, falling or constant as v grows")
+        raise SettingError("restitution", got, "one e per speed, not rising with speed")
 
 
 def require_kind(target: Target, recipe: str, kinds: Sequence[TargetKind], instead: str) -> None:

@@ -46,7 +46,7 @@ class Request:
     actuators: whether the model's actuators hold and push as it says; else they are off.
     angle: from the normal, rad; each launch is made at each of them. along: the way that oblique launches
         take, any vector that is not normal to the two; None: x, or y where the normal is along x.
-    spin: as `Launch` has it, rad/s.
+    spin: see `Launch`, rad/s.
     adapt_phases: one phase only at speeds where the contact takes so many steps that the phase does not
         matter, more of them where e scatters.
     """

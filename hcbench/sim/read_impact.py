@@ -46,7 +46,7 @@ class SpeedReading(StrEnum):
     The speeds come from a state before the contact and one after it, at a step h under gravity g
     into the plate, penetration x and rate v; e is their ratio. e² is then the share of its height
     that a body keeps, whenever in its step an engine reverses the speed. Without gravity all
-    readings are the same. An engine's `World` says which is its own.
+    readings are the same. An engine's `World` names the one that applies.
 
     TOUCH_PLANE: semi-implicit Euler, which moves by the new velocity, keeps (v + g h/2)² - 2 g x
         exactly: at x = 0 that is the square of the speed at touch, whichever step sees it.

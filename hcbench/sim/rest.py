@@ -16,8 +16,8 @@ from hcbench.impact import Floats, Launch
 if TYPE_CHECKING:
     from hcbench.sim.world import World
 
-# A body rests that sinks slower (m/s), lies less deep (of R, or so many m a second of the step), and
-# vibrates less (m/s) or less than before.
+# A body counts as resting if it sinks more slowly than this (m/s), lies less deep (of R, or so many m per
+# second of the step), and vibrates less (m/s) or less than before.
 _SINKING_MAX, _DEPTH_MAX, _DEPTH_STEP, VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
 _SECONDS, _STEPS_MAX = 4.0, 4000  # simulated, until a body is taken to lie as it will
 _LET_DOWN = 1e-9  # m: the height it is let down from
@@ -55,7 +55,7 @@ class Rest:
 
     @property
     def record(self) -> dict[str, float]:
-        """The numbers at rest as JSON has them, SI."""
+        """The numbers at rest as JSON, SI."""
         return {
             "penetration_m": self.penetration,
             "vibration_m_per_s": self.vibration,

@@ -71,7 +71,7 @@ def require_apart(
     """Raise SceneError for two that start deep in each other. distance: signed, m. first, second: names."""
     if distance < -DEEPEST * size:
         got = f"{first!r} starts {-distance:.4g} m inside {second!r}"
-        raise SceneError("model", got, "the two apart, or touching", advice)
+        raise SceneError("model", got, "the two bodies apart or just touching", advice)
 
 
 def require_reachable(

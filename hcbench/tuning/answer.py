@@ -195,7 +195,7 @@ class Answer(Drawn):
             why = "; ".join(f"{never.setting}: {never.why}" for never in self.never)
             raise SettingError(
                 "recipe",
-                f"no setting of {self.engine!r} is to be advised here ({why})",
+                f"no setting of {self.engine!r} is recommended here ({why})",
                 "another step, or the plug-in",
             )
         return best

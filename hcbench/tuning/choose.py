@@ -46,7 +46,7 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
     ]
     if not chosen:
         names = ", ".join(registry.recipes(engine))
-        got = f"'auto' knows none for {engine!r}"
+        got = f"'auto' has no recipe for {engine!r} here"
         raise SettingError("recipe", got, f"one of: {names}", "Name one with --recipe")
     return chosen
 

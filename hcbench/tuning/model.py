@@ -103,9 +103,8 @@ def _tuned(job: Job) -> TunedModel:
     wanted = job.wanted or _of_spring(job, requests, as_it_was)
     each = [way for request in requests for way in engine.attitudes(source, request)]
     before = engine.standing(source, None, requests)
-    tries: list[
-        tuple[float, float, ModelSetting, Standing]
-    ] = []  # how much too large an error is, what is worse
+    # (error, at least the allowed one; count of quantities that became worse; setting; standing)
+    tries: list[tuple[float, float, ModelSetting, Standing]] = []
     alike = [request for _, request in each]
     for setting in engine.model_settings(source, alike, wanted, before, rebuild, job.output.version):
         error = _tried(setting, alike, wanted, job.max_error)

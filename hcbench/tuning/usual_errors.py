@@ -1,8 +1,8 @@
 """Errors of the answers at any α, found once (`make answers`): a page has them without a search.
 
-A row is what `find_answer` says at one α. Between two rows a page has the error of one e from the line
-through the rows around, where each of those lies near it. Errors of settings jump from α to α, as searches
-end otherwise: those are known at the rows alone.
+A row has the answer of `find_answer` at one α. Between two rows a page interpolates the error of one e, if
+the rows around lie near a straight line. Errors of settings jump from α to α, because searches converge
+elsewhere; they are known only at the rows.
 """
 
 from __future__ import annotations

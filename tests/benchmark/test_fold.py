@@ -1,4 +1,6 @@
-"""What a page shows of impacts does not depend on the parts in which they are read, nor grow with them."""
+"""Summaries of impacts on a page do not depend on the parts in which they are read, nor grow with
+them.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def study(speeds: np.ndarray) -> dict[str, Any]:
 
 
 def impacts(speeds: np.ndarray) -> dict[str, np.ndarray]:
-    """Of the law but for 0.001 of e from phase to phase; the slowest comes to rest, the fastest is lost."""
+    """Impacts by the law but for 0.001 of e from phase to phase; the slowest comes to rest, the
+    fastest is lost.
+    """
     asked, phase = np.repeat(speeds, PHASES), np.tile((np.arange(PHASES) + 0.5) / PHASES, len(speeds))
     law = closed_form.restitution(LAW.alpha, asked)
     status = np.full(len(asked), "parted", dtype=object)

@@ -1,4 +1,4 @@
-"""What an engine dies on is a row; what an executor fails is asked for again."""
+"""An engine's crash becomes a row; work that an executor fails is asked for again."""
 
 from __future__ import annotations
 

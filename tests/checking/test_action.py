@@ -48,7 +48,7 @@ needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="the action
 
 @dataclass(frozen=True)
 class Run:
-    """What one run of the action left: arguments by program, exit code, summary, outputs."""
+    """Traces of one run of the action: arguments by program, exit code, summary, outputs."""
 
     arguments: dict[str, list[str]]
     code: int

@@ -1,4 +1,4 @@
-"""A baseline notices every change of a bounce; a file that is no baseline is refused."""
+"""A baseline notices every change of a bounce; any other file is refused."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_baseline_tells_what_else_changed(tmp_path: Path) -> None:
     [
         ({"schema": 99}, "schema 99;"),
         ({"schema": 1}, "schema 1, whose e has an earlier definition: speeds at a step's start or end"),
-        ({"kind": "shopping list"}, "is no baseline"),
+        ({"kind": "shopping list"}, "is not a baseline"),
         ({"checks": {}}, "has nothing on"),
         ({"checks": {"good.xml": {"engine": "mujoco"}}}, "damaged"),
         ({"checks": {"good.xml": "text"}}, "damaged"),
@@ -140,7 +140,7 @@ def test_a_baseline_of_another_engine_is_refused(tmp_path: Path) -> None:
 def test_a_baseline_that_is_no_json(tmp_path: Path, text: str) -> None:
     file = tmp_path / "baseline.json"
     file.write_text(text)
-    with pytest.raises(UserError, match=r"not JSON|no baseline"):
+    with pytest.raises(UserError, match=r"not JSON|not a baseline"):
         read_baseline(file, "good.xml")
     with pytest.raises(UserError, match="--write-baseline"):
         read_baseline(tmp_path / "gone.json", "good.xml")

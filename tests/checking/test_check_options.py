@@ -27,7 +27,7 @@ from hcbench.errors import OutputError, UserError
         ({"restitution": 0.9, "limit": 0}, "above 0"),
         ({"restitution": 0.9, "height": 1e20}, "1e-09 ... 10000 m"),
         ({"restitution": 0.9, "speeds": "0 m/s"}, "above 0"),
-        ({"restitution": 0.9, "target": "linear"}, "target: 'linear', a reading of α"),
+        ({"restitution": 0.9, "target": "linear"}, "target: 'linear' given without an α"),
         ({"restitution": 0.9, "along": "0, 1, 0"}, "nothing oblique"),
     ],
 )

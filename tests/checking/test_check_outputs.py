@@ -118,7 +118,7 @@ def test_loops_are_in_the_record_and_on_the_page() -> None:
     assert len(loops[0]["force_n"]) == len(loops[0]["penetration_m"]) <= 200
     assert "The loops" in measurement_page(found)
     assert "The loops" not in measurement_page(measure(GOOD, "ball,plate", speeds=SPEEDS)), (
-        "one step is no loop"
+        "one step does not make a loop"
     )
 
 

@@ -1,4 +1,6 @@
-"""How commands end: output that cannot be written, signals, and mistakes told under the option's own name."""
+"""Ends of commands: output that cannot be written, signals, and mistakes reported under the
+option's own name.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What nobody means, wherever it is given: exit 2 in one short line with the cause, and no warning."""
+"""Absurd numbers in every place: exit 2 in one short line with the cause, and no warning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person at a terminal sees: helps with examples, lines of 100 columns, colour, the next command."""
+"""Output at a terminal: helps with examples, lines of 100 columns, colour, the next command."""
 
 from __future__ import annotations
 

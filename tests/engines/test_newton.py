@@ -44,7 +44,9 @@ def test_xpbd_has_the_restitution_that_is_set(timestep: float) -> None:
 
 @pytest.mark.needs_engine("newton")
 def test_under_gravity_xpbd_puts_the_ball_on_the_plane_so_that_it_loses_energy_by_chance() -> None:
-    """What looked like e = 1.48 was the reading: at the touch plane e is below that of the material."""
+    """At the touch plane e is below that of the material; an earlier reading elsewhere gave e =
+    1.48.
+    """
     setting = Setting("newton", "mine", 1 / 240, {"restitution": 0.9269})
     fast = [Launch(v, p) for v in (0.0254, 0.1016) for p in (0.125, 0.375)]
     for impact in registry.engine("newton").run(WITH_GRAVITY, setting, fast):

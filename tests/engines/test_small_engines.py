@@ -168,7 +168,7 @@ def test_dart_does_not_bounce_below_a_tenth_of_a_unit_a_second() -> None:
 
 
 def test_dart_rests_by_its_law_and_goes_on_bouncing_by_one_restitution() -> None:
-    """It bounces on at e g h/(1 - e), where the threshold lets it; from 20 mm at 1 ms."""
+    """The ball bounces on at e g h/(1 - e), where the threshold lets it; from 20 mm at 1 ms."""
     pytest.importorskip("dartpy")
     engine, with_gravity = registry.engine("dart"), dataclasses.replace(PLANE, gravity=G)
     for recipe, speed in (("restitution-law", 0.0), ("restitution", 0.9269 * G * 1e-3 / (1 - 0.9269))):

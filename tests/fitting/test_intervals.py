@@ -14,7 +14,7 @@ TRIALS = 16
 
 
 def hits(make, alpha: float) -> tuple[int, list[float]]:  # type: ignore[no-untyped-def]
-    """How many intervals hold α, and the scatter that each fit found."""
+    """Number of intervals that hold α, and the scatter that each fit found."""
     found = [fit([make(seed)]) for seed in range(TRIALS)]
     held = [one.alpha for one in found if one.alpha is not None]
     return sum(one.low <= alpha <= one.high for one in held) + TRIALS - len(held), [

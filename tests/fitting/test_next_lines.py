@@ -1,4 +1,4 @@
-"""What `fit` prints to type next runs as it stands."""
+"""The commands that `fit` prints to type next run as they stand."""
 
 from __future__ import annotations
 

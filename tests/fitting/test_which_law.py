@@ -1,4 +1,4 @@
-"""Which law the data support, or that they support none."""
+"""Choice of the law that the data support, or of none."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_curve_of_none_of_the_laws_is_none(e: synthesise.Law, what: str) -> No
 
 
 def test_adhesion_is_no_constant_loss() -> None:
-    """Whether few touches tell it or not: no law whose α is wrong is chosen."""
+    """No law whose α is wrong is chosen, even if the touches are too few to tell adhesion."""
 
     def sticky(v: float) -> float:
         return math.sqrt(max(1 - (0.1 / v) ** 2, 0.01)) * synthesise.hunt_crossley(0.15)(v)

@@ -70,7 +70,7 @@ def test_the_axes_agree_with_the_table_of_timoshenko_and_goodier(
     a, b = bodies.semi_axes(1.0)
     total = bodies.long_curvature + bodies.short_curvature
     unit = (0.75 / (bodies.contact_modulus * total)) ** (1.0 / 3.0)
-    # The table was computed by hand; its worst entry (m, n at 65° ... 75°) is off by 2 in the third place.
+    # The table was computed by hand; its worst entry (m, n at 65° ... 75°) is wrong by 2 in the third place.
     assert a / unit == pytest.approx(printed[0], abs=0.0025)
     assert b / unit == pytest.approx(printed[1], abs=0.0025)
 

@@ -1,4 +1,4 @@
-"""Why it does not bounce: every cause is planted, must be named, and its fix, pasted, must cure it."""
+"""Diagnosis: every cause is planted, must be named, and its fix, pasted, must cure it."""
 
 from __future__ import annotations
 

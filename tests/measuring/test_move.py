@@ -1,4 +1,4 @@
-"""What is launched, and from which pose: --move, a free base by name, the state of a simulation."""
+"""Mover and pose of the launches: --move, a free base by name, the state of a simulation."""
 
 from pathlib import Path
 from typing import Any

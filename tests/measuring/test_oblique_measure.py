@@ -101,7 +101,7 @@ def pybullet_outcome() -> tuple[list[tuple[float, float]], list[float]]:
 def test_a_world_of_pybullet_keeps_its_e_obliquely_at_its_own_step() -> None:
     """Bullet reverses the speed of a step's start, up to v h below the touch plane.
 
-    With e of the speeds there, e at the plane is off by at most (1/e - e) g h/v, and by half a step's
+    With e of the speeds there, e at the plane is wrong by at most (1/e - e) g h/v, and by half a step's
     gravity before and after the impact, (1 + e)/2 g h/v.
     """
     impacts, ratios = call(pybullet_outcome, limit=60)
@@ -157,7 +157,9 @@ def test_what_cannot_slide_or_is_no_direction_is_refused() -> None:
 
 @pytest.mark.parametrize("phase", [0.1, 0.6])
 def test_a_drop_touches_in_its_phase_at_the_speed_of_its_fall(phase: float) -> None:
-    """Where in a step it touches: how far in it is when the contact first acts, in steps' ways."""
+    """Compare the phase of the touch with the depth at which the contact first acts, in steps'
+    ways.
+    """
     (impact,) = measure(
         model(), "ball,plate", speeds="1 mm/s", height="10 cm", gravity=9.81, phases=[phase], diagnose=False
     ).impacts  # fmt: skip

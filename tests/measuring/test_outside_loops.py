@@ -97,7 +97,7 @@ def test_e_is_that_of_a_loop_of_our_own(file: str, pair: str, speed: float) -> N
 
 
 def approach(model: Any, data: Any, pairs: list[tuple[int, int]]) -> float:
-    """How fast the nearest points of the two approach, by `mj_jac`, m/s."""
+    """Speed at which the nearest points of the two approach, by `mj_jac`, m/s."""
     mujoco.mj_fwdPosition(model, data)
     spans = []
     for a, b in pairs:

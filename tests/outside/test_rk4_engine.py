@@ -1,4 +1,4 @@
-"""What an engine's author writes to test it."""
+"""Tests that the author of an engine writes for it."""
 
 from __future__ import annotations
 

@@ -241,7 +241,9 @@ def test_the_summed_loop_over_a_cycle_is_the_energy_lost_in_it() -> None:
 
 
 def _misfit(system: VibroImpact, amplitude: float, omega: float) -> float:
-    """How far the loop of a harmonic swing is from the best ellipse k q + c v, over its half width c v."""
+    """Distance of the loop of a harmonic swing from the best ellipse k q + c v, over its half width
+    c v.
+    """
     theta = np.linspace(0.0, 2.0 * math.pi, 4000, endpoint=False)
     q, v = amplitude * np.sin(theta), amplitude * omega * np.cos(theta)
     force = system.resultant(q, v)

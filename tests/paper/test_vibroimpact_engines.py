@@ -30,7 +30,7 @@ def _system(gap: float, law: Any = LAW) -> VibroImpact:
 def _reference(
     system: VibroImpact, position: float, velocity: float, until: float, drive: Sinusoid | None
 ) -> CubicHermiteSpline:
-    """Where the reference has the mass at any time: between its steps by positions and velocities."""
+    """Position of the reference's mass at any time: between its steps by positions and velocities."""
     truth = simulate(system, position, velocity, until, drive)
     return CubicHermiteSpline(truth.time, truth.position, truth.velocity)
 

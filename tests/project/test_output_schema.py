@@ -1,4 +1,4 @@
-"""What `--json` prints has the fields that the documentation lists, and no other."""
+"""The output of `--json` has the fields that the documentation lists, and no other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is released: a wheel that runs what the README shows, with nothing else of the repository."""
+"""A release: a wheel that runs the examples of the README, with nothing else of the repository."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What of reports/ is in the repository: what a reader opens, small, and as hcbench-files.json has it."""
+"""The repository keeps of reports/ the pages that a reader opens: small, and with the digests of
+hcbench-files.json.
+"""
 
 from __future__ import annotations
 

@@ -62,13 +62,13 @@ def _pickled(obj: object) -> bytes:
 
 
 def as_stream(numbers: Floats) -> bytes:
-    """As PyTorch before 1.6 saved a tensor."""
+    """Save a tensor like PyTorch before 1.6."""
     parts = [0x1950A86A20F9469CFC6C, 1001, {"little_endian": True}, _Tensor(numbers), ["0"]]
     return b"".join(map(_pickled, parts)) + struct.pack("<q", numbers.size) + numbers.tobytes()
 
 
 def as_zip(numbers: Floats) -> bytes:
-    """As PyTorch saves a tensor."""
+    """Save a tensor like PyTorch since 1.6."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         archive.writestr("toss/data.pkl", _pickled(_Tensor(numbers)))
@@ -90,7 +90,7 @@ def test_a_file_that_would_run_code_is_refused(tmp_path: Path) -> None:
             return print, ("harm",)
 
     (tmp_path / "0.pt").write_bytes(b"".join(pickle.dumps(x) for x in (1, 2, 3)) + pickle.dumps(Harmful()))
-    with pytest.raises(UserError, match="is no tensor"):
+    with pytest.raises(UserError, match="is not a tensor"):
         read_tensor(tmp_path / "0.pt")
 
 

@@ -1,4 +1,4 @@
-"""What is written of the study: the table of scores, the verdicts, and folders that are not overwritten."""
+"""Output of the study: the table of scores, the verdicts, and folders that are not overwritten."""
 
 from __future__ import annotations
 

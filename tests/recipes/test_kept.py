@@ -1,4 +1,4 @@
-"""What a search found is kept, and never changes what a recipe gives."""
+"""Search results are kept, and never change the settings of a recipe."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ RECIPE = registry.recipe("mujoco.impulse")
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Of the recipe's setting, in a new cache folder; every setting counts as found by a search."""
+    """Place of the recipe's setting in a new cache folder; every setting counts as one that a
+    search found.
+    """
     monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path))
     monkeypatch.setattr(kept, "_WORTH_S", 0.0)
     place = kept.place_of(RECIPE, TARGET, VERSIONS)

@@ -162,7 +162,7 @@ def test_an_overdamped_contact_is_refused_with_what_works() -> None:
 
 
 def test_targets_that_no_contact_has_are_refused() -> None:
-    with pytest.raises(SettingError, match="falling"):
+    with pytest.raises(SettingError, match="not rising"):
         target_of(0.008, 1e-3, reading="points", points=((0.1, 0.7), (0.2, 0.8)))
     with pytest.raises(SettingError, match=r"0 \.\.\. 1"):
         target_of(0.008, 1e-3, reading="points", points=((0.1, 1.2),))

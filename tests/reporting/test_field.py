@@ -233,7 +233,7 @@ def scores() -> dict[Case, Any]:
 
 @pytest.fixture(scope="module")
 def data() -> dict[str, Any]:
-    """What the committed page's script knows."""
+    """Data of the committed page's script."""
     text = (COMMITTED / "index.html").read_text(encoding="utf-8")
     found = re.search(r'id="field-data">(.*?)</script>', text, re.DOTALL)
     assert found
@@ -340,7 +340,9 @@ def test_and_bounces_so_where_it_is_installed(
 
 
 def test_the_page_says_what_tune_says(data: dict[str, Any]) -> None:
-    """Both speak of the same speeds; PyBullet's plug-in stays down below a speed, which is no error of e."""
+    """Both speak of the same speeds; PyBullet's plug-in stays down below a speed, which does not
+    count in e.
+    """
     (answer,) = (
         each
         for each in file_content()["answers"]

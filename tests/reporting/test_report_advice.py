@@ -1,4 +1,4 @@
-"""What a page advises, its verdicts and claims follow from the scores."""
+"""Advice, verdicts and claims of a page follow from the scores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which part of a model a name means."""
+"""Names of parts of a model, and the parts they stand for."""
 
 from __future__ import annotations
 

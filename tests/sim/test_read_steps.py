@@ -1,4 +1,6 @@
-"""What is read while steps are taken is to the bit what is read of a record of all of them."""
+"""Reading impacts while steps are taken gives, to the bit, the same as reading a record of all
+steps.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,7 @@ def paths(sent: Launches, gravity: float, seed: int, steps: int = 1000) -> tuple
 
 
 def recorded(sent: Launches, heights: Floats, rising: Floats, gravity: float) -> tuple[Impacts, Flags]:
-    """As the impacts of a record of all steps."""
+    """Impacts read from a record of all steps."""
     radius, fall = PLANE.touch_radius, gravity * STEP
     z, u = heights.T, rising.T
     speeds = np.abs(u[:, :-1]) + np.abs(u[:, 1:]) + fall

@@ -1,4 +1,4 @@
-"""When a body is at rest: the rule equals a loop over the steps, however the steps come in."""
+"""Rest of a body: the rule equals a loop over the steps, however the steps come in."""
 
 from __future__ import annotations
 

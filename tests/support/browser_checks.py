@@ -1,4 +1,4 @@
-"""What a browser measures of a page."""
+"""Measurements of a page in a browser."""
 
 # Of each text of a plot that is shown: the contrast with its ground, and the text.
 CONTRAST = """() => {

@@ -129,7 +129,7 @@ class World:
             assert bullet.executePluginCommand(self.plugin, f"restitution {law}", pair, **self.here) >= 0
 
     def message(self) -> str:
-        """What the plug-in last said."""
+        """Last message of the plug-in."""
         said = bullet.executePluginCommand(self.plugin, "message", **self.here)[2]
         return bytes(part & 255 for part in said[:-1]).decode()
 

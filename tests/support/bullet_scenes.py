@@ -137,7 +137,7 @@ class Scene:
         return max(0.0, self.energy() - flight.energy())
 
     def set_motions(self, rows: Floats) -> None:
-        """Velocities, spins and joint rates as `motions` has them, at the places where all is."""
+        """Velocities, spins and joint rates in the order of `motions`, at the places where all is."""
         left = iter(rows.tolist())
         for body in self.bodies:
             bullet.resetBaseVelocity(body, next(left), next(left), **self.here)

@@ -39,7 +39,7 @@ def covering_rows(factors: Factors, count: int, allowed: Callable[[Row], bool], 
 
 
 def fewest(rows: Sequence[Row], factors: Factors, allowed: Callable[[Row], bool]) -> int:
-    """How often the rarest pair of levels comes that may come at all."""
+    """Number of times that the rarest allowed pair of levels comes."""
     came = Counter(pair for row in rows for pair in combinations(row.items(), 2))
     return min(
         came[(one, a), (two, b)]

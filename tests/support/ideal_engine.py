@@ -171,7 +171,7 @@ class Engine:
         self.v[0][2] = 0.0
 
     def _carried(self) -> bool:
-        """Whether forces of the corners, within cones of friction of eight edges, balance the weight."""
+        """Say whether forces of the corners, within cones of friction of eight edges, balance the weight."""
         arms, _ = self._corners()
         angles = [k * math.pi / 4 for k in range(8)]
         edges = [np.array([self.friction * math.cos(a), self.friction * math.sin(a), 1.0]) for a in angles]

@@ -195,7 +195,7 @@ def touches(alpha: float, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
 
 
 def extra(disturbance: str, floor: Floor, times: np.ndarray, count: int, rng: Rng) -> Sound:
-    """What is heard besides the ball, over the loudest sample of its first click."""
+    """Sounds besides the ball, over the loudest sample of its first click."""
     sound = np.zeros(count)
 
     def put(at: float, what: Sound) -> None:

@@ -63,13 +63,13 @@ def _lines(text: str) -> list[str]:
 
 
 def texts(outputs: list[list[dict[str, Any]]]) -> list[list[str]]:
-    """What outputs say, without versions of engines."""
+    """Texts of outputs, without versions of engines."""
     said = [["".join(o.get("text") or o["data"]["text/plain"]) for o in each] for each in outputs]
     return [[re.sub(r"\b\d+\.\d+\.\d+\b", "...", text) for text in each] for each in said]
 
 
 def agrees(old: list[list[str]], new: list[list[str]]) -> bool:
-    """Whether texts of cells are the same, numbers by value."""
+    """Say whether texts of cells are the same, numbers by value."""
     if [len(each) for each in old] != [len(each) for each in new]:
         return False
     return all(map(is_same, chain.from_iterable(old), chain.from_iterable(new)))

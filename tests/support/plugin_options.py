@@ -89,7 +89,9 @@ def _bit(kind: str, name: str | None) -> int:
 
 
 def at_rest(kind: str, h: float, options: dict[str, Any]) -> Scene:
-    """What rests: a box, a stack, a box on a ramp, bricks, a heap that fell, a ball on a turning table."""
+    """Bodies at rest: a box, a stack, a box on a ramp, bricks, a heap that fell, a ball on a
+    turning table.
+    """
     spec = world(h, friction=0.5, **options)
     tip = np.radians(15 if kind == "ramp" else 0)
     quat = [np.cos(tip / 2), 0, np.sin(tip / 2), 0]

@@ -184,7 +184,9 @@ def _add_geoms(spec: Any, body: Any, row: dict[str, Any], name: str, rng: Any, o
 
 
 def _join(spec: Any, row: dict[str, Any]) -> None:
-    """What holds or moves the joints: all but constant forces and springs without damping take no energy."""
+    """Constraints and drives of the joints: all but constant forces and springs without damping
+    take no energy.
+    """
     if row["joint"] == "equality":
         kind = ("weld", "connect")[row["bodies"] // 2 % 2]
         numbers = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1] if kind == "weld" else [0.0, 0.0, 0.08]
@@ -220,7 +222,9 @@ def _add_laws(spec: Any, law: Law) -> None:
 
 
 def starts_compressed(made: Made) -> bool:
-    """Whether a force law finds bodies in overlap at the start: what it then gives is no gain."""
+    """Say whether a force law finds bodies in overlap at the start: energy from that does not count
+    as a gain.
+    """
     data = mujoco.MjData(made.native)
     mujoco.mj_forward(made.native, data)
     return made.has_force and bool((data.contact.dist < 0).any())

@@ -1,4 +1,4 @@
-"""What a release still lacks, in plain sentences: `make release-check`. Exit 1 where one blocks it."""
+"""Gaps in a release, in plain sentences: `make release-check`. Exit 1 if one blocks it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Missing:
 
 
 def facts(root: Path) -> Missing:
-    """What the files of the repository at root still lack."""
+    """Facts that the files of the repository at root still lack."""
     missing = Missing()
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     changes = (root / "CHANGELOG.md").read_text(encoding="utf-8")
@@ -69,7 +69,7 @@ def build(folder: Path) -> None:
 
 
 def complaints(dist: Path) -> list[str]:
-    """What the tools say against the files in dist, a paragraph each; empty where all pass."""
+    """Complaints of the tools about the files in dist, a paragraph each; empty if all pass."""
     (sdist,) = dist.glob("*.tar.gz")
     (wheel,) = dist.glob("*.whl")
     files = {"twine": [sdist, wheel], "check-wheel-contents": [wheel], "cffconvert": [ROOT / "CITATION.cff"]}

@@ -21,13 +21,13 @@ _NUMBER = r"((?>[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?))"
 
 
 def is_same(shown: str, printed: str) -> bool:
-    """Whether a printed text is the shown one."""
+    """Say whether a printed text is the shown one."""
     match = re.fullmatch(_pattern(shown), printed, re.DOTALL)
     return match is not None and _has_the_values(shown, match)
 
 
 def is_within(shown: str, printed: str) -> bool:
-    """Whether the shown text is a part of the printed one."""
+    """Say whether the shown text is a part of the printed one."""
     return any(_has_the_values(shown, match) for match in re.finditer(_pattern(shown), printed, re.DOTALL))
 
 

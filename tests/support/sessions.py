@@ -50,7 +50,7 @@ class Step(NamedTuple):
 
     @property
     def words(self) -> list[str]:
-        """What a shell would give the program."""
+        """Words that a shell would give the program."""
         return shlex.split(self.command.replace("\\\n", " "), comments=True)
 
 
@@ -120,7 +120,7 @@ def _run(arguments: list[str]) -> tuple[int, list[str]]:
 
 
 def _lines(action: Callable[[], object]) -> list[str]:
-    """What an action prints."""
+    """Lines that an action prints."""
     text = io.StringIO()
     with redirect_stdout(text), redirect_stderr(text):
         action()
@@ -128,7 +128,7 @@ def _lines(action: Callable[[], object]) -> list[str]:
 
 
 def agrees(shown: tuple[str, ...], printed: list[str]) -> bool:
-    """Whether a page shows what a command printed."""
+    """Say whether a page shows the output of a command."""
     end = 0
     for start, part in _places(shown, printed):
         new = printed[start : start + len(part)]
@@ -139,7 +139,9 @@ def agrees(shown: tuple[str, ...], printed: list[str]) -> bool:
 
 
 def rewritten(shown: tuple[str, ...], printed: list[str]) -> list[str]:
-    """What a page shows of the lines that a command printed: the same parts as before, or all of it."""
+    """Text for a page from the lines that a command printed: the same parts as before, or all of
+    it.
+    """
     if LEFT_OUT not in shown:
         return [next((old for old in shown if is_same(old, new)), elided(new)) for new in printed]
     lines, end = list[str](), 0

@@ -89,7 +89,7 @@ RUNS = (
 
 
 def answer(engine: str, setting: str, step: float, alpha: float, gravity: float) -> dict[str, Any]:
-    """What `tune` might say: one e for all speeds, by a setting of these results."""
+    """Possible answer of `tune`: one e for all speeds, by a setting of these results."""
     within = "e within 0.05 from 0.1 to 0.4 m/s"
     choice = {
         "kind": "constant",

@@ -99,7 +99,7 @@ def installed(folder: Path, monkeypatch: pytest.MonkeyPatch, **notes: Any) -> It
 
 
 def note(folder: Path, **notes: Any) -> None:
-    """What goes wrong from now on."""
+    """Fault that occurs from now on."""
     (folder / "notes.json").write_text(json.dumps(notes))
 
 

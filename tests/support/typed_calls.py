@@ -1,4 +1,4 @@
-"""What a user's editor knows of the verbs: mypy checks each line, and nothing runs them.
+"""Types of the verbs in a user's editor: mypy checks each line, and nothing runs them.
 
 A `type: ignore` marks a mistake that an editor underlines; mypy refuses one that marks none.
 """

@@ -38,7 +38,7 @@ def error_in(model: Any, row: dict[str, Any], choice: Choice) -> float:
     launches = [(scale * v, phase) for v, (_, phase) in zip(speeds, LAUNCHES, strict=True)]
     try:
         found = pasted.bounces(model, launches, radius=0.05 * scale)
-    except ValueError:  # a position that is no number any more
+    except ValueError:  # a position that is not a number any more
         return math.inf
     return float(np.abs(np.array(found) - [float(curve.at(v)) for v in speeds]).max())
 

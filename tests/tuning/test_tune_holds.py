@@ -1,4 +1,6 @@
-"""What `tune MODEL` may not make worse, does not write, and writes: attitudes, rest, includes, versions."""
+"""`tune MODEL` keeps attitudes and rest no worse, and writes includes for the version that loads
+them.
+"""
 
 import json
 from pathlib import Path

@@ -211,7 +211,7 @@ HUMANOID = f"""{HEAD.format(kp=900, damping=5)}<body name="trunk" pos="0 0 .87">
 
 
 def stands_at(text: str, body: str) -> Any:
-    """Where a body is after 4 s, m."""
+    """Position of a body after 4 s, m."""
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=2000)

@@ -1,4 +1,4 @@
-"""Tuning: what is chosen, what is said of it, and that the pasted text does it in the plain engine."""
+"""Tuning: choices, their descriptions, and that the pasted text does it in the plain engine."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ FEW = [QUESTIONS[i] for i in (1, 22)]
 
 
 def on_page(question: Question, small_view: View) -> list[dict[str, Any]]:
-    """What the first screen says of a question."""
+    """Text of the first screen for a question."""
     (answer,) = (
         answer
         for answer in usual_answers(STUDY, VERSIONS)

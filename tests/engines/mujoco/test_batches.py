@@ -377,7 +377,7 @@ def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, t
 def _die_in_fast_company(
     launches: Sequence[Launch], name: str, scene: Scene, setting: Setting, places: int = 8
 ) -> Iterator[Impact]:
-    """As `simulate_all`: what shares a world comes back together, or not at all."""
+    """Simulate like `simulate_all`: launches that share a world come back together, or not at all."""
     for i in range(0, len(launches), places):
         group = launches[i : i + places]
         if any(launch.speed > 0.55 for launch in group):

@@ -28,7 +28,7 @@ def opened(text: str, **more: Any) -> MujocoModel:
 
 
 def results(model: MujocoModel) -> Any:
-    """What every launch gave, to the last bit, and what the model kept of them."""
+    """Results of every launch, to the last bit, and the model's record of them."""
     sent = simulate.impacts_in(model, model.request.launches())
     loops = [impact.loop and impact.loop.force.tobytes() for impact in sent]
     rows = [(i.status, i.speed_in, i.speed_out, i.samples, repr(i.tangential)) for i in sent]

@@ -1,4 +1,6 @@
-"""Whether a contact gives energy: the rows' model agrees with plain MuJoCo, and what is advised does not."""
+"""Energy tests of a contact: the rows' model agrees with plain MuJoCo, and no advised setting gives
+energy.
+"""
 
 from __future__ import annotations
 

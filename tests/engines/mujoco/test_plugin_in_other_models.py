@@ -81,7 +81,7 @@ def test_rollout_in_threads_is_that_in_one(path: str) -> None:
 
 
 def _speeds(model: Any, data: Any) -> Any:
-    """Of both balls after they met the floor, m/s upwards."""
+    """Speeds of both balls after they met the floor, m/s upwards."""
     at_the_floor(model, data)
     states = []
     for _ in range(20):
@@ -103,7 +103,7 @@ def test_a_law_acts_on_the_geom_that_bears_its_name_in_the_model_that_is_stepped
 
 
 def test_a_model_made_after_another_is_freed_is_another_model() -> None:
-    """It often lies at the same address."""
+    """The second model often lies at the address of the first."""
     contact.load()
     names = ("bouncer", "other")
     model = two_balls(names)

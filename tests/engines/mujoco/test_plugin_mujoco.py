@@ -352,7 +352,7 @@ def test_the_command_prints_a_path_that_plain_mujoco_loads(capsys: Any, tmp_path
 
 
 def test_a_written_scene_says_in_its_first_comment_how_plain_mujoco_loads_it(tmp_path: Path) -> None:
-    """What the comment says is done to the letter, in processes of their own."""
+    """Every instruction of the comment is followed to the letter, in processes of their own."""
     model = tmp_path / "drop.xml"
     asked = ["--plugin", "--alpha", "0.3 s/m", "--timestep", "2 ms", "--speeds", "0.1:2 m/s"]
     assert run_command(["tune", "mujoco", *asked, "--write-scene", str(model)]) == 0

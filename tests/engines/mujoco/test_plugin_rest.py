@@ -1,4 +1,6 @@
-"""What rests under MuJoCo's restitution plug-in stays: a second here, a minute under `make test-plugins`."""
+"""Bodies at rest under MuJoCo's restitution plug-in stay: a second here, a minute under `make
+test-plugins`.
+"""
 
 from __future__ import annotations
 

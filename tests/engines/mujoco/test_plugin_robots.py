@@ -92,7 +92,9 @@ def robot(name: str, law: Law | None, **options: Any) -> Any:
 
 
 def landing(model: Any, height: float, tilt: float = 0.0, seconds: float = 3.0) -> dict[str, float]:
-    """What becomes of a drop, m and m/s; tilt: of the base, degrees. A gripper closes from where it is."""
+    """Speeds and tilt after a drop, m and m/s; tilt: of the base, degrees. A gripper closes from
+    where it is.
+    """
     data = mujoco.MjData(model)
     if model.nu == 2:
         data.ctrl[:] = 0.05
@@ -134,7 +136,7 @@ def test_steps_integrators_and_cones_leave_a_robot_on_its_feet(options: dict[str
 
 
 def errors_of_e(law: Law, seed: int, *, motors: bool) -> list[float]:
-    """How far each foot's e is off the law's, in a landing with all joints in motion.
+    """Errors of each foot's e against the law, in a landing with all joints in motion.
 
     What acts within the step does not count: h J M^-1 (motors and damping - Coriolis forces of the velocities
     after the impact + J^T of the rows that rest).

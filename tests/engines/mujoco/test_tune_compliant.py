@@ -181,7 +181,7 @@ def test_one_e_with_friction(e: float, most: float) -> None:
 
 @given(e=st.floats(0.05, 1.0), phase=st.floats(0, 0.999), speed=st.floats(0.05, 5.0))
 def test_whole_steps_are_exact_without_gravity(e: float, phase: float, speed: float) -> None:
-    """Of the row by itself; its impedance is 1e-4."""
+    """Tested for the row by itself; its impedance is 1e-4."""
     row, h = whole_step_row(e, 2e-3), 2e-3
     x, v = (1 - phase) * h * speed, speed
     for _ in range(3):

@@ -219,7 +219,7 @@ def test_under_gravity_it_is_the_law_under_gravity() -> None:
 
 @pytest.mark.adhesion
 def test_a_ball_let_down_on_the_plate_comes_to_rest() -> None:
-    """Its oscillation dies with the law's own rate (3/4) α g, and there is no creep."""
+    """The oscillation dies with the law's own rate (3/4) α g, and there is no creep."""
     alpha, timestep, gravity = 0.02, 1e-5, 9.81
     xml = pasted(dict(STAGGERED(target_of(alpha, timestep)).options), timestep, STEEL_MASS, gravity=gravity)
     model = mujoco.MjModel.from_xml_string(xml)

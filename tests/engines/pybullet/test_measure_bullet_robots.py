@@ -125,7 +125,7 @@ def tip_speed(p: Any, point: Any) -> float:
 
 
 def placed(script: str) -> tuple[list[float], list[float]]:
-    """Joint positions at touch and rates for an approach at 1 m/s, as hcbench has them."""
+    """Joint positions at touch and rates for an approach at 1 m/s, by hcbench."""
     import runpy
 
     from hcbench.engines.pybullet.backend import end_clients

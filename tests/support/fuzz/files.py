@@ -35,7 +35,7 @@ _TOKEN = re.compile(rb"[-+]?[\d.]+(?:e[-+]?\d+)?|\w+|\"[^\"\n]*\"|<[^<>]*>")
 
 @dataclass(frozen=True)
 class Reader:
-    """What reads a file, the end of its name, and sound files to begin with."""
+    """Reader of a file, the suffixes of its files, and sound files to begin with."""
 
     read: Callable[[Path], Any]
     suffix: str

@@ -1,4 +1,4 @@
-"""What may be said of a run: its exit code, its one line of an error, and numbers of bouncing bodies."""
+"""Judge of a run: its exit code, its one line of an error, and numbers of bouncing bodies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ARE_TARGETS = ("restitution_linear", "restitution_standard_uncertainty", "off")
 
 
 def faults(arguments: list[str], code: int, out: str, err: str) -> list[str]:
-    """What is wrong with a run that ended; nothing where all is as it should be."""
+    """Faults of a run that ended; empty if all is as it should be."""
     found = []
     if "Traceback" in out + err:
         found.append("traceback")

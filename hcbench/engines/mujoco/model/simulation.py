@@ -63,7 +63,7 @@ class MujocoFlight:
         tells = not self._staged and place.pair.more_than_contacts
         self._causes = SpeedShares(model, place.pair.sides) if tells else None
         self._looks_further = self._staged or self._along is not None or self._causes is not None
-        self._touch_speed, self._apart = math.nan, False  # apart: what follows is no part of the impact
+        self._touch_speed, self._apart = math.nan, False  # apart: what follows does not belong to the impact
         self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
         self._state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
 

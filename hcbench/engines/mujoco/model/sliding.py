@@ -73,7 +73,7 @@ class MujocoAlongPlate:
         self.friction = self.friction + (pushed if turned else -pushed)
 
     def row(self, data: Any, velocity: Floats, point: Floats, rate: float) -> Floats:
-        """Motion along the plate as `Record.tangential` has it, shape (8,). rate: of approach, m/s."""
+        """Motion along the plate, see `Record.tangential`, shape (8,). rate: of approach, m/s."""
         model, pair, mujoco = self.pair.model, self.pair, backend()
         rows = [pair.approach_row(data, point, axis) for axis in self.axes[:2]]
         spin = np.zeros(3)

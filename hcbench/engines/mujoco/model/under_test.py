@@ -52,7 +52,8 @@ _LAST_PART, _ROUGH = 0.01, 0.03  # of the smaller one's size; of the approach: a
 class MujocoModel(ModelUnderTest):
     """A MuJoCo model with a pair in it.
 
-    model: an MjModel that is ours to keep. label: what to call it. state: an MjData to start from, or None.
+    model: an MjModel, which this object may change. label: its name in outputs. state: an MjData to start
+    from, or None.
     Raises UserError or SceneError with the reason where the pair cannot be measured.
     """
 

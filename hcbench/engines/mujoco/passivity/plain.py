@@ -37,7 +37,7 @@ _ROLLS, _ROLL_S, _KEPT = 1.0, 4.0, 1.0005  # m/s, s, of the energy at most
 _HALF = 0.05  # m, of a box's edges
 _BOX_SPEEDS, _BOX_S, _BOX_STEPS = (0.1, 0.5, 1.5), 1.5, 4000  # m/s at touch; s and steps at most
 _STACK_S, _SINKS = 5.0, 0.3  # m a second of the step, that a box of three may lie too deep
-_SLOWEST = 1.6  # g h: bounces slower than this are no energy to speak of
+_SLOWEST = 1.6  # g h: bounces slower than this have too little energy to matter
 # A box on its face, on an edge and on a vertex: quaternions, and how high its centre is then over _HALF.
 _ATTITUDES = {
     "face": ((1.0, 0.0, 0.0, 0.0), 1.0),

@@ -85,7 +85,7 @@ static number read_number(const mjModel* m, int i, const char* key, double other
   read.value = strtod(text, &end);
   if (end == text || *end) {
     int id = mj_name2id(m, mjOBJ_NUMERIC, text);
-    if (id < 0) fail(m, i, "config \"%s\": \"%s\" is no number, and there is no <numeric> of that name", key, text);
+    if (id < 0) fail(m, i, "config \"%s\": \"%s\" is not a number, and there is no <numeric> of that name", key, text);
     read.numeric = m->numeric_adr[id];
   }
   if (!(value_of(m, &read) >= low && value_of(m, &read) <= high)) {

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _ROUND_OFF = (
     ROUND_OFF_STEP * np.finfo(float).eps
-)  # of what a step adds up: a smaller change of velocity is no force
+)  # of what a step adds up: a smaller change of velocity counts as no force
 
 
 def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
@@ -164,7 +164,7 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
 
 
 def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
-    """Motion along the plate, as `Record.tangential` has it.
+    """Motion along the plate, see `Record.tangential`.
 
     MuJoCo gives the spin of a free body in the body's own frame.
     """

@@ -84,7 +84,7 @@ class BulletAlongPlate:
         return [float(x) for x in np.array(point) + self._position() - self._seen]
 
     def motion(self, point: Sequence[float], rate: float) -> Floats:
-        """Slip, spin, no friction and energy, as `Record.tangential` has them, shape (8,). rate: m/s."""
+        """Slip, spin, no friction and energy, see `Record.tangential`, shape (8,). rate: m/s."""
         slip, spin, self._now = np.zeros(3), np.zeros(3), self._position()
         for sign, part in self._sides:
             body = self._bodies[part.body]

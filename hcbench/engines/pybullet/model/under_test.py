@@ -186,7 +186,7 @@ class PybulletModel(ModelUnderTest):
         return PybulletModel(self.build(), self.build, self.request, suspects)
 
     def close(self) -> None:
-        """End what is ours and put back what is not."""
+        """Remove everything that hcbench added, and restore the user's world."""
         self._put_back()
 
 

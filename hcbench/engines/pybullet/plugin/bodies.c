@@ -1,5 +1,5 @@
 /* Bodies of a client: masses, states, and what a force at a point of a link does to all of its body's freedoms.
-   Bullet's own mass matrix and Jacobian are not used: they are wrong for spherical joints and for axes that are no
+   Bullet's own mass matrix and Jacobian are not used: they are wrong for spherical joints and for axes that are not
    unit vectors, and need link frames, which the client has in single precision. */
 
 typedef struct {

@@ -40,7 +40,7 @@ def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, F
 
 
 def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Floats) -> Floats:
-    """Motion along the plate in each step, as `Record.tangential` has it, shape (8, b, n).
+    """Motion along the plate in each step, see `Record.tangential`, shape (8, b, n).
 
     motion: velocity and spin before all steps and after each, shape (n + 1, b, 2, 3).
     """

@@ -27,7 +27,7 @@ _DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 @dataclass(frozen=True)
 class Context:
-    """A pair in a model, and the impacts to explain. gravity: m/s^2. shares: as `Facts` has them."""
+    """A pair in a model, and the impacts to explain. gravity: m/s^2. shares: see `Facts`."""
 
     place: PairAtTouch
     impacts: Sequence[Impact]

@@ -1,4 +1,4 @@
-"""What keeps a pair with the plug-in hcbench.restitution from the e that its config says."""
+"""Causes that keep a pair with the plug-in hcbench.restitution from the e of its config."""
 
 from __future__ import annotations
 

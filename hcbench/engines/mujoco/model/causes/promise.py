@@ -1,4 +1,4 @@
-"""What a model has otherwise than where `hcbench tune` found the error that it promised."""
+"""Differences between a model and the one in which `hcbench tune` measured the error it promised."""
 
 from __future__ import annotations
 
