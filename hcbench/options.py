@@ -23,7 +23,7 @@ from typing import (
 
 
 class Option(NamedTuple):
-    """How commands and files show an option.
+    """Form of an option in commands and files.
 
     takes: the word for its value in a command's help. group: the title above it there. flag: its name on the
     command line and in files; "" for the parameter's name with dashes. choices: the only values, if any.
