@@ -3,7 +3,7 @@
 Pydantic's `validate_call` was tried instead. Not strict, it reads "0.3" as a number without a unit, and True
 as 1; strict, it refuses NumPy's integers, a list for a tuple or an array, and hands arrays on as iterators.
 It cannot read the names that are imported for type checkers alone, nor `typing.TypedDict` before Python 3.12.
-Its import doubles the time of a verb that needs no files of settings, such as `law`.
+Verbs that read no files of settings, such as `law` and `fit`, would import it for this alone.
 """
 
 import functools
@@ -17,7 +17,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, Unpack, get_args, ge
 import numpy as np
 
 from hcbench.errors import UserError
-from hcbench.options import BodyPair, PintQuantity, Quantity
+from hcbench.options import BodyPair, Controller, PintQuantity, Quantity
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -36,6 +36,7 @@ _WORDS = {
     PintQuantity: "a quantity of Pint's",
     Quantity: "a number, or text with a unit",
     BodyPair: "two names, first the one that moves",
+    Controller: "pd, ctrl, file.py:function, or a function",
 }
 
 
@@ -182,7 +183,8 @@ def _words(hint: Any) -> str:
     """Describe a type in words, for an error."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
-        return " or ".join(_words(part) for part in parts)
+        given = tuple(part for part in parts if part is not type(None))  # None is the same as left out
+        return _WORDS.get(Union[given]) or " or ".join(_words(part) for part in parts)
     if origin is Literal:
         return " or ".join(repr(part) for part in parts)
     if origin is np.ndarray:

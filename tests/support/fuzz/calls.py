@@ -25,6 +25,9 @@ _LARGEST_E = 1.0005
 def _calls(folder: Path) -> dict[str, tuple[int, list[Any], dict[str, Any]]]:
     """Share, good arguments by place, and good ones by name, for each function."""
     (folder / "h.csv").write_text("height [cm]\n30\n22\n17\n13.5\n11\n9.2\n7.8\n")
+    (folder / "f.csv").write_text(
+        "time [ms],force [N]\n" + "".join(f"{t},{max(0, 9 - (t - 9) ** 2)}\n" for t in range(20))
+    )
     model = str(ROOT / "examples" / "good.xml")
     start = {
         "key": "qpos0",
@@ -43,11 +46,17 @@ def _calls(folder: Path) -> dict[str, tuple[int, list[Any], dict[str, Any]]]:
             "law": "auto", "kind": "times", "touches": "x", "begin": 0, "height": "30 cm", "gravity": 9.81,
             "mass": "3 g", "diameter": "4 cm", "contact_time": "0.1 ms", "timing": "1 ms",
         }),
+        "fit_force": (4, [str(folder / "f.csv")], {
+            "kind": "force", "mass": "3 g", "speed": "0.5 m/s", "height": "1 cm", "gravity": 9.81, "exponent": 1.5,
+        }),
         "measure": (7, [model, "ball,plate"], {
             **start, "alpha": 0.3, "points": [(0.1, 0.9)], "angle": "30 deg", "spin": 40, "along": "0,1,0",
         }),
         "check": (6, [model, "ball,plate"], {**start, "restitution": 0.9, "jobs": 1, "max_error": 0.05}),
         "tune": (4, ["mujoco"], {"alpha": 0.3, "timestep": 1e-3, "recipe": "impulse", "mass": 1, "friction": 0.1}),
+        "tune_model": (4, [model, "ball,plate"], {
+            **start, "restitution": 0.5, "max_error": 0.1, "version": "mujoco@3.5", "coming_from": "above",
+        }),
         "land": (2, [model], {**start, "tilt": 5, "controller": "pd"}),
         "pairs": (6, [model], {"key": "qpos0", "qpos": "ball=0", "engine": "mujoco", "package": {"a": "b"}}),
     }  # fmt: skip
@@ -66,8 +75,8 @@ def _make(calls: dict[str, Any], number: int) -> tuple[str, list[Any], dict[str,
     options = {key: value(good) for key, good in names.items() if chance.random() < 0.3}
     if name in ("measure", "check"):
         options |= {"phases": value(1), "speeds": value("0.3")}
-    if name in ("tune", "land"):
-        options["speeds" if name == "tune" else "heights"] = chance.choice(_EARLY)
+    if name in ("tune", "tune_model", "land"):
+        options["heights" if name == "land" else "speeds"] = chance.choice(_EARLY)
     return name, arguments, options
 
 
