@@ -36,15 +36,15 @@ double hcb_contact_restitution(const hcb_contact* c, double speed) {
    move by the new velocity, v' = v + h b, x' = x + h v', keep u^2 - 2 b x in flight, u = v + b h/2: its root at x = 0 is
    the speed at the touch plane, which e is of, and impacts are between rates u. As none parts faster than it came, what
    flight keeps never grows: the kinetic energy of the rates u, less the work of gravity. Steps that are exact in flight
-   keep v^2 - 2 b x. In contacts that touched before this step e is of v. */
+   keep v^2 - 2 b x, and u is v. In contacts that touched before this step e is of v. */
 void hcb_under_gravity(hcb_contact* c, double x, double v, double b, double h, int exact_flight) {
-  double half = b * h / 2, still = c->still + half;
+  double half = exact_flight ? 0 : b * h / 2, still = c->still + half;
   if (x > h * v * (1 + 1e-9)) {
     c->lag = half;
     c->still = still;
     return;
   }
-  c->lift = 2 * b * x + exact_flight * half * (2 * v + half);
+  c->lift = 2 * b * x;
   c->still = sqrt(fmax(0, still * still + fmin(0, c->lift))); /* turned before touch: as fast there */
 }
 

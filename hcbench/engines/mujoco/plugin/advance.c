@@ -6,8 +6,6 @@
 #define HCB_D_ROWS m->D_diag, m->D_rowadr, m->D_colind, m->D_rownnz
 #endif
 
-#define HCB_TURNS 8 /* rounds in which a lone body's gyroscopic derivative enters */
-
 /* Whether the step takes M^-1 J^T efc_force in place of the solver's qacc (mj_dualFinish). */
 static int is_dual(const mjModel* m) { return m->opt.solver == mjSOL_PGS || m->opt.noslip_iterations > 0; }
 

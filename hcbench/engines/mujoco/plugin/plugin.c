@@ -49,6 +49,10 @@ typedef struct { /* an instance, in mjData.plugin_data */
   double time, step, *impulse;
   int stage, plans, next_plan, room, dofs, flags[2], iterations;
   plan* planned;
+  /* of the first instance: the same step from the velocities after its impacts (again.c), and what it starts from */
+  mjData* again;
+  double* start;
+  int starts, is_again;
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
   int entries;
 } instance;
@@ -207,7 +211,9 @@ static void compute(const mjModel* m, mjData* d, int i, int capability) {
 }
 
 static void advance(const mjModel* m, mjData* d, int i) {
-  if (is_first(m, i) && !is_force(m, i)) take_accelerations(m, d, i);
+  if (!is_first(m, i) || is_force(m, i)) return;
+  take_accelerations(m, d, i);
+  take_again(m, d, i);
 }
 
 static int init(const mjModel* m, mjData* d, int i) {
@@ -227,6 +233,8 @@ static void destroy(mjData* d, int i) {
   free(own->source);
   free(own->impulse);
   free(own->planned);
+  free(own->start);
+  mj_deleteData(own->again);
   free(own);
   d->plugin_data[i] = 0;
 }
@@ -234,12 +242,12 @@ static void destroy(mjData* d, int i) {
 /* Nothing outlives a step, so a copy has all it needs from its own init. */
 static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
   (void)m, (void)from;
-  instance_of(to, i)->stage = 0;
+  instance_of(to, i)->stage = instance_of(to, i)->starts = 0;
 }
 
 static void reset(const mjModel* m, mjtNum* state, void* data, int i) {
   (void)m, (void)state, (void)i;
-  if (data) ((instance*)data)->stage = 0;
+  if (data) ((instance*)data)->stage = ((instance*)data)->starts = 0;
 }
 
 static int no_state(const mjModel* m, int i) {

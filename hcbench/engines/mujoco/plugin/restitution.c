@@ -8,6 +8,7 @@
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
 #include "advance.c"
+#include "again.c"
 #include "rest.c"
 
 /* Speed that gravity gives in a step to one of the bodies alone, which the other may bear. */
@@ -36,8 +37,8 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
   b->cone = c->dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
   b->row = c->efc_address;
   b->rows = b->cone ? 2 * (c->dim - 1) : c->dim;
-  b->x = -c->dist;
-  b->touches = c->dist <= 0;
+  b->x = c->includemargin - c->dist;
+  b->touches = b->x >= 0;
   for (int i = 0; i < 5; i++) b->friction[i] = c->dim > 1 ? c->friction[i] : 0;
   velocity_at(m, d, b->body[0], c->pos, v1);
   velocity_at(m, d, b->body[1], c->pos, v2);
@@ -182,11 +183,12 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   double *u = stack(d, 4 * rows + n), *p = u + rows, *gains = p + rows, *slip = gains + rows, *calm = slip + rows;
   hcb_system s = make_system(m, d, &t, of, n, gravity, u, gains, calm);
   double* work = stack(d, hcb_impacts_work(n, t.parts, m->nv));
-  for (size_t i = 0; i < rows; i++) u[i] += gains[i] / 2;
+  double within = m->opt.integrator == mjINT_RK4 ? 0 : 0.5; /* of the step, where impacts are (hcb_under_gravity) */
+  for (size_t i = 0; i < rows; i++) u[i] += within * gains[i];
   hcb_impacts(&s, u, p, work);
   int* rests = ints(d, n);
   for (int i = 0; i < (int)rows; i++) {
-    u[i] -= gains[i] / 2;
+    u[i] -= within * gains[i];
     gains[i] += u[i];
     const hcb_rows* r = s.rows + i / 3;
     for (int side = 0; side < 2 && r->part[side] >= 0 && p[i] != 0; side++) {
@@ -275,6 +277,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     if (stage) {
       if (memory->dofs < nv) memory->impulse = realloc(memory->impulse, (memory->dofs = nv) * sizeof(double));
       mju_zero(memory->impulse, nv);
+      memory->starts = 0;
     }
     if (busy) {
       double *impulse = stage ? memory->impulse : stack(d, nv), *gravity = stack(d, nv);
@@ -282,6 +285,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       collide(m, d, first, all, count, impulse, gravity_force(m, d, gravity) ? gravity : NULL);
       for (int j = 0; j < nv; j++) d->qfrc_passive[j] += impulse[j] / h;
       shift_bias(m, d, impulse, 1, d->qfrc_passive);
+      if (stage) start_again(m, d, memory, impulse);
     }
   } else {
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
