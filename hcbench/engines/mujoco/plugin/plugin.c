@@ -49,8 +49,7 @@ typedef struct { /* an instance, in mjData.plugin_data */
   double time, step, *impulse;
   int stage, plans, next_plan, room, dofs, flags[2], iterations;
   plan* planned;
-  /* of the first instance: the same step from the velocities after its impacts (again.c), and what it starts from */
-  mjData* again;
+  /* of the first instance: the state from which a step with impacts is made again (again.c) */
   double* start;
   int starts, is_again;
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
@@ -234,7 +233,6 @@ static void destroy(mjData* d, int i) {
   free(own->impulse);
   free(own->planned);
   free(own->start);
-  mj_deleteData(own->again);
   free(own);
   d->plugin_data[i] = 0;
 }

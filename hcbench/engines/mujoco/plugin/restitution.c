@@ -4,6 +4,7 @@
    that part. So resting loads, stacks and friction at rest are the solver's. */
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
+#define HCB_FAST 0.1       /* rad a step: joints that turn faster gain energy by MuJoCo's own step */
 #define HCB_ITERATIONS 5   /* of the solver Newton, without which robots sink; ... */
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
@@ -230,6 +231,27 @@ static void warn_of_iterations(const mjModel* m, const mjData* d, instance* memo
               "own contact. Set at least %d", RESTITUTION_NAME, m->opt.iterations, least);
 }
 
+/* How far the joint turns in a step, rad. */
+static double turn_of(const mjModel* m, const mjData* d, int joint) {
+  const double* v = d->qvel + m->jnt_dofadr[joint];
+  int type = m->jnt_type[joint];
+  if (type == mjJNT_SLIDE) return 0;
+  return m->opt.timestep * (type == mjJNT_HINGE ? fabs(v[0]) : mju_norm3(type == mjJNT_FREE ? v + 3 : v));
+}
+
+/* Names once a joint, or a body held by an equality, that turns so far in a step that MuJoCo's own step gains energy. */
+static void warn_of_turns(const mjModel* m, const mjData* d, instance* memory) {
+  for (int j = 0; j < m->njnt && !memory->warned; j++) {
+    double turn = turn_of(m, d, j);
+    const char* name = mj_id2name(m, mjOBJ_JOINT, j);
+    if (!(turn > HCB_FAST) || (is_lone(m, m->jnt_dofadr[j]) && d->ne == 0)) continue;
+    memory->warned = 1;
+    mju_warning("plugin %s: joint %d \"%s\" of body \"%s\" turns by %.2g rad in a step of %g s, in which MuJoCo's own step may "
+                "gain energy: set a timestep of %.1g", RESTITUTION_NAME, j, name ? name : "",
+                mj_id2name(m, mjOBJ_BODY, m->jnt_bodyid[j]), turn, m->opt.timestep, m->opt.timestep * HCB_FAST / turn);
+  }
+}
+
 /* Refuses what it is wrong under, and names once what it was never tried with: an option of a later MuJoCo. */
 static void check_options(const mjModel* m, instance* memory, int first) {
 #ifdef HCB_MIDPOINT
@@ -265,6 +287,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
   int count = gather(m, d, first, all);
   if (stage < 2) {
+    if (count) warn_of_turns(m, d, memory);
     for (int i = 0; i < count; i++) {
       blow* b = all + i;
       b->rests = b->touches && b->rate[0] <= b->law.still;
