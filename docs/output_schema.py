@@ -355,7 +355,7 @@ DROPPED = record(
     {
         "height_m": float,
         "tilt_rad": float,
-        **dict.fromkeys(("speed_in_m_per_s", "restitution", "peak_over_weight"), Number),
+        **dict.fromkeys(("speed_in_m_per_s", "restitution", "peak_over_weight", "impulse_n_s"), Number),
         **dict.fromkeys(("contact_s", "slip_m", "penetration_m"), Number),
         "feet_that_bounce": int,
         "speed_out_m_per_s": Number,

@@ -32,8 +32,8 @@ from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
 HEIGHTS = "1:20:5 cm"
 _HIGHEST = 100.0  # m
 _HEADER = (
-    *("drop m", "deg", "model", "impact m/s", "e", "peak/weight", "contact ms"),
-    *("slip mm", "depth mm", "feet", "bounce"),
+    *("drop m", "deg", "model", "impact m/s", "e", "peak/weight", "impulse N s"),
+    *("contact ms", "slip mm", "depth mm", "feet", "bounce"),
 )
 _FEET = (
     *("drop m", "deg", "foot", "at ms", "impact m/s", "slide m/s", "contact ms"),
@@ -149,6 +149,7 @@ def as_text(robots: Sequence[Landings]) -> str:
     names = labels(robots)
     rows = [_row(drop, name) for name, drop in by_drop(robots, names)]
     header, rows = _without_constant(_HEADER, rows, len(robots) > 1)
+    header, rows = without_empty(header, rows, "impulse N s")
     lines += ["", *table(header, rows)]
     for name, landings in zip(names, robots, strict=True):
         lines += ["", f"each foot of {name}" if len(robots) > 1 else "each foot", ""]
@@ -188,6 +189,7 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
         number(drop.speed_in, ".4g"),
         number(drop.restitution, ".3f"),
         number(drop.peak, ".2f"),
+        "" if math.isnan(drop.impulse) else f"{drop.impulse:.4g}",
         _contact(drop.contact),
         number(1e3 * drop.slip, ".2f"),
         number(1e3 * drop.penetration, ".2f"),
@@ -213,7 +215,7 @@ def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
             _contact(foot.contact + foot.touch)
             if foot.contact + foot.touch >= WINDOW_S
             else _contact(foot.contact),
-            f"{foot.force_max:.4g}",
+            number(foot.force_max, ".4g"),
             f"{1e3 * foot.slip:.2f}",
             f"{1e3 * foot.penetration:.2f}",
             str(foot.bounces),

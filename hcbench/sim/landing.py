@@ -40,7 +40,8 @@ class Footfall:
 
     part: its name. touch: when it first met the floor. speed, slide: of the contact point there, normal to
         the floor and along it. contact: how long it then stayed, gaps up to PARTED_S included.
-    bounces: how often it came back after it had left for longer. force_max: the largest normal force.
+    bounces: how often it came back after it had left for longer. force_max: the largest normal force; NaN
+        where a plug-in's law gives it impulses.
     slip: length of the way along the floor while it was pressed on. penetration: the deepest.
     """
 
@@ -61,8 +62,10 @@ class Landing:
 
     height, m, and tilt, rad: at release. speed_in: of the centre of mass towards the floor at first touch,
     m/s. speed_out: the largest away from it with which the whole robot left the floor; 0 where it never did.
-    weight: of the robot, N. time: s from the first touch, and force: of the floor on the robot, upwards, N;
-    shape (n,). feet: in the order in which they met the floor.
+    weight: of the robot, N. time: s from the first touch, and force: of the floor on the robot, upwards, N,
+    as the mean over each step; shape (n,). feet: in the order in which they met the floor.
+    impulse: of the floor in one step, the largest, N s, where a plug-in's law gives the feet impulses; NaN
+    where they feel forces.
     """
 
     height: float
@@ -73,6 +76,7 @@ class Landing:
     feet: tuple[Footfall, ...]
     time: Floats = field(repr=False, compare=False)
     force: Floats = field(repr=False, compare=False)
+    impulse: float = field(default=math.nan, compare=False)
 
     @property
     def restitution(self) -> float:
@@ -81,7 +85,9 @@ class Landing:
 
     @property
     def peak(self) -> float:
-        """The largest force of the floor over the robot's weight."""
+        """The largest force of the floor over the robot's weight; NaN where impacts are impulses."""
+        if not math.isnan(self.impulse):
+            return math.nan
         return float(self.force.max(initial=0.0)) / self.weight
 
     @property
@@ -113,6 +119,7 @@ class Landing:
             "speed_in_m_per_s": self.speed_in,
             "restitution": self.restitution,
             "peak_over_weight": self.peak,
+            "impulse_n_s": self.impulse,
             "contact_s": self.contact,
             "slip_m": self.slip,
             "penetration_m": self.penetration,
@@ -143,7 +150,9 @@ class Landings(Shown):
     def _lines(self) -> Iterator[str]:
         yield f"{self.model}: {self.robot} ({self.mass:.4g} kg) on {self.floor}, {self.engine} {self.version}"
         for drop in self.drops:
-            rest = f"largest force {drop.peak:.3g} times its weight, {drop.bouncing} feet bounce"
+            peak = f"force {drop.peak:.3g} times its weight"
+            largest = peak if math.isnan(drop.impulse) else f"impulse {drop.impulse:.3g} N s"
+            rest = f"largest {largest}, {drop.bouncing} feet bounce"
             yield f"from {drop.height:.3g} m: e = {drop.restitution:.3f}, {rest}"
 
     def _rows(self) -> Iterator[dict[str, float]]:
@@ -153,9 +162,10 @@ class Landings(Shown):
 class FootfallLog:
     """Adds up what one part does on the floor, step by step."""
 
-    def __init__(self, touch: float, speed: float, slide: float) -> None:
+    def __init__(self, touch: float, speed: float, slide: float, *, by_impulses: bool = False) -> None:
         self.touch, self.speed, self.slide = touch, speed, slide
-        self.contact, self.bounces, self.force_max, self.slip, self.penetration = 0.0, 0, 0.0, 0.0, 0.0
+        self.contact, self.bounces, self.slip, self.penetration = 0.0, 0, 0.0, 0.0
+        self.force_max = math.nan if by_impulses else 0.0
         self._last = touch
 
     def add(self, time: float, step: float, force: float, slide: float, depth: float) -> None:

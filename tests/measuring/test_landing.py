@@ -10,6 +10,7 @@ import pytest
 
 import hcbench
 from hcbench.checking import CheckSpec, check
+from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
 from hcbench.errors import UserError
 from hcbench.measuring.landing import as_record, as_text
 from hcbench.reporting.landing_page import landing_page
@@ -66,6 +67,37 @@ def test_the_impulse_of_the_floor_stops_the_robot(standing: Landings) -> None:
     assert float(drop.force[-100:].mean()) == pytest.approx(drop.weight, rel=0.02)
     assert drop.restitution == 0.0
     assert [foot.part for foot in drop.feet] == [f"{n}_foot" for n in _LEGS]
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_ball_with_a_plugins_law_is_read_by_its_impulse(integrator: str) -> None:
+    """Its first impact gives m v (1 + e) in one step: an impulse, of which no force can be told."""
+    spec = mujoco.MjSpec.from_string(BALL)
+    spec.option.timestep = 2e-3
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    add_to_spec(spec, ConstantRestitution(0.6), geoms=("ball", "floor"))
+    (drop,) = hcbench.land(spec.to_xml(), heights=0.2).drops
+    speed = math.sqrt(2 * G * 0.2)
+    assert drop.speed_in == pytest.approx(speed, abs=G * 2e-3)
+    assert drop.restitution == pytest.approx(0.6, abs=G * 2e-3 / speed)
+    assert drop.impulse == pytest.approx(1.6 * speed, abs=2 * G * 2e-3)
+    assert math.isnan(drop.peak)
+    (ball,) = drop.feet
+    assert ball.speed == pytest.approx(speed, abs=G * 2e-3)
+    assert math.isnan(ball.force_max)
+    assert ball.bounces >= 1
+
+
+def test_the_impulses_of_a_plugin_stop_a_robot() -> None:
+    spec = mujoco.MjSpec.from_string(SERVOS)
+    for foot in _LEGS:
+        add_to_spec(spec, ConstantRestitution(0.6), geoms=(f"{foot}_foot", "floor"))
+    landings = hcbench.land(spec.to_xml(), heights="20 cm")
+    (drop,) = landings.drops
+    momentum = landings.timestep * float((drop.force - drop.weight).sum())
+    assert drop.speed_in == pytest.approx(math.sqrt(2 * G * 0.2), rel=0.01)
+    assert momentum == pytest.approx(landings.mass * drop.speed_in, rel=0.02)
+    assert len(drop.feet) == 4
 
 
 def test_a_tilted_robot_lands_on_its_front_feet_first(standing: Landings) -> None:

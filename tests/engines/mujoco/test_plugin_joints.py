@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 
 import mujoco
@@ -53,7 +54,7 @@ def test_a_geared_slide_bounces_with_the_mass_of_both() -> None:
     assert rate < 1e-9
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "implicit"])
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "RK4"])
 @pytest.mark.parametrize("kind", ["free", "limited", "geared"])
 def test_chains_that_fall_win_no_energy(kind: str, integrator: str) -> None:
     """Elastic ones too: the step's Coriolis forces are those of the velocities after the impact."""
@@ -62,3 +63,22 @@ def test_chains_that_fall_win_no_energy(kind: str, integrator: str) -> None:
             chain, seed, h, integrator=integrator, limited=kind == "limited", geared=kind == "geared"
         )
         assert rise(make, law, 1.0) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("h", "words"), [(5e-3, r'body 1 "l0" turns by 0.15 rad.*timestep of 0.003'), (2e-3, "")]
+)
+def test_a_body_with_joints_that_turns_too_far_in_a_step_is_named_once(h: float, words: str) -> None:
+    scene = chain(2, h, LAW)
+    model = scene.model()
+    data = scene.data(model)
+    data.qpos[2] = 0.0
+    data.qvel[3:6] = [0.0, 30.0, 0.0]
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        mujoco.mj_step(model, data, nstep=5)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert len(warned) == bool(words)
+    assert re.search(words, "".join(warned))

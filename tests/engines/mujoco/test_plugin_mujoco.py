@@ -39,6 +39,7 @@ from hcbench.cli import run as run_command
 from hcbench.cli.engines import plugin
 from hcbench.contact import mujoco as contact
 from hcbench.contact.mujoco import ConstantRestitution, Friction, HuntCrossley, Restitution, TouchSpeedLaw
+from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
 from hcbench.engines.mujoco.scene.mjcf import model_xml
 from hcbench.errors import CannotRun, SettingError, UserError
 from hcbench.laws import closed_form
@@ -382,6 +383,29 @@ def test_a_written_scene_says_in_its_first_comment_how_plain_mujoco_loads_it(tmp
     assert "hcbench.restitution" in refused.stderr
     assert '"install"' in comment
     assert ["--install"] in [option.opts for option in plugin.params]
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_a_margin_is_where_bodies_meet(integrator: str) -> None:
+    """As in MuJoCo's own contact: a ball bounces on, and rests at, the margin over the floor."""
+    margin, h, drop, e = 0.01, 2e-3, 0.2, 0.6
+    spec = world(h, integrator=integrator)
+    spec.worldbody.first_geom().margin = margin
+    add_body(spec, "b", (0, 0, RADIUS + margin + drop))
+    model = plugged(spec, [("b", "floor")], ConstantRestitution(e))
+    data, heights = mujoco.MjData(model), []
+    for _ in range(2000):
+        mujoco.mj_step(model, data)
+        heights.append(float(data.qpos[2]) - RADIUS - margin)
+    landed = int(np.argmax(np.diff(heights) > 0))
+    assert max(heights[landed:]) == pytest.approx(e**2 * drop, rel=5e-3)
+    assert abs(heights[-1]) < 1e-3
+
+
+@pytest.mark.parametrize("form", ["plane", "cup"])
+@pytest.mark.parametrize("law", [Restitution(0.3), HuntCrossley(stiffness=1e6, alpha=0.3)], ids=str)
+def test_a_text_to_paste_is_xml_that_strict_parsers_read(law: Any, form: str) -> None:
+    ET.fromstring(f"<mujoco>{law_snippet(law, form)}</mujoco>")
 
 
 def test_install_puts_it_beside_mujocos_own_and_an_old_one_is_reported(

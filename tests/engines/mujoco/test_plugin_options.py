@@ -132,12 +132,6 @@ def test_an_ellipsoid_that_rolls_wins_no_energy(h: float, integrator: str) -> No
     assert (energies - lowest).max() < 2e-3 * energies[0]
 
 
-def test_rk4_wins_at_most_what_the_page_says_at_4_ms() -> None:
-    for seed in range(4):
-        make = partial(tumbling, seed, 4e-3, HALF, friction=0.5, cone="elliptic", integrator="RK4")
-        assert energy_won(make, {}, 0.4)[0] < 3e-3
-
-
 def test_cg_is_refused_where_noslip_takes_its_forces() -> None:
     model = stack(1, 2e-3, HALF, solver="CG", noslip=1).model()
     with pytest.raises(mujoco.FatalError, match='set solver="Newton", or noslip_iterations="0"'):

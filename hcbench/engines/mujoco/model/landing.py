@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name
 from hcbench.engines.mujoco.model.controllers import Drive, drive_of
+from hcbench.engines.mujoco.model.plugin_contact import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.errors import EngineFailed, UserError
 from hcbench.impact import Floats
@@ -47,6 +49,16 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
     )
 
 
+class _Hit(NamedTuple):
+    """A contact that a plug-in's law turns back: geoms, speeds towards the floor and along it, and depth."""
+
+    geom: int
+    floor: int
+    speed: float
+    slide: float
+    depth: float
+
+
 class _Foot(NamedTuple):
     """A rigid part of the robot that met the floor, and which of its geoms did."""
 
@@ -80,6 +92,11 @@ class _Bench:
         self.mine = np.append(model.body_rootid[of_body] == self.root, False)
         self.floor = np.append(model.body_weldid[of_body] == 0, False)
         self.trodden: set[int] = set()
+        feet, floors = np.flatnonzero(self.mine[:-1]).tolist(), np.flatnonzero(self.floor[:-1]).tolist()
+        pairs = itertools.product(feet, floors) if model.nplugin else ()
+        # By impulses of a plug-in, which are no forces of MuJoCo's contacts.
+        self.struck = {pair for pair in pairs if restitution_law(model, pair) is not None}
+        self.beside = WithoutContact(model) if self.struck else None
         backend().mj_forward(model, start)
 
     def landing(self, height: float, tilt: float, drive: Drive) -> Landing:
@@ -140,6 +157,7 @@ class _Bench:
         for step in range(math.ceil((latest + WINDOW_S) / h)):
             drive(data)
             before, then = data.qvel.copy(), step * h
+            hits = self._hits(data)
             mujoco.mj_step(model, data)
             if resets(data):
                 got = f"MuJoCo found the state unstable {then:.3g} s after release"
@@ -149,7 +167,7 @@ class _Bench:
                     "a robot that its controller holds",
                     "Try --controller pd:KP,KD or a smaller --timestep",
                 )
-            force = self._tread(data, before, then - (first if feet else then), feet)
+            force = self._tread(data, before, then - (first if feet else then), feet, hits)
             if not feet:
                 if then > latest:
                     break
@@ -169,9 +187,41 @@ class _Bench:
         speed_out = take_off_speed(pushed, np.array(rising), h)
         time: Floats = np.arange(len(forces), dtype=np.float64) * h
         fallen = tuple(foot.log.footfall(self._name(body, foot)) for body, foot in feet.items())
-        return Landing(height, tilt, -rising[0], speed_out, self.mass * self.g, fallen, time, pushed)
+        impulse = math.nan if self.beside is None else h * float(pushed.max())
+        return Landing(height, tilt, -rising[0], speed_out, self.mass * self.g, fallen, time, pushed, impulse)
 
-    def _tread(self, data: Any, before: Floats, time: float, feet: dict[int, _Foot]) -> float:
+    def _hits(self, data: Any) -> list[_Hit]:
+        """Contacts that a plug-in's law turns back in the step to come, which goes on from `data`."""
+        if self.beside is None:
+            return []
+        trial, hits = self.beside.data, []
+        whole = backend().mjtState.mjSTATE_INTEGRATION
+        state = np.empty(backend().mj_stateSize(self.model, whole))
+        backend().mj_getState(self.model, data, state, whole)
+        backend().mj_setState(self.model, trial, state, whole)
+        backend().mj_fwdPosition(self.model, trial)
+        for contact in trial.contact:
+            one, two = contact.geom.tolist()
+            mine, floor, sign = (two, one, 1.0) if self.mine[two] else (one, two, -1.0)
+            depth = float(contact.includemargin - contact.dist)
+            if (mine, floor) not in self.struck or depth < 0.0:
+                continue
+            normal = sign * contact.frame[:3]
+            speed, slide = self._speeds(trial, trial.qvel, contact.pos, normal, mine)
+            if speed > 0.0:
+                hits.append(_Hit(mine, floor, speed, slide, -float(contact.dist)))
+        return hits
+
+    def _whole_force(self, data: Any) -> float:
+        """Mean force of the floor on the robot in the step just taken, N upwards, from its momentum."""
+        assert self.beside is not None
+        jacobian = np.zeros((3, self.model.nv))
+        backend().mj_jacSubtreeCom(self.model, self.beside.data, jacobian, self.root)
+        return self.mass * float(self.up @ jacobian @ (data.qvel - self.beside.step())) / self.h
+
+    def _tread(
+        self, data: Any, before: Floats, time: float, feet: dict[int, _Foot], hits: list[_Hit]
+    ) -> float:
         """Force of the floor on the robot in the step just taken, N upwards; each foot's goes to
         `feet`.
         """
@@ -195,11 +245,21 @@ class _Bench:
         for body, points in parts.items():
             force, depth, speed, slide = np.array(points).T
             if body not in feet:
-                feet[body] = _Foot(FootfallLog(time, float(speed.max()), float(slide.max())), set())
+                struck = any(geom in pair for pair in self.struck for geom in geoms_of[body])
+                log = FootfallLog(time, float(speed.max()), float(slide.max()), by_impulses=struck)
+                feet[body] = _Foot(log, set())
             feet[body].geoms.update(geoms_of[body])
             slip = float(force @ slide / force.sum())
             feet[body].log.add(time, self.h, float(force.sum()), slip, float(depth.max()))
-        return upward
+        for hit in hits:
+            body = int(self.model.body_weldid[self.model.geom_bodyid[hit.geom]])
+            if body not in feet:
+                feet[body] = _Foot(FootfallLog(time, hit.speed, hit.slide, by_impulses=True), set())
+            if body not in parts:
+                feet[body].log.add(time, self.h, 0.0, hit.slide, hit.depth)
+            feet[body].geoms.add(hit.geom)
+            self.trodden.add(hit.floor)
+        return upward if self.beside is None else self._whole_force(data)
 
     def _speeds(
         self, data: Any, before: Floats, point: Floats, normal: Floats, geom: int

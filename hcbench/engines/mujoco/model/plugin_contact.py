@@ -89,13 +89,18 @@ class WithoutContact:
         self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.data = mujoco.MjData(self._model)
 
+    def step(self) -> Floats:
+        """Step from the state in `data`; returns the velocities after it, shape (nv,)."""
+        self._step(self._model, self.data)
+        after: Floats = self.data.qvel
+        return after
+
     def force(self, row: Floats, velocity: Floats, mass: float) -> float:
         """Mean force of the step from the state in `data` to `velocity`, N.
 
         row: of the approach rate, shape (nv,). mass: effective, kg.
         """
-        self._step(self._model, self.data)
-        apart, together = float(row @ self.data.qvel), float(row @ velocity)
+        apart, together = float(row @ self.step()), float(row @ velocity)
         if abs(apart - together) <= ROUND_OFF_SOLVED * np.finfo(float).eps * (abs(apart) + abs(together)):
             return 0.0
         return mass * (apart - together) / float(self._model.opt.timestep)

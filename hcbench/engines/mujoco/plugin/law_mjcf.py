@@ -56,7 +56,7 @@ def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
     """
     config = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
     lines = [
-        "<!-- once `hcbench plugin mujoco --install` has run -->",
+        "<!-- load the plug-in first: see `hcbench plugin mujoco` -->",
         as_text(extension(law, config)).strip(),
     ]
     if is_force(law) and form == "cup":

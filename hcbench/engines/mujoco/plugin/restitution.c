@@ -4,7 +4,7 @@
    that part. So resting loads, stacks and friction at rest are the solver's. */
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
-#define HCB_FAST 0.1       /* rad a step: joints that turn faster gain energy by MuJoCo's own step */
+#define HCB_FAST 0.1       /* rad a step: bodies that turn faster gain energy by MuJoCo's own step */
 #define HCB_ITERATIONS 5   /* of the solver Newton, without which robots sink; ... */
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
@@ -239,16 +239,26 @@ static double turn_of(const mjModel* m, const mjData* d, int joint) {
   return m->opt.timestep * (type == mjJNT_HINGE ? fabs(v[0]) : mju_norm3(type == mjJNT_FREE ? v + 3 : v));
 }
 
-/* Names once a joint, or a body held by an equality, that turns so far in a step that MuJoCo's own step gains energy. */
-static void warn_of_turns(const mjModel* m, const mjData* d, instance* memory) {
-  for (int j = 0; j < m->njnt && !memory->warned; j++) {
-    double turn = turn_of(m, d, j);
-    const char* name = mj_id2name(m, mjOBJ_JOINT, j);
-    if (!(turn > HCB_FAST) || (is_lone(m, m->jnt_dofadr[j]) && d->ne == 0)) continue;
-    memory->warned = 1;
-    mju_warning("plugin %s: joint %d \"%s\" of body \"%s\" turns by %.2g rad in a step of %g s, in which MuJoCo's own step may "
-                "gain energy: set a timestep of %.1g", RESTITUTION_NAME, j, name ? name : "",
-                mj_id2name(m, mjOBJ_BODY, m->jnt_bodyid[j]), turn, m->opt.timestep, m->opt.timestep * HCB_FAST / turn);
+static void warn_of_turn(const mjModel* m, instance* memory, int body, double turn) {
+  double h = m->opt.timestep, finer = h * HCB_FAST / turn, digit = pow(10, floor(log10(finer)));
+  const char* name = mj_id2name(m, mjOBJ_BODY, body);
+  if (!(turn > HCB_FAST) || memory->warned) return;
+  memory->warned = 1;
+  mju_warning("plugin %s: body %d \"%s\" turns by %.2g rad in a step of %g s, in which MuJoCo's own step may gain energy: set a "
+              "timestep of %g", RESTITUTION_NAME, body, name ? name : "", turn, h, digit * floor(finer / digit));
+}
+
+/* Names once a body whose joint turns so far in a step that MuJoCo's own step gains energy; free bodies that nothing holds
+   do so only where they roll. */
+static void warn_of_turns(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
+  for (int j = 0; j < m->njnt && count && !memory->warned; j++) {
+    if (d->ne > 0 || !is_lone(m, m->jnt_dofadr[j])) warn_of_turn(m, memory, m->jnt_bodyid[j], turn_of(m, d, j));
+  }
+  for (int i = 0; i < count && !memory->warned; i++) {
+    for (int side = 0; side < 2 && all[i].rests; side++) {
+      int body = all[i].body[side];
+      warn_of_turn(m, memory, body, m->opt.timestep * mju_norm3(d->cvel + 6 * body));
+    }
   }
 }
 
@@ -287,7 +297,6 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
   int count = gather(m, d, first, all);
   if (stage < 2) {
-    if (count) warn_of_turns(m, d, memory);
     for (int i = 0; i < count; i++) {
       blow* b = all + i;
       b->rests = b->touches && b->rate[0] <= b->law.still;
@@ -297,6 +306,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       int slides = b->rests && b->friction[0] > 0 && u[1] * u[1] + u[2] * u[2] > slow * slow;
       busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
     }
+    warn_of_turns(m, d, all, count, memory);
     if (stage) {
       if (memory->dofs < nv) memory->impulse = realloc(memory->impulse, (memory->dofs = nv) * sizeof(double));
       mju_zero(memory->impulse, nv);
