@@ -23,7 +23,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check test-plugins test-answers answers test-searches test-lowest test-newest test-models test-reality test-engines bench site check format lock clean
+.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check test-plugins test-answers answers test-searches test-lowest test-newest versions test-models test-reality test-engines bench site check format lock clean
 
 DIGESTS := reports/steel-1lb/hcbench-files.json
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
@@ -54,7 +54,7 @@ fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, 10
 test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option, 2000 random scenes, a minute at rest
 	HCBENCH_PLUGINS=1 $(BIN)/python -m pytest -q -s -n 2 tests/engines/mujoco/test_plugin_options.py \
 	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_rest.py \
-	  tests/engines/pybullet/test_plugin_random_energy.py
+	  tests/engines/bullet/test_plugin_random_energy.py
 
 test-compilers: $(INSTALLED)  ## the plug-ins under every gcc, clang and zig of this machine, for several versions of MuJoCo
 	for version in $(MUJOCOS); do \
@@ -70,7 +70,7 @@ SANITIZED = CC="gcc -g -fsanitize=address,undefined -fno-sanitize-recover=undefi
   LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so.6)"
 test-sanitizers: $(INSTALLED)  ## the plug-ins compiled by gcc with AddressSanitizer and UBSan: states, threads, random scenes
 	$(SANITIZED) $(BIN)/python -m pytest -q -p no:cacheprovider tests/engines/mujoco/test_plugin_state.py \
-	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/pybullet/test_contact_pybullet.py
+	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/bullet/test_contact_pybullet.py
 
 answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answers.json
 	$(BIN)/python -c 'from hcbench.tuning import usual, usual_errors; usual.write(); usual_errors.write()'
@@ -86,6 +86,9 @@ test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyp
 
 test-newest: $(NEWEST)/.installed  ## every test on the newest versions that the package index has, not locked
 	$(NEWEST)/bin/python -m pytest -n 2 --dist loadfile
+
+versions: $(INSTALLED)  ## every command with each version of what hcbench needs: the tables of docs/howto/versions.md
+	PYTHONPATH=tests/support $(BIN)/python -m versions
 
 test-models: $(MODELS)/.installed  ## 60 models that others wrote, from their packages (docs/explanation/models.md), and loops of our own over 32
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py \
@@ -156,4 +159,4 @@ $(MODELS)/.installed: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(LOWEST) $(NEWEST) $(MODELS) .mujocos .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(LOWEST) $(NEWEST) $(MODELS) .venv-versions .mujocos .pytest_cache .mypy_cache .ruff_cache

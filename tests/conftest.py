@@ -44,6 +44,11 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "spec_plugins: needs plug-ins in an MjSpec, later than MuJoCo 3.3.0")
 
 
+def pytest_report_header() -> list[str]:
+    left_out = "pybullet is not installed: tests/engines/bullet is left out"
+    return [] if registry.is_there("pybullet") else [left_out]
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     _leave_out_missing_engines(config, items)
     if not _has_locked_engines():
@@ -88,10 +93,16 @@ def _leave_out_missing_engines(config: pytest.Config, items: list[pytest.Item]) 
 
 
 def _needed_engine(item: pytest.Item) -> str:
-    """The engine that a marker `needs_engine` names, or else the parameter `engine`, `name` or `recipe`."""
+    """The engine that a marker `needs_engine` names, or else the parameter `engine`, `name` or `recipe`.
+
+    PyBullet, which has wheels for one Python alone, is also needed by a test with it among its parameters.
+    """
     marker = item.get_closest_marker("needs_engine")
     if marker is None:
-        return ""
+        callspec = getattr(item, "callspec", None)
+        params = callspec.params.values() if callspec else ()
+        told = " ".join([item.name, *(each for each in params if isinstance(each, str))])
+        return "pybullet" if re.search(r"[\[ ].*\bpybullet\b", told) else ""
     if marker.args:
         return str(marker.args[0])
     params = item.callspec.params  # type: ignore[attr-defined]

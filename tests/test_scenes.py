@@ -285,6 +285,7 @@ def test_a_mistake_in_the_mjcf_is_one_clear_line(copied: Path, old: str, new: st
     assert "\n" not in message
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_smaller_ball_that_touches_is_not_taken_for_the_scenes_own(copied: Path) -> None:
     """Ball and place moved together: nothing overlaps wrongly, yet it is another ball."""
     for old, new in (('pos="0 0 0.0508"', 'pos="0 0 0.03"'), ('size="0.0508"', 'size="0.03"')):
@@ -309,6 +310,7 @@ def test_a_radius_changed_in_the_toml_alone_is_seen_by_both_engines(engine: Engi
         engine.run(other, Setting(engine.name, "stock", 1e-3), [Launch(0.2)])
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [

@@ -43,8 +43,8 @@ def test_a_built_in_study_leaves_it_out_and_says_how_to_add_it(
     assert capsys.readouterr().out == f"left out, not installed: pybullet. Add: {ADD}\n"
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_nothing_is_left_out_where_all_is_there(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("pybullet")
     study = find_plan("steel-1lb", print)[1]
     assert "missing" not in study.described()
     assert not capsys.readouterr().out

@@ -223,6 +223,7 @@ def bounce_in_bullet(client: int, body: int, h: float, speed: float, phase: floa
     raise AssertionError("the ball never left")
 
 
+@pytest.mark.needs_engine("pybullet")
 @FAMILIES
 def test_pybullet_delivers_what_follows_from_chi(client: int, family: PublishedLaw) -> None:
     ball, plate = bodies(client, 1e-5)
@@ -233,6 +234,7 @@ def test_pybullet_delivers_what_follows_from_chi(client: int, family: PublishedL
         assert np.abs(np.array(found) - law.delivered).max() < 1e-5
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_pybullet_at_a_fine_step(client: int) -> None:
     ball, plate = bodies(client, 1e-6)
     law = TouchSpeedLaw(Flores, STIFFNESS, 0.5)
@@ -242,6 +244,7 @@ def test_pybullet_at_a_fine_step(client: int) -> None:
         assert e == pytest.approx(law.delivered, abs=1e-7)
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_pybullet_gives_every_impact_one_restitution(client: int) -> None:
     ball, plate = bodies(client, 1e-3)
     bullet_contact.add(ConstantRestitution(0.7), ball, plate, client=client)

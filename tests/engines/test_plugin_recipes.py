@@ -146,6 +146,7 @@ def _measured_with_a_law(law: str, timestep: float, gravity: float) -> tuple[str
     return found.facts.asked_description, [cause.code for cause in found.causes], bounces
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize(
     ("law", "timestep", "gravity", "error"),
     [
@@ -198,6 +199,7 @@ def test_laws_that_came_after_refuse_what_they_have_no_sense_for(engine: str, in
         recipe(Target(law, mass, 1e-3, 0.1, 0.5, "points", ((0.1, 0.8),)))
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize(
     ("recipe", "timestep", "error"), [("hunt-crossley", 1e-5, 2e-6), ("restitution-law", 1e-3, 1e-12)]
 )
@@ -212,6 +214,7 @@ def test_a_script_of_pybullets_plug_in_runs_by_itself(recipe: str, timestep: flo
     assert pairs[:, 1] == pytest.approx(closed_form.restitution(0.3, pairs[:, 0]), abs=error)
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_the_path_of_pybullets_plug_in_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(["plugin", "pybullet"]) == 0
     assert Path(capsys.readouterr().out.strip()).is_file()
@@ -231,5 +234,6 @@ def _run_beside_another_client() -> float:
         end_clients()
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_the_plug_in_acts_in_the_client_of_its_world() -> None:
     assert call(_run_beside_another_client, limit=60) < 1e-12

@@ -240,6 +240,7 @@ def test_rapier_turns_round_the_speed_of_the_steps_start(gravity: float) -> None
         assert impact.restitution == pytest.approx(e, abs=2e-7)
 
 
+@pytest.mark.needs_engine("rapier")
 def test_rapiers_flight_keeps_what_four_substeps_keep() -> None:
     with_gravity, step = dataclasses.replace(PLANE, gravity=G), 1 / 60
     setting = Setting("rapier", "mine", step, {"restitution": 0.75})

@@ -289,7 +289,6 @@ def test_the_law_can_be_what_is_wanted() -> None:
 
 # PyBullet ------------------------------------------------------------------------------------------
 
-pytest.importorskip("pybullet")
 RADIUS = 0.02
 WORLD = """
 import pybullet as p
@@ -374,6 +373,7 @@ def first_look_in_bullet(name: str) -> Measurement:
         return measure(world(Path(folder), **BULLET[name][0]), speeds=SPEEDS)
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize("name", BULLET)
 def test_a_cause_planted_in_pybullet_is_named(name: str) -> None:
     _, code, _ = BULLET[name]
@@ -383,12 +383,14 @@ def test_a_cause_planted_in_pybullet_is_named(name: str) -> None:
     assert codes[first] == code, [(c.code, c.evidence) for c in found.causes]
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_pybullet_world_set_up_right_has_no_causes(tmp_path: Path) -> None:
     found = measure(world(tmp_path, gravity=0), speeds=SPEEDS)
     assert found.causes == ()
     assert off(found, 0.8) < 1e-9
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_gravity_within_a_step_is_the_only_cause_in_a_pybullet_world_set_up_right(tmp_path: Path) -> None:
     """Bullet reverses the speed of a step's start, up to v h below the touch plane, where e is read."""
     found = measure(world(tmp_path, gravity=-9.81), speeds=SPEEDS)
@@ -401,6 +403,7 @@ def test_gravity_within_a_step_is_the_only_cause_in_a_pybullet_world_set_up_righ
 CALLS = re.compile(r"p\.(setPhysicsEngineParameter|changeDynamics|setTimeStep)\(([^)]*)\)")
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize("name", list(BULLET)[:7])
 def test_the_calls_of_a_fix_cure_it(name: str, tmp_path: Path) -> None:
     changes, code, goal = BULLET[name]

@@ -95,6 +95,7 @@ def test_the_pose_of_a_running_simulation_is_taken() -> None:
         launched(None, state=3.0)
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_pybullet_launches_the_base_or_the_leg(tmp_path: Path) -> None:
     (tmp_path / "lander.urdf").write_text(URDF)
     (tmp_path / "plane.urdf").write_text(PLANE)

@@ -98,6 +98,7 @@ def pybullet_outcome() -> tuple[list[tuple[float, float]], list[float]]:
     ]
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_world_of_pybullet_keeps_its_e_obliquely_at_its_own_step() -> None:
     """Bullet reverses the speed of a step's start, up to v h below the touch plane.
 
@@ -196,6 +197,7 @@ def test_a_pyramidal_cone_that_holds_a_sliding_box_too_little_is_a_cause() -> No
     assert "pyramidal-cone" not in codes([1, 1, 0], "elliptic")
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_spin_that_bullet_clips_is_a_cause(tmp_path: Path) -> None:
     link = (
         '<link name="l"><inertial><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0"'

@@ -49,9 +49,9 @@ def test_the_mjcf_says_the_case_and_the_gap_of_the_page() -> None:
     assert data.qvel[0] == START
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_the_urdfs_put_a_plane_on_either_side() -> None:
     """The test runs in a process of its own: PyBullet keeps settings in globals."""
-    pytest.importorskip("pybullet")
     code = (
         "import pybullet as p, sys; p.connect(p.DIRECT); f = sys.argv[1];"
         "a = [p.loadURDF(f + '/' + n + '.urdf', [x, 0, 0], flags=p.URDF_USE_INERTIA_FROM_FILE)"

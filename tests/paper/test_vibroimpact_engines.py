@@ -116,8 +116,8 @@ def test_staggered_pairs_of_both_blocks_add_up_to_the_summed_loop() -> None:
     assert np.abs(found.resultant - wanted).max() < 0.006 * np.abs(wanted).max()
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_spring_damper_jumps_where_it_meets_a_block_and_the_law_does_not() -> None:
-    pytest.importorskip("pybullet")
     system, drive = _system(-1e-5), Sinusoid(1200.0, 3e3)
     largest = []
     for tuned_at in (None, 0.4):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import inspect
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -55,9 +56,9 @@ def test_the_example_of_a_public_name_prints_what_it_shows(name: str, folder: Pa
 
 @pytest.mark.parametrize("name", VERBS)
 def test_a_verb_says_what_it_takes_returns_and_raises(name: str) -> None:
-    text = getattr(hcbench, name).__doc__
+    text = inspect.getdoc(getattr(hcbench, name)) or ""
     for section in ("Parameters", "Returns", "Raises", "Examples"):
-        assert f"{section}\n    {'-' * len(section)}\n" in text
+        assert f"{section}\n{'-' * len(section)}\n" in text
     command = name.partition("_")[0]
     assert f"`hcbench {command}" in text
     assert command in importlib.import_module("hcbench.cli").app.commands

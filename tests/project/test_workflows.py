@@ -57,6 +57,52 @@ def test_the_commands_of_a_workflow_exist(path: Path) -> None:
                 assert find_spec(arguments[1]) or arguments[1] == "pip", command
 
 
+def test_the_tests_run_on_every_system_python_and_end_of_the_versions() -> None:
+    jobs = read(ROOT / ".github" / "workflows" / "test.yml")["jobs"]
+    pythons = ["3.11", "3.12", "3.13", "3.14"]
+    systems = ["ubuntu-latest", "macos-latest", "windows-latest"]
+    assert jobs["test"]["strategy"]["matrix"] == {"os": systems, "python": pythons}
+    assert jobs["newest"]["strategy"]["matrix"] == {"python": pythons}
+    for leg in ("lowest", "newest"):
+        assert commands(jobs[leg]) == [f"make test-{leg} PYTHON=python"]
+
+
+# https://docs.github.com/en/communities/using-templates-to-encourage-useful-issues-and-pull-requests
+FORMS = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
+LABELLED = {"textarea", "input", "dropdown", "checkboxes"}
+
+
+@pytest.mark.parametrize("path", [path for path in FORMS if path.stem != "config"], ids=lambda p: p.name)
+def test_github_can_load_an_issue_form(path: Path) -> None:
+    form = read(path)
+    assert {"name", "description", "body"} <= set(form) <= {"name", "description", "body", "labels", "title"}
+    identities = [each["id"] for each in form["body"] if "id" in each]
+    assert len(set(identities)) == len(identities)
+    assert LABELLED & {each["type"] for each in form["body"]}
+    for each in form["body"]:
+        assert each["type"] in {"markdown", *LABELLED}
+        assert set(each) <= {"type", "id", "attributes", "validations"}
+        asked = {"value"} if each["type"] == "markdown" else {"label"}
+        asked |= {"options"} if each["type"] in ("dropdown", "checkboxes") else set()
+        assert asked <= set(each["attributes"]), each
+
+
+def test_github_can_load_the_choice_of_issue_forms() -> None:
+    config = read(ROOT / ".github" / "ISSUE_TEMPLATE" / "config.yml")
+    assert config["blank_issues_enabled"] in (True, False)
+    assert all({"name", "url", "about"} == set(link) for link in config.get("contact_links", []))
+
+
+def test_github_can_load_the_updates_of_dependencies() -> None:
+    content = read(ROOT / ".github" / "dependabot.yml")
+    assert content["version"] == 2
+    for update in content["updates"]:
+        assert {"package-ecosystem", "directory", "schedule"} <= set(update)
+        assert update["schedule"]["interval"] in ("daily", "weekly", "monthly")
+        assert all("patterns" in group for group in update.get("groups", {}).values())
+    assert {each["package-ecosystem"] for each in content["updates"]} == {"github-actions", "pip"}
+
+
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda p: p.name)
 def test_no_workflow_pastes_an_expression_into_a_script(path: Path) -> None:
     pasted = [c for job in read(path)["jobs"].values() for c in commands(job) if "${{" in c]

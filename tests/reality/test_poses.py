@@ -32,6 +32,7 @@ def run(*args: str) -> tuple[int, str]:
     return result.exit_code, result.output + str(result.exception or "")
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.spec_plugins
 def test_a_toss_tells_its_impacts_and_how_near_each_setting_is(toss: Path, tmp_path: Path) -> None:
     code, output = run("--poses", str(toss), *SIZE, "--out", str(tmp_path / "own"))

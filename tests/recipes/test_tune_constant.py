@@ -88,7 +88,8 @@ def test_the_closed_form_of_a_contact_that_only_pushes(e: float) -> None:
 
 def bullet(options: dict[str, Any], timestep: float, speeds: np.ndarray, phases: int = 4) -> np.ndarray:
     """Restitution by PyBullet's own calls, in the order in which they work; shape (speeds, phases)."""
-    p = pytest.importorskip("pybullet")
+    import pybullet as p
+
     client = p.connect(p.DIRECT)
     radius, found = 2 * INCH, np.zeros((len(speeds), phases))
     try:
@@ -125,6 +126,7 @@ def bullet(options: dict[str, Any], timestep: float, speeds: np.ndarray, phases:
     return found
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize("timestep", [1e-5, 5e-4, 1 / 240])
 def test_bullet_bounces_with_the_constant(timestep: float) -> None:
     target = target_of(0.016, timestep)
@@ -133,6 +135,7 @@ def test_bullet_bounces_with_the_constant(timestep: float) -> None:
     assert error == pytest.approx(minimax_constant(target)[1], abs=1e-6)
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize(("alpha", "timestep"), [(0.016, 1e-6), (0.002, 1e-5), (0.008, 1e-3)])
 def test_bullet_spring_damper_has_the_constant(alpha: float, timestep: float) -> None:
     target = target_of(alpha, timestep)

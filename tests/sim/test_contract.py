@@ -81,6 +81,7 @@ def test_benchmark_and_measure_agree_on_a_model(recipe: str, speed: float, scene
     assert one.restitution == pytest.approx(other.restitution, abs=1e-9)
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_slow_contact_is_followed_to_its_end() -> None:
     # 12 kg at 3 mm/s on a spring of a second's half period: longer than any impact of steel, and a bounce.
     heavy = dataclasses.replace(PLANE, mass=12.0)

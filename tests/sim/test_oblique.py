@@ -178,6 +178,7 @@ def pybullet_by_hand(launch: Launch, options: Mapping[str, Any], timestep: float
     return [e, u - R * b, v + R * a, a, b, c]
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize("launch", [ANYHOW, STICKS, SLIDES], ids=str)
 def test_a_loop_by_hand_in_plain_pybullet_agrees(launch: Launch) -> None:
     made = setting("pybullet.restitution", 1 / 240)
@@ -186,6 +187,7 @@ def test_a_loop_by_hand_in_plain_pybullet_agrees(launch: Launch) -> None:
     assert [impact.restitution, *outcome(impact)[:5]] == pytest.approx(seen, abs=1e-9)
 
 
+@pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
 def test_the_restitution_of_pybullet_survives_gravity_friction_slip_and_spin(gravity: float) -> None:
     """At PyBullet's step of 1/240 s its friction is Coulomb's, too."""

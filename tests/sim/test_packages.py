@@ -65,6 +65,7 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
             read_packages(text)
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_urdf_alone_is_offered_a_floor(robot: Path) -> None:
     robot.write_text(robot.read_text().replace("tools", "arms"))
     with pytest.raises(UserError, match=r"such as a floor. Add a floor: .*plane.urdf"):

@@ -97,7 +97,9 @@ def test_impacts_are_those_of_a_record_to_the_bit(gravity: float) -> None:
     assert np.array_equal(reading.end > 0, over)
     mine = impacts_read(sent.take(over), Reading(*(column[over] for column in reading)), gravity)
     assert {Status.PARTED, Status.RESTED, Status.NO_TOUCH, Status.DIVERGED} == {i.status for i in mine}
-    assert list(mine) == [dataclasses.replace(impact, loop=None) for impact in theirs]
+    # As tuples: from Python 3.13 a dataclass with a NaN is not equal to its copy.
+    without_loops = [dataclasses.replace(impact, loop=None) for impact in theirs]
+    assert [*map(dataclasses.astuple, mine)] == [*map(dataclasses.astuple, without_loops)]
 
 
 def test_float32_is_near_enough() -> None:

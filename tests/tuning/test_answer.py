@@ -121,6 +121,7 @@ for text, launches in json.load(sys.stdin):
 """
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_each_text_for_pybullet_does_in_a_script_of_other_names_what_it_promises() -> None:
     """Bullet's own restitution reverses the speed at the start of a step: e is of that."""
     answer = asked("pybullet", speeds="0.1:2 m/s")
@@ -154,6 +155,7 @@ def test_the_command_and_python_give_the_same_number_and_text(
     assert [never["setting"] for never in said["never"]] == [never.setting for never in answer.never]
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_where_no_setting_of_its_own_passes_the_next_kind_comes_with_exit_1(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -188,6 +190,7 @@ def test_a_setting_that_is_nearer_than_one_e_needs_no_caution() -> None:
     assert exact.flat, "measured, as all of its energy"
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_the_default_band_is_cut_where_a_step_cannot_bounce_and_says_so() -> None:
     assert default_band(1e-3, G) == pytest.approx((0.0254, 0.508))
     assert default_band(2e-3, 0.0) == default_band(1e-3, G)

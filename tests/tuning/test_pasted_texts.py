@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[2]
 ALPHA, SPEED = 0.315, 0.3
 KNOWN = [a for a in usual.file_content()["answers"] if a["gravity"] or a["timestep"] == 2e-3]
 GRID = [(0.0, 0.1), (0.02, 0.6), (0.3, 0.35), (0.7, 0.85), (1.0, 0.5)]  # share of the band, phase
-LINKS = ROOT / "tests" / "engines" / "pybullet" / "staggered_links.json"
+LINKS = ROOT / "tests" / "engines" / "bullet" / "staggered_links.json"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -63,6 +63,7 @@ def test_each_text_of_the_pages_first_screen_for_mujoco() -> None:
     assert texts > 50
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_each_text_of_the_pages_first_screen_for_pybullet(tmp_path: Path) -> None:
     given, promised = [], []
     library()  # compiled here, once
@@ -108,6 +109,7 @@ def test_each_setting_of_the_pages_list_for_mujoco(recipe: str, step: float) -> 
     assert np.abs(found - measured).max() < 2e-3
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_each_setting_of_the_pages_list_for_pybullet(tmp_path: Path) -> None:
     """The URDF that `staggered` writes among them."""
     (links,) = (
@@ -140,6 +142,7 @@ def test_each_setting_of_the_pages_list_for_pybullet(tmp_path: Path) -> None:
     assert (tmp_path / f"{FOOT}.urdf").is_file()
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_what_convert_prints_for_mujoco_and_pybullet(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

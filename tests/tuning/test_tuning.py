@@ -123,6 +123,7 @@ def test_a_loop_that_no_native_setting_has_names_the_plug_in() -> None:
         candidates("pybullet", target(1e-6), load_scene("steel-cup"), "loop")
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_an_integrator_that_breaks_a_recipe_is_refused_and_others_serve() -> None:
     with pytest.raises(SettingError, match="RK4"):
         tune("mujoco", target(1e-3), SCENE, recipe="impulse", integrator="RK4")
@@ -182,6 +183,7 @@ def test_the_written_scene_does_in_plain_mujoco_what_tune_says(
         assert error < within
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path) -> None:
     tuned = tune("pybullet", target(1e-3), SCENE)
     (tmp_path / "drop.py").write_text(
@@ -241,6 +243,7 @@ def test_failed_launches_are_never_a_verdict(
     assert "launches gave no restitution" in caught.err
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_limit_passed_exits_1_and_prints_its_best_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["tune", "pybullet", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--max-error", "0.01"]
     assert run(arguments) == 1

@@ -18,9 +18,7 @@ TABLE = errors_of(["mujoco", "pybullet"])
 ALL = os.environ.get("HCBENCH_ANSWERS")
 FEW = [each for each in TABLE if (each["timestep"], each["gravity"], each["band"]) == (2e-3, 0.0, [])]
 VERSIONS = usual.file_content()["versions"]
-
-
-OTHERS = {engine: registry.require(engine) for engine in VERSIONS} != VERSIONS
+OTHERS = {engine: registry.require(engine) for engine in VERSIONS if registry.is_there(engine)} != VERSIONS
 
 
 @pytest.mark.skipif(OTHERS, reason="it is of other versions")
@@ -88,6 +86,7 @@ def test_an_error_between_rows_is_known_only_where_all_around_lie_on_one_line() 
             assert usual_errors.line([*smooth[:i], [alpha, None, other], *smooth[i + 1 :]], 3) == told
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_slow_impacts_are_left_to_a_bullet_that_adds_a_steps_fall() -> None:
     """The faster e falls, the faster an impact must be for Bullet's plug-in to be exact."""
     lows = next(

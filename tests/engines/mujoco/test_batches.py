@@ -302,6 +302,7 @@ BULLET = [
 ]
 
 
+@pytest.mark.needs_engine("pybullet")
 @SCENES
 @pytest.mark.parametrize("maximal", [False, True], ids=["multibody", "maximal"])
 @pytest.mark.parametrize(("recipe", "timestep"), BULLET)
@@ -315,6 +316,7 @@ def test_pybullet_alone_and_together_is_the_same(
     assert same(alone[::-1], PYBULLET.run(scene, setting, launches[::-1]))
 
 
+@pytest.mark.needs_engine("pybullet")
 @SCENES
 def test_positions_worked_out_are_the_ones_that_bullet_has(scene: Scene) -> None:
     for recipe, timestep in (("spring-damper", 1e-5), ("restitution", 1e-3)):
@@ -337,6 +339,7 @@ def _recorded_and_asked(scene: Scene, setting: Setting, launches: Sequence[Launc
         return recorded, [simulate.impacts_in(balls, some) for some in (launches, launches[:1])]
 
 
+@pytest.mark.needs_engine("pybullet")
 @SCENES
 @pytest.mark.parametrize(("recipe", "timestep"), [*BULLET, ("restitution-law", 1e-3)])
 def test_bullet_recorded_is_bullet_asked(scene: Scene, recipe: str, timestep: float) -> None:
@@ -365,6 +368,7 @@ def _reported_and_worked_out(scene: Scene, setting: Setting, launches: Sequence[
         return np.array(reported)[:-1], scene.mass * gained / setting.timestep
 
 
+@pytest.mark.needs_engine("pybullet")
 @SCENES
 @pytest.mark.parametrize(("recipe", "timestep"), [("spring-damper", 1e-5), ("restitution", 1e-3)])
 def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, timestep: float) -> None:
@@ -385,6 +389,7 @@ def _die_in_fast_company(
         yield from (Impact(launch, Status.NO_TOUCH) for launch in group)
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_launch_that_kills_a_shared_world_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulate, "simulate_all", _die_in_fast_company)
     launches = [*at_random(20), Launch(0.56), Launch(0.57)]
@@ -393,6 +398,7 @@ def test_a_launch_that_kills_a_shared_world_is_the_only_one_lost(monkeypatch: py
         assert impact.status is (Status.CRASHED if lost else Status.NO_TOUCH)
 
 
+@pytest.mark.needs_engine("pybullet")
 def test_a_ball_that_goes_through_the_plate_says_so() -> None:
     # A spring far softer than the step can follow: Bullet lets it through the bowl.
     setting = made("pybullet.spring-damper", CUP, 1 / 240, maximal_coordinates=True)

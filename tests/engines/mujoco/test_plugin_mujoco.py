@@ -562,7 +562,9 @@ def test_stacks_stand(n: int, h: float, integrator: str, law: Any) -> None:
     seen = run(stack(n, h, law, integrator=integrator), 1.5)
     upright = RADIUS * (2 * np.arange(n) + 1)
     assert np.abs(seen.data.qpos[2::7] - upright).max() < 1e-3 * (1 if h < 5e-3 else 1.5)
-    assert np.abs(seen.data.qpos[0::7]).max() < (1e-6 if integrator == "Euler" else 2e-4)
+    # MuJoCo 3.11 finds three or five corners of two flat boxes 1e-14 m apart, which tips one a little.
+    meets_flat = tuple(map(int, mujoco.__version__.split(".")[:2])) >= (3, 12)
+    assert np.abs(seen.data.qpos[0::7]).max() < (1e-6 if integrator == "Euler" and meets_flat else 2e-4)
     assert np.abs(seen.data.qvel).max() < 1e-6
     assert seen.growth < 1e-9
 
