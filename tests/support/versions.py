@@ -125,7 +125,7 @@ def rows() -> Iterator[Row]:
 
 
 def run(row: Row) -> dict[str, str]:
-    """What is said of each command of a row: "" where it worked, or its exit code and last line."""
+    """Results of a row by command: "" where it worked, or its exit code and last line."""
     python = next((each for each in interpreters() if each.startswith(f"{row.python}.")), "")
     if not python:
         return {"": f"not run: Python {row.python} is not on this machine"}

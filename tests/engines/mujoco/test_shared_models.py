@@ -94,7 +94,7 @@ def impacts(model: ModelUnderTest, **asked: Any) -> list[Impact]:
 
 
 def without_loop(impact: Impact) -> tuple[Any, ...]:
-    """What was measured: a tuple, as from Python 3.13 a dataclass with a NaN is not equal to its copy."""
+    """Fields of an impact as a tuple: from Python 3.13 a dataclass with a NaN is not equal to its copy."""
     return dataclasses.astuple(dataclasses.replace(impact, loop=None))
 
 
