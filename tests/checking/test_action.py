@@ -22,7 +22,10 @@ STEPS: list[dict[str, Any]] = ACTION["runs"]["steps"]
 SCRIPTS = [step for step in STEPS if "run" in step]
 
 # Stands in for hcbench and for python: writes down its arguments, ends with the exit code that the test sets.
-STAND_IN = """#!{python}
+# A shell starts Python, since the first line of a script takes no path with spaces.
+STAND_IN = """#!/bin/sh
+'''exec' "{python}" "$0" "$@"
+' '''
 import os, sys
 from pathlib import Path
 name = Path(sys.argv[0]).name
