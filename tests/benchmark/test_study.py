@@ -53,6 +53,16 @@ def results(study: Study) -> Results:
     return run_study(study, jobs=2)
 
 
+@pytest.fixture(scope="module")
+def progress() -> list[tuple[int, int]]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def by_one_job(study: Study, progress: list[tuple[int, int]]) -> Results:
+    return run_study(study, jobs=1, progress=lambda done, total: progress.append((done, total)))
+
+
 def test_every_impact_asked_for_is_a_row(results: Results) -> None:
     runs, alphas, speeds, phases = len(CONTENT["run"]), 2, 3, 2
     assert len(results.impacts) == runs * alphas * speeds * phases
@@ -91,9 +101,11 @@ def test_the_reference_is_scored_perfect_against_its_own_law(results: Results) -
     assert (own["loop_rms"] < 1e-3).all()
 
 
-def test_the_number_of_jobs_does_not_change_a_byte(tmp_path: Path, study: Study, results: Results) -> None:
+def test_the_number_of_jobs_does_not_change_a_byte(
+    tmp_path: Path, by_one_job: Results, results: Results
+) -> None:
     texts = []
-    for name, found in (("two", results), ("one", run_study(study, jobs=1))):
+    for name, found in (("two", results), ("one", by_one_job)):
         with atomic_folder(tmp_path / name) as scratch:
             found.write(scratch)
         texts.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
@@ -137,11 +149,10 @@ def test_a_setting_that_does_not_depend_on_alpha_is_scored_against_each(results:
     assert np.array_equal(by_alpha[0], by_alpha[1])
 
 
-def test_progress_reaches_the_end(study: Study) -> None:
-    seen: list[tuple[int, int]] = []
-    run_study(study, jobs=1, progress=lambda done, total: seen.append((done, total)))
-    assert seen[-1][0] == seen[-1][1] > 0
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+@pytest.mark.usefixtures("by_one_job")
+def test_progress_reaches_the_end(progress: list[tuple[int, int]]) -> None:
+    assert progress[-1][0] == progress[-1][1] > 0
+    assert [done for done, _ in progress] == sorted(done for done, _ in progress)
 
 
 def test_a_quick_study_is_a_smaller_one(study: Study) -> None:

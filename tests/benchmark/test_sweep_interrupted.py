@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -87,8 +88,8 @@ def parent(process: int) -> int:
         return 0
 
 
-def test_resuming_what_is_finished_does_nothing(tmp_path: Path) -> None:
-    sweep(study_from(small()), tmp_path)
+def test_resuming_what_is_finished_does_nothing(tmp_path: Path, undisturbed: dict[str, Path]) -> None:
+    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     end = sweep(study_from(small()), tmp_path, resume=True)
     assert (end.resumed, end.shards) == (5, 5)
@@ -111,9 +112,9 @@ def test_resume_begins_where_there_is_nothing(tmp_path: Path, undisturbed: dict[
 )
 @pytest.mark.parametrize("which", ["part-0000001-*", "_loops/*"])
 def test_a_damaged_part_is_put_aside_and_simulated_again(
-    tmp_path: Path, harm: Callable[[Path], None], which: str
+    tmp_path: Path, harm: Callable[[Path], None], which: str, undisturbed: dict[str, Path]
 ) -> None:
-    sweep(study_from(small()), tmp_path)
+    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     victim = next(iter(tmp_path.glob(which)))
     harm(victim)
@@ -129,8 +130,10 @@ def test_a_damaged_part_is_put_aside_and_simulated_again(
     assert len(read(tmp_path).impacts) == 80
 
 
-def test_a_part_under_another_s_number_is_simulated_again(tmp_path: Path) -> None:
-    sweep(study_from(small()), tmp_path)
+def test_a_part_under_another_s_number_is_simulated_again(
+    tmp_path: Path, undisturbed: dict[str, Path]
+) -> None:
+    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     first, second = sorted(tmp_path.glob("part-*"))[:2]
     second.write_bytes(first.read_bytes())
@@ -144,8 +147,10 @@ def test_a_part_under_another_s_number_is_simulated_again(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     "name", ["part-0000099-{}.parquet", "part-0000000-0123456789abcdef.parquet", "x.parquet"]
 )
-def test_a_table_that_is_no_part_is_named_and_left_alone(tmp_path: Path, name: str) -> None:
-    sweep(study_from(small()), tmp_path)
+def test_a_table_that_is_no_part_is_named_and_left_alone(
+    tmp_path: Path, name: str, undisturbed: dict[str, Path]
+) -> None:
+    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
     part = min(tmp_path.glob("part-*"))
     stranger = tmp_path / name.format(part.stem[-16:])
     stranger.write_bytes(part.read_bytes())
@@ -156,8 +161,8 @@ def test_a_table_that_is_no_part_is_named_and_left_alone(tmp_path: Path, name: s
     assert whole(tmp_path) == before
 
 
-def test_a_lost_loop_file_is_simulated_again(tmp_path: Path) -> None:
-    sweep(study_from(small()), tmp_path)
+def test_a_lost_loop_file_is_simulated_again(tmp_path: Path, undisturbed: dict[str, Path]) -> None:
+    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     next(iter((tmp_path / "_loops").iterdir())).unlink()
     assert len(sweep(study_from(small()), tmp_path, resume=True).damaged) == 1

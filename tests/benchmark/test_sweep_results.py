@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 import pytest
+from long_searches import long_study
 from small_sweeps import ENGINES, bouncing, small, whole
 
 from hcbench.benchmark.fold import to_digits
@@ -89,7 +90,7 @@ def test_the_summary_has_a_line_for_each_setting(undisturbed: dict[str, Path]) -
         assert in_digits == pytest.approx(scores[name].to_numpy(), rel=1e-12, abs=1e-15)
 
 
-@pytest.mark.parametrize("jobs", [1, 3])
+@pytest.mark.parametrize("jobs", [1, pytest.param(3, marks=long_study)])
 def test_the_number_of_jobs_does_not_change_a_byte(
     jobs: int, tmp_path: Path, undisturbed: dict[str, Path]
 ) -> None:

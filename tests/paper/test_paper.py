@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from long_searches import long_study
 
 from hcbench.errors import OutputError
 from hcbench.laws import closed_form
@@ -89,6 +90,7 @@ def test_the_page_needs_nothing_from_outside(folder: Path) -> None:
     assert "<script" not in text
 
 
+@long_study
 def test_the_same_bytes_every_time(folder: Path, tmp_path: Path) -> None:
     ticks: list[tuple[int, int]] = []
     again = build(tmp_path / "new", quick=True, tick=lambda done, total: ticks.append((done, total))).parent

@@ -1,4 +1,4 @@
-"""Tests whose search takes long, of `make test-searches`."""
+"""Tests that take long: searches, of `make test-searches`, and other studies, of `make test-all` alone."""
 
 import os
 
@@ -6,3 +6,4 @@ import pytest
 
 LONG = "HCBENCH_SEARCHES" in os.environ
 long_search = pytest.mark.skipif(not LONG, reason="a long search: make test-searches")
+long_study = pytest.mark.skipif(not LONG, reason="a long study: make test-all")

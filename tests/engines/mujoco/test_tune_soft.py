@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from long_searches import long_search
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.soft import SOFT, largest_power
@@ -20,7 +21,7 @@ def target_of(alpha: float, timestep: float) -> Target:
     return Target(HuntCrossley(STEEL_STIFFNESS, alpha / INCH), STEEL_MASS, timestep, INCH, 20 * INCH)
 
 
-@pytest.mark.parametrize(("alpha", "must"), [(0.002, 0.0018), (0.016, 0.011)])
+@pytest.mark.parametrize(("alpha", "must"), [(0.002, 0.0018), pytest.param(0.016, 0.011, marks=long_search)])
 def test_restitution_follows_speed(alpha: float, must: float) -> None:
     target = target_of(alpha, 1e-5)
     flight = simulated(pasted(dict(SOFT(target).options), 1e-5, STEEL_MASS), 1e-5, HELD_OUT, 0.4)

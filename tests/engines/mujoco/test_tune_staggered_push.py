@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
+from long_searches import long_search
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.staggered_push import STAGGERED_PUSH, staggered_push
@@ -48,7 +48,14 @@ def cup(target: Target) -> mujoco.MjModel:
     )
 
 
-@pytest.mark.parametrize(("alpha", "limit"), [(0.002, 6e-5), (0.008, 1.5e-4), (0.016, 2.5e-4)])
+@pytest.mark.parametrize(
+    ("alpha", "limit"),
+    [
+        pytest.param(0.002, 6e-5, marks=long_search),
+        (0.008, 1.5e-4),
+        pytest.param(0.016, 2.5e-4, marks=long_search),
+    ],
+)
 def test_restitution_is_the_laws_without_adhesion(alpha: float, limit: float) -> None:
     target = target_of(alpha, 1e-6)
     setting = setting_for(target)
@@ -92,11 +99,9 @@ def test_coarse_steps_soften_the_spring() -> None:
     assert np.abs(flight.restitution - target.restitution(HELD_OUT)[:, None]).max() < 1e-3
 
 
-def test_the_same_answer_always_and_in_time() -> None:
-    target = target_of(0.004, 1e-6)
-    begin = time.process_time()
-    first = STAGGERED_PUSH(target)
-    assert time.process_time() - begin < 20.0
+def test_the_same_answer_always() -> None:
+    target = target_of(0.008, 1e-6)
+    first = setting_for(target)
     staggered_push.cache_clear()
     assert first.key == STAGGERED_PUSH(target).key
 
