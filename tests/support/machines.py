@@ -91,7 +91,7 @@ MACHINES = (
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What pytest said last on a machine, and what of the machine could not be had here."""
+    """The last line of pytest on a machine, and what of the machine could not be had here."""
 
     machine: Machine
     verdict: str
