@@ -184,7 +184,8 @@ def _words(hint: Any) -> str:
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         given = tuple(part for part in parts if part is not type(None))  # None is the same as left out
-        return _WORDS.get(Union[given]) or " or ".join(_words(part) for part in parts)
+        together = Union[given]  # noqa: UP007 - X | Y takes no tuple
+        return _WORDS.get(together) or " or ".join(_words(part) for part in parts)
     if origin is Literal:
         return " or ".join(repr(part) for part in parts)
     if origin is np.ndarray:
