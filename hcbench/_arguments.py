@@ -8,6 +8,7 @@ Verbs that read no files of settings, such as `law` and `fit`, would import it f
 
 import functools
 import inspect
+import operator
 import types
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -184,8 +185,9 @@ def _words(hint: Any) -> str:
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         given = tuple(part for part in parts if part is not type(None))  # None is the same as left out
-        together = Union[given]  # noqa: UP007 - X | Y takes no tuple
-        return _WORDS.get(together) or " or ".join(_words(part) for part in parts)
+        return _WORDS.get(functools.reduce(operator.or_, given)) or " or ".join(
+            _words(part) for part in parts
+        )
     if origin is Literal:
         return " or ".join(repr(part) for part in parts)
     if origin is np.ndarray:

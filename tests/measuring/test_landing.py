@@ -139,7 +139,7 @@ def test_motors_hold_the_pose_by_pd() -> None:
         (SERVOS, {"controller": "lqr"}, "pd, pd:KP,KD, ctrl"),
         (SERVOS, {"controller": "pd:1"}, "two from 0 up"),
         (SERVOS, {"controller": lambda model, data: [1.0]}, "4 finite controls"),
-        (SERVOS, {"controller": 3}, "a Callable"),
+        (SERVOS, {"controller": 3}, "a function"),
     ],
 )
 def test_what_cannot_be_dropped_is_refused(model: str, options: dict[str, Any], words: str) -> None:
