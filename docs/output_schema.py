@@ -12,29 +12,47 @@ import json
 import tomllib
 import types
 import typing
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired
 
 from pydantic import ConfigDict, Field, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
+from hcbench import records
 from hcbench.cases.schema import type_name
 from hcbench.checking.outcome import Verdict
 from hcbench.fitting.budget import Budget
 from hcbench.fitting.estimates import Estimate
 from hcbench.fitting.flags import Flag
-from hcbench.impact import Status, Tangential
+from hcbench.impact import Tangential
 from hcbench.laws.impact_law import ImpactSummary
 from hcbench.measuring.measurement import Cause
 from hcbench.recipes.target import Target
+from hcbench.records import (
+    ALONG,
+    ANGLE,
+    BOUNCE,
+    COULOMB,
+    CURVE_POINT,
+    IMPACT,
+    LAID,
+    LANDING,
+    LOOP,
+    PHASE,
+    REST,
+    RUN,
+    SPEED,
+    STUDY_IMPACT,
+)
 from hcbench.scoring import Score
 from hcbench.sim.landing import Footfall, Landings
 from hcbench.sim.rest import Rest
-from hcbench.sim.tangential import ALONG_COLUMNS
 from hcbench.tuning.evaluate import Evaluation
 
 SCHEMA = Path(__file__).parent / "reference" / "outputs.schema.json"
 PAGE = SCHEMA.with_name("json.md")
+CSV_PAGE = SCHEMA.with_name("report.md")
 BEGIN, END = "<!-- begin fields: python docs/output_schema.py -->\n", "<!-- end fields -->"
 
 Number = float | None
@@ -52,7 +70,19 @@ def record(name: str, fields: dict[str, Any]) -> Any:
 def _described(name: str, key: str, kind: Any) -> Any:
     if typing.get_origin(kind) is NotRequired:
         return NotRequired[_described(name, key, typing.get_args(kind)[0])]
+    if typing.get_origin(kind) is Annotated:
+        return kind
     return Annotated[kind, Field(description=MEANING.get(f"{name}.{key}") or MEANING[key])]
+
+
+def of_fields(*fields: records.Field) -> dict[str, Any]:
+    """The keys of fields of the code, each with its type and meaning."""
+    described = {}
+    for each in fields:
+        kind = each.kind if each.given else _json_type(each.kind)
+        described[each.key] = Annotated[kind, Field(description=each.description)]
+    optional = {each.key for each in fields if each.oblique}
+    return {key: NotRequired[kind] if key in optional else kind for key, kind in described.items()}
 
 
 def of_class(kind: type, optional: tuple[str, ...] = ()) -> Any:
@@ -66,10 +96,12 @@ def _json_type(hint: Any) -> Any:
     """A type of the code as JSON: tuples are lists, floats may be null, dataclasses are records."""
     if hint is float:
         return Number
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return Literal[tuple(each.value for each in hint)]
     if dataclasses.is_dataclass(hint):
         return of_class(hint)  # type: ignore[arg-type]
     origin, inside = typing.get_origin(hint), typing.get_args(hint)
-    if origin is tuple:
+    if origin in (tuple, list):
         return list[_json_type(inside[0])]  # type: ignore[misc]
     if origin in (typing.Union, types.UnionType):
         return typing.Union[tuple(_json_type(each) for each in inside)]  # noqa: UP007
@@ -78,51 +110,9 @@ def _json_type(hint: Any) -> Any:
 
 MEANING = tomllib.loads(Path(__file__).with_name("field_meanings.toml").read_text(encoding="utf-8"))
 
-CURVE_POINT = record(
-    "CurvePoint",
-    {
-        "speed_m_per_s": Number,
-        "speed_in_m_per_s": Number,
-        "restitution": Number,
-        "restitution_min": Number,
-        "restitution_max": Number,
-        "restitution_after_force": Number,
-        "target": Number,
-        "error": Number,
-        "error_worst_phase": Number,
-        "samples": int,
-        "failed": int,
-        "angle_rad": NotRequired[Number],
-        **dict.fromkeys(ALONG_COLUMNS, NotRequired[Number]),
-    },
-)
-IMPACT = record(
-    "Impact",
-    {
-        "speed_m_per_s": float,
-        "phase": float,
-        "angle_rad": NotRequired[float],
-        "status": Literal[tuple(each.value for each in Status)],  # type: ignore[valid-type]
-        "reason": Text,
-        **dict.fromkeys(
-            (
-                *("speed_in_m_per_s", "speed_out_m_per_s", "restitution", "restitution_after_force"),
-                *("duration_s", "penetration_max_m", "force_max_n"),
-            ),
-            Number,
-        ),
-        "samples": int,
-        "tangential": NotRequired[of_class(Tangential)],
-    },
-)
-LOOP = record(
-    "Loop",
-    {
-        "speed_m_per_s": float,
-        "phase": float,
-        **dict.fromkeys(("time_s", "penetration_m", "rate_m_per_s", "force_n"), Numbers),
-    },
-)
+POINT = record("CurvePoint", of_fields(*CURVE_POINT))
+ONE_IMPACT = record("Impact", {**of_fields(*IMPACT), "tangential": NotRequired[of_class(Tangential)]})
+ONE_LOOP = record("Loop", of_fields(SPEED, PHASE, *LOOP))
 MEASURE = record(
     "Measurement",
     {
@@ -142,7 +132,7 @@ MEASURE = record(
         "settings": dict[str, Any],
         "model_asks": record("ModelAsks", {"restitution": Numbers, "description": Text}),
         "target": Text | None,
-        "curve": list[CURVE_POINT],
+        "curve": list[POINT],
         "phase_spread": Number,
         "energy_gained": bool,
         "law": record(
@@ -156,15 +146,11 @@ MEASURE = record(
         )
         | None,
         "score": of_class(Score) | None,
-        "impacts": list[IMPACT],
-        "loops": list[LOOP],
+        "impacts": list[ONE_IMPACT],
+        "loops": list[ONE_LOOP],
         "causes": list[of_class(Cause)],
         "remedy": Text,
-        "rest": record(
-            "AtRest",
-            dict.fromkeys(("penetration_m", "vibration_m_per_s", "force_noise", "sinking_m_per_s"), Number),
-        )
-        | None,
+        "rest": record("AtRest", of_fields(*REST)) | None,
         "rest_causes": list[of_class(Cause)],
         "notes": Texts,
     },
@@ -185,8 +171,8 @@ CHECK = record(
                     "message": Text,
                     "against": Text,
                     "max_error": Number,
-                    "worst": CURVE_POINT | None,
-                    "rows": list[CURVE_POINT],
+                    "worst": POINT | None,
+                    "rows": list[POINT],
                     "measurement": MEASURE | None,
                 },
             )
@@ -204,18 +190,18 @@ CHOICE = record(
         "scenes": int | None,
         "text": Text,
         "max_error": Number,
-        "speeds_m_s": Numbers,
+        "speeds_m_per_s": Numbers,
         "max_e": Number,
         "passive": record("Passive", {"sphere": bool | None, "flat": bool | None}) | None,
         "rests": bool | None,
         "needs": Texts,
     },
 )
-REST = record("RestOfBody", {"rests": bool, **{f.name: Number for f in dataclasses.fields(Rest)}})
+REST_OF_BODY = record("RestOfBody", {"rests": bool, **{f.name: Number for f in dataclasses.fields(Rest)}})
 TUNE = record(
     "Tune",
     {
-        "schema": Literal[1],
+        "schema": Literal[2],
         "engine": Text,
         "recipe": Text,
         "kind": Literal["exact", "settings", "constant"],
@@ -226,8 +212,8 @@ TUNE = record(
         "timestep_s": float,
         "options": dict[str, Any],
         "evaluation": of_class(Evaluation) | None,
-        "rest": REST | None,
-        "slope_drift_m_s": Number,
+        "rest": REST_OF_BODY | None,
+        "slope_drift_m_per_s": Number,
         "warning": Text,
         "advice": Texts,
         "notes": Texts,
@@ -247,7 +233,7 @@ TUNED_PAIR = record(
         "attitude": Text,
         "effective_mass_kg": Number,
         "max_error": Number,
-        "curve": list[CURVE_POINT],
+        "curve": list[POINT],
     },
 )
 STANDING = dict.fromkeys(
@@ -353,14 +339,9 @@ FIT = record(
 DROPPED = record(
     "RobotDrop",
     {
-        "height_m": float,
-        "tilt_rad": float,
-        **dict.fromkeys(("speed_in_m_per_s", "restitution", "peak_over_weight", "impulse_n_s"), Number),
-        **dict.fromkeys(("contact_s", "slip_m", "penetration_m"), Number),
-        "feet_that_bounce": int,
-        "speed_out_m_per_s": Number,
+        **of_fields(*LANDING, records.LANDING_SPEED_OUT),
         "feet": list[of_class(Footfall)],
-        **dict.fromkeys(("time_s", "force_n"), Numbers),
+        **of_fields(records.LANDING_TIME, records.LANDING_FORCE),
     },
 )
 LAND = record(
@@ -459,15 +440,33 @@ def fields() -> str:
     return "\n" + "\n".join(parts) + "\n"
 
 
+def csv_columns() -> str:
+    """The page's tables of the CSV files of a study."""
+    every = {
+        "every file; `scores.csv` has the fields of [Score](json.md#score) after them": RUN,
+        "`restitution.csv`, an impact in each row": STUDY_IMPACT,
+        "`restitution.csv` of a study with oblique launches, after those": (ANGLE, *ALONG, COULOMB),
+        "`loops.csv`, a step of a kept loop in each row": (SPEED, PHASE, *LOOP),
+        "`trains.csv`, a bounce in each row": BOUNCE,
+        "`rests.csv`, a drop in each row": LAID,
+    }
+    parts = []
+    for files, columns in every.items():
+        rows = [f"| `{each.key}` | {each.description} |" for each in columns]
+        parts.append("\n".join([f"Of {files}:", "", "| column | meaning |", "|---|---|", *rows, ""]))
+    return "\n" + "\n".join(parts) + "\n"
+
+
 def _type(each: dict[str, Any]) -> str:
     return type_name(each, lambda record: f"[{record}](#{record.lower()})")
 
 
 def write() -> None:
-    """Write the schema and the page's tables."""
+    """Write the schema and the tables of both pages."""
     SCHEMA.write_text(json.dumps(schema(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    head, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(head + BEGIN + fields() + END + rest.split(END)[1], encoding="utf-8")
+    for page, tables in ((PAGE, fields()), (CSV_PAGE, csv_columns())):
+        head, rest = page.read_text(encoding="utf-8").split(BEGIN)
+        page.write_text(head + BEGIN + tables + END + rest.split(END)[1], encoding="utf-8")
 
 
 if __name__ == "__main__":

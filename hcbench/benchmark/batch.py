@@ -14,9 +14,25 @@ import numpy as np
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Loop, Status
 from hcbench.laws.coulomb import coulomb_ratio
+from hcbench.records import (
+    ALONG,
+    ANGLE,
+    COULOMB,
+    DURATION,
+    FORCE_MAX,
+    PENETRATION_MAX,
+    REASON,
+    RESTITUTION,
+    SAMPLES,
+    SPEED_IN,
+    SPEED_OUT,
+    STATUS,
+    keys,
+    record,
+)
 from hcbench.sim import registry
 from hcbench.sim.columns import STATUSES, Impacts, Launches
-from hcbench.sim.tangential import ALONG_COLUMNS, along_plate
+from hcbench.sim.tangential import along_plate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -25,16 +41,11 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
 
 _STATUSES = np.array([status.value for status in STATUSES], dtype=object)
-MEASURED = {  # column -> attribute of an Impact
-    "speed_in_m_per_s": "speed_in",
-    "speed_out_m_per_s": "speed_out",
-    "duration_s": "duration",
-    "penetration_max_m": "penetration_max",
-    "force_max_n": "force_max",
-}
+# Columns that have an attribute of an impact as it is.
+MEASURED = (SPEED_IN, SPEED_OUT, DURATION, PENETRATION_MAX, FORCE_MAX)
 # More columns of impacts in a study with oblique launches: the angle from the normal, what `AlongPlate` has,
 # and what Coulomb's law makes of the ratio of impulses.
-OBLIQUE_COLUMNS = ["angle_rad", *ALONG_COLUMNS, "impulse_ratio_coulomb"]
+OBLIQUE_COLUMNS = keys((ANGLE, *ALONG, COULOMB))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +91,11 @@ def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
 def columns_of(impacts: Impacts) -> dict[str, Any]:
     """Column -> values, one an impact."""
     return {
-        "status": _STATUSES[impacts.status],
-        "reason": impacts.reason,
-        "restitution": impacts.restitution,
-        "samples": impacts.samples,
-    } | {column: getattr(impacts, name) for column, name in MEASURED.items()}
+        STATUS.key: _STATUSES[impacts.status],
+        REASON.key: impacts.reason,
+        RESTITUTION.key: impacts.restitution,
+        SAMPLES.key: impacts.samples,
+    } | record(MEASURED, impacts)
 
 
 def oblique_columns(impacts: Impacts, scene: Scene) -> dict[str, Any]:

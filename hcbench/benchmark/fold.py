@@ -15,19 +15,25 @@ from numpy.typing import NDArray
 
 from hcbench.impact import Floats
 from hcbench.measuring.curve import Curve, CurvePoint, curve_of_columns
+from hcbench.records import (
+    ANGLE,
+    COULOMB,
+    IMPULSE_RATIO,
+    LAW,
+    PENETRATION_MAX,
+    PHASE,
+    RESTITUTION,
+    SAMPLES,
+    SLIP_IN,
+    SPEED,
+    SPEED_IN,
+    STATUS,
+    keys,
+)
 
 # What is folded: columns of impacts, and those that only studies with oblique launches have.
-FOLDED = (
-    "speed_m_per_s",
-    "phase",
-    "status",
-    "speed_in_m_per_s",
-    "restitution",
-    "restitution_law",
-    "penetration_max_m",
-    "samples",
-)
-FOLDED_OBLIQUE = ("angle_rad", "slip_in_m_per_s", "impulse_ratio", "impulse_ratio_coulomb")
+FOLDED = keys((SPEED, PHASE, STATUS, SPEED_IN, RESTITUTION, LAW, PENETRATION_MAX, SAMPLES))
+FOLDED_OBLIQUE = keys((ANGLE, SLIP_IN, IMPULSE_RATIO, COULOMB))
 MOST_SPEEDS = 1000  # in a curve; of more, one stands for its neighbours
 _DIGITS, _DECIMALS, _LEAST = 10, 14, 1e-14  # of measured numbers
 # By their exponents, negative ones from the end: the float nearest to each, which no processor may miss.

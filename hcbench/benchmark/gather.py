@@ -18,13 +18,13 @@ from hcbench.benchmark.results import LOOP_COLUMNS, RUN_KEY, Key
 from hcbench.benchmark.tables import metadata_of
 from hcbench.impact import LOOP_TOLERANCE, Impact, Launch, Loop, Status
 from hcbench.laws.force import HuntCrossley
+from hcbench.records import LOOP, REASON, keys
 
 if TYPE_CHECKING:
     from hcbench.benchmark.store import Store
 
 _PIECE = 16_384  # impacts of a setting, α and step that are folded at once; fewer where speeds are cut
-_READ = {*FOLDED, *FOLDED_OBLIQUE, *MEASURED, "reason"}
-_SAMPLES = ("time_s", "penetration_m", "rate_m_per_s", "force_n")
+_READ = {*FOLDED, *FOLDED_OBLIQUE, *keys(MEASURED), REASON.key}
 _Columns = dict[str, NDArray[Any]]
 _Launched = tuple[float, float]  # speed, m/s, and phase
 
@@ -75,7 +75,7 @@ def _loops_in(content: bytes) -> dict[float, dict[_Launched, Loop]]:
     loops: dict[float, dict[_Launched, Loop]] = {}
     for begin, end in zip(begins, [*begins[1:], None], strict=True):
         alpha, speed, phase = launch[:, begin].tolist()
-        loop = Loop(*(columns[name][begin:end] for name in _SAMPLES))
+        loop = Loop(*(columns[field.key][begin:end] for field in LOOP))
         loops.setdefault(alpha, {})[speed, phase] = loop
     return loops
 
@@ -115,7 +115,7 @@ class _Gathering:
                 here = head_on & (speeds == launch[0]) & (phases == launch[1])
                 for i in np.flatnonzero(here).tolist():
                     about = (Launch(*launch), Status(columns["status"][i]), columns["reason"][i])
-                    seen: dict[str, Any] = {name: float(columns[c][i]) for c, name in MEASURED.items()}
+                    seen: dict[str, Any] = {f.name: float(columns[f.key][i]) for f in MEASURED}
                     yield Impact(*about, **seen, samples=int(columns["samples"][i]), loop=loop)
 
     def _use(self, columns: _Columns) -> None:

@@ -3,7 +3,7 @@
 restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
 scores.csv       one row a setting, α, step  trains.csv    one row a bounce of a drop under gravity
 rests.csv        one row a drop: how the body lies at the end
-summary.json     schema (3; 1 and 2 have an earlier definition of e), study, settings, versions, answers
+summary.json     schema (4; 1 and 2 have an earlier definition of e), study, settings, versions, answers
 hcbench-files.json: what of a folder was written, so that the next time clears up after this one.
 """
 
@@ -15,12 +15,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from hcbench import records
 from hcbench._files import json_text, parse_json, read_text, write_bytes, write_text
 from hcbench._notebook import Drawn
 from hcbench.benchmark.fold import FOLDED, FOLDED_OBLIQUE, Folded, Folder
 from hcbench.errors import UserError
 from hcbench.fields import ResultTable, validate
 from hcbench.impact import FORMER_E
+from hcbench.records import BOUNCE, LAID, LOOP, PHASE, RUN, SPEED, STUDY_IMPACT, keys
 from hcbench.scoring import CLAIMS
 
 if TYPE_CHECKING:
@@ -31,38 +33,16 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
-SCHEMA, FORMER = 3, (1, 2)
+SCHEMA = 4
+FORMER = (1, 2)  # have FORMER_E
+_FORMER_SPEEDS = "speeds_m_s"  # of an answer in schema 3, which is else the same
 TABLES = ("restitution", "loops", "scores", "trains", "rests")
-CONDITIONS = ["gravity_m_per_s2", "off_axis_m", "friction"]  # under which a setting ran in its scene
-RUN_KEY = [
-    "scene",
-    *CONDITIONS,
-    "engine",
-    "setting",
-    "alpha_s_per_m",
-    "timestep_s",
-]  # a setting at a step for an α
-
-IMPACT_COLUMNS = [
-    *RUN_KEY,
-    "speed_m_per_s",
-    "phase",
-    "status",
-    "reason",
-    "speed_in_m_per_s",
-    "speed_out_m_per_s",
-    "restitution",
-    "restitution_law",
-    "restitution_linear",
-    "duration_s",
-    "penetration_max_m",
-    "force_max_n",
-    "samples",
-]
-TRAIN_COLUMNS = [*RUN_KEY, "bounce", "touch_s", "parting_s", "height_m", "height_law_m"]
-REST_COLUMNS = [*RUN_KEY, "followed_s", "depth_m", "motion_m"]
-LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
-
+CONDITIONS = keys(records.CONDITIONS)  # under which a setting ran in its scene
+RUN_KEY = keys(RUN)  # a setting at a step for an α
+IMPACT_COLUMNS = keys((*RUN, *STUDY_IMPACT))
+TRAIN_COLUMNS = keys((*RUN, *BOUNCE))
+REST_COLUMNS = keys((*RUN, *LAID))
+LOOP_COLUMNS = keys((*RUN, SPEED, PHASE, *LOOP))
 
 Key: TypeAlias = tuple[Any, ...]  # the values of RUN_KEY
 
@@ -211,7 +191,7 @@ class Results(Drawn):
         try:
             summary = parse_json(read_text(folder / "summary.json"))
             schema = summary.get("schema") if isinstance(summary, dict) else None
-            if schema != SCHEMA:
+            if schema not in (SCHEMA, SCHEMA - 1):
                 raise UserError(
                     "results",
                     f"{folder} has schema {schema!r}{f', {FORMER_E}' if schema in FORMER else ''}",
@@ -224,7 +204,16 @@ class Results(Drawn):
         validate(ResultTable, summary, UserError, f"{folder}/summary.json: {{}}")
         made = summary["study"], summary["settings"], summary["versions"]
         table = ImpactTable.of(impacts, summary["study"])
-        return cls(*made, table, *tables, answers=summary.get("answers", []))
+        return cls(*made, table, *tables, answers=_answers(summary))
+
+
+def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The answers of a summary with the keys of this schema."""
+    answers: list[dict[str, Any]] = summary.get("answers", [])
+    for choice in (choice for answer in answers for choice in answer["choices"]):
+        if _FORMER_SPEEDS in choice:
+            choice["speeds_m_per_s"] = choice.pop(_FORMER_SPEEDS)
+    return answers
 
 
 def read_table(path: Path) -> pd.DataFrame:

@@ -24,23 +24,25 @@ from hcbench._outputs import write_output
 from hcbench.errors import UserError
 from hcbench.impact import FORMER_E, Launch, Status
 from hcbench.measuring.measurement import Measurement
+from hcbench.records import BASELINE_IMPACT, record
 from hcbench.sim.model_under_test import Request
 
 SCHEMA = 2  # 1 has FORMER_E
 KIND = "hcbench baseline"
+_KEYS = {field.name: field.key for field in BASELINE_IMPACT}
 _Number = Annotated[StrictFloat, Field(allow_inf_nan=False)]
 
 
 class BaselineImpact(BaseModel):
-    """One impact; restitution NaN where there was none, null in the file."""
+    """One impact by the keys of BASELINE_IMPACT; restitution NaN where there was none, null in the file."""
 
-    model_config = ConfigDict(frozen=True, defer_build=True)
+    model_config = ConfigDict(frozen=True, defer_build=True, alias_generator=_KEYS.__getitem__)
 
-    speed_m_per_s: _Number = Field(gt=0, le=BOUNDS["speed"][1])
+    speed: _Number = Field(gt=0, le=BOUNDS["speed"][1])
     phase: _Number = Field(ge=0, lt=1)
-    height_m: Annotated[_Number, Field(gt=0, le=BOUNDS["length"][1])] | None
-    slip_m_per_s: tuple[_Number, _Number] = (0.0, 0.0)
-    spin_rad_per_s: tuple[_Number, _Number, _Number] = (0.0, 0.0, 0.0)
+    height: Annotated[_Number, Field(gt=0, le=BOUNDS["length"][1])] | None
+    slip: tuple[_Number, _Number] = (0.0, 0.0)
+    spin: tuple[_Number, _Number, _Number] = (0.0, 0.0, 0.0)
     status: Status
     restitution: Annotated[StrictFloat, BeforeValidator(lambda e: math.nan if e is None else e)]
 
@@ -54,7 +56,7 @@ class BaselineImpact(BaseModel):
     @property
     def launch(self) -> Launch:
         """The launch of the impact."""
-        return Launch(self.speed_m_per_s, self.phase, self.height_m, self.slip_m_per_s, self.spin_rad_per_s)
+        return Launch(self.speed, self.phase, self.height, self.slip, self.spin)
 
 
 class Baseline(BaseModel):
@@ -71,7 +73,7 @@ class Baseline(BaseModel):
     def _require_something_measured(self) -> Self:
         first = self.impacts[0]
         sent = [
-            Launch.at_angle(i.launch.angle, i.launch.speed, i.phase, first.height_m, first.spin_rad_per_s)
+            Launch.at_angle(i.launch.angle, i.launch.speed, i.phase, first.height, first.spin)
             for i in self.impacts
         ]
         if len(set(sent)) < len(sent) or sent != [impact.launch for impact in self.impacts]:
@@ -85,11 +87,11 @@ class Baseline(BaseModel):
         first = self.impacts[0]
         return replace(
             base or Request(),
-            speeds=tuple(dict.fromkeys(impact.speed_m_per_s for impact in self.impacts)),
+            speeds=tuple(dict.fromkeys(impact.speed for impact in self.impacts)),
             phases=tuple(dict.fromkeys(impact.phase for impact in self.impacts)),
             angle=tuple(dict.fromkeys(impact.launch.angle for impact in self.impacts)),
-            height=first.height_m,
-            spin=first.spin_rad_per_s,
+            height=first.height,
+            spin=first.spin,
             adapt_phases=False,
         )
 
@@ -108,21 +110,10 @@ def write_baseline(path: Path, measured: Mapping[str, Measurement], force: bool 
 
 def _record(measurement: Measurement) -> dict[str, Any]:
     facts = measurement.facts
-    impacts = [
-        BaselineImpact(
-            speed_m_per_s=i.launch.speed,
-            phase=i.launch.phase,
-            height_m=i.launch.height,
-            slip_m_per_s=i.launch.slip,
-            spin_rad_per_s=i.launch.spin,
-            status=i.status,
-            restitution=i.restitution,
-        )
-        for i in measurement.impacts
-    ]
+    impacts = [BaselineImpact.model_validate(record(BASELINE_IMPACT, i)) for i in measurement.impacts]
     return Baseline(
         engine=facts.engine, version=facts.version, timestep_s=facts.timestep, impacts=tuple(impacts)
-    ).model_dump(exclude_defaults=True)
+    ).model_dump(exclude_defaults=True, by_alias=True)
 
 
 def read_baseline(path: Path, name: str) -> Baseline:
@@ -145,18 +136,18 @@ def read_baseline(path: Path, name: str) -> Baseline:
             "baseline",
             f"{path} has schema {schema!r}{f', {FORMER_E}' if schema == 1 else ''}",
             f"schema {SCHEMA}",
-            "Write it again with this version of hcbench",
+            "Renew it: hcbench check MODEL --write-baseline FILE --force",
         )
     checks = content.get("checks")
     checks = checks if isinstance(checks, dict) else {}
-    record = checks.get(name)
-    if record is None and len(checks) == 1:  # one model: its name may have changed
-        (record,) = checks.values()
-    if record is None:
+    entry = checks.get(name)
+    if entry is None and len(checks) == 1:  # one model: its name may have changed
+        (entry,) = checks.values()
+    if entry is None:
         names = ", ".join(map(str, checks)) or "none"
         raise UserError("baseline", f"{path} has nothing on {name!r}", f"one of: {names}")
     try:
-        return Baseline.model_validate(record)
+        return Baseline.model_validate(entry)
     except ValidationError:
         raise UserError(
             "baseline", f"{path}: the record of {name!r} is damaged", "what was written"

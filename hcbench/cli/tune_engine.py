@@ -256,7 +256,7 @@ def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str,
     best = answer.best
     tuned = best.tuned
     return {
-        "schema": 1,
+        "schema": 2,
         "engine": answer.engine,
         "recipe": best.setting.name,
         "kind": best.kind,
@@ -268,7 +268,7 @@ def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str,
         "options": dict(best.setting.options),
         "evaluation": dataclasses.asdict(tuned.evaluation) if tuned else None,
         "rest": {"rests": tuned.rests, **dataclasses.asdict(tuned.rest)} if tuned else None,
-        "slope_drift_m_s": tuned.passivity.slope_drift if tuned else None,
+        "slope_drift_m_per_s": tuned.passivity.slope_drift if tuned else None,
         "warning": tuned.flaws if tuned else "",
         "advice": list(tuned.advice) if tuned else [],
         "notes": list(best.notes),

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.impact import Floats
+from hcbench.records import ALONG, CURVE_POINT, record
 from hcbench.sim.columns import Columns, Whole
-from hcbench.sim.tangential import ALONG_COLUMNS, AlongPlate, along_plate
+from hcbench.sim.tangential import AlongPlate, along_plate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Impact, Launch
 
 
-_UNKNOWN = AlongPlate(*(math.nan,) * len(ALONG_COLUMNS))
+_UNKNOWN = AlongPlate(*(math.nan,) * len(ALONG))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,23 +71,7 @@ class CurvePoint:
 
     def record(self, is_oblique: bool) -> dict[str, Any]:
         """The point as JSON and data frames have it. is_oblique: whether any launch of the curve is."""
-        record: dict[str, Any] = {
-            "speed_m_per_s": self.speed,
-            "speed_in_m_per_s": self.speed_in,
-            "restitution": self.restitution,
-            "restitution_min": self.lowest,
-            "restitution_max": self.highest,
-            "restitution_after_force": self.restitution_after_force,
-            "target": self.target,
-            "error": self.error,
-            "error_worst_phase": self.worst_phase,
-            "samples": self.samples,
-            "failed": self.failed,
-        }
-        if is_oblique:
-            record["angle_rad"] = self.angle
-            record |= zip(ALONG_COLUMNS, self.along, strict=True)
-        return record
+        return record(CURVE_POINT, self, is_oblique)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +127,7 @@ def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None
         target=np.array(target),
         samples=np.array([impact.samples for impact in every], dtype=np.int64),
         after_force=np.array([impact.restitution_after_force for impact in every]),
-        along=np.array([along_plate(impact) for impact in every]).reshape(-1, len(ALONG_COLUMNS)),
+        along=np.array([along_plate(impact) for impact in every]).reshape(-1, len(ALONG)),
     )
 
 
@@ -217,7 +202,7 @@ def curve_of_columns(
         failed=failed,
         angle=angle[first_of_group],
         restitution_after_force=mean(after_force),
-        along=mean(along, len(ALONG_COLUMNS)),
+        along=mean(along, len(ALONG)),
     )
 
 

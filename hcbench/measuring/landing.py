@@ -26,6 +26,7 @@ from hcbench.options import (
     Quantities,
     Quantity,
 )
+from hcbench.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LANDING_TIME, record
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
 
@@ -135,11 +136,11 @@ def as_record(landings: Landings) -> dict[str, Any]:
 
 def _drop_record(drop: Landing) -> dict[str, Any]:
     return {
-        **drop.record,
-        "speed_out_m_per_s": drop.speed_out,
+        **record(LANDING, drop),
+        LANDING_SPEED_OUT.key: drop.speed_out,
         "feet": [dataclasses.asdict(foot) for foot in drop.feet],
-        "time_s": drop.time.tolist(),
-        "force_n": drop.force.tolist(),
+        LANDING_TIME.key: drop.time.tolist(),
+        LANDING_FORCE.key: drop.force.tolist(),
     }
 
 

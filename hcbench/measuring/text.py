@@ -13,6 +13,7 @@ from hcbench.impact import Impact
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Cause, Measurement
+from hcbench.records import IMPACT, LOOP, PHASE, REST, SPEED, record
 
 SCHEMA = 1
 _LOOP_SAMPLES = 200
@@ -59,41 +60,26 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "loops": [_loop(impact) for impact in measurement.loops],
         "causes": [dataclasses.asdict(c) for c in measurement.causes],
         "remedy": measurement.remedy,
-        "rest": None if measurement.rest is None else measurement.rest.record,
+        "rest": None if measurement.rest is None else record(REST, measurement.rest),
         "rest_causes": [dataclasses.asdict(c) for c in measurement.rest_causes],
         "notes": list(facts.notes),
     }
 
 
 def _impact(impact: Impact) -> dict[str, Any]:
-    return {
-        "speed_m_per_s": impact.launch.speed,
-        "phase": impact.launch.phase,
-        **({} if impact.tangential is None else {"angle_rad": impact.launch.angle}),
-        "status": impact.status.value,
-        "reason": impact.reason,
-        "speed_in_m_per_s": impact.speed_in,
-        "speed_out_m_per_s": impact.speed_out,
-        "restitution": impact.restitution,
-        "restitution_after_force": impact.restitution_after_force,
-        "duration_s": impact.duration,
-        "penetration_max_m": impact.penetration_max,
-        "force_max_n": impact.force_max,
-        "samples": impact.samples,
-        **({} if impact.tangential is None else {"tangential": dataclasses.asdict(impact.tangential)}),
-    }
+    along = impact.tangential
+    if along is None:
+        return record(IMPACT, impact, oblique=False)
+    return record(IMPACT, impact) | {"tangential": dataclasses.asdict(along)}
 
 
 def _loop(impact: Impact) -> dict[str, Any]:
     assert impact.loop is not None
     loop = impact.loop.thinned(_LOOP_SAMPLES)
     return {
-        "speed_m_per_s": impact.launch.speed,
-        "phase": impact.launch.phase,
-        "time_s": loop.time.tolist(),
-        "penetration_m": loop.penetration.tolist(),
-        "rate_m_per_s": loop.rate.tolist(),
-        "force_n": loop.force.tolist(),
+        SPEED.key: impact.launch.speed,
+        PHASE.key: impact.launch.phase,
+        **{field.key: field.of(loop).tolist() for field in LOOP},
     }
 
 

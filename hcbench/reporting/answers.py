@@ -47,7 +47,7 @@ def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) ->
         kind,
         setting,
         float(choice["max_error"]),
-        [float(speed) for speed in choice["speeds_m_s"]],
+        [float(speed) for speed in choice["speeds_m_per_s"]],
         f"{_VERBS[kind]} {setting}: {choice['within']}.",
         list(_more(view, answer, choice, drawn)),
         str(choice["text"]),

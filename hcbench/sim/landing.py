@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench._notebook import Shown
+from hcbench.records import LANDING, record
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -110,22 +111,6 @@ class Landing:
         """Number of feet that bounce."""
         return sum(foot.bounces > 0 for foot in self.feet)
 
-    @property
-    def record(self) -> dict[str, float]:
-        """The numbers of the drop, SI, by the names that tables and JSON give them."""
-        return {
-            "height_m": self.height,
-            "tilt_rad": self.tilt,
-            "speed_in_m_per_s": self.speed_in,
-            "restitution": self.restitution,
-            "peak_over_weight": self.peak,
-            "impulse_n_s": self.impulse,
-            "contact_s": self.contact,
-            "slip_m": self.slip,
-            "penetration_m": self.penetration,
-            "feet_that_bounce": self.bouncing,
-        }
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Landings(Shown):
@@ -156,7 +141,7 @@ class Landings(Shown):
             yield f"from {drop.height:.3g} m: e = {drop.restitution:.3f}, {rest}"
 
     def _rows(self) -> Iterator[dict[str, float]]:
-        return (drop.record for drop in self.drops)
+        return (record(LANDING, drop) for drop in self.drops)
 
 
 class FootfallLog:

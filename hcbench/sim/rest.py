@@ -53,16 +53,6 @@ class Rest:
         depth = f"penetration {1e3 * self.penetration:.3g} mm"
         return f"{depth}, vibration {self.vibration:.2g} m/s (rms){noise}"
 
-    @property
-    def record(self) -> dict[str, float]:
-        """The numbers at rest as JSON, SI."""
-        return {
-            "penetration_m": self.penetration,
-            "vibration_m_per_s": self.vibration,
-            "force_noise": self.force_noise,
-            "sinking_m_per_s": self.sinking,
-        }
-
     def failures(self, radius: float, timestep: float) -> list[str]:
         """Reasons why a body of this radius (m) does not count as resting at a step (s); empty if
         it rests.

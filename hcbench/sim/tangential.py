@@ -77,16 +77,6 @@ class AlongPlate(NamedTuple):
     energy_lost: float
 
 
-ALONG_COLUMNS = (  # of `AlongPlate`, in files
-    "slip_in_m_per_s",
-    "slip_out_m_per_s",
-    "spin_in_rad_per_s",
-    "spin_out_rad_per_s",
-    "impulse_ratio",
-    "energy_lost",
-)
-
-
 def along_plate(impact: Impact) -> AlongPlate:
     """Summarize an impact along the plate; slip and spin are 0 for one that is not oblique."""
     all_of_it = impact.tangential

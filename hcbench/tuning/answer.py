@@ -107,7 +107,7 @@ class Choice:
             "scenes": 0 if self.passivity is None or self.passivity.warning else self.passivity.scenes,
             "text": self.text,
             "max_error": self.max_error,
-            "speeds_m_s": list(self.speeds),
+            "speeds_m_per_s": list(self.speeds),
             "max_e": self.max_e,
             "passive": {"sphere": self.sphere, "flat": self.flat},
             "rests": self.rests,

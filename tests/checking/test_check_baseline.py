@@ -44,6 +44,7 @@ def test_a_baseline_tells_what_else_changed(tmp_path: Path) -> None:
     [
         ({"schema": 99}, "schema 99;"),
         ({"schema": 1}, "schema 1, whose e has an earlier definition: speeds at a step's start or end"),
+        ({"schema": 1}, "Renew it: hcbench check MODEL --write-baseline FILE --force"),
         ({"kind": "shopping list"}, "is not a baseline"),
         ({"checks": {}}, "has nothing on"),
         ({"checks": {"good.xml": {"engine": "mujoco"}}}, "damaged"),

@@ -103,12 +103,12 @@ def test_a_damaged_description_is_no_sweep(
 @pytest.mark.parametrize(
     ("content", "cause"),
     [
-        ("[]", "expected schema 3"),
-        ("null", "expected schema 3"),
+        ("[]", "expected schema 4"),
+        ("null", "expected schema 4"),
         ("[" * DEEP, "nested too deeply"),
         ('{"schema": 2}', "schema 2, whose e has an earlier definition: speeds at a step's start or end"),
-        ('{"schema": 3}', "study: missing"),
-        ('{"schema": 3, "study": []}', "study: []"),
+        ('{"schema": 4}', "study: missing"),
+        ('{"schema": 4, "study": []}', "study: []"),
     ],
 )
 def test_damaged_results_are_none(

@@ -37,7 +37,7 @@ FLOORS = [
         "workers",
         "environments",
     },
-    {"impact", "setting", "scene", "laws"},
+    {"impact", "records", "setting", "scene", "laws"},
     {"scoring"},
     {"recipes"},
     {"sim"},

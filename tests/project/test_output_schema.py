@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -51,10 +52,28 @@ def test_an_unknown_field_is_not_in_the_schema() -> None:
         convert.validate_python({**whole, "surprise": 1})
 
 
-def test_the_schema_and_the_page_are_written_from_the_types() -> None:
+@pytest.mark.parametrize(
+    ("page", "tables"),
+    [
+        (output_schema.PAGE, output_schema.fields),
+        (output_schema.CSV_PAGE, output_schema.csv_columns),
+    ],
+    ids=["JSON", "CSV"],
+)
+def test_a_page_has_the_tables_that_are_written_from_the_types(page: Path, tables: Callable[[], str]) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert text.split(output_schema.BEGIN)[1].split(output_schema.END)[0] == tables()
+
+
+def test_a_speed_has_one_spelling() -> None:
+    about = output_schema.schema()["$defs"].values()
+    names = {name for each in about for name in each.get("properties", {})}
+    assert "speeds_m_per_s" in names
+    assert not [name for name in names if name.endswith(("_m_s", "_mps"))]
+
+
+def test_the_schema_is_written_from_the_types() -> None:
     assert json.loads(output_schema.SCHEMA.read_text(encoding="utf-8")) == output_schema.schema()
-    page = output_schema.PAGE.read_text(encoding="utf-8")
-    assert page.split(output_schema.BEGIN)[1].split(output_schema.END)[0] == output_schema.fields()
     about = output_schema.schema()["$defs"].items()
     named = {(record, name) for record, each in about for name in each.get("properties", {})}
     used = {f"{record}.{name}" for record, name in named} | {name for _, name in named}

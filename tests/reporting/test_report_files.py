@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import re
 import shutil
 from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+from small_results import ALPHAS, answer, small_results
 
 from hcbench._files import atomic_folder, write_text
 from hcbench.benchmark.results import ImpactTable, Results
@@ -31,6 +34,18 @@ def test_a_later_report_leaves_no_figure_of_an_earlier_one(page: Path, tmp_path:
     assert "figures/overview.svg" in contents(page.parent).keys() - contents(folder).keys()
     fresh = contents(build(fewer, tmp_path / "fresh").parent)
     assert contents(folder) == {**fresh, "study.toml": b"of the user"}
+
+
+def test_results_of_the_schema_before_are_read(tmp_path: Path) -> None:
+    """It spelled the speeds of an answer otherwise."""
+    results = dataclasses.replace(
+        small_results(), answers=[answer("single", "impulse", 1e-3, ALPHAS[0], 0.0)]
+    )
+    results.write(tmp_path)
+    file = tmp_path / "summary.json"
+    former = json.loads(file.read_text(encoding="utf-8").replace("speeds_m_per_s", "speeds_m_s"))
+    file.write_text(json.dumps(former | {"schema": 3}), encoding="utf-8")
+    assert Results.read(tmp_path).answers == results.answers
 
 
 def test_same_results_same_bytes(page: Path, tmp_path: Path) -> None:

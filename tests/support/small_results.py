@@ -100,7 +100,7 @@ def answer(engine: str, setting: str, step: float, alpha: float, gravity: float)
         "scenes": 88,
         "text": json.dumps({"number": alpha, "first": "ball", "second": "plate"}),
         "max_error": 0.05,
-        "speeds_m_s": [0.1, 0.4],
+        "speeds_m_per_s": [0.1, 0.4],
         "max_e": 0.99,
         "passive": {"sphere": True, "flat": None},
         "rests": True,

@@ -26,7 +26,7 @@ from hcbench.tuning.answer import Answer, Choice
 G, ALPHA, STEP = 9.81, 0.3, 2e-3
 NAMES = ("foot", "floor")
 KEYS = {
-    "kind", "setting", "text", "max_error", "speeds_m_s", "max_e", "passive", "rests", "needs",
+    "kind", "setting", "text", "max_error", "speeds_m_per_s", "max_e", "passive", "rests", "needs",
 }  # fmt: skip
 
 
@@ -175,7 +175,7 @@ def test_a_plug_in_needs_no_run_and_says_above_which_speed_it_is_exact(
     said = json.loads(capsys.readouterr().out)
     exact = said["choices"][0]
     assert exact["kind"] == "exact"
-    assert exact["speeds_m_s"] == [pytest.approx(1.6 * G * 5e-3), 1.0]
+    assert exact["speeds_m_per_s"] == [pytest.approx(1.6 * G * 5e-3), 1.0]
     assert 'value="foot"' in said["paste"]
     assert any("hcbench plugin mujoco --install" in need for need in exact["needs"])
 

@@ -56,7 +56,7 @@ def test_each_text_of_the_pages_first_screen_for_mujoco() -> None:
     for answer in KNOWN:
         for choice in answer["choices"] if answer["engine"] == "mujoco" else ():
             model = plain_mujoco(renamed(choice["text"]), answer["timestep"], answer["gravity"])
-            launches = over(choice["speeds_m_s"])
+            launches = over(choice["speeds_m_per_s"])
             found = off(bounces(model, launches), launches, answer["alpha"])
             assert found <= 1.1 * choice["max_error"] + 1e-7, (answer["timestep"], choice["line"])
             texts += 1
@@ -69,7 +69,7 @@ def test_each_text_of_the_pages_first_screen_for_pybullet(tmp_path: Path) -> Non
     library()  # compiled here, once
     for answer in KNOWN:
         for choice in answer["choices"] if answer["engine"] == "pybullet" else ():
-            launches = over(choice["speeds_m_s"])
+            launches = over(choice["speeds_m_per_s"])
             given.append((renamed(choice["text"]), answer["timestep"], answer["gravity"], launches))
             promised.append((answer["alpha"], choice))
     assert len(given) == 40
@@ -203,7 +203,7 @@ def test_what_the_commands_of_readme_and_documentation_print(
     assert run([*words, "--json", "--pair", ",".join(NAMES)]) == 0
     said: dict[str, Any] = json.loads(capsys.readouterr().out)
     target, choice = said["target"], next(c for c in said["choices"] if c["text"] == said["paste"])
-    launches = over(choice["speeds_m_s"])
+    launches = over(choice["speeds_m_per_s"])
     if said["engine"] == "mujoco":
         e = bounces(plain_mujoco(said["paste"], said["timestep_s"], target["gravity"]), launches)
     else:

@@ -166,7 +166,7 @@ class FieldView:
             if (answer["engine"], answer["gravity"], answer["timestep"]) != (case.engine, *case[2:]):
                 continue
             for choice in answer["choices"]:
-                band = choice["speeds_m_s"]
+                band = choice["speeds_m_per_s"]
                 same = np.allclose([low, high], band, rtol=1e-3) and choice["setting"] == case.setting
                 if same and math.isclose(answer["alpha"], self.alpha, rel_tol=1e-9):
                     return dict(choice)
