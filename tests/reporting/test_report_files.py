@@ -37,7 +37,7 @@ def test_a_later_report_leaves_no_figure_of_an_earlier_one(page: Path, tmp_path:
 
 
 def test_results_of_the_schema_before_are_read(tmp_path: Path) -> None:
-    """It spelled the speeds of an answer otherwise."""
+    """Speeds of an answer had another key."""
     results = dataclasses.replace(
         small_results(), answers=[answer("single", "impulse", 1e-3, ALPHAS[0], 0.0)]
     )
