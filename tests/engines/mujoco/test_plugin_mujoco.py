@@ -140,7 +140,12 @@ def test_laws_that_came_after_are_named_by_their_slug(law: Any) -> None:
         ("hunt_crossley", {"alpha": "0.3"}, EXCLUDE, '"stiffness" is missing'),
         ("hunt_crossley", {"stiffness": "1e9"}, EXCLUDE, 'needs "alpha", or "law" and "restitution"'),
         ("hunt_crossley", {**FORCE_KEYS, "alpha": "-1"}, EXCLUDE, "alpha.*-1, needs 0"),
-        ("hunt_crossley", {**FORCE_KEYS, "alpha": "much"}, EXCLUDE, "not a number, and there is no <numeric>"),
+        (
+            "hunt_crossley",
+            {**FORCE_KEYS, "alpha": "much"},
+            EXCLUDE,
+            "not a number, and there is no <numeric>",
+        ),
         ("hunt_crossley", FORCE_KEYS, "", '"ball" and "plate" is on as well: add <exclude'),
         (
             "hunt_crossley",
