@@ -205,7 +205,7 @@ TUNE = record(
         "engine": Text,
         "recipe": Text,
         "kind": Literal["exact", "settings", "constant"],
-        "requested": Text,
+        "requested": Literal["exact", "settings", "constant"] | None,
         "pair": Pair,
         "why": Text,
         "target": of_class(Target),

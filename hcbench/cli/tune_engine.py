@@ -56,7 +56,7 @@ def tune_engine(
                 engine,
                 pair[0] if pair else None,
                 alpha=None if alpha is None else alpha[0],
-                kind=kind or "settings",
+                kind=kind,
                 scene=scene,
                 max_error=MAX_ERROR if max_error is None else max_error,
                 progress=report,
@@ -81,7 +81,7 @@ def tune_engine(
     else:
         _print(answer, margin, gate)
         show(f"\nnext:\n  {_next_line(answer, write_scene)}")
-    _require(answer, kind, max_error, gate)
+    _require(answer, MAX_ERROR if max_error is None else max_error, gate)
 
 
 def _next_line(answer: Answer, script: Path | None) -> str:
@@ -97,13 +97,16 @@ def _next_line(answer: Answer, script: Path | None) -> str:
     return f'{line} --speeds "{low:.3g}:{high:.3g}:5 m/s"'
 
 
-def _require(answer: Answer, kind: Kind | None, max_error: float | None, gate: Passivity | None) -> None:
-    """Raises LimitPassed where the answer is not what was asked for."""
+def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
+    """Raises LimitPassed where the answer is not what was asked for, or may not be recommended."""
     best = answer.best
-    if kind is not None and not answer.is_as_asked:
+    if answer.asked is not None and not answer.is_as_asked:
         got = f"no setting passes; the next is {best.line}"
-        raise LimitPassed(_FLAGS[kind], got, "a setting that follows the target and gains no energy")
-    if max_error is not None and not best.max_error <= max_error:
+        raise LimitPassed(_FLAGS[answer.asked], got, "a setting that follows the target and gains no energy")
+    if best.tuned is not None and best.tuned.flaws:
+        got = f"{best.setting.name!r}: {best.tuned.flaws}"
+        raise LimitPassed("--recipe", got, "a setting that gains no energy and rests", answer.remedy)
+    if not best.max_error <= max_error:
         got = f"{best.max_error:.3g} with {best.setting.name!r}"
         raise LimitPassed("max-error", got, f"{max_error:g} or less", answer.remedy)
     if gate is not None and not gate.sphere:
@@ -140,7 +143,8 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     show(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
     if best.tuned is not None and (warning := best.tuned.passivity.warning):
         show(f"{'warning':<20}  {warning}")
-    for name, note in {"caution": answer.caution, "band": answer.band_note}.items():
+    caution = "" if best.kind == "exact" else answer.caution
+    for name, note in {"caution": caution, "band": answer.band_note}.items():
         if note:
             show(f"{name:<20}  {note}")
     rows = _rows(best, target)

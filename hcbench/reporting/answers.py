@@ -58,7 +58,8 @@ def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) ->
 def _more(
     view: View, answer: Mapping[str, Any], choice: Mapping[str, Any], drawn: Sequence[RunKey]
 ) -> Iterator[str]:
-    if choice["kind"] == answer["best"]:
+    natives = [each["kind"] for each in answer["choices"] if each["kind"] != "exact"]
+    if natives and choice["kind"] == natives[0]:
         yield answer["caution"]
     yield answer["band_note"]
     rests = "A body comes to rest." if choice["rests"] else "A body does not come to rest."

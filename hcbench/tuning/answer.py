@@ -35,7 +35,9 @@ KINDS: dict[Kind, str] = {
     "settings": "settings only",
     "constant": "one e for all speeds",
 }
-_NEXT: dict[Kind, tuple[Kind, ...]] = {
+# Kinds in the order in which they are taken; None: no kind was asked for.
+_NEXT: dict[Kind | None, tuple[Kind, ...]] = {
+    None: ("exact", "settings", "constant"),
     "exact": ("exact", "settings", "constant"),
     "settings": ("settings", "constant", "exact"),
     "constant": ("constant", "settings", "exact"),
@@ -127,15 +129,16 @@ class Never:
 class Answer(Drawn):
     """Choices in the order exact, settings, constant, where they exist; `best` is what was asked for.
 
-    asked: the kind. named: a setting that was asked for by its name, even one that fails. left_out: why the
-    plug-in is not among the choices where it could not be compiled, and how to get it; or "".
+    asked: the kind; None for the first that the engine has. named: a setting that was asked for by its name,
+    even one that fails. left_out: why the plug-in is not among the choices where it could not be compiled,
+    and how to get it; or "".
     """
 
     engine: str
     target: Target
     scene: Scene
     pair: Pair
-    asked: Kind
+    asked: Kind | None
     choices: tuple[Choice, ...]
     never: tuple[Never, ...]
     named: Choice | None = field(default=None)
@@ -206,7 +209,7 @@ class Answer(Drawn):
 
         One e for all speeds is a setting that matches a constant target. It is never a plug-in.
         """
-        if self.named is not None or self.best.kind == self.asked:
+        if self.named is not None or self.asked in (None, self.best.kind):
             return True
         return self.asked == "settings" and self.target.is_constant and self.best.kind == "constant"
 
@@ -220,17 +223,24 @@ class Answer(Drawn):
         return make_tuned(plug_in, "a law in place of the contact", self.target, self.scene, None)
 
     @property
+    def _best_native(self) -> Choice | None:
+        """The best choice that needs no plug-in; None where the engine has none."""
+        if self.named is not None:
+            return None if self.named.kind == "exact" else self.named
+        return self.of("settings") or self.of("constant")
+
+    @property
     def caution(self) -> str:
-        """Warning that one e for all speeds would be nearer than the best choice, if the engine
-        kept it; or "".
+        """Warning that one e for all speeds would be nearer than the best setting of the engine's
+        own, if the engine kept it; or "".
         """
-        best = self.best
-        if best.kind == "exact" or self.target.is_constant:
+        native = self._best_native
+        if native is None or self.target.is_constant:
             return ""
         e, error = minimax_constant(self.target)
-        if best.max_error <= _WORSE * error:
+        if native.max_error <= _WORSE * error:
             return ""
-        low, high = best.speeds
+        low, high = native.speeds
         words = (
             f"One e = {e:.3g} for all speeds would be wrong by {two_digits(error)} from {low:.3g} to "
             f"{high:.3g} m/s, which is nearer, but no setting of the engine's own keeps it here."

@@ -67,7 +67,7 @@ def tune(
     speeds: Quantities | None = None,
     gravity: Quantity | None = None,
     max_error: float = MAX_ERROR,
-    kind: Kind = "settings",
+    kind: Kind | None = None,
     recipe: str = "auto",
     match: Match = "restitution",
     integrator: str | None = None,
@@ -102,8 +102,9 @@ def tune(
         Into the plate, m/s² or with a unit; 9.81 by default.
     max_error : float
         Of e, within which the simplest setting will do.
-    kind : {"settings", "exact", "constant"}
-        Settings of the engine's own, the exact plug-in, or the best one e for all speeds.
+    kind : {"exact", "settings", "constant"}, optional
+        The exact plug-in, settings of the engine's own, or the best one e for all speeds; by default the
+        first of these that the engine has.
     recipe, match, integrator : text, optional
         The name of a recipe; what the choice aims at ("restitution", "loop" or "both"); an integrator such
         as "RK4", where the engine has several.

@@ -43,13 +43,14 @@ def find_answer(
     integrator: str | None = None,
     max_error: float = MAX_ERROR,
     pair: Pair = PAIR,
-    asked: Kind = "settings",
+    asked: Kind | None = None,
 ) -> Answer:
     """Find settings of an engine for a target, under the target's gravity and friction.
 
     engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto" aims at.
     integrator: of an engine that has several; None for the recipe's own. max_error: of e, within which the
-    simplest setting will do. pair: what the two bodies are called in the user's model. asked: the kind.
+    simplest setting will do. pair: what the two bodies are called in the user's model. asked: the kind;
+    None for all of them, the exact one first.
     Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
     SearchInterrupted with the best so far where an interrupt ends a search.
     """
@@ -69,7 +70,9 @@ def find_answer(
     return _answered(finder, asked, finder.choices(recipes, asked))
 
 
-def _answered(finder: _Finder, asked: Kind, choices: Sequence[Choice], named: Choice | None = None) -> Answer:
+def _answered(
+    finder: _Finder, asked: Kind | None, choices: Sequence[Choice], named: Choice | None = None
+) -> Answer:
     advised = [choice for choice in choices if choice.tuned is None or not choice.tuned.flaws]
     never = [*finder.never]
     if named is not None and named not in advised and named.tuned is not None:
@@ -118,7 +121,7 @@ class _Finder:
         is_one = recipe.role in (Role.CONSTANT_E, Role.STOCK)
         return self.choice("constant" if is_one else "settings" if recipe.native else "exact", tuned)
 
-    def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind) -> list[Choice]:
+    def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind | None) -> list[Choice]:
         """The best of each kind; the plug-in alone where that was asked for, which needs no search.
 
         tried: candidates for settings and for one e, the simplest first. Without a C compiler the plug-in is
@@ -208,7 +211,7 @@ class _Finder:
         launches = [Launch.touching(v, 0.5, setting.timestep, self.scene.gravity) for v in band]
         return all(impact.is_measured for impact in self._adapter.run(self.scene, setting, launches))
 
-    def _exact_if_compiled(self, asked: Kind) -> Choice | None:
+    def _exact_if_compiled(self, asked: Kind | None) -> Choice | None:
         """The plug-in; None, and the reason kept, where it cannot be compiled and was not asked for."""
         try:
             return self._exact()

@@ -34,4 +34,6 @@ def tune(
     As `find_answer`, whose choice it is. progress: called with the evaluations of a search (done, at most).
     """
     with report_progress(progress):
-        return find_answer(engine, target, scene, recipe, match, integrator, max_error).tuned
+        return find_answer(
+            engine, target, scene, recipe, match, integrator, max_error, asked="settings"
+        ).tuned

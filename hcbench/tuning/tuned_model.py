@@ -92,6 +92,11 @@ class TunedModel(Shown):
         return largest_error(self.pairs)
 
     @property
+    def max_e(self) -> float:
+        """The largest e of all pairs in any phase."""
+        return max(point.highest for pair in self.pairs for point in pair.curve)
+
+    @property
     def worse(self) -> list[str]:
         """Quantities that the setting makes worse than allowed, in words."""
         return list(self.after.worse_than(self.before))

@@ -20,7 +20,7 @@ HEIGHTS = "height [cm]\n30\n22\n17\n13.5\n11\n9.2\n7.8\n"
 MODEL = (EXAMPLES / "good.xml").read_text(encoding="utf-8")
 LAUNCH = ["good.xml", "--pair=ball,plate", "--speeds=0.5", "--phases=1"]
 HELD = ["check", *LAUNCH, "--restitution=0.9"]
-TUNED = ["tune", "mujoco", "--restitution=0.9", "--timestep=1e-3", "--recipe=impulse"]
+TUNED = ["tune", "mujoco", "--restitution=0.9", "--timestep=1e-3", "--plugin"]
 
 
 @pytest.fixture
