@@ -146,7 +146,8 @@ def world():
 """
     )
     source = f"{tmp_path / 'world.py'}:world"
-    assert run(["tune", source, "--pair", "body:1,body:0", "--restitution", "0.6", "--json"]) == 0
+    asked = ["--pair", "body:1,body:0", "--restitution", "0.6", "--max-error", "0.1", "--json"]
+    assert run(["tune", source, *asked]) == 0
     record = json.loads(capsys.readouterr().out)
     assert "p.changeDynamics(1, -1, " in record["paste"]
     assert "restitution=0.6" in record["paste"]
