@@ -71,7 +71,7 @@ def test_the_impulse_of_the_floor_stops_the_robot(standing: Landings) -> None:
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 def test_a_ball_with_a_plugins_law_is_read_by_its_impulse(integrator: str) -> None:
-    """Its first impact gives m v (1 + e) in one step: an impulse, of which no force can be told."""
+    """The first impact gives m v (1 + e) in one step: an impulse, of which no force can be told."""
     spec = mujoco.MjSpec.from_string(BALL)
     spec.option.timestep = 2e-3
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")

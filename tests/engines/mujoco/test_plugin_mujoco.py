@@ -392,7 +392,7 @@ def test_a_written_scene_says_in_its_first_comment_how_plain_mujoco_loads_it(tmp
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
 def test_a_margin_is_where_bodies_meet(integrator: str) -> None:
-    """As in MuJoCo's own contact: a ball bounces on, and rests at, the margin over the floor."""
+    """A ball bounces on, and rests at, the margin over the floor, as on MuJoCo's own contact."""
     margin, h, drop, e = 0.01, 2e-3, 0.2, 0.6
     spec = world(h, integrator=integrator)
     spec.worldbody.first_geom().margin = margin

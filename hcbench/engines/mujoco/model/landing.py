@@ -94,7 +94,7 @@ class _Bench:
         self.trodden: set[int] = set()
         feet, floors = np.flatnonzero(self.mine[:-1]).tolist(), np.flatnonzero(self.floor[:-1]).tolist()
         pairs = itertools.product(feet, floors) if model.nplugin else ()
-        # By impulses of a plug-in, which are no forces of MuJoCo's contacts.
+        # Pairs that bounce by impulses of a plug-in; MuJoCo tells no contact force of them.
         self.struck = {pair for pair in pairs if restitution_law(model, pair) is not None}
         self.beside = WithoutContact(model) if self.struck else None
         backend().mj_forward(model, start)
