@@ -22,14 +22,19 @@ _LONGEST = 2.5  # s, of a flight: 7.6 m high
 _LEAST_E, _MOST_E = 0.05, 1.01
 # Clutter: clicks at least as loud as this one less 3 dB, a second of the recording, and some never seen.
 _AS_LOUD, _UNSEEN = 3.0, 0.3
-_ECHO, _ECHO_WITHIN, _ECHO_OVER = 1.5, 40e-3, 1.0  # price, s, dB: a louder click just before is the touch
+# price, s, dB: a louder click just before is the touch
+_ECHO, _ECHO_WITHIN, _ECHO_OVER = 1.5, 40e-3, 1.0
 # e from one bounce to the next rises by about 0.4 (1 - e)²; around that, what it scatters and is mistimed by.
 _RISE, _RISE_SD, _SCATTER, _TIMING = 0.4, 0.35, 0.008, 2e-4
-_WILD, _WILDER = 0.1, 5.0  # share of bounces that scatter this many times as much
-_LOUDNESS, _LOUDEST, _CUT = 4.0, 30.0, 16.0  # dB: sd over speed; range of clutter; cut of the square, in sd
+# Share of bounces that scatter this many times as much
+_WILD, _WILDER = 0.1, 5.0
+# dB: sd over speed; range of clutter; cut of the square, in sd
+_LOUDNESS, _LOUDEST, _CUT = 4.0, 30.0, 16.0
 _UNHEARD, _MOST_UNHEARD = 3.0, 2
-_INSIDE, _INSIDE_FROM, _MOST_INSIDE = 2.0, 60e-3, 4  # dB, s: loud clicks within a flight speak against it
-_LEAST_GAIN, _LEAST_OF_WEAK = 2.0, 5.0  # of the score by the last touch; less is what a chance click adds
+# dB, s: loud clicks within a flight speak against it
+_INSIDE, _INSIDE_FROM, _MOST_INSIDE = 2.0, 60e-3, 4
+# Of the score by the last touch; less is what a chance click adds
+_LEAST_GAIN, _LEAST_OF_WEAK = 2.0, 5.0
 _SHARED = 0.7  # of the clicks, from which on two trains are one
 _SAME = 3e-4  # s
 _ENDS = 3000  # flights tried as the last of a train
@@ -120,7 +125,8 @@ class _Search:
         change = self.level[to] - self.level[i]
         for gap in (False, True):
             ratio = flight / last
-            e = 0.5 * (np.sqrt(1.0 + 4.0 * ratio) - 1.0) if gap else ratio  # both flights: e + e² of the last
+            # Both flights: e + e² of the last
+            e = 0.5 * (np.sqrt(1.0 + 4.0 * ratio) - 1.0) if gap else ratio
             gain = self._ln_step(e, e_before, last) + _ln_loud(change, e, gap) - _UNHEARD * gap
             allowed = (e >= _LEAST_E) & (e <= _MOST_E)
             if gap:
@@ -159,7 +165,8 @@ class _Search:
 
     def last_that_counts(self, i: int, j: int) -> tuple[int, int]:
         """The last flight of a train that ends with this one, without last clicks that add little."""
-        weak = self.level.min() + _AS_LOUD  # as many clicks again are too weak to be seen
+        # As many clicks again are too weak to be seen
+        weak = self.level.min() + _AS_LOUD
         while (h := int(self.before[i, j])) >= 0:
             if self.score[i, j] - self.score[h, i] > (
                 _LEAST_OF_WEAK if self.level[j] < weak else _LEAST_GAIN

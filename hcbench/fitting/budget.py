@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.impact import Floats
 
-_CONTACT = 1e-4  # s, for the note on what contact times that were left out would change
+# s, for the note on what contact times that were left out would change
+_CONTACT = 1e-4
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,13 @@ from typing import ClassVar
 
 from hcbench.laws._restitution_series import TOP, restitution_of_one
 
-_TINY = 1e-5  # below this d, ln e = -(2/3) d to five digits more than anybody measures
+# Below this d, ln e = -(2/3) d to five digits more than anybody measures
+_TINY = 1e-5
 _LEAST_E = 1e-3
 VISCOELASTIC_POWER, PLASTIC_POWER = 0.2, -0.25
 
-Local = tuple[float, float, tuple[float, ...]]  # ln e, d ln e/d ln v, d ln e/d parameters
+# Ln e, d ln e/d ln v, d ln e/d parameters
+Local = tuple[float, float, tuple[float, ...]]
 
 
 class FittedCurve(ABC):
@@ -135,7 +137,8 @@ def hunt_crossley(d: float) -> tuple[float, float]:
     return math.copysign(math.log(e), -d), math.copysign(slope, -d)
 
 
-@lru_cache(maxsize=4096)  # the points of one posterior are described again and again
+# The points of one posterior are described again and again
+@lru_cache(maxsize=4096)
 def dissipation_of(log_e: float) -> float:
     """d = (3/2) α v at which ln e of eq. (16) is this, by Newton's iteration over ln d."""
     if abs(log_e) < 1e-6:

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 # Hz, lower and upper ends: ringing and speech are low and clicks reach high, but so does noise.
 _BANDS = ((1200.0, None), (4000.0, None), (8000.0, None), (1200.0, 5000.0), (500.0, 2500.0))
-_NEXT, _LAST = 0.6e-3, 4e-3  # s: a click is what is louder for this long than before it
+# s: a click is what is louder for this long than before it
+_NEXT, _LAST = 0.6e-3, 4e-3
 _RISE = 2.5
 _OVER_NOISE = 6.0
 _APART = 6e-3  # s
@@ -69,13 +70,15 @@ def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats
 def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
     """Samples at which something begins that is louder than before, and how loud it is, dB over the noise."""
     ahead, back = max(4, round(_NEXT * rate)), round(_LAST * rate)
-    energy = np.zeros(len(sound) + 1)  # in place: these arrays are what long recordings need memory for
+    # In place: these arrays are what long recordings need memory for
+    energy = np.zeros(len(sound) + 1)
     np.cumsum(np.square(sound, out=energy[1:]), out=energy[1:])
     after = np.subtract(energy[back + ahead : -1], energy[back : -1 - ahead])
     before = np.subtract(energy[back : -1 - ahead], energy[: -1 - ahead - back])
     del energy
     after /= ahead
-    noise = float(np.percentile(after[::4], 25)) + step**2 + 1e-30  # few bits are silent between steps
+    # Few bits are silent between steps
+    noise = float(np.percentile(after[::4], 25)) + step**2 + 1e-30
     before /= back
     before += 0.3 * noise
     rise = np.divide(after, before, out=before)

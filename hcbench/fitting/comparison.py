@@ -13,7 +13,8 @@ from hcbench.fitting.estimates import Estimate
 if TYPE_CHECKING:
     from hcbench.fitting.result import FitResult
 
-_DROPS_TO_KNOW = 3  # of each material: fewer hardly tell how much drops differ
+# Of each material: fewer hardly tell how much drops differ
+_DROPS_TO_KNOW = 3
 
 
 @dataclass(frozen=True, slots=True)

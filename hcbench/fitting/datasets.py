@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from hcbench.fitting.setup import Known, MeasurementSetup
     from hcbench.impact import Floats
 
-_OF_CLICKS = 1.15  # width of intervals over the posterior's: without it, 0.93 of them held in disturbed rooms
+# Width of intervals over the posterior's: without it, 0.93 of them held in disturbed rooms
+_OF_CLICKS = 1.15
 
 
 class Dataset(ABC):
@@ -33,7 +34,8 @@ class Dataset(ABC):
 
     name: str
     setup: MeasurementSetup
-    noise_scale: ClassVar[float]  # what the noise of measuring is likely to be, in the data's SI unit
+    # What the noise of measuring is likely to be, in the data's SI unit
+    noise_scale: ClassVar[float]
     noise_unit: ClassVar[str]
 
     @property

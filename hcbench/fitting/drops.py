@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats
 
-_BETWEEN = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 60)])  # grid of the scatter between drops
+# Grid of the scatter between drops
+_BETWEEN = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 60)])
 _SCALE = 0.05  # of its half-Cauchy prior
 _ODD = 4.0  # standard deviations from the others at which a file is named
 _LEAST_OTHERS = 2

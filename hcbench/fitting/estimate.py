@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 
 _STEPS = 25
 _LONGEST_STEP = 0.5  # in ln e and in ln of a speed
-_BEYOND = 0.05  # how far ln of e may come out above 0: data about 0 lie on both sides of it
-_POINTS, _WIDTH = 121, 8.0  # of the grid over a parameter, and its half width in standard deviations
+# How far ln of e may come out above 0: data about 0 lie on both sides of it
+_BEYOND = 0.05
+# Of the grid over a parameter, and its half width in standard deviations
+_POINTS, _WIDTH = 121, 8.0
 _SHARES = 41  # of the loss at the reference speed that goes with α
 
 

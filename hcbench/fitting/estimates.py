@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 ENDS = (0.025, 0.5, 0.975)
-ODDS_TO_DROP = 25.0  # of eq. (16) with e0 against without: below that, the interval of α spans both
-_PRIOR_OF_E0 = 3.0  # odds, for the value between the two: some constant loss is the rule
+# Of eq. (16) with e0 against without: below that, the interval of α spans both
+ODDS_TO_DROP = 25.0
+# odds, for the value between the two: some constant loss is the rule
+_PRIOR_OF_E0 = 3.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _SHOWN = 4  # impacts named in a warning
-_GAINS = 0.999  # share of the posterior at e > 1 from which on the data cannot be right
+# Share of the posterior at e > 1 from which on the data cannot be right
+_GAINS = 0.999
 
 
 def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:

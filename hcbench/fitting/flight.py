@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 AIR_DENSITY = 1.204  # kg/m³: 20 °C, 101325 Pa
-DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY = 0.47, 0.05  # a sphere at Reynolds numbers 1e3 ... 1e5
+# a sphere at Reynolds numbers 1e3 ... 1e5
+DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY = 0.47, 0.05
 
 
 @dataclass(frozen=True, slots=True)

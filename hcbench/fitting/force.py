@@ -24,7 +24,8 @@ _EDGE = 0.05  # of the largest force: where a pulse begins and ends
 # Of e by shape and by impulse: standard deviations, and at least so much.
 _APART, _NO_CONTRADICTION = 3.0, 0.01
 _LEAST_POINTS = 20
-_OFF_LAW = 0.05  # rms over the largest force from which on the loop is another law's
+# Rms over the largest force from which on the loop is another law's
+_OFF_LAW = 0.05
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -215,7 +216,8 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
     n = exponent or float(done.x[2])
     covariance = _covariance(done, [0, None, 1] if exponent else [0, 2, 1])
     turn = np.eye(3)
-    turn[0, 1] = -math.log(depth)  # ln k is ln of the force at `depth` less n ln depth
+    # Ln k is ln of the force at `depth` less n ln depth
+    turn[0, 1] = -math.log(depth)
     covariance = turn @ covariance @ turn.T
     stiffness = math.exp(float(done.x[0])) / depth**n
     misfit = float(np.sqrt(np.mean(done.fun**2)))

@@ -21,12 +21,16 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 ODDS_AGAINST = 10.0  # from which on no law of the list fits
-PRIOR_OF_ADHESION = 1.0 / 3.0  # odds against a constant loss e0, which is the rule
-_RIVAL = 0.1  # odds of adhesion from which on it may be what seems a constant loss
-_SIZES = (0.01, 0.03, 0.1, 0.3)  # of the change, standard deviation of each coefficient
+# Odds against a constant loss e0, which is the rule
+PRIOR_OF_ADHESION = 1.0 / 3.0
+# Odds of adhesion from which on it may be what seems a constant loss
+_RIVAL = 0.1
+# Of the change, standard deviation of each coefficient
+_SIZES = (0.01, 0.03, 0.1, 0.3)
 _DEGREES = (1, 2, 3)
 _SCATTER = np.linspace(math.log(2e-4), 0.0, 28)
-_NOISE_STEPS, _WIDER = 15, 1.5  # of ln s_m: points, and how far beyond the grid of the fit
+# Of ln s_m: points, and how far beyond the grid of the fit
+_NOISE_STEPS, _WIDER = 15, 1.5
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,13 +34,18 @@ SHORTEST = 0.02  # s between touches, below which a train ends
 _MOST = 6  # trains kept
 _SAME = 2e-3  # s within which clicks of two bands are one
 _SHARED = 0.7
-_NEAR, _QUIETER = 45e-3, 15.0  # s, dB: clicks that may be the touch in place of one nearby
+# s, dB: clicks that may be the touch in place of one nearby
+_NEAR, _QUIETER = 45e-3, 15.0
 _NOT_MUCH_QUIETER = 6.0  # dB
-_SWAPS, _TRIED = 4, 2  # rounds; swaps fitted in each, the likeliest to first order
-_ROUGH, _SMOOTHER = 8e-3, 1.6  # s_e from which on a touch is left out where that divides s_e by so much
-_KNOCKS, _FAR_SMOOTHER = 2, 2.0  # first clicks that may be none of the ball's: s_e without them
+# rounds; swaps fitted in each, the likeliest to first order
+_SWAPS, _TRIED = 4, 2
+# s_e from which on a touch is left out where that divides s_e by so much
+_ROUGH, _SMOOTHER = 8e-3, 1.6
+# First clicks that may be none of the ball's: s_e without them
+_KNOCKS, _FAR_SMOOTHER = 2, 2.0
 _LEAST_LEFT = 5  # touches, where some are left out
-_CLOSE, _SMOOTH = 0.7, 0.5  # share of the best score of a train that is taken if its s_e is this share
+# Share of the best score of a train that is taken if its s_e is this share
+_CLOSE, _SMOOTH = 0.7, 0.5
 _HALF = 0.5  # of the best score, below which a train does not rival it
 
 
@@ -157,7 +162,8 @@ class _Heard:
         """Reflections that were taken for touches exchanged for them; a touch that spoils all left out."""
         if self.fit is None:
             return self
-        now = self.without_knocks()  # before swaps, which would make the ball's touches go with a knock
+        # Before swaps, which would make the ball's touches go with a knock
+        now = self.without_knocks()
         for _ in range(_SWAPS):
             if (swapped := now.swapped()) is None:
                 break

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from hcbench.fitting.replay import Replay
     from hcbench.fitting.result import FitResult
 
-_POINTS, _PAIR = "points.csv", "ball,plate"  # the names in a scene that hcbench writes
+# The names in a scene that hcbench writes
+_POINTS, _PAIR = "points.csv", "ball,plate"
 
 
 def next_lines(

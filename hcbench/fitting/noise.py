@@ -16,10 +16,12 @@ if TYPE_CHECKING:
     from hcbench.fitting.linear import Reduced
     from hcbench.impact import Floats
 
-SCATTER_SCALE = 0.0035  # of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
+# Of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
+SCATTER_SCALE = 0.0035
 _SPAN = 1e4  # widest range on either side of what is likely
 _FACTOR = math.log(3.0)
-MOST_SCATTER = 1.0  # of e: impacts of bodies other than balls scatter by a third
+# Of e: impacts of bodies other than balls scatter by a third
+MOST_SCATTER = 1.0
 _COARSE, _FINE = 19, 13
 _NEGLIGIBLE = 9.0  # in ln of the density
 

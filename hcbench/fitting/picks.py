@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 
 # A rival has five touches, and an α that is wrong by 3 standard deviations and 2 %.
 _RIVAL_TOUCHES, _RIVAL_SCATTER, _RIVAL_APART, _RIVAL_SHARE = 5, 0.03, 3.0, 0.02
-_LEAST_SCORE, _LEAST_TOUCHES, _MOST_SCATTER, _MOST_SPEED = 10.0, 6, 0.02, 6.0  # m/s: a fall of 1.8 m
+# m/s: a fall of 1.8 m
+_LEAST_SCORE, _LEAST_TOUCHES, _MOST_SCATTER, _MOST_SPEED = 10.0, 6, 0.02, 6.0
 
 
-_SURE_SCORE = 25.0  # below it a law is not chosen: of such trains 1 in 20 is not the ball's
+# Below it a law is not chosen: of such trains 1 in 20 is not the ball's
+_SURE_SCORE = 25.0
 
 
 @dataclass(frozen=True, slots=True)

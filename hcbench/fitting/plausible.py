@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _MOST_E = 0.999  # of a ball over several bounces: steel on steel reaches 0.99
-_HEIGHT_E = (0.33, 1.05)  # e of the first touch by the height, over that of the second by the times
+# e of the first touch by the height, over that of the second by the times
+_HEIGHT_E = (0.33, 1.05)
 
 
 def require_a_ball(name: str, setup: MeasurementSetup, times: Floats) -> None:

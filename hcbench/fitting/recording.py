@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _WHOLE = 24.0  # s, up to which a recording is taken whole
-_WINDOW, _OVERLAP = 20.0, 8.0  # s: of a longer one the window is taken in which the best train is heard
+# s: of a longer one the window is taken in which the best train is heard
+_WINDOW, _OVERLAP = 20.0, 8.0
 _BLOCK = 1 << 18  # samples read at once
 _PHONES = (".m4a", ".mp4", ".mov", ".aac", ".opus", ".ogg", ".oga", ".mp3", ".flac", ".3gp", ".caf", ".amr",
            ".wma", ".webm", ".mkv")  # fmt: skip

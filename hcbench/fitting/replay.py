@@ -29,9 +29,11 @@ if TYPE_CHECKING:
 
 NEAR = 0.06  # s, by which the train may be off at its worst
 _POINTS = 20
-_ROUNDS, _SECANT = 4, 0.04  # of the search for the scene's α, and its longest step, a share of α
+# Of the search for the scene's α, and its longest step, a share of α
+_ROUNDS, _SECANT = 4, 0.04
 _SCENE = "steel-plane"
-_PLUGINS = ("restitution-law",)  # recipes that give the law's e at each impact, at any step
+# Recipes that give the law's e at each impact, at any step
+_PLUGINS = ("restitution-law",)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _LARGEST = 16 << 20  # bytes
-_SMALLEST = 1e-12  # of what anybody measures of bounces, SI; its inverse is the largest
-_NO_LENGTHS = ("px", "pixel", "pixels", "dot", "pt")  # of a picture, though of some length in print
+# Of what anybody measures of bounces, SI; its inverse is the largest
+_SMALLEST = 1e-12
+# Of a picture, though of some length in print
+_NO_LENGTHS = ("px", "pixel", "pixels", "dot", "pt")
 _NAMED = re.compile(
     r"\s*(?P<name>[^\[\]{}]*?)\s*"
     r"(?:\[\s*(?P<square>[^\]]*?)\s*\]|\(\s*(?P<round>[^()]*?)\s*\)|\{\s*(?P<curly>[^{}]*?)\s*\})\s*"

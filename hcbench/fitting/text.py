@@ -52,7 +52,8 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
     each = [_band_of(fit, speeds) for fit in result.curves]
     middle = each[[fit is result.best for fit in result.curves].index(True)][1]
     low, high = np.min([one[0] for one in each], axis=0), np.max([one[2] for one in each], axis=0)
-    wider = _wider(result)  # by what g, height and the like add, and by what drops differ
+    # By what g, height and the like add, and by what drops differ
+    wider = _wider(result)
     return speeds, middle, middle - wider * (middle - low), np.minimum(middle + wider * (high - middle), 1.0)
 
 

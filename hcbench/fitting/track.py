@@ -22,13 +22,18 @@ if TYPE_CHECKING:
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.impact import Floats
 
-_SIGMAS = 7.0  # of the noise, that flights must be higher than to be looked for
-_FOLLOWS = 5.0  # the same of flights that follow on one another: where they are is known
+# Of the noise, that flights must be higher than to be looked for
+_SIGMAS = 7.0
+# The same of flights that follow on one another: where they are is known
+_FOLLOWS = 5.0
 _SHARE = 0.005  # of the highest point, likewise
 _LEAST_FRAMES = 4  # of a flight
-_UNSURE = 0.1  # of the last flight: whether its end is still flight, nothing after it tells
-_FALLEN = 0.05  # share of the drop after which the ball is falling freely for sure
-_OFF = 3.0  # standard deviations of g from which on the scale or the clock is called wrong
+# Of the last flight: whether its end is still flight, nothing after it tells
+_UNSURE = 0.1
+# Share of the drop after which the ball is falling freely for sure
+_FALLEN = 0.05
+# Standard deviations of g from which on the scale or the clock is called wrong
+_OFF = 3.0
 _NEAR = 0.01  # of g: less does not matter, at any standard deviation
 
 
@@ -166,7 +171,8 @@ def _refined(
     """Touches where arcs before and after them meet, the last where its arc meets the floor; the floor."""
     ends = [float(times[0]) - frame, *touches]
     inside = [(times > a + 0.5 * frame) & (times < b - 0.5 * frame) for a, b in itertools.pairwise(ends)]
-    raised = heights + 0.5 * gravity * times**2  # straight lines, in free flight
+    # Straight lines, in free flight
+    raised = heights + 0.5 * gravity * times**2
     arcs = [np.polyfit(times[at], raised[at], 1) if at.sum() > 1 else None for at in inside]
     refined, levels = list(touches), []
     for i, (before, after) in enumerate(itertools.pairwise(arcs)):

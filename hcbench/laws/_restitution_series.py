@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 SHIFT = 5.0
-TOP = 42.0  # (1 + d) exp(-(1 + d)) = 9e-18 here: e and 1/d are the same double from here on
+# (1 + d) exp(-(1 + d)) = 9e-18 here: e and 1/d are the same double from here on
+TOP = 42.0
 # fmt: off
 LOW = 1.0
 LOW_SERIES = (
@@ -52,7 +53,8 @@ SERIES = (
 )
 # fmt: on
 
-_CHUNK = 8192  # doubles: the few buffers of one chunk stay in the processor's second-level cache
+# doubles: the few buffers of one chunk stay in the processor's second-level cache
+_CHUNK = 8192
 # d e / (1 - e) over e within 0.7 %: falls from 3/2 (no loss) to 1 (no bounce). Starts Newton's iteration.
 _START = (0.99793785, 1.24335334, -0.36192314, -1.11520903, 0.73747348)
 

@@ -25,7 +25,8 @@ from hcbench.laws._phase_path import g_ratio, largest_force_rate, rate_ratio
 from hcbench.laws._restitution_series import inverse_restitution, one_minus_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
 
-MOST_ALPHA_SPEED = 1e3  # e is 7e-4 there; the nodes of a quadrature grow with its root
+# e is 7e-4 there; the nodes of a quadrature grow with its root
+MOST_ALPHA_SPEED = 1e3
 _PANEL_NODES = 10
 
 

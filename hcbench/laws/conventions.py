@@ -20,8 +20,10 @@ from hcbench.laws.require import positive, require
 from hcbench.laws.restitution import Reading
 from hcbench.laws.root import root
 
-_OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}  # each dissipation over α
-SOLVERS_OF_NEWTON = {"mujoco": True, "semi-implicit": False}  # that read ke and kd: whether per unit mass
+# Each dissipation over α
+_OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}
+# That read ke and kd: whether per unit mass
+SOLVERS_OF_NEWTON = {"mujoco": True, "semi-implicit": False}
 
 _CAVEATS = (
     "An e holds at one speed: by the law it falls as v grows; in engines with a restitution it is constant.",

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 # Largest shear stress over the largest pressure p0, on the axis below the surface, ν = 0.3 (section 1.10).
 SHEAR_OVER_PRESSURE = 0.31
-SHEAR_LIMIT = 62_000 * 6894.757293168361  # Pa; 62 000 lb/in² = 0.31 x 200 000 of section 1.10
+# Pa; 62 000 lb/in² = 0.31 x 200 000 of section 1.10
+SHEAR_LIMIT = 62_000 * 6894.757293168361
 
 
 @dataclass(frozen=True, slots=True)

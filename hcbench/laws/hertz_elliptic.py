@@ -156,7 +156,8 @@ def axis_ratio(curvature_ratio: float) -> float:
     require("curvature_ratio", curvature_ratio, 0.0 < curvature_ratio <= 1.0, "A/B above 0 and up to 1")
     target = -math.log(curvature_ratio)
     if target < 1e-8:
-        return math.exp(-2.0 / 3.0 * target)  # the next term goes with the square
+        # The next term goes with the square
+        return math.exp(-2.0 / 3.0 * target)
 
     def miss(log_kappa: float) -> float:
         k2 = math.exp(2.0 * log_kappa)

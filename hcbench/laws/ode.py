@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Ending", "impact"]
 
-LONGEST = 1e4  # units of time X/v_i after which contact counts as never ending; a lossless one lasts about 3
+# Units of time X/v_i after which contact counts as never ending; a lossless one lasts about 3
+LONGEST = 1e4
 
 
 def impact(

@@ -216,7 +216,8 @@ class TouchSpeedLaw:
     delivered: float = field(init=False)
 
     def __post_init__(self) -> None:
-        HuntCrossley(self.stiffness, 0.0, self.exponent)  # refuses what it refuses
+        # Refuses what it refuses
+        HuntCrossley(self.stiffness, 0.0, self.exponent)
         chi = self.family.chi_of(self.restitution)
         object.__setattr__(self, "chi", float(chi))
         object.__setattr__(self, "delivered", float(restitution_of(chi)))

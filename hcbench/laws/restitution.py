@@ -14,7 +14,8 @@ from hcbench.laws import closed_form
 from hcbench.laws.require import require
 from hcbench.resolution import SIGMAS_95
 
-Reading = Literal["law", "linear"]  # which e an α stands for: that of eq. (16), or 1 - α v of eq. (2)
+# Which e an α stands for: that of eq. (16), or 1 - α v of eq. (2)
+Reading = Literal["law", "linear"]
 
 
 class RestitutionCurve(ABC):

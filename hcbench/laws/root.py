@@ -50,4 +50,5 @@ def _guess(a: float, b: float, c: float, f_a: float, f_b: float, f_c: float) -> 
         return -f_b * (b - a) / (f_b - f_a)
     slope_a, slope_c = (f_a - f_b) / (a - b), (f_c - f_b) / (c - b)
     bent = slope_c * slope_a * (f_c - f_a)
-    return -f_b * (f_c * slope_c - f_a * slope_a) / bent if bent else math.inf  # where it underflows
+    # Where it underflows
+    return -f_b * (f_c * slope_c - f_a * slope_a) / bent if bent else math.inf

@@ -6,7 +6,8 @@ from hcbench.laws import closed_form, hertz
 from hcbench.laws.force import HuntCrossley
 from hcbench.units import INCH
 
-PAPER_RELATIVE_RADIUS = 2 * INCH  # 1/(1/R1 + 1/R2) of section 3.1: 1 in convex on 2 in concave
+# 1/(1/R1 + 1/R2) of section 3.1: 1 in convex on 2 in concave
+PAPER_RELATIVE_RADIUS = 2 * INCH
 SPEED_LIMIT = 20 * INCH  # m/s, section 1.2: impact speeds below 20 in/s
 # α v_i at the ends of what the paper calls reasonable: α = 0.008 s/in at 20 in/s. Eq. (2) is 0.02 low there.
 ALPHA_SPEED_LIMIT = 0.16

@@ -8,7 +8,8 @@ from hcbench.units import INCH, POUND, POUND_FORCE, PSI
 
 MASS = POUND
 STIFFNESS = 3.1e7 * POUND_FORCE / INCH**1.5  # K3 as printed, N/m^1.5
-ALPHAS = tuple(a / INCH for a in (0.002, 0.004, 0.008, 0.016))  # s/m, section 3.2
+# s/m, section 3.2
+ALPHAS = tuple(a / INCH for a in (0.002, 0.004, 0.008, 0.016))
 SPEEDS = tuple(v * INCH for v in (4.0, 8.0, 12.0, 16.0))  # m/s, Fig. 4
 STEEL = Material(30e6 * PSI, 0.30)  # section 1.9
 RADIUS_1, RADIUS_2 = 1.0 * INCH, -2.0 * INCH

@@ -74,7 +74,8 @@ def response_figure(effort: Effort) -> Figure:
 
 CLEAR, CLEAR_FOR, START = Sinusoid(PUSH, 90.0), 0.03, 0.1  # N at Hz; s; m/s
 HARD, HARD_CYCLES = Sinusoid(1200.0, 3e3), 12
-_OVERLAID = (0, 1, 5, 4)  # line styles with ever more gaps: these lines lie on one another
+# Line styles with ever more gaps: these lines lie on one another
+_OVERLAID = (0, 1, 5, 4)
 
 
 def _in_engine(

@@ -22,7 +22,8 @@ from hcbench.reporting.plot_style import (
 )
 from hcbench.units import INCH, POUND_FORCE
 
-SKETCH_ALPHA_SPEED = 0.5  # α v of the sketches: a loss large enough to be seen
+# α v of the sketches: a loss large enough to be seen
+SKETCH_ALPHA_SPEED = 0.5
 LOOP_COLOURS = (GREEN, BLUE, ORANGE, PURPLE)
 
 

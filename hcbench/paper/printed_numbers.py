@@ -121,7 +121,8 @@ def _case() -> Iterator[Printed]:
     yield Printed("3.2", "λ/(α k), eq. (15)", "1.5", _factor(), "", 2, "from the law at speeds near 0")
 
 
-FACTOR_EXPONENTS, FACTOR_MASSES = (1.0, 1.25, 1.5, 2.0), (0.01, POUND, 100.0)  # n; kg
+# n; kg
+FACTOR_EXPONENTS, FACTOR_MASSES = (1.0, 1.25, 1.5, 2.0), (0.01, POUND, 100.0)
 
 
 def factors() -> list[tuple[float, list[float]]]:

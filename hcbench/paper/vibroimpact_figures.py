@@ -85,7 +85,8 @@ def figure_7() -> Figure:
     return figure
 
 
-SQUEEZE, SETTLED = 1.0, 12  # ½ |g| of Figs. 8 and 9; cycles of the drive until the motion has settled
+# ½ |g| of Figs. 8 and 9; cycles of the drive until the motion has settled
+SQUEEZE, SETTLED = 1.0, 12
 
 
 def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:

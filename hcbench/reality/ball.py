@@ -23,7 +23,8 @@ TITLE = "table tennis"
 UNIT = "m/s"
 TRAINING, VALIDATION = (0,), (1, 2)
 PARTS = 3
-FIXED = {"friction": 0.266}  # of the rigid law that is nearest along the table
+# Of the rigid law that is nearest along the table
+FIXED = {"friction": 0.266}
 TIMESTEP = 2e-3
 DURATION = 0.06  # s
 RADIUS, MASS = 0.02, 0.0027  # m, kg
@@ -35,7 +36,8 @@ _DRAG = 0.5 * _AIR * np.pi * RADIUS**2 * 0.45 / MASS  # 1/m
 _LIFT = 0.5 * _AIR * np.pi * RADIUS**3 * 0.6 / MASS
 _FRAMES = 22  # of a side of a bounce, at most
 _LEAST = 6
-_SPIN_KEPT = 0.8  # share of the spin after the bounce, which was not measured: for the Magnus force alone
+# Share of the spin after the bounce, which was not measured: for the Magnus force alone
+_SPIN_KEPT = 0.8
 
 
 def body() -> Body:

@@ -21,7 +21,8 @@ from hcbench.sim.toss import (
     TossModule,
 )
 
-_BACK = 1.5  # steps of flight before the touch, and up to one more by the phase
+# Steps of flight before the touch, and up to one more by the phase
+_BACK = 1.5
 
 
 @dataclass(frozen=True, slots=True)

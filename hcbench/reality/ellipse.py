@@ -26,12 +26,14 @@ TRAINING, VALIDATION = (0,), (1, 2, 3, 4)
 FIXED: dict[str, float] = {}
 TIMESTEP = 2e-3
 DURATION = 0.06  # s
-LONG, SHORT, THICK, MASS = 0.035, 0.025, 0.03, 0.037  # semi-axes and half thickness m; kg
+# semi-axes and half thickness m; kg
+LONG, SHORT, THICK, MASS = 0.035, 0.025, 0.03, 0.037
 INERTIA = MASS * (LONG**2 + SHORT**2) / 4.0
 GYRATION = np.sqrt(LONG**2 + SHORT**2) / 2.0  # m: scales spins into the error
 SHIPPED = Path(__file__).parent / "data" / "ellipse_drops.npz"
 FILE = "IRB Bound/ellipse_uniform.mat"
-LATE = 9.81 * 0.012  # m/s: what the copy's speed up after is lower by than the original's
+# m/s: what the copy's speed up after is lower by than the original's
+LATE = 9.81 * 0.012
 
 
 @dataclass(frozen=True, slots=True)

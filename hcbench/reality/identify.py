@@ -20,7 +20,8 @@ from hcbench.workers import WorkerPool
 
 COMMITTED = Path(__file__).parent / "data" / "parameters.json"
 STARTS = 3
-_EVALUATIONS = {1: 14, 2: 30, 3: 50}  # of a search from one start, by the number of parameters
+# Of a search from one start, by the number of parameters
+_EVALUATIONS = {1: 14, 2: 30, 3: 50}
 _FIRST_STEP = 0.3  # in the logarithm of each
 _FAILED = 1e3  # error of what an engine cannot simulate
 

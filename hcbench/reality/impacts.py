@@ -21,9 +21,11 @@ TOUCH = 1.5e-3  # m: a frame whose lowest vertex is higher is in flight
 MOST_GAP, LEAST_BEFORE, LEAST_AFTER = 5, 4, 2  # frames
 MOST_BEFORE, MOST_AFTER = 12, 10  # frames of a flight that are fitted
 POSITION_NOISE, ROTATION_NOISE = 8e-5, 4e-4  # m, rad: of a measured pose
-_JUMP, _TURN = 8e-3, 0.06  # m, rad: prior of the pose's jump while the contact lasts
+# m, rad: prior of the pose's jump while the contact lasts
+_JUMP, _TURN = 8e-3, 0.06
 _ROUNDS = 30
-_ALONE, _SURE, _LONG = 5e-3, 0.05, 3  # what makes an impact good: m, of e, frames
+# What makes an impact good: m, of e, frames
+_ALONE, _SURE, _LONG = 5e-3, 0.05, 3
 # The unknowns: place 3, turn 3, velocity 3, spin 3, impulse 3, jump 3, jump's turn 3; and a step of each.
 _PLACE, _TURNED, _VELOCITY, _SPIN, _IMPULSE, _JUMPED, _JUMP_TURN = (slice(i, i + 3) for i in range(0, 21, 3))
 _SCALES = np.repeat([1e-4, 1e-3, 0.01, 0.05, 5e-3, 1e-3, 5e-3], 3)

@@ -10,7 +10,8 @@ from hcbench.impact import Floats
 from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, POSITION, QUATERNION, Body, ContactSetting, Toss, TossModule
 
-NEAR = 3e-3  # m: the flight before the first touch ends where the lowest point is this low
+# m: the flight before the first touch ends where the lowest point is this low
+NEAR = 3e-3
 MOST_FLIGHT = 14  # frames of it that the start is fitted to
 LEAST_FLIGHT = 5
 REST = 5  # last frames, of which the ground is taken

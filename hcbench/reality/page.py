@@ -36,7 +36,8 @@ _SWITCH_KEYS = {
     "inertia as published": "lengths",
     "lengths and inertia as published": "",
 }
-_NEAR = 1.5  # times the least error: an identified setting that is compared with the others
+# Times the least error: an identified setting that is compared with the others
+_NEAR = 1.5
 
 
 def page_text(results: RealityResults) -> str:

@@ -6,8 +6,10 @@ import math
 
 from hcbench.units import INCH
 
-PAPER = (1.0 * INCH, 20.0 * INCH)  # m/s: what Hunt and Crossley's law was fitted over
-SLOWEST = 1.6  # g h: slower impacts end within the step that finds them, and the body stays down
+# m/s: what Hunt and Crossley's law was fitted over
+PAPER = (1.0 * INCH, 20.0 * INCH)
+# g h: slower impacts end within the step that finds them, and the body stays down
+SLOWEST = 1.6
 
 
 def default_band(timestep: float, gravity: float) -> tuple[float, float]:

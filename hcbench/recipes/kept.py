@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
 
 _PACKAGE = Path(__file__).parents[1]
-_WORTH_S = 0.05  # of a processor: a search that takes less is quicker made than read
+# Of a processor: a search that takes less is quicker made than read
+_WORTH_S = 0.05
 _OLD_S = 90 * 86400.0  # since it was found; older ones are removed
 
 

@@ -89,7 +89,8 @@ def _residual_figure(result: FitResult) -> Figure:
     ):
         style = {"linestyle": "none", "marker": "o", "color": COLOURS[i % len(COLOURS)], "markersize": 3.5}
         left = off_law / (noise * model.shape)
-        off = latent if s.needs_gravity else model.residual  # single impacts are their own readings
+        # Single impacts are their own readings
+        off = latent if s.needs_gravity else model.residual
         upper.plot(100.0 * off, label=s.name, **style)
         lower.plot(np.clip(left, -10, 10), **style)
     for axes, scale, label in ((upper, 100.0 * fit.scatter, "e off, %"), (lower, 1.0, "measured off, σ")):

@@ -20,7 +20,8 @@ from hcbench.reporting.plot_style import (
 )
 from hcbench.reporting.view import RunKey, View
 
-_FAR, _GAP = 0.5, 0.2  # of e: what never comes above, and so far below the rest, has its own frame
+# Of e: what never comes above, and so far below the rest, has its own frame
+_FAR, _GAP = 0.5, 0.2
 _BAND_SHOWN = 1e-4  # of e: a smaller range over the phases cannot be seen
 
 _LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2, 2))}

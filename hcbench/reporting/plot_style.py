@@ -28,7 +28,8 @@ from hcbench.units import INCH
 INK = "#26303a"  # text and axes
 GREY = "#8b949c"
 SLATE = "#5b6670"
-LAW = "#b9c0c7"  # the law: a broad pale band that curves can lie on and still be seen
+# The law: a broad pale band that curves can lie on and still be seen
+LAW = "#b9c0c7"
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#C98500", "#00805E", "#8B3F75", "#3A9BD0", "#B23A00"
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, SLATE, "#3d3d9e", "#9a8a1f", INK)
 LIMIT = "#D55E00"  # what is wanted, or may not be passed
@@ -235,7 +236,8 @@ def _rising(values: Floats) -> Floats:
 def legend_below(figure: Figure, handles: list[Line2D]) -> None:
     """One legend for all panels, under them, in as many columns as fit."""
     labels = [str(h.get_label()) for h in handles]
-    entry = 52 + 5.9 * max(map(len, labels))  # points, at the legend's font size
+    # points, at the legend's font size
+    entry = 52 + 5.9 * max(map(len, labels))
     columns = max(1, int(72 * figure.get_figwidth() / entry))
     figure.legend(
         handles,

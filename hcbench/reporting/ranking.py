@@ -12,7 +12,8 @@ from hcbench.resolution import FOLLOWS, ROUND_OFF_SCORE
 
 TIE = 0.02  # relative: errors this near are one
 TIE_HEAVY = 0.25  # under gravity, where phases of the fall alone scatter e
-_NO_LINE = 1e-6  # of e: a law without damping leaves a constant nothing to be off by
+# Of e: a law without damping leaves a constant nothing to be off by
+_NO_LINE = 1e-6
 FOLLOWS_LAW = "follows the law"
 _AGAINST_CONSTANT = {
     "good": "better than any constant e",
@@ -22,8 +23,10 @@ _AGAINST_CONSTANT = {
 LOOP_RIGHT, LOOP_NEAR = 0.01, 0.05  # rms over the largest force
 # Under gravity, at rest after a drop: depth and motion in units of g h², what gravity moves a body in a step.
 REST_DEPTH, REST_MOTION = 10.0, 1.0
-DEEP = 2.5  # times v h at the top speed, which any contact needs that acts from one step to the next
-_OTHER_SIZE = 2.0  # times the law's depth: a contact of another size, regardless of its shape
+# Times v h at the top speed, which any contact needs that acts from one step to the next
+DEEP = 2.5
+# Times the law's depth: a contact of another size, regardless of its shape
+_OTHER_SIZE = 2.0
 
 
 @dataclass(frozen=True, slots=True)

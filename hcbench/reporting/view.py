@@ -28,8 +28,10 @@ REFERENCE = "reference"  # the engine of the law
 STOCK = "stock"  # the setting with nothing set
 LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
 CURVE_SPEEDS = 3  # from which a run says something about e over speed
-_RUN = ["scene", "engine", "setting", "timestep_s"]  # columns that identify a run
-_PLACES = {"plane": "on a flat plate", "cup": "in the cup"}  # a scene's form, in words
+# Columns that identify a run
+_RUN = ["scene", "engine", "setting", "timestep_s"]
+# a scene's form, in words
+_PLACES = {"plane": "on a flat plate", "cup": "in the cup"}
 
 
 class RunKey(NamedTuple):

@@ -103,10 +103,12 @@ class Tally:
         """mass: effective mass, kg."""
         self._law, self._mass = law, mass
         self._counts = np.zeros(3, dtype=np.int64)  # impacts, parted, rested
-        self._ends = np.array([math.inf, -math.inf])  # of the speeds asked for
+        # Of the speeds asked for
+        self._ends = np.array([math.inf, -math.inf])
         self._pairs: list[tuple[Floats, Floats]] = []
         self._off_law, self._off_linear = _Errors(), _Errors()
-        self._spreads = np.full(2, math.nan)  # over phases: of e, and of its error
+        # Over phases: of e, and of its error
+        self._spreads = np.full(2, math.nan)
         self._loss, self._law_loss = _Slope(), _Slope()
         self._gained, self._samples = False, 0
         self._loops: list[LoopScore] = []
@@ -232,7 +234,8 @@ def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
 
 
 def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]:
-    from scipy.optimize import minimize_scalar  # here, as simulating without scoring needs none of it
+    # here, as simulating without scoring needs none of it
+    from scipy.optimize import minimize_scalar
 
     count = sum(len(speed_in) for speed_in, _ in pairs)
 

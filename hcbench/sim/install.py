@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from hcbench.environments.store import Environment
     from hcbench.sim.backend import Backend
 
-_TRIAL_S = 300.0  # for one bounce: engines that compile their kernels first take a minute
+# For one bounce: engines that compile their kernels first take a minute
+_TRIAL_S = 300.0
 _TRIAL_STEP, _TRIAL_SPEED = 1e-3, 0.4  # s, m/s
 _VERSION = re.compile(r"\d[\w.+!-]*")
 

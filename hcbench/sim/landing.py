@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.options import Controller
 
-PARTED_S = 0.005  # a foot that is off the floor for longer has left it; shorter gaps are chatter
+# a foot that is off the floor for longer has left it; shorter gaps are chatter
+PARTED_S = 0.005
 WINDOW_S = 0.5  # after the first touch, in which a landing is measured
 
 

@@ -21,9 +21,11 @@ from hcbench.sim.world import World
 if TYPE_CHECKING:
     from hcbench.sim.shared_model import SharedModelEngine
 
-DEFAULT_SPEEDS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)  # m/s, over the default band of models
+# m/s, over the default band of models
+DEFAULT_SPEEDS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
 DEFAULT_PHASES = 4
-CONTACT, WEIGHT = "the contact of the pair", "gravity and motion of the links"  # among `Facts.shares`
+# Among `Facts.shares`
+CONTACT, WEIGHT = "the contact of the pair", "gravity and motion of the links"
 Vector = tuple[float, float, float]
 
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 _MOST_STEPS = 64  # between two looks
 _GUESSED = 4 << 30  # bytes of free memory
-_FEWEST = 4.0  # units in the last place of the position that a step at the highest speed must move it by
+# Units in the last place of the position that a step at the highest speed must move it by
+_FEWEST = 4.0
 
 
 def require_motion(scene: Scene, timestep: float, fastest: float, bits: int) -> None:

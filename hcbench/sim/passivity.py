@@ -31,14 +31,17 @@ if TYPE_CHECKING:
     from hcbench.sim.engine import Engine, SteppedEngine
 
 HEIGHTS = tuple(np.geomspace(2e-4, 0.2, 40).tolist())  # m, of the drops
-LASTS = 30.0  # s: how long drops are simulated; who bounces then must be allowed to by the target
+# s: how long drops are simulated; who bounces then must be allowed to by the target
+LASTS = 30.0
 MOST_E = 1.002  # a larger e gains energy; 1.0005 is what searches aim at
 MOST_ENERGY = MOST_E**2
 MOST_DRIFT = 1e-4  # m/s down a slope below the friction angle
 _STILL = 1.0  # s before the end in which a body still bounces
-_SLOWEST = 1e-3  # m/s: a train has ended there, in hops of 50 nm; the law's own never ends, as its e nears 1
+# m/s: a train has ended there, in hops of 50 nm; the law's own never ends, as its e nears 1
+_SLOWEST = 1e-3
 _CHUNK = 1000  # steps
-_SLOW, _FAST = 0.1, 2.0  # of the band's lowest speed, and m/s: between them no impact may gain energy
+# Of the band's lowest speed, and m/s: between them no impact may gain energy
+_SLOW, _FAST = 0.1, 2.0
 _FALLS = 0.6  # g h: a ball that falls by a step at all arrives faster
 _SPEEDS, _PHASES = 8, 8
 
@@ -248,7 +251,8 @@ def passivity_of(
     train: the longest train of bounces that its target allows; None for a setting that must rest in LASTS.
     """
     low, high = speeds
-    adapter = getattr(engine, "adapter", engine)  # of one in an environment of its own
+    # Of one in an environment of its own
+    adapter = getattr(engine, "adapter", engine)
     controlled = getattr(adapter, "error_controlled", None)
     phases = 1 if controlled is None and not hasattr(adapter, "load") else _PHASES
     if controlled is not None and controlled(setting):

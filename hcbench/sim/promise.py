@@ -18,7 +18,8 @@ _TEXT = re.compile(
     rf"error (?P<error>{_NUMBER}); speeds (?P<low>{_NUMBER}) (?P<high>{_NUMBER}) m/s"
     r"(?:; option (?P<option>(?:\w+=[\w.+-]+ ?)+))?"
 )
-_KEPT, _SLACK = 1.25, 0.005  # of the promised error, and of e: other launches find a little more
+# Of the promised error, and of e: other launches find a little more
+_KEPT, _SLACK = 1.25, 0.005
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,8 @@ class Reading(NamedTuple):
 
 EACH = Rule._fields[:3]  # fields of a rule that each launch has of its own
 NEVER = 2**31 - 1  # beyond every step
-WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])  # fields that are whole numbers
+# Fields that are whole numbers
+WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])
 
 
 def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind: type) -> Rule:

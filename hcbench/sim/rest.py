@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 # A body counts as resting if it sinks more slowly than this (m/s), lies less deep (of R, or so many m per
 # second of the step), and vibrates less (m/s) or less than before.
 _SINKING_MAX, _DEPTH_MAX, _DEPTH_STEP, VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
-_SECONDS, _STEPS_MAX = 4.0, 4000  # simulated, until a body is taken to lie as it will
+# simulated, until a body is taken to lie as it will
+_SECONDS, _STEPS_MAX = 4.0, 4000
 _LET_DOWN = 1e-9  # m: the height it is let down from
 
 

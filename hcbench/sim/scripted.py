@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
 
 PythonLaw = HuntCrossley | Restitution
-TIGHT = 1e-8  # an accuracy of error control by which e hardly depends on where in a step the contact starts
+# An accuracy of error control by which e hardly depends on where in a step the contact starts
+TIGHT = 1e-8
 
 
 def python_law_of(options: Mapping[str, Any]) -> PythonLaw:

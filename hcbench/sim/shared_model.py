@@ -39,10 +39,13 @@ if TYPE_CHECKING:
     from hcbench.sim.read_steps import Rule
 
 
-_HEIGHT, _RISING = 2, 7 + 2  # of a ball's state: velocities come after the 7 positions of a free joint
+# Of a ball's state: velocities come after the 7 positions of a free joint
+_HEIGHT, _RISING = 2, 7 + 2
 _LOOK = 16  # steps between two looks at which launches have ended
-_FEW = 8  # times fewer launches than began have not ended: the others' steps are no longer worth it
-_LONGER, _REST = 4, 256  # times the steps of the longest launch, and steps more, until the few are left
+# Times fewer launches than began have not ended: the others' steps are no longer worth it
+_FEW = 8
+# Times the steps of the longest launch, and steps more, until the few are left
+_LONGER, _REST = 4, 256
 _WIDTH = 32  # copies in a batch, at least
 
 

@@ -36,13 +36,19 @@ if TYPE_CHECKING:
     from hcbench.sim.engine import SteppedEngine
     from hcbench.sim.world import Simulation, World
 
-STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit for a launch
-SHORTEST_CHUNK, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
-_GUESS_SHARE = 2 / 3  # of the steps that a guess expects: then it is seen how soon the bodies part
+# For one step of a trajectory, beyond the engine's limit for a launch
+STEP_S = 1e-3
+# Steps in a chunk: at least, and as a share of those taken already
+SHORTEST_CHUNK, _CHUNK_SHARE = 8, 8
+# Of the steps that a guess expects: then it is seen how soon the bodies part
+_GUESS_SHARE = 2 / 3
 _WRONG = [STATUSES.index(status) for status in (Status.NO_TOUCH, Status.DIVERGED)]
-_ROOM = 2**18  # steps of launches that are simulated together, all in all, which bounds memory
-_LEAST_SHARE = 8  # so many times fewer launches than a world has places for, at least, however long they take
-_SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
+# Steps of launches that are simulated together, all in all, which bounds memory
+_ROOM = 2**18
+# So many times fewer launches than a world has places for, at least, however long they take
+_LEAST_SHARE = 8
+# m/s: for a body let down on the plate, a step is judged at this speed
+_SLOWEST = 1e-3
 
 
 @cache  # as reading a version takes as long as tens of launches

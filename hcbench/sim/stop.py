@@ -26,10 +26,13 @@ if TYPE_CHECKING:
 # A touch must come within so many times the flight, and steps: Bullet's acts from 10 µm deep on.
 FLIGHT_SLACK, FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX = 4.0, 5000, 2_000_000
 CONTACT_S = 5.0  # s: no bounce that anybody measures lasts longer
-CONTACT_STEPS_MIN, CONTACT_STEPS_MAX = 500, 500_000  # steps of a contact: at least, at most
-REST_SHARE, REST_STEPS = 1e-6, 32  # of the speed at touch: slower than any bounce
+# Steps of a contact: at least, at most
+CONTACT_STEPS_MIN, CONTACT_STEPS_MAX = 500, 500_000
+# Of the speed at touch: slower than any bounce
+REST_SHARE, REST_STEPS = 1e-6, 32
 IDLE_SHARE, IDLE_STEPS = 1e-3, 128  # slow, without any force
-FALL_STEPS, FALLING_STEPS = 1.5, 128  # times the speed that gravity gives in a step
+# Times the speed that gravity gives in a step
+FALL_STEPS, FALLING_STEPS = 1.5, 128
 
 _NEVER = 1 << 62  # beyond every step
 
@@ -166,7 +169,8 @@ class StopRule:
         steps = np.stack(list(whens.values()))
         first = steps.min(axis=0)
         ended = first < _NEVER
-        why = np.array([*whens])[steps.argmin(axis=0)]  # the weightiest comes first
+        # The weightiest comes first
+        why = np.array([*whens])[steps.argmin(axis=0)]
         return np.where(ended, first + 1, 0), np.where(ended, why, End.GOING)
 
     def _rested(self, x: Floats, v: Floats, acting: Flags) -> Whole:

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
 
 
-_ACROSS = 0.9  # of a normal along x: from here on the plate counts as across x
-_NORMAL = 1.0 - 1e-6  # cosine from which a direction counts as normal to the plate
+# Of a normal along x: from here on the plate counts as across x
+_ACROSS = 0.9
+# Cosine from which a direction counts as normal to the plate
+_NORMAL = 1.0 - 1e-6
 
 
 def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:

@@ -11,13 +11,17 @@ import numpy as np
 
 from hcbench.errors import SceneError, UserError
 
-DEEPEST = 0.1  # of the smaller one's size: an overlap at the start up to which it is just moved out
-LEAST_APPROACH = 1e-3  # share of a joint's motion that must be along the normal for it to launch a body
+# Of the smaller one's size: an overlap at the start up to which it is just moved out
+DEEPEST = 0.1
+# Share of a joint's motion that must be along the normal for it to launch a body
+LEAST_APPROACH = 1e-3
 _ROUNDS = 60
 _SEEN = 1e-9  # m: an overlap that is more than rounding
-_PASSED = 4.0  # times the smallest distance: two that are so far apart again will not meet
+# Times the smallest distance: two that are so far apart again will not meet
+_PASSED = 4.0
 _SCAN_STEPS = 200
-_CLOSE = 1e-12  # of the smaller one's size: a distance that counts as touching
+# Of the smaller one's size: a distance that counts as touching
+_CLOSE = 1e-12
 
 
 def travel_by_distance(distance: Callable[[float], float], size: float, approach: float = 1.0) -> float:

@@ -19,8 +19,10 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.scene import built_in_folder
 
 NAME = "two-blocks"
-RADIUS = 0.0508  # m, of the sphere: the relative radius of section 3.1; no force depends on it
-SIDES = {"left": -1.0, "right": 1.0}  # the geoms, bodies and files of the blocks; where they are along x
+# m, of the sphere: the relative radius of section 3.1; no force depends on it
+RADIUS = 0.0508
+# The geoms, bodies and files of the blocks; where they are along x
+SIDES = {"left": -1.0, "right": 1.0}
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn
 
-AVAILABLE = sys.platform == "linux"  # elsewhere libraries that draw may not survive a fork
+# Elsewhere libraries that draw may not survive a fork
+AVAILABLE = sys.platform == "linux"
 _SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 _POLL_S = 1e-3
 
@@ -62,7 +63,8 @@ def _run(parent: int, function: Callable[[], object]) -> NoReturn:
     """Run a function; only os._exit leaves, as this is a copy of its parent's program."""
     try:
         ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
-        gc.freeze()  # what is the parent's is not looked at again, so that both go on sharing its memory
+        # What is the parent's is not looked at again, so that both go on sharing its memory
+        gc.freeze()
         for number in signal.valid_signals():
             if callable(signal.getsignal(number)):  # the parent's own way to end
                 signal.signal(number, signal.SIG_DFL)

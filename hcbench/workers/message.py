@@ -11,7 +11,8 @@ from typing import Any
 from hcbench.errors import EngineFailed, HcbenchError, typed
 
 _PROTOCOL = 4  # the default of 3.11
-FirstCall = tuple[str, str, tuple[Any, ...]]  # a module, a function of it, arguments
+# a module, a function of it, arguments
+FirstCall = tuple[str, str, tuple[Any, ...]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,8 +28,10 @@ from hcbench.workers.serve import serve, serve_forked
 
 Result = TypeVar("Result")
 
-_IDLE = 0.05  # share of the time that a process at work gets, on the busiest machine
-_LONGEST_S = 1e6  # that this process waits, which counts it in milliseconds of 32 bits
+# Share of the time that a process at work gets, on the busiest machine
+_IDLE = 0.05
+# That this process waits, which counts it in milliseconds of 32 bits
+_LONGEST_S = 1e6
 _START_S = 60.0  # for a new interpreter to come up on a busy machine
 
 

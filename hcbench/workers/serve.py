@@ -68,7 +68,8 @@ def serve(handle: int, environment: str = "", first: FirstCall | None = None) ->
             request = pipe.recv_bytes()
             try:
                 folder, function, args = pickle.loads(request)
-                os.chdir(folder)  # the parent's: relative paths mean the same here
+                # The parent's: relative paths mean the same here
+                os.chdir(folder)
                 for result in function(*args):
                     pipe.send_bytes(pickled(result))
                 error = None

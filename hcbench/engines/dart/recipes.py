@@ -11,8 +11,10 @@ from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
 from hcbench.recipes.target import Target
 
-_MIXING = 1e-5  # constraint force mixing, built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1
-_THRESHOLD, _CAP = 0.1, 100.0  # units of length a second: no bounce below in e v, none faster than that
+# Constraint force mixing, built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1
+_MIXING = 1e-5
+# Units of length a second: no bounce below in e v, none faster than that
+_THRESHOLD, _CAP = 0.1, 100.0
 
 
 def units_per_metre(target: Target, e: float) -> float:

@@ -63,7 +63,8 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
         """Plant, contact or law, and Simulator."""
         plant, contact, integrator = _parts(options, "timestep")
         before, after, force = ("", _LAW, "") if options.law else (f"{contact}\n{_SHAPES}", "", _FORCE)
-        force = force if options.plant == "continuous" else ""  # a discrete one's results are of two times
+        # a discrete one's results are of two times
+        force = force if options.plant == "continuous" else ""
         return _LINES.format(plant=plant, before=before, after=after, integrator=integrator, force=force)
 
     def paste(self, options: DrakeOptions, timestep: str) -> str:

@@ -14,7 +14,8 @@ from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
 from hcbench.recipes.target import Target
 
-_DAMPED = 2e-3  # share of e that the discrete plant's own damping may take, where that is not too soft
+# Share of e that the discrete plant's own damping may take, where that is not too soft
+_DAMPED = 2e-3
 _DEEPEST = 1e-3  # m: as deep as the band's highest speed may go for it
 
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
-_PLATE_RADIUS = 10.0  # m, of the sphere that stands for a plane: on its axis the gap is that of a plane
+# m, of the sphere that stands for a plane: on its axis the gap is that of a plane
+_PLATE_RADIUS = 10.0
 Number = Annotated[Finite | None, Field(ge=0.0)]
 
 

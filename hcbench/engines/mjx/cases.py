@@ -6,7 +6,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"  # else threads may wait for ever
+# Else threads may wait for ever
+os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,7 +33,8 @@ class Engine(MuJoCo):  # type: ignore[misc, valid-type]
 
     def make(self, world: dict[str, Any]) -> None:
         super().make(world)
-        self.model.opt.cone *= bool(world["friction"])  # MJX has no elliptic cone without friction
+        # MJX has no elliptic cone without friction
+        self.model.opt.cone *= bool(world["friction"])
         self.model.opt.impratio = 100.0  # with 1e6 a box does not rest
         self.made.append((self.model, self.data))
 

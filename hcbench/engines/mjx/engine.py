@@ -39,7 +39,8 @@ _THREADS = "16"
 _WORKING = 4  # times a state's bytes that a step takes in all
 _BUFFER = 512  # steps that are recorded before they are looked at
 IMPEDANCE = 0.9  # of a bounce in one step: float32 tells 1 - d to 2e-6
-_HELD = ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")  # of a state, as the user has set it
+# Of a state, as the user has set it
+_HELD = ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")
 _BITS = {"float32": 32, "float64": 64}
 
 
@@ -98,7 +99,8 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             on_device = mjx.put_model(model, device=chosen)
         except NotImplementedError as error:
             raise SceneError("model", f"MJX: {error}", "what MJX has of MuJoCo") from None
-        empty = mjx.make_data(on_device, device=chosen)  # put_data has other types in 64 bits
+        # put_data has other types in 64 bits
+        empty = mjx.make_data(on_device, device=chosen)
         held = {name: jax.device_put(getattr(start, name), chosen) for name in _HELD}
         copies = MjxCopies(
             on_device, empty.replace(**held), bits, *_compiled(law or "step = mjx.step", radius, bits)

@@ -11,7 +11,8 @@ from hcbench.recipes.recipe import Integrators
 from hcbench.sim.shared_model import changed, shared_recipes
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have this integrator")
-_SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
+# Of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
+_SCATTER = 4e-3
 _ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")
 _SOFT = "The numbers hold at this step and gravity only. e varies with the phase of the step."
 _FLOAT = "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."

@@ -38,7 +38,8 @@ _LOOK = 8  # steps between two looks at which balls have ended
 _BYTES = 8_000  # of memory that a copy takes, measured: 7 kB
 _PLACES = 128  # a step of one world costs as much as of all
 _MOST_STEPS = 64  # between two looks
-_MOST_CONTACTS = 256  # of a world, and constraints of a user's model; Warp's own is 48
+# Of a world, and constraints of a user's model; Warp's own is 48
+_MOST_CONTACTS = 256
 
 
 _CAVEATS = (
@@ -89,7 +90,8 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         except (NotImplementedError, ValueError) as error:
             raise SceneError("model", f"MuJoCo Warp: {error}", "what it has of MuJoCo") from None
         known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": radius, "np": np}
-        most = int(model.npair) + 4 if radius else _MOST_CONTACTS  # a ball on a plane, or anything
+        # a ball on a plane, or anything
+        most = int(model.npair) + 4 if radius else _MOST_CONTACTS
         copies = WarpCopies(model, start, most, run_lines(law, known))
         if device:
             copies.room = batch_in(where.free_memory if where.is_cuda else free_memory(), _BYTES)
@@ -204,7 +206,8 @@ def _reading_kernel(warp: Any) -> Any:
         *(f"    _{name}[i] = {name}" for name in Reading._fields),
     ]
     add = reader(library)
-    add.__annotations__ = dict.fromkeys(("height_after", "rising_after", *kinds), Any)  # Warp insists
+    # Warp insists
+    add.__annotations__ = dict.fromkeys(("height_after", "rising_after", *kinds), Any)
     return run_lines("\n".join(lines), {"wp": warp, "add": warp.func(add)})["read"]
 
 

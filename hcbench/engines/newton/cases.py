@@ -45,7 +45,8 @@ class Engine:
 
     def start(self) -> None:
         _, model, self.builder = self.builder.color(), self.builder.finalize(), newton.ModelBuilder()
-        self.worlds, model.rigid_contact_max = model.world_count, 16 * model.world_count  # not 1000 for one
+        # Not 1000 for one
+        self.worlds, model.rigid_contact_max = model.world_count, 16 * model.world_count
         self.stepper, self.at, self.after = self.solver(model, **self.options), model.state(), model.state()
         newton.eval_fk(model, model.joint_q, model.joint_qd, self.at)
         with warp.ScopedCapture() as self.captured:

@@ -100,7 +100,8 @@ def _parts(options: NewtonOptions) -> tuple[str, str, str, str]:
     for what, has, only in (("an e", bounces, "XPBD"), ("rows", options.rows, "MuJoCo")):
         if has and solver != only:
             raise SettingError("newton option 'solver'", f"{solver!r} with {what}", f"{only!r}")
-    mu = {} if solver == "MuJoCo" else {"mu": 0.0}  # with a mu of 0 that one's states are NaN
+    # With a mu of 0 that one's states are NaN
+    mu = {} if solver == "MuJoCo" else {"mu": 0.0}
     shape = ", ".join(f"{k}={shortest(v)}" for k, v in (mu | {"density": 0.0} | given).items())
     rows = [", ".join(map(shortest, (*row.solref, *row.solimp, row.onset))) for row in options.rows]
     pairs = _PAIRS.format("".join(f"\n    ({row})," for row in rows)) if rows else ""

@@ -11,7 +11,8 @@ from hcbench.recipes.target import Target
 
 _SCENE = {"bounce_threshold": 0.0, "enable_tgs": True}
 _WITHIN = 1.3e-6  # of e, by float32
-_SCATTER = 3e-3  # of a force law's at 1e-5 s: a position at R has steps of 4 nm
+# Of a force law's at 1e-5 s: a position at R has steps of 4 nm
+_SCATTER = 3e-3
 
 
 def restitution(target: Target) -> dict[str, Any]:

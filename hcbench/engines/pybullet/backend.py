@@ -22,7 +22,8 @@ BACKEND = Backend(
 )
 # Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the process,
 # outlives the client too. Every world made here starts with them.
-UNCLIPPED = 1e9  # for maxJointVelocity: Bullet clips every component of speed and spin, at 100 unless set
+# For maxJointVelocity: Bullet clips every component of speed and spin, at 100 unless set
+UNCLIPPED = 1e9
 _MOST_CLIENTS = 1024  # MAX_PHYSICS_CLIENTS of Bullet
 LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
 
@@ -35,7 +36,8 @@ class BulletClient:
     """
 
     def __init__(self, client: int) -> None:
-        self.module, self.client = BACKEND.module(), client  # prints on import
+        # Prints on import
+        self.module, self.client = BACKEND.module(), client
         self.error: type[Exception] = self.module.error
 
     def __getattr__(self, name: str) -> Callable[..., Any]:

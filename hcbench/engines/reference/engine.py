@@ -91,7 +91,8 @@ def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence
     return {**defaults, **read_numbers(setting.options, required, [*defaults], SettingError, slot)}
 
 
-@lru_cache(maxsize=512)  # a study asks for every speed at several phases, which the truth does not depend on
+# a study asks for every speed at several phases, which the truth does not depend on
+@lru_cache(maxsize=512)
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
     if isinstance(law, TouchSpeedLaw):
         law = law.at(speed)
@@ -105,7 +106,8 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
         impact = ode.impact(law, mass, speed, gravity=gravity, count=2 * _POINTS_MIN - 1)
     if impact.loop is not None:
         for array in (impact.loop.time, impact.loop.penetration, impact.loop.rate, impact.loop.force):
-            array.flags.writeable = False  # shared by every impact that asks for the same
+            # Shared by every impact that asks for the same
+            array.flags.writeable = False
     return impact
 
 

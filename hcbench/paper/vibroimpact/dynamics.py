@@ -15,14 +15,17 @@ Modes: TypeAlias = NDArray[np.int8]
 Indices: TypeAlias = NDArray[np.intp]
 Flags: TypeAlias = NDArray[np.bool_]
 
-APART, CONTACT, PULLED_OFF = 0, 1, 2  # pulled off: still inside the block's surface, but the law would pull
+# Pulled off: still inside the block's surface, but the law would pull
+APART, CONTACT, PULLED_OFF = 0, 1, 2
 SIGNS = np.array([[1.0], [-1.0]])  # right and left block
 _GRAIN = 0.01  # of a position's last digit: what a step's error must be above
 _AT_SURFACE = 1e-14  # of the length scale
 _EPS = float(np.finfo(float).eps)
-_SHALLOWEST = 1e-9  # of the length scale: F(x, v)/F(x, 0) has no meaning nearer to x = 0
+# Of the length scale: F(x, v)/F(x, 0) has no meaning nearer to x = 0
+_SHALLOWEST = 1e-9
 
-Drives: TypeAlias = Callable[[Floats, Indices], Floats]  # P in N at times (s) of oscillators
+# P in N at times (s) of oscillators
+Drives: TypeAlias = Callable[[Floats, Indices], Floats]
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,7 +127,8 @@ class _CycleRecorder:
 
     def __init__(self, position: Floats, cycles: int, keep: int) -> None:
         self.record = np.empty((5, position.size, keep))
-        self.column = np.full(position.size, keep - cycles)  # of `record`, for the cycle under way
+        # Of `record`, for the cycle under way
+        self.column = np.full(position.size, keep - cycles)
         self.highest, self.lowest = position.copy(), position.copy()
         self.touches = np.zeros(position.size)
 

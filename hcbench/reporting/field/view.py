@@ -23,9 +23,11 @@ from hcbench.sim import registry
 from hcbench.sim.passivity import MOST_E
 
 _KEY = ["engine", "setting", "gravity_m_per_s2", "timestep_s"]
-CONSTANT, SETTINGS, PLUGIN, STOCK = "constant", "settings", "plugin", "stock"  # kinds of settings
+# Kinds of settings
+CONSTANT, SETTINGS, PLUGIN, STOCK = "constant", "settings", "plugin", "stock"
 OWN = (CONSTANT, SETTINGS)  # those of the engine's own contact
-NO_BOUNCE = 0.05  # of e: below it at every speed an engine counts as one that does not bounce
+# Of e: below it at every speed an engine counts as one that does not bounce
+NO_BOUNCE = 0.05
 
 
 class Case(NamedTuple):

@@ -176,7 +176,8 @@ def _placed(
     plant, row = loaded.plant, approach_row(loaded, context, pair, gap)
     direction, mass = _direction(loaded, context, row, dofs), plant.CalcMassMatrix(context)
     assert direction is not None
-    forces = loaded.drake.MultibodyForces(plant)  # of gravity, springs and dampers
+    # Of gravity, springs and dampers
+    forces = loaded.drake.MultibodyForces(plant)
     plant.CalcForceElementsContribution(context, forces)
     rest = np.zeros(plant.num_velocities())
     falls = -np.linalg.solve(mass, plant.CalcInverseDynamics(context, rest, forces))

@@ -24,7 +24,8 @@ SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
 # What a geometry has that says nothing, as Drake's documentation of MultibodyPlant has it.
 STIFFNESS, DISSIPATION = "point_contact_stiffness", "hunt_crossley_dissipation"
 _DEFAULTS = {STIFFNESS: 1e6, DISSIPATION: 50.0}
-_ALONG = 1e-9  # of a direction's component: below it a face or an edge is what is farthest along
+# Of a direction's component: below it a face or an edge is what is farthest along
+_ALONG = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +210,8 @@ def _said() -> Iterator[list[str]]:
 
 _ATTRIBUTE = re.compile(r"The attribute '(\w+)' found in an? '(\w+)'.*")
 _TAG = re.compile(r"The tag '(\w+)' found.*")
-_LOOKS = ("visual", "light", "asset", "statistic")  # nothing to do with contact
+# Nothing to do with contact
+_LOOKS = ("visual", "light", "asset", "statistic")
 
 
 def ignored_in_words(lines: Sequence[str]) -> str:

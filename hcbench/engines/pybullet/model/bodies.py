@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.impact import Floats
 
-REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED = range(5)  # pybullet.JOINT_...: places in getJointInfo follow
+# pybullet.JOINT_...: places in getJointInfo follow
+REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED = range(5)
 JOINT_NAME, JOINT_TYPE, LINK_NAME, AXIS, PARENT = 1, 2, 12, 13, 16
 
 _FREEDOMS = {REVOLUTE: 1, PRISMATIC: 1, SPHERICAL: 3, PLANAR: 3, FIXED: 0}
@@ -40,7 +41,8 @@ class BulletBody:
     def __init__(self, bullet: BulletClient, number: int) -> None:
         self.bullet, self.number = bullet, number
         self.joints = [bullet.getJointInfo(number, j) for j in range(bullet.getNumJoints(number))]
-        self.mass, _, self.inertia = bullet.getDynamicsInfo(number, -1)[:3]  # a fixed base has mass 0
+        # a fixed base has mass 0
+        self.mass, _, self.inertia = bullet.getDynamicsInfo(number, -1)[:3]
         jointed = any(joint[JOINT_TYPE] != FIXED for joint in self.joints) or (
             self.mass > 0.0 and self.joints
         )

@@ -26,7 +26,8 @@ _THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
 _SLOP = 1e-5  # m, Bullet's own contactSlop
 _DAMPING = 0.04  # 1/s, Bullet's own linearDamping
 _ITERATIONS = 50  # Bullet's own numSolverIterations
-_FASTEST, _CLIPPED = 100.0, 1e-3  # rad/s: Bullet's own maxJointVelocity; a share
+# rad/s: Bullet's own maxJointVelocity; a share
+_FASTEST, _CLIPPED = 100.0, 1e-3
 _SAME_E = 0.005  # restitutions nearer than this are taken for the same
 
 

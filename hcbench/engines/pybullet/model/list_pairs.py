@@ -30,7 +30,8 @@ from hcbench.sim.names import find_part
 _REACH = 1e4  # m
 _TYPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 8: "height field"}
 _SHAPE = 2  # in getCollisionShapeData
-_DYNAMICS = {"lateralFriction": 1, "restitution": 5}  # places in getDynamicsInfo
+# Places in getDynamicsInfo
+_DYNAMICS = {"lateralFriction": 1, "restitution": 5}
 _Link = tuple[int, int]
 _NamedPart = tuple[str, str, tuple[int, int]]  # kind, name, (body, link)
 

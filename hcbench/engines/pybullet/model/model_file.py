@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
 
 _RADIUS_TOLERANCE = 1e-9  # m
-_ROOTS = {".urdf": "robot", ".sdf": "sdf"}  # a file's first tag, by its suffix
+# a file's first tag, by its suffix
+_ROOTS = {".urdf": "robot", ".sdf": "sdf"}
 
 
 def check_ball(path: Path, scene: Scene) -> None:

@@ -34,8 +34,10 @@ _REACH = 1e4  # m: the largest distance between the two at the start
 _BASE_FREEDOMS = 6
 _ROUNDS, _STRIDE = 300, 0.02  # m: of a way along an arc, in each round
 _CLOSE = 1e-7  # m: Bullet's distances are no better
-_MISSED = 1e-3  # of the smaller one's size: so far apart at the end of a way, two have passed each other
-DISTANCE, NORMAL = 8, 7  # in PyBullet's closest points; the normal points at the first body
+# Of the smaller one's size: so far apart at the end of a way, two have passed each other
+_MISSED = 1e-3
+# In PyBullet's closest points; the normal points at the first body
+DISTANCE, NORMAL = 8, 7
 
 
 @dataclass(frozen=True, slots=True)

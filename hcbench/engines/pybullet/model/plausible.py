@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.engines.pybullet.model.place import BulletPlacement
 
-_MASS, _FRICTION, _INERTIA, _RESTITUTION = 0, 1, 2, 5  # places in getDynamicsInfo
+# Places in getDynamicsInfo
+_MASS, _FRICTION, _INERTIA, _RESTITUTION = 0, 1, 2, 5
 _PLANE, _MESH = 6, 5  # kinds of shapes
 
 

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Vector
     from hcbench.sim.world import Flags
 
-_STALE = 0.05  # of a reported force: less change of momentum than this, and it was not applied
+# Of a reported force: less change of momentum than this, and it was not applied
+_STALE = 0.05
 _SEEN = 1.0  # m: how far apart the two may be and their distance be asked for
-_HIDDEN = 1e-6  # of the speed: a change in a step of substeps that only a contact explains
+# Of the speed: a change in a step of substeps that only a contact explains
+_HIDDEN = 1e-6
 
 
 class LaunchInUserWorld(Simulation):

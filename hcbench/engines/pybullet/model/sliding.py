@@ -18,7 +18,8 @@ from hcbench.sim.model_under_test import Vector
 from hcbench.sim.tangential import plate_frame
 
 _FRICTION = 1  # in getDynamicsInfo: lateralFriction
-_PUSHES = ((10, 11), (12, 13))  # in a contact point: friction, N, and its direction
+# In a contact point: friction, N, and its direction
+_PUSHES = ((10, 11), (12, 13))
 
 _SLID = 1e-6  # m: what two fresh points may be apart along the plate
 
@@ -60,7 +61,8 @@ class BulletAlongPlate:
         self._clearance = clearance
         self._sides = [(1.0, place.first), (-1.0, place.second)]
         self._bodies = {part.body: BulletBody(bullet, part.body) for _, part in self._sides}
-        self._seen = self._now = np.zeros(3)  # where the body was at the last contact, and before this step
+        # Where the body was at the last contact, and before this step
+        self._seen = self._now = np.zeros(3)
 
     def send(self, flight_time: float) -> None:
         """Add slip and spin to the motion, and put the body back by what it slides in the flight, s."""

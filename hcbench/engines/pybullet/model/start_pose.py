@@ -12,8 +12,10 @@ from hcbench.sim.model_under_test import Request
 from hcbench.sim.names import suggest_names
 
 _LOWER, _UPPER = 8, 9  # in getJointInfo
-_SHOWN = 2  # joints that an error names: the pose that cures it, with all of them, needs the room
-_TURNED, _MOVED = math.radians(5.0), 1e-3  # beyond a limit by more: not a pose that the model can hold
+# Joints that an error names: the pose that cures it, with all of them, needs the room
+_SHOWN = 2
+# Beyond a limit by more: not a pose that the model can hold
+_TURNED, _MOVED = math.radians(5.0), 1e-3
 _Joint = tuple[int, int]
 
 

@@ -32,7 +32,8 @@ from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution, RestitutionCurve
 from hcbench.sim.names import suggest_names
 
-Side = int | tuple[int, int | str]  # a body, or a body and its link by number or name
+# a body, or a body and its link by number or name
+Side = int | tuple[int, int | str]
 SOURCE, LINK = "engines/pybullet/plugin/plugin.c", ["-ldl"]
 _SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
 

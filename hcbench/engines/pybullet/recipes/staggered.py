@@ -26,7 +26,8 @@ def staggered(target: Target) -> dict[str, Any]:
 
 
 def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
-    bullets = contacts.damping - timestep * contacts.stiffness  # Bullet adds k h by itself
+    # Bullet adds k h by itself
+    bullets = contacts.damping - timestep * contacts.stiffness
     columns = (contacts.onset.tolist(), contacts.stiffness.tolist(), bullets.tolist())
     return {
         "world": WORLD,

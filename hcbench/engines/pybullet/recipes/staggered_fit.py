@@ -26,18 +26,22 @@ if TYPE_CHECKING:
 
 # The second start: over the largest penetration, and at least over a step's longest way; the best of several.
 _FIRST, _FIRST_STEP, _FIRST_TRIED = 0.03, 0.43, (1.0, 1.16)
-_STEPS_MOST = 250.0  # of the shortest contact: finer ones are fitted at so many
+# Of the shortest contact: finer ones are fitted at so many
+_STEPS_MOST = 250.0
 _LAUNCHES, _PHASES_LEAST, _PHASES_MOST = 320.0, 3, 16
 _SPEEDS, _OTHER_SPEEDS, _LOOPS, _POINTS = 40, 97, 12, 24
 # One unit of misfit in e: a share of the error of one e for all speeds, and at least. In a loop's force over
 # its largest: so many times as much.
 _SHARE, _LEAST, _FORCE_SHARE = 0.015, 1e-5, 13.0
-_POWERS, _EVALUATIONS = (1, 2), 30  # of the misfit in e, one after another: a higher one minds the worst
+# Of the misfit in e, one after another: a higher one minds the worst
+_POWERS, _EVALUATIONS = (1, 2), 30
 # Relative, of a parameter, for derivatives: wide, as e jumps where a contact starts a step earlier.
 _NUDGE = 1e-2
-_FAINTEST = 0.1  # of the median: k and c of a start, as no search revives a contact that does nothing
+# Of the median: k and c of a start, as no search revives a contact that does nothing
+_FAINTEST = 0.1
 _BLOCK = 60  # launches at a time: more do not fit into a cache
-_ACTIVE_ROUNDS = 3  # until it is known which contacts push; more change nothing
+# Until it is known which contacts push; more change nothing
+_ACTIVE_ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +75,8 @@ class FittedImpacts:
         )
         h = max(target.timestep, shortest / _STEPS_MOST)
         phases = int(denser * np.clip(round(_LAUNCHES * h / shortest), _PHASES_LEAST, _PHASES_MOST))
-        share = np.linspace(0.0, 1.0, speeds) ** 1.2  # slow impacts are the hard ones
+        # Slow impacts are the hard ones
+        share = np.linspace(0.0, 1.0, speeds) ** 1.2
         at = target.speed_min + (target.speed_max - target.speed_min) * share
         grid = np.meshgrid(at, (np.arange(phases) + 0.5) / phases, indexing="ij")
         speed, phase = (axis.ravel() for axis in grid)
@@ -89,7 +94,8 @@ class FittedImpacts:
         onset, stiffness, damping = (
             of.T[..., None] for of in (contacts.onset, contacts.stiffness, contacts.damping)
         )
-        k, c = (h / self.mass) * stiffness, (h / self.mass) * damping  # (rows, b, 1)
+        # (rows, b, 1)
+        k, c = (h / self.mass) * stiffness, (h / self.mass) * damping
         x = np.tile(-self.phases * h * self.speeds, (k.shape[1], 1))
         v = np.tile(self.speeds - self.phases * fall, (k.shape[1], 1))
         before = (v + fall / 2) ** 2 - 2 * self.g * x
@@ -150,7 +156,8 @@ class _Loops:
 
     def first_guess(self, onset: Floats, step: float) -> Contacts:
         """A linear fit, again and again without the contacts that would pull; none is 0. step: s."""
-        from scipy.optimize import nnls  # slow to import, and who lists recipes needs none of it
+        # Slow to import, and who lists recipes needs none of it
+        from scipy.optimize import nnls
 
         depth = np.maximum(0.0, self.x[:, None] - onset)
         rate = np.where(depth > 0, self.v[:, None], 0.0)

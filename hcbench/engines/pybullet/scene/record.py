@@ -29,7 +29,8 @@ def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, F
     if scene.form == "plane":
         return above, falling, down
     bowl = -scene.plate_radius
-    away = position - np.array([0.0, 0.0, bowl])  # from the centre of curvature
+    # From the centre of curvature
+    away = position - np.array([0.0, 0.0, bowl])
     x, y, z = away[..., 0], away[..., 1], away[..., 2]
     distance = np.sqrt(x * x + y * y + z * z)
     with np.errstate(all="ignore"):  # at the centre itself there is no way out to speak of

@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 _FAR = 10.0  # m: a place without contacts
 _BALLS_IN_WORLD = 8  # more make Bullet's broad phase slow
 _BALLS, _PLATE = 2, 1  # their groups in Bullet's collision filter
-_SHAPE_TOLERANCE = 1e-6  # m, between the overlap that Bullet sees and the scene's
+# m, between the overlap that Bullet sees and the scene's
+_SHAPE_TOLERANCE = 1e-6
 
 
 class PybulletWorld(World):
@@ -239,14 +240,16 @@ def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: Pybull
     plate = _load(bullet, scene, "plate", options.maximal_coordinates)
     _check_shapes(bullet, scene, ball, plate)
     _make_ready(bullet, scene, options, ball)
-    neutral = {"lateralFriction": 1.0} if scene.friction else {}  # Bullet multiplies those of the two
+    # Bullet multiplies those of the two
+    neutral = {"lateralFriction": 1.0} if scene.friction else {}
     bullet.changeDynamics(plate, -1, **{**neutral, **options.plate})
     return ball, plate
 
 
 def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ball: int) -> None:
     if scene.friction:  # then the ball is turned, and its inertia is not what Bullet makes of the sphere
-        inertia = [scene.inertia] * 3  # without its mass a body of maximal coordinates would get any
+        # Without its mass a body of maximal coordinates would get any
+        inertia = [scene.inertia] * 3
         bullet.changeDynamics(ball, -1, mass=scene.mass, localInertiaDiagonal=inertia)
     elif bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
         bullet.changeDynamics(ball, -1, mass=scene.mass)
