@@ -281,7 +281,7 @@ def test_a_mistake_in_the_mjcf_is_one_clear_line(copied: Path, old: str, new: st
         MujocoEngine().run(scene, STOCK, [Launch(0.2)])
     message = str(caught.value)
     assert said in message
-    assert str(copied / "scene.xml") in message
+    assert str(copied / "scene.xml") in caught.value.slot  # the message may cut a long path
     assert "\n" not in message
 
 
