@@ -87,7 +87,7 @@ test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyp
 test-newest: $(NEWEST)/.installed  ## every test on the newest versions that the package index has, not locked
 	$(NEWEST)/bin/python -m pytest -n 2 --dist loadfile
 
-versions: $(INSTALLED)  ## every command with each version of what hcbench needs: the tables of docs/howto/versions.md
+versions: $(INSTALLED)  ## every command with each version of what hcbench needs: the tables of docs/reference/versions.md
 	PYTHONPATH=tests/support $(BIN)/python -m versions
 
 test-models: $(MODELS)/.installed  ## 60 models that others wrote, from their packages (docs/explanation/models.md), and loops of our own over 32

@@ -20,7 +20,7 @@ from hcbench.cases.run import RUNNER, adapters, run_engines
 from hcbench.cases.score import known_failures, regressions, score, the_cases
 
 LINES = 250
-ADAPTER_LINES = 60
+ADAPTER_LINES = 70
 
 
 @pytest.fixture(scope="module")

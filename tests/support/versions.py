@@ -1,6 +1,6 @@
 """Versions that hcbench works with: `python -m versions [WORDS]` runs its commands with each.
 
-It writes the tables of docs/howto/versions.md. WORDS: run the rows whose name has one of them, and keep what
+It writes the tables of docs/reference/versions.md. WORDS: run the rows whose name has one of them, and keep what
 was measured of the others. A row is one environment: the newest of every package, but for what its name says.
 """
 
@@ -19,7 +19,7 @@ from pathlib import Path
 from hcbench.environments.make import interpreters
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "howto" / "versions.md"
+PAGE = ROOT / "docs" / "reference" / "versions.md"
 MEASURED = Path(__file__).with_suffix(".json")
 WORK = ROOT / ".venv-versions"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")

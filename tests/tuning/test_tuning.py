@@ -260,7 +260,7 @@ def test_a_limit_passed_exits_1_and_prints_its_best_all_the_same(capsys: pytest.
         (["--alpha", "0.1", "--restitution", "0.5"], "--alpha and --restitution"),
         (["--restitution", "1.5"], "restitution"),
         (["--restitution=-0.1"], "restitution"),
-        (["--points", "0.1:0.8, 0.2:0.9 m/s"], "falling"),
+        (["--points", "0.1:0.8, 0.2:0.9 m/s"], "not rising"),
         (["--points", "0.1=0.8"], "--points"),
         (["--alpha", "0.3", "--timestep", "0"], "--timestep"),
         (["--alpha", "0.3", "--mass", "-1 lb"], "--mass"),
