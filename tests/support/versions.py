@@ -1,7 +1,8 @@
 """Versions that hcbench works with: `python -m versions [WORDS]` runs its commands with each.
 
 It writes the tables of docs/reference/versions.md. WORDS: run the rows whose name has one of them,
-and keep what was measured of the others. A row is one environment: the newest of every package, but for what its name says.
+and keep what was measured of the others. A row is one environment: the newest of every package,
+but for what its name says.
 """
 
 from __future__ import annotations
