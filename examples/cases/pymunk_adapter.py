@@ -3,7 +3,7 @@
 import pymunk
 
 
-class Engine:
+class PymunkBodies:
     name, version, combine = "pymunk", pymunk.version, "product"
 
     def make(self, world):
@@ -48,3 +48,6 @@ class Engine:
     @staticmethod
     def _at(v):
         return v.x, 0, v.y
+
+
+ENGINES = [PymunkBodies]

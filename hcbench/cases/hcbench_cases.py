@@ -4,10 +4,11 @@ One file of Python's standard library, to be copied beside hcbench-cases-1.json 
 
     python hcbench_cases.py my_adapter.py --expected known.json --junit cases.xml
 
-An adapter is a file with a class Engine, which has `name`, `version`, and `combine`: how the restitutions of
-two bodies become one ("product", "average", "maximum", "minimum", "geometric", or None without a rule). It
-has `make(world)`, `step()` and `state()`, which lists [x, y, z, vx, vy, vz, wx, wy, wz] of each body that
-moves, in SI units and the world's frame. It raises NotImplementedError for what the engine cannot do.
+An adapter is a file with ENGINES: a list of classes, or of functions without arguments, that make an engine.
+An engine has `name`, `version`, and `combine`: how the restitutions of two bodies become one ("product",
+"average", "maximum", "minimum", "geometric", or None without a rule). It has `make(world)`, `step()` and
+`state()`, which lists [x, y, z, vx, vy, vz, wx, wy, wz] of each body that moves, in SI units and the
+world's frame. It raises NotImplementedError for what the engine cannot do.
 An engine that steps many worlds at once also has `start()`: `make` adds a world, `start` starts all that were
 added since, of as many steps of one length and the same shapes, and `state` lists the states of each.
 
@@ -221,7 +222,7 @@ def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
 def main() -> int:
     """Run the cases; exit 1 where one fails that is not expected to, or passes that is."""
     parser = argparse.ArgumentParser(description="Run the bounce cases of hcbench in an engine.")
-    parser.add_argument("adapter", type=Path, help="file with a class Engine")
+    parser.add_argument("adapter", type=Path, help="file with a list ENGINES")
     parser.add_argument("--cases", type=Path, default=CASES)
     parser.add_argument("--expected", type=Path, help="JSON file {engine: {case: reason}} of known failures")
     parser.add_argument("--out", type=Path, help="file for the results, a JSON list")
@@ -230,8 +231,8 @@ def main() -> int:
     cases, every, suites, failures = json.loads(asked.cases.read_text("utf-8")), [], "", 0
     known = json.loads(asked.expected.read_text("utf-8")) if asked.expected else {}
     module = runpy.run_path(str(asked.adapter))
-    for variant in module.get("VARIANTS", [()]):  # arguments of each Engine to run
-        engine = module["Engine"](*variant)
+    for make in module["ENGINES"]:
+        engine = make()
         every.append(run(engine, cases))
         verdicts, expected = judge(every[-1], cases), known.get(engine.name, {})
         suites += junit(verdicts, engine.name, expected)

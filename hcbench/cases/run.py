@@ -33,10 +33,10 @@ def _variants(adapter: Path) -> int:
     """Number of engines that an adapter makes, read without running it: it may need another
     environment.
     """
-    for node in ast.parse(read_text(adapter)).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "VARIANTS":
-            return len(ast.literal_eval(node.value))
-    return 1
+    assigned = [node for node in ast.parse(read_text(adapter)).body if isinstance(node, ast.Assign)]
+    (listed,) = [node.value for node in assigned if ast.unparse(node.targets[0]) == "ENGINES"]
+    assert isinstance(listed, ast.List)
+    return len(listed.elts)
 
 
 def run_engines(
@@ -86,7 +86,7 @@ _SCRIPT = """\
 import json, pathlib, runpy, sys
 runner, adapter, variant, cases, out = sys.argv[1:]
 module = runpy.run_path(adapter)
-engine = module["Engine"](*module.get("VARIANTS", [()])[int(variant)])
+engine = module["ENGINES"][int(variant)]()
 results = runpy.run_path(runner)["run"](engine, json.loads(pathlib.Path(cases).read_text("utf-8")))
 pathlib.Path(out).write_text(json.dumps(results), "utf-8")
 """

@@ -26,7 +26,7 @@ def _field(unit: str, meaning: str) -> Any:
 Nine = Annotated[list[float], Field(min_length=9, max_length=9)]
 
 
-class Run(TypedDict, total=False):
+class RunResult(TypedDict, total=False):
     """Result of one run: exactly one of the three."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[misc]
@@ -54,7 +54,7 @@ class About(TypedDict):
     ]
 
 
-class Results(TypedDict):
+class EngineResults(TypedDict):
     """Results of an engine in the cases: the file of `--out`, as a list, one item an engine."""
 
     format: Annotated[Literal[1], _field("", "Version of this format")]
@@ -62,12 +62,12 @@ class Results(TypedDict):
     engine: Annotated[About, _field("", "The engine")]
     cpu_s: NotRequired[Annotated[float, _field("s", "CPU time of all runs")]]
     runs: Annotated[
-        dict[CaseId, list[Run]],
+        dict[CaseId, list[RunResult]],
         _field("", "By the id of a case, what became of its runs, in the order of the set"),
     ]
 
 
-class Verdict(TypedDict):
+class CaseVerdict(TypedDict):
     """Verdict on a case."""
 
     case: Annotated[CaseId, _field("", "Id of the case, which never changes")]
@@ -83,7 +83,7 @@ class Verdict(TypedDict):
     ]
 
 
-class Score(TypedDict):
+class CasesScore(TypedDict):
     """Score of an engine: an item of `--json`."""
 
     engine: Annotated[str, _field("", "Name of the engine")]
@@ -100,10 +100,10 @@ class Score(TypedDict):
         float, _field("m/s", "Highest impact speed under gravity that did not bounce; 0 where all did")
     ]
     cpu_s: Annotated[float, _field("s", "CPU time of all runs")]
-    verdicts: Annotated[list[Verdict], _field("", "A verdict on each case")]
+    verdicts: Annotated[list[CaseVerdict], _field("", "A verdict on each case")]
 
 
-_KINDS: dict[str, Any] = {"results": Results, "scores": list[Score]}
+_KINDS: dict[str, Any] = {"results": EngineResults, "scores": list[CasesScore]}
 
 
 @cache
@@ -123,7 +123,7 @@ def validated(content: Any, kind: Literal["results", "scores"], source: str) -> 
 
 def schema() -> dict[str, Any]:
     """JSON Schema of a file of results, of one engine or a list of them, and of a list of scores."""
-    return TypeAdapter(Results | list[Results] | list[Score]).json_schema()
+    return TypeAdapter(EngineResults | list[EngineResults] | list[CasesScore]).json_schema()
 
 
 def fields() -> Iterator[tuple[str, str, str, str, str]]:

@@ -167,7 +167,7 @@ EXPECTED_COLUMNS = "columns such as time [s], height [cm], speed [m/s],restituti
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class DataColumns:
     """The columns of a table by what they are: SI, shape (n,); uncertainties under "u_" and the name."""
 
     table: Table
@@ -197,7 +197,7 @@ class Columns:
             raise UserError(where, f"{name} {cell}", expected)
 
 
-def columns_of(table: Table) -> Columns:
+def columns_of(table: Table) -> DataColumns:
     """Identify the columns by the names in the header; columns that do not concern bounces are left
     out.
 
@@ -215,7 +215,7 @@ def columns_of(table: Table) -> Columns:
         if role in places:
             raise UserError(table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one")
         places[role] = i
-    return Columns(table, places)
+    return DataColumns(table, places)
 
 
 def _role(name: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from hcbench._bounds import require_bounds
 from hcbench._text import sanitized
 from hcbench.errors import UserError
-from hcbench.fitting.columns import EXPECTED_COLUMNS, Columns, columns_of
+from hcbench.fitting.columns import EXPECTED_COLUMNS, DataColumns, columns_of
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.exports import phyphox_times, tracker_table
 from hcbench.fitting.force import fit_loop, fit_pulse
@@ -103,7 +103,7 @@ def has_force(path: Path, kind: str | None = None) -> bool:
     return _force_columns(path, kind) is not None
 
 
-def _force_columns(path: Path, kind: str | None) -> Columns | None:
+def _force_columns(path: Path, kind: str | None) -> DataColumns | None:
     """The columns of a file of forces; None for any other."""
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
@@ -148,7 +148,7 @@ def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
     return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording, trains_in_question)
 
 
-def _times(columns: Columns, setup: MeasurementSetup) -> Dataset:
+def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     if "interval" in columns.places:
         intervals = columns.get("interval")
         columns.require("interval", intervals > 0, "above 0")
@@ -185,7 +185,7 @@ def too_few_touches(name: str, count: int, least: int) -> UserError:
     return UserError(name, f"{count} touches", f"{least} or more{' without --height' * (least == 4)}", advice)
 
 
-def _heights(columns: Columns, setup: MeasurementSetup) -> Dataset:
+def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     heights = columns.get("height")
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
@@ -206,7 +206,7 @@ def _heights(columns: Columns, setup: MeasurementSetup) -> Dataset:
     return Heights(columns.table.name, setup, heights, float(given.mean()) if given.any() else None)
 
 
-def _pairs(columns: Columns, setup: MeasurementSetup) -> Dataset:
+def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     role = "speed" if "speed" in columns.places else "speed_in"
     speed, e = columns.get(role), columns.get("restitution")
     columns.require(role, speed > 0, "a speed above 0")
@@ -216,7 +216,7 @@ def _pairs(columns: Columns, setup: MeasurementSetup) -> Dataset:
     return _checked_pairs(SpeedPairs(columns.table.name, setup, speed, e, *uncertain))
 
 
-def _speeds(columns: Columns, setup: MeasurementSetup) -> Dataset:
+def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     before, after = columns.get("speed_in"), columns.get("speed_out")
     columns.require("speed_in", before > 0, "a speed above 0")
     require_bounds(f"{columns.table.name}: speed_in", before.tolist(), "speed", "m/s")
@@ -226,7 +226,7 @@ def _speeds(columns: Columns, setup: MeasurementSetup) -> Dataset:
     return _checked_pairs(SpeedPairs(name, setup, before, after / before, u_in, u_out / before, twice=True))
 
 
-def _rises(columns: Columns, setup: MeasurementSetup) -> Dataset:
+def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """Heights of drops and of the rebounds: the speeds in and out of each impact."""
     before, after = columns.get("height_in"), columns.get("height_out")
     columns.require("height_in", before > 0, "above 0")
@@ -255,7 +255,7 @@ def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
     return pairs
 
 
-def _track(columns: Columns, setup: MeasurementSetup) -> Dataset:
+def _track(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     times, heights = columns.get("time"), columns.get("height")
     columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
     if len(times) < _LEAST_SAMPLES:
@@ -263,7 +263,7 @@ def _track(columns: Columns, setup: MeasurementSetup) -> Dataset:
     return track_of(columns.table.name, setup, times, upright(times, heights, setup))
 
 
-_READERS: dict[str, Callable[[Columns, MeasurementSetup], Dataset]] = {
+_READERS: dict[str, Callable[[DataColumns, MeasurementSetup], Dataset]] = {
     "times": _times,
     "track": _track,
     "heights": _heights,

@@ -21,7 +21,7 @@ def normal_restitution(degrees: float, friction: float) -> float:
     case["runs"] = case["runs"][number : number + 1]
     world = case["runs"][0]["world"]
     world["friction"] = friction
-    results: Any = run(runpy.run_path(str(adapters()["mujoco"]))["Engine"](), oblique)
+    results: Any = run(runpy.run_path(str(adapters()["mujoco"]))["MujocoBodies"](), oblique)
     (done,) = results["runs"]["C05"]
     return float(-done["states"][-1][1][5] / world["bodies"][0]["velocity"][2])
 

@@ -6,7 +6,7 @@ import copy
 from typing import Any
 
 import pytest
-from ideal_engine import Engine
+from ideal_engine import Ideal
 
 from hcbench.cases.hcbench_cases import judge, run
 from hcbench.cases.make import FILE, text
@@ -20,7 +20,7 @@ IDS = [case["id"] for case in CASES["cases"]]
 
 @pytest.fixture(scope="module")
 def ideal() -> dict[str, Any]:
-    return run(Engine(), CASES)
+    return run(Ideal(), CASES)
 
 
 def test_the_file_is_what_its_maker_writes() -> None:
@@ -52,13 +52,13 @@ def test_an_engine_without_an_error_obeys(ideal: dict[str, Any]) -> None:
     assert scored(ideal).passed == len(IDS)
 
 
-def replace_runs(results: dict[str, Any], make: type[Engine]) -> dict[str, Any]:
+def replace_runs(results: dict[str, Any], make: type[Ideal]) -> dict[str, Any]:
     normal_and_slow = {**CASES, "cases": CASES["cases"][:2]}
     results["runs"].update(run(make(), normal_and_slow)["runs"])
     return results
 
 
-class WithThreshold(Engine):
+class WithThreshold(Ideal):
     """Restitution 0 for impacts slower than 0.2 m/s."""
 
     def _collide(self, a: int, b: int) -> None:
@@ -69,7 +69,7 @@ class WithThreshold(Engine):
         self.ratio, self.e = was
 
 
-class WithoutRestitution(Engine):
+class WithoutRestitution(Ideal):
     """Every ball parts at 0.6."""
 
     def make(self, world: dict[str, Any]) -> None:
@@ -77,7 +77,7 @@ class WithoutRestitution(Engine):
 
 
 @pytest.mark.parametrize(("make", "word"), [(WithThreshold, "threshold"), (WithoutRestitution, "ignored")])
-def test_how_restitution_is_obeyed_has_a_word(spoilt: dict[str, Any], make: type[Engine], word: str) -> None:
+def test_how_restitution_is_obeyed_has_a_word(spoilt: dict[str, Any], make: type[Ideal], word: str) -> None:
     found = scored(replace_runs(spoilt, make))
     assert found.restitution == word
     if word == "threshold":

@@ -40,7 +40,7 @@ def _leaves(ratio: float) -> float:
     return -v
 
 
-class Engine:
+class Ideal:
     name, version, combine = "ideal", "1", "product"
 
     def make(self, world: dict[str, Any]) -> None:

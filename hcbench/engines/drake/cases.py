@@ -9,7 +9,7 @@ import pydrake.all as drake
 logging.getLogger("drake").setLevel(logging.ERROR)
 
 
-class Engine:
+class DrakeBodies:
     name, version, combine = "drake", version("drake"), None
 
     def make(self, world: dict[str, Any]) -> None:
@@ -58,3 +58,6 @@ class Engine:
             v = self.plant.EvalBodySpatialVelocityInWorld(self.context, body)
             states.append([*pose.translation(), *v.translational(), *v.rotational()])
         return states
+
+
+ENGINES = [DrakeBodies]

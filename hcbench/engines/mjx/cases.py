@@ -15,7 +15,7 @@ from mujoco import mjx
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_compilation_cache_dir", str(Path.home() / ".cache" / "jax"))
-MuJoCo = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))["Engine"]
+MuJoCo = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))["MujocoBodies"]
 
 
 def _steps(models: Any, now: Any, count: Any) -> Any:
@@ -24,7 +24,7 @@ def _steps(models: Any, now: Any, count: Any) -> Any:
     return jax.lax.fori_loop(0, count, lambda _, x: step(models, x), now)
 
 
-class Engine(MuJoCo):  # type: ignore[misc, valid-type]
+class MjxBodies(MuJoCo):  # type: ignore[misc, valid-type]
     name, version = "mjx", version("mujoco-mjx")
 
     def __init__(self) -> None:
@@ -58,3 +58,6 @@ class Engine(MuJoCo):  # type: ignore[misc, valid-type]
         self.model, self.data = world
         self.data.qpos[:], self.data.qvel[:] = q, v
         return super().state()
+
+
+ENGINES = [MjxBodies]

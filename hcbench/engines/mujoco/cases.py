@@ -23,7 +23,7 @@ def solref(e: float, h: float) -> str:
     return f"{-stiffness} {-damping}"
 
 
-class Engine:
+class MujocoBodies:
     name, version, combine = "mujoco", mujoco.__version__, None
 
     def make(self, world: dict[str, Any]) -> None:
@@ -58,3 +58,6 @@ class Engine:
         q, v = self.data.qpos.reshape(-1, 7), self.data.qvel.reshape(-1, 6)
         turns = self.data.xmat[self.model.jnt_bodyid].reshape(-1, 3, 3)
         return [[*a[:3], *b[:3], *(turn @ b[3:])] for a, b, turn in zip(q, v, turns, strict=True)]
+
+
+ENGINES = [MujocoBodies]

@@ -10,10 +10,10 @@ import mujoco_warp
 import numpy as np
 import warp
 
-MuJoCo = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))["Engine"]
+MuJoCo = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))["MujocoBodies"]
 
 
-class Engine(MuJoCo):  # type: ignore[misc, valid-type]
+class WarpBodies(MuJoCo):  # type: ignore[misc, valid-type]
     name, version = "mujoco-warp", version("mujoco-warp")
 
     def __init__(self) -> None:
@@ -57,3 +57,6 @@ class Engine(MuJoCo):  # type: ignore[misc, valid-type]
         self.model, self.data = world
         self.data.qpos[:], self.data.qvel[:] = q, v
         return super().state()
+
+
+ENGINES = [WarpBodies]

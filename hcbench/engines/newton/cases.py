@@ -1,19 +1,14 @@
 """Newton's solvers, many worlds at once. SolverMuJoCo bounces by ke and kd, for a contact of 20 steps."""
 
+from functools import partial
 from typing import Any
 
 import newton
 import numpy as np
 import warp
 
-# solver, how it joins two restitutions, options
-VARIANTS = [("XPBD", "average", {"enable_restitution": True, "iterations": 10}), ("Kamino", "minimum", {}),
-    ("Steel", "average", {"restitution_velocity_threshold": 0.0}), ("VBD", None, {}),
-    ("MuJoCo", None, {"cone": "elliptic", "impratio": 100.0}), ("SemiImplicit", None, {"angular_damping": 0}),
-    ("Featherstone", None, {"angular_damping": 0})]  # fmt: skip
 
-
-class Engine:
+class NewtonBodies:
     version = newton.__version__
 
     def __init__(self, solver: str, combine: str | None, options: dict[str, Any]) -> None:
@@ -59,3 +54,15 @@ class Engine:
 
     def state(self) -> Any:
         return np.hstack([self.at.body_q.numpy()[:, :3], self.at.body_qd.numpy()]).reshape(self.worlds, -1, 9)
+
+
+# solver, how it joins two restitutions, options
+ENGINES = [
+    partial(NewtonBodies, "XPBD", "average", {"enable_restitution": True, "iterations": 10}),
+    partial(NewtonBodies, "Kamino", "minimum", {}),
+    partial(NewtonBodies, "Steel", "average", {"restitution_velocity_threshold": 0.0}),
+    partial(NewtonBodies, "VBD", None, {}),
+    partial(NewtonBodies, "MuJoCo", None, {"cone": "elliptic", "impratio": 100.0}),
+    partial(NewtonBodies, "SemiImplicit", None, {"angular_damping": 0}),
+    partial(NewtonBodies, "Featherstone", None, {"angular_damping": 0}),
+]

@@ -7,7 +7,7 @@ from typing import Any
 import pybullet
 
 
-class Engine:
+class PybulletBodies:
     name, version, combine = "pybullet", version("pybullet"), "product"
 
     def __init__(self) -> None:
@@ -57,3 +57,6 @@ class Engine:
             velocity, spin = pybullet.getBaseVelocity(body)
             states.append([*position, *velocity, *spin])
         return states
+
+
+ENGINES = [PybulletBodies]
