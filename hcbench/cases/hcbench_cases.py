@@ -4,11 +4,11 @@ One file of Python's standard library, to be copied beside hcbench-cases-1.json 
 
     python hcbench_cases.py my_adapter.py --expected known.json --junit cases.xml
 
-An adapter is a file with ENGINES: a list of classes, or of functions without arguments, that make an engine.
-An engine has `name`, `version`, and `combine`: how the restitutions of two bodies become one ("product",
-"average", "maximum", "minimum", "geometric", or None without a rule). It has `make(world)`, `step()` and
-`state()`, which lists [x, y, z, vx, vy, vz, wx, wy, wz] of each body that moves, in SI units and the
-world's frame. It raises NotImplementedError for what the engine cannot do.
+An adapter is a file with ENGINES: a list of classes, or functions without arguments, that make an engine. It
+has `name`, `version`, and `combine`: how the restitutions of two bodies become one ("product", "average",
+"maximum", "minimum", "geometric", or None without a rule). It has `make(world)`, `step()`, and `state()`,
+the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body that moves, in SI units and the world's frame.
+It raises NotImplementedError for what the engine cannot do.
 An engine that steps many worlds at once also has `start()`: `make` adds a world, `start` starts all that were
 added since, of as many steps of one length and the same shapes, and `state` lists the states of each.
 
@@ -230,8 +230,7 @@ def main() -> int:
     asked = parser.parse_args()
     cases, every, suites, failures = json.loads(asked.cases.read_text("utf-8")), [], "", 0
     known = json.loads(asked.expected.read_text("utf-8")) if asked.expected else {}
-    module = runpy.run_path(str(asked.adapter))
-    for make in module["ENGINES"]:
+    for make in runpy.run_path(str(asked.adapter))["ENGINES"]:
         engine = make()
         every.append(run(engine, cases))
         verdicts, expected = judge(every[-1], cases), known.get(engine.name, {})
