@@ -12,7 +12,7 @@ from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.checking.limits import judge_landings, judge_touchdowns
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.errors import HcbenchError, UserError
-from hcbench.impact import Impact, Status
+from hcbench.impact import Impact, Launch, Status
 from hcbench.laws.restitution import Reading, Restitution
 from hcbench.measuring.curve import Curve, CurvePoint, curve_of, curve_of_columns, worst_of
 from hcbench.measuring.landing import land_job
@@ -25,9 +25,11 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from hcbench.checking.baseline import Baseline
     from hcbench.checking.spec import Check
 
 _NO_END = (Status.CRASHED, Status.UNFINISHED)
+_REST_UNITS = {"penetration": (1e-3, "mm"), "vibration": (1.0, "m/s")}  # name -> (in SI, unit)
 
 
 def run_checks(checks: Sequence[Check], progress: Callable[[int, int], None] | None = None) -> Report:
@@ -61,17 +63,29 @@ def _judge_limits(check: Check) -> Outcome:
     """A robot's landings, or its recorded motion, held to limits."""
     job = Job(check.source, check.engine, check.request, None, TOLERANCE, diagnose=False)
     if check.drops is not None:
-        verdict, message = judge_landings(land_job(job, check.drops, check.limit), check.limits)
+        landings = land_job(job, check.drops, check.limit)
+        verdict, message = judge_landings(landings, check.limits)
     else:
-        verdict, message = judge_touchdowns(touchdowns_job(job, check.trajectory, check.limit), check.limits)
+        motion = touchdowns_job(job, check.trajectory, check.limit)
+        verdict, message = judge_touchdowns(motion, check.limits)
     return Outcome(check.name, verdict, message, check.against)
 
 
 def _measure(check: Check) -> Measurement:
-    tolerance = TOLERANCE if check.wanted is None else min(check.max_error, TOLERANCE)
-    bounces = check.wanted is not None or check.baseline is not None or check.rest is None
-    what = (check.source, check.engine, check.request, check.wanted, tolerance)
-    job = Job(*what, diagnose=bounces, rest=check.rest)
+    tolerance = TOLERANCE
+    if check.wanted is not None:
+        tolerance = min(check.max_error, TOLERANCE)
+    # Causes of a wrong e are of use only where e is held against something, or nothing else is.
+    is_of_e = check.wanted is not None or check.baseline is not None or check.rest is None
+    job = Job(
+        check.source,
+        check.engine,
+        check.request,
+        check.wanted,
+        tolerance,
+        diagnose=is_of_e,
+        rest=check.rest,
+    )
     return measure_job(job, check.limit)
 
 
@@ -79,28 +93,45 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
     """Hold a measurement against what the check says. Raises UserError for a baseline of another engine."""
     wanted = _wanted(check, measurement)
     rows = curve_of(measurement.impacts, wanted)
-    verdict, message = _with_rest(check, measurement, *_verdict(check, measurement, rows))
-    worst = worst_of(rows) or rows[0]
+    verdict, message = _verdict(check, measurement, rows)
+    verdict, message = _with_rest(check, measurement, verdict, message)
     return Outcome(
-        check.name, verdict, message, _against(check, rows), check.allowed, rows, worst, measurement
+        check.name,
+        verdict,
+        message,
+        _against(check, rows),
+        check.allowed,
+        rows,
+        worst_of(rows) or rows[0],
+        measurement,
     )
 
 
 def _against(check: Check, rows: Sequence[CurvePoint]) -> str:
     """The target in words; of an uncertain α, how wrong it lets e be."""
+    wanted = check.wanted
     speeds = np.array([row.speed_in for row in rows if not math.isnan(row.speed_in)])
-    if not isinstance(check.wanted, Restitution) or not check.wanted.uncertainty or not speeds.size:
+    if not isinstance(wanted, Restitution) or not wanted.uncertainty or not speeds.size:
         return check.against
-    margin = check.wanted.margin(speeds)
-    tight = ": more than the limit, so a failure may be the measurement's" if margin > check.max_error else ""
+    margin = wanted.margin(speeds)
+    tight = ""
+    if margin > check.max_error:
+        tight = ": more than the limit, so a failure may be the measurement's"
     return f"{check.against}, by which e is known to ± {margin:.2g} (95 %){tight}"
 
 
 def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]:
     """e wanted of an impact; NaN where it is held against nothing."""
-    curve, baseline, engine = check.wanted, check.baseline, measurement.facts.engine
-    if baseline is None:
-        return lambda impact: math.nan if curve is None else float(curve.at(impact.speed_in))
+    if check.baseline is not None:
+        return _wanted_of_baseline(check.baseline, measurement.facts.engine)
+    curve = check.wanted
+    if curve is None:
+        return lambda _: math.nan
+    return lambda impact: float(curve.at(impact.speed_in))
+
+
+def _wanted_of_baseline(baseline: Baseline, engine: str) -> Callable[[Impact], float]:
+    """e of the same launch in a baseline; NaN for launches that it has not."""
     if baseline.engine != engine:
         raise UserError(
             "baseline",
@@ -109,23 +140,32 @@ def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]
             "Write a baseline of its own for each engine",
         )
     before = baseline.by_launch
-    return lambda impact: before[impact.launch].restitution if impact.launch in before else math.nan
+
+    def wanted(impact: Impact) -> float:
+        then = before.get(impact.launch)
+        return math.nan if then is None else then.restitution
+
+    return wanted
 
 
 def _verdict(check: Check, measurement: Measurement, rows: Sequence[CurvePoint]) -> tuple[Verdict, str]:
+    """The verdict on the bounce alone, and the sentence that says why."""
     endless = [impact for impact in measurement.failed if impact.status in _NO_END]
     if endless and not measurement.measured:
         return Verdict.COULD_NOT_RUN, f"no impact ended: {sanitized(endless[0].reason)}"
     failed = _newly_failed(check, measurement)
     if failed:
-        first, share = failed[0], f"{len(failed)} of {len(measurement.impacts)} impacts"
+        first = failed[0]
+        share = f"{len(failed)} of {len(measurement.impacts)} impacts"
         where = f"{first.launch.speed:.4g} m/s, phase {first.launch.phase:.3g}"
         why = f"{first.status.value} at {where}: {sanitized(first.reason)}"
         return Verdict.FAILED, f"{share} have no restitution: {why}"
     worst = worst_of(rows)
     if worst is not None:
         verdict, message = _within(worst, check.max_error)
-        return verdict, message + (_changes(check, measurement) if verdict is Verdict.FAILED else "")
+        if verdict is Verdict.FAILED:
+            message += _changes(check, measurement)
+        return verdict, message
     if check.wanted is None and check.baseline is None:
         return Verdict.MEASURED, f"at {len(rows)} speeds, and held against nothing: no verdict"
     return Verdict.FAILED, "nothing was measured that could be held against it"
@@ -135,44 +175,52 @@ def _with_rest(check: Check, measurement: Measurement, verdict: Verdict, message
     """A verdict on the bounce, and on the pair at rest where that has limits."""
     if check.rest is None or verdict is Verdict.COULD_NOT_RUN:
         return verdict, message
-    bounced = [] if verdict is Verdict.MEASURED else [message]
+    sentences = []
+    if verdict is not Verdict.MEASURED:
+        sentences.append(message)
     if measurement.rest is None:
-        return Verdict.FAILED, "; ".join([*bounced, "nothing holds the two together at rest"])
+        sentences.append("nothing holds the two together at rest")
+        return Verdict.FAILED, "; ".join(sentences)
     beyond = check.rest.beyond(measurement.rest)
     if not beyond:
+        sentences.append(f"at rest {measurement.rest.text}")
         passed = Verdict.PASSED if verdict is Verdict.MEASURED else verdict
-        return passed, "; ".join([*bounced, f"at rest {measurement.rest.text}"])
-    units = {"penetration": (1e-3, "mm"), "vibration": (1.0, "m/s")}
-    words = [
-        f"{name} at rest {value / si:.3g} {unit}, limit {most / si:g} {unit}"
-        for name, (value, most) in beyond.items()
-        for si, unit in [units[name]]
-    ]
-    return Verdict.FAILED, "; ".join([*bounced, *words])
+        return passed, "; ".join(sentences)
+    for name, (value, most) in beyond.items():
+        si, unit = _REST_UNITS[name]
+        sentences.append(f"{name} at rest {value / si:.3g} {unit}, limit {most / si:g} {unit}")
+    return Verdict.FAILED, "; ".join(sentences)
 
 
 def _within(worst: CurvePoint, max_error: float) -> tuple[Verdict, str]:
     message = f"largest error {worst.worst_phase:+.3g} at {worst.place}, limit {max_error:g}"
-    return Verdict.FAILED if abs(worst.worst_phase) > max_error else Verdict.PASSED, message
+    if abs(worst.worst_phase) > max_error:
+        return Verdict.FAILED, message
+    return Verdict.PASSED, message
 
 
 def _newly_failed(check: Check, measurement: Measurement) -> list[Impact]:
     """Impacts that have no e now, unless they ended the same way in the baseline."""
-    before = {} if check.baseline is None else {i.launch: i.status for i in check.baseline.impacts}
+    before: dict[Launch, Status] = {}
+    if check.baseline is not None:
+        before = {impact.launch: impact.status for impact in check.baseline.impacts}
     return [impact for impact in measurement.failed if before.get(impact.launch) != impact.status]
 
 
 def _changes(check: Check, measurement: Measurement) -> str:
     """Sentences on what has changed since the baseline, apart from the bounce."""
-    baseline, facts = check.baseline, measurement.facts
+    baseline = check.baseline
     if baseline is None:
         return ""
+    facts = measurement.facts
     changes = []
     if baseline.version != facts.version:
         changes.append(f"{facts.engine} was {baseline.version}, is {facts.version}")
     if baseline.timestep_s != facts.timestep:
         changes.append(f"the step was {time_step(baseline.timestep_s)} s, is {time_step(facts.timestep)} s")
-    return f" ({'; '.join(changes)})" if changes else ""
+    if not changes:
+        return ""
+    return f" ({'; '.join(changes)})"
 
 
 def judge_results(results: Results, max_error: float, reading: Reading = "law") -> Report:
@@ -186,20 +234,24 @@ def judge_results(results: Results, max_error: float, reading: Reading = "law") 
 
 def _conditions(run: Mapping[str, Any]) -> str:
     """Gravity and other conditions of a setting, as a phrase; "" where there are none."""
-    words = ("gravity {:g} m/s^2", "{:g} m off the axis", "friction {:g}")
-    return "".join(
-        f", {text.format(run[key])}" for key, text in zip(CONDITIONS, words, strict=True) if run[key]
-    )
+    texts = ("gravity {:g} m/s^2", "{:g} m off the axis", "friction {:g}")
+    phrase = ""
+    for name, text in zip(CONDITIONS, texts, strict=True):
+        if run[name]:
+            phrase += ", " + text.format(run[name])
+    return phrase
 
 
 def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
+    """The verdict on one setting, α and step of a study. key: values of RUN_KEY."""
     run = dict(zip(RUN_KEY, key, strict=True))
-    alpha, where = run["alpha_s_per_m"], _conditions(run)
-    named = f"{run['scene']} {run['engine']} {run['setting']}"
-    name = f"{named} α = {alpha:.4g} s/m, step {run['timestep_s']:g} s{where}"
+    alpha = run["alpha_s_per_m"]
+    setting = f"{run['scene']} {run['engine']} {run['setting']}"
+    name = f"{setting} α = {alpha:.4g} s/m, step {run['timestep_s']:g} s{_conditions(run)}"
     against = Restitution(alpha, reading).description
     rows = _rows(impacts, reading)
-    failed, worst = sum(row.failed for row in rows), worst_of(rows)
+    failed = sum(row.failed for row in rows)
+    worst = worst_of(rows)
     if failed or worst is None:
         verdict = Verdict.FAILED
         message = f"{failed} of {len(impacts)} impacts have no restitution"
@@ -210,11 +262,15 @@ def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Readi
 
 def _rows(impacts: pd.DataFrame, reading: Reading) -> Curve:
     """One point for each speed and angle of a study's impacts, in their order."""
-    place = ["speed_m_per_s", *(["angle_rad"] if "angle_rad" in impacts else [])]
+    place = ["speed_m_per_s"]
+    angle = np.zeros(len(impacts))
+    if "angle_rad" in impacts:  # of studies with oblique launches only
+        place.append("angle_rad")
+        angle = impacts["angle_rad"].to_numpy(float)
     return curve_of_columns(
         np.asarray(impacts.groupby(place, sort=False).ngroup(), dtype=np.int64),
         speed=impacts["speed_m_per_s"].to_numpy(float),
-        angle=impacts["angle_rad"].to_numpy(float) if len(place) > 1 else np.zeros(len(impacts)),
+        angle=angle,
         phase=impacts["phase"].to_numpy(float),
         speed_in=impacts["speed_in_m_per_s"].to_numpy(float),
         restitution=impacts["restitution"].to_numpy(float),

@@ -39,45 +39,61 @@ class Limit:
 
     def excess(self, value: float) -> float:
         """By how much a value is beyond it, over the bound's own size; above 0 where it is exceeded."""
+        if math.isnan(value):
+            return math.inf
         beyond = value - self.value if self.most else self.value - value
-        return math.inf if math.isnan(value) else beyond / (abs(self.value) or 1.0)
+        return beyond / (abs(self.value) or 1.0)
 
 
 def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
     """Limits, separated by commas. Raises UserError and QuantityError."""
-    quantities = {name: quantity for name, (_, quantity) in LANDING.items()} if of_landing else TRAJECTORY
+    if of_landing:
+        quantities = {name: quantity for name, (_, quantity) in LANDING.items()}
+        example = "e < 0.3, slip < 5 mm"
+    else:
+        quantities = TRAJECTORY
+        example = "outside < 5 %"
     limits = []
     for part in text.split(","):
         match = _LIMIT.fullmatch(part)
         if match is None or match["name"] not in quantities:
-            example = "e < 0.3, slip < 5 mm" if of_landing else "outside < 5 %"
             expected = f"limits on {', '.join(quantities)}, such as {example!r}"
             raise UserError("require", repr(sanitized(part.strip(), 40)), expected)
-        name, value = match["name"], match["value"]
-        percent = value.endswith("%")
+        name = match["name"]
+        value = match["value"]
         number = units.parse(value.rstrip("% "), quantities[name], f"require: {name}")
+        if value.endswith("%"):
+            number = number / 100
         words = " ".join(part.split())
-        limits.append(Limit(name, number / 100 if percent else number, match["way"] == "<", words))
+        limits.append(Limit(name, number, match["way"] == "<", words))
     return tuple(limits)
 
 
 def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict, str]:
     """Compare each limit with each drop; the message names the worst."""
-    values = [
-        (limit, getattr(drop, LANDING[limit.name][0]), f"a drop of {drop.height:.4g} m{_tilt(drop.tilt)}")
-        for limit in limits
-        for drop in landings.drops
-    ]
+    values = []
+    for limit in limits:
+        attribute, _ = LANDING[limit.name]
+        for drop in landings.drops:
+            where = f"a drop of {drop.height:.4g} m{_tilt(drop.tilt)}"
+            values.append((limit, getattr(drop, attribute), where))
     return _judge(values, f"{len(landings.drops)} drops")
 
 
 def judge_touchdowns(motion: TrajectoryTouchdowns, limits: Sequence[Limit]) -> tuple[Verdict, str]:
     """Compare each limit with each foot; the message names the worst."""
     values = []
+    count = 0
     for foot in motion.feet:
-        numbers = {"outside": foot.outside, "normal": foot.speed.max(), "slide": foot.slide.max()}
-        values += [(limit, float(numbers[limit.name]), f"{foot.part} on {foot.other}") for limit in limits]
-    return _judge(values, f"{sum(len(foot.time) for foot in motion.feet)} touchdowns")
+        count += len(foot.time)
+        where = f"{foot.part} on {foot.other}"
+        numbers = {
+            "outside": foot.outside,
+            "normal": foot.speed.max(),
+            "slide": foot.slide.max(),
+        }
+        values += [(limit, float(numbers[limit.name]), where) for limit in limits]
+    return _judge(values, f"{count} touchdowns")
 
 
 def _tilt(tilt: float) -> str:
@@ -85,11 +101,17 @@ def _tilt(tilt: float) -> str:
 
 
 def _judge(values: Sequence[tuple[Limit, float, str]], count: str) -> tuple[Verdict, str]:
+    """The verdict, and the worst value in words. values: (limit, value in SI, where it was found)."""
     if not values:
         return Verdict.FAILED, f"nothing that a limit could hold of: {count}"
-    limit, value, where = max(values, key=lambda entry: entry[0].excess(entry[1]))
-    exceeded = sum(limit.excess(value) > 0 for limit, value, _ in values)
+    excesses = [limit.excess(value) for limit, value, _ in values]
+    exceeded = sum(excess > 0 for excess in excesses)
+    limit, value, where = values[excesses.index(max(excesses))]
     verdict = Verdict.FAILED if exceeded else Verdict.PASSED
-    value_text = "without a band that hcbench wrote" if math.isnan(value) else f"{value:.4g} (SI)"
-    more = f"; {exceeded} limits exceeded in {count}" if exceeded > 1 else ""
+    value_text = f"{value:.4g} (SI)"
+    if math.isnan(value):
+        value_text = "without a band that hcbench wrote"
+    more = ""
+    if exceeded > 1:
+        more = f"; {exceeded} limits exceeded in {count}"
     return verdict, f"{limit.name} {value_text}, limit {limit.text!r}, in {sanitized(where)}{more}"

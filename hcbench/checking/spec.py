@@ -37,7 +37,8 @@ def _no_truth_value(value: Any) -> Any:
     """Return the value, of NumPy or not. Refuses true and false, which Python would take for 1 and
     0.
     """
-    value = value.tolist() if hasattr(value, "tolist") else value
+    if hasattr(value, "tolist"):
+        value = value.tolist()
     if isinstance(value, bool):
         raise mistake("a number, or text with a unit")
     return value
@@ -55,10 +56,11 @@ _IN_FILES: dict[Any, Any] = {
 
 def _keys(declared: type) -> dict[str, Any]:
     """The keys of a table of a file, each with its type and default."""
-    return {
-        name: (Any if name in LAUNCHES else _IN_FILES.get(hint, Any), OPTIONS[name].default)
-        for name, hint in get_type_hints(declared).items()
-    }
+    keys = {}
+    for name, hint in get_type_hints(declared).items():
+        in_file = Any if name in LAUNCHES else _IN_FILES.get(hint, Any)
+        keys[name] = (in_file, OPTIONS[name].default)
+    return keys
 
 
 if TYPE_CHECKING:  # which knows no fields that are derived
@@ -158,13 +160,8 @@ class Check:
 def plan(spec: CheckSpec) -> Check:
     """Read names, units and files before anything runs. Raises UserError, and its kinds."""
     options = spec.options
-    if options["target"] != "law" and options["alpha"] is None:
-        raise UserError("target", f"{options['target']!r} given without an α", "--alpha, which it reads")
-    name = sanitized(spec.name if spec.name is not None else " + ".join(Path(m).name for m in spec.models))
-    targets = ("alpha", "restitution", "pairs", "baseline", "require")
-    against = [k for k in targets if getattr(spec, k) is not None]
-    if len(against) > 1:
-        raise UserError(name, f"{' and '.join(against)} are given", "one target")
+    name = _name(spec)
+    _require_one_target(spec, name)
     wanted = _wanted(options)
     launch = spec.launch
     request = make_request(spec.pair, **launch)
@@ -173,21 +170,52 @@ def plan(spec: CheckSpec) -> Check:
             request = replace(request, speeds=tuple(wanted.speeds.tolist()))
         _require_inside(request.speeds, wanted)
     baseline = None
+    default_error = MAX_ERROR
     if options["baseline"] is not None:
         from hcbench.checking.baseline import read_baseline
 
         baseline = read_baseline(Path(options["baseline"]), name)
         request = _as_written(baseline, request, launch)
-    source = spec.models[0] if len(spec.models) == 1 else spec.models
-    max_error = read_max_error(options["max_error"], MAX_ERROR if baseline is None else MAX_DRIFT)
-    trajectory = None if options["trajectory"] is None else Path(options["trajectory"])
+        default_error = MAX_DRIFT
+    max_error = read_max_error(options["max_error"], default_error)
+    trajectory = options["trajectory"]
     limits, drops = _limits(options)
     limit = read_limit(options["limit"])
     rest = read_rest_limits(options["max_depth"], options["max_vibration"])
     if rest is not None and limits:
         raise UserError("require", "given with a limit at rest", "one of the two")
-    ways = (limits, drops, trajectory, rest)
-    return Check(name, source, request, wanted, baseline, max_error, options["engine"], limit, *ways)
+    return Check(
+        name=name,
+        source=spec.models[0] if len(spec.models) == 1 else spec.models,
+        request=request,
+        wanted=wanted,
+        baseline=baseline,
+        max_error=max_error,
+        engine=options["engine"],
+        limit=limit,
+        limits=limits,
+        drops=drops,
+        trajectory=None if trajectory is None else Path(trajectory),
+        rest=rest,
+    )
+
+
+def _name(spec: CheckSpec) -> str:
+    """The name that a user gave, or the names of the model's files."""
+    if spec.name is not None:
+        return sanitized(spec.name)
+    return sanitized(" + ".join(Path(model).name for model in spec.models))
+
+
+def _require_one_target(spec: CheckSpec, name: str) -> None:
+    """Raises UserError for more than one target, and for a reading of α without an α."""
+    if spec.options["target"] != "law" and spec.options["alpha"] is None:
+        got = f"{spec.options['target']!r} given without an α"
+        raise UserError("target", got, "--alpha, which it reads")
+    targets = ("alpha", "restitution", "pairs", "baseline", "require")
+    given = [target for target in targets if getattr(spec, target) is not None]
+    if len(given) > 1:
+        raise UserError(name, f"{' and '.join(given)} are given", "one target")
 
 
 def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
@@ -196,13 +224,19 @@ def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
     given = {name: value for name, value in falls.items() if value is not None}
     is_of_motion = options["trajectory"] is not None
     if options["require"] is None:
-        if strange := [*given, *(["trajectory"] if is_of_motion else [])]:
-            raise UserError(strange[0], "given without limits", "--require 'e < 0.3, slip < 5 mm' too")
+        of_limits = list(given)  # options that mean nothing without limits
+        if is_of_motion:
+            of_limits.append("trajectory")
+        if of_limits:
+            raise UserError(of_limits[0], "given without limits", "--require 'e < 0.3, slip < 5 mm' too")
         return (), None
     if is_of_motion and given:
-        raise UserError("trajectory", f"given with {next(iter(given))}", "one of the two")
+        first = next(iter(given))
+        raise UserError("trajectory", f"given with {first}", "one of the two")
     limits = read_limits(options["require"], of_landing=not is_of_motion)
-    return limits, None if is_of_motion else make_drops(**given)
+    if is_of_motion:
+        return limits, None
+    return limits, make_drops(**given)
 
 
 def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) -> Request:
@@ -229,12 +263,13 @@ def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> Rest
     """Most of the penetration and vibration at rest; None where neither is limited."""
     if depth is None and vibration is None:
         return None
-    most = {"max-depth": (depth, "length"), "max-vibration": (vibration, "speed")}
-    depth_most, vibration_most = (
-        math.inf if value is None else units.parse(value, quantity, name, least=0.0)
-        for name, (value, quantity) in most.items()
-    )
-    return RestLimits(depth_most, vibration_most, of_user=True)
+    deepest = math.inf
+    if depth is not None:
+        deepest = units.parse(depth, "length", "max-depth", least=0.0)
+    fastest = math.inf
+    if vibration is not None:
+        fastest = units.parse(vibration, "speed", "max-vibration", least=0.0)
+    return RestLimits(deepest, fastest, of_user=True)
 
 
 def _wanted(options: CheckOptions) -> RestitutionCurve | None:
@@ -246,9 +281,9 @@ def _wanted(options: CheckOptions) -> RestitutionCurve | None:
 
 
 def _require_inside(speeds: Sequence[float], pairs: MeasuredRestitution) -> None:
-    low, high = pairs.speeds[0], pairs.speeds[-1]
-    outside = [v for v in speeds if not low <= v <= high]
-    if outside:
-        raise UserError(
-            "speeds", f"{outside[0]:g} m/s", f"within the measured pairs, {low:g} ... {high:g} m/s"
-        )
+    low = pairs.speeds[0]
+    high = pairs.speeds[-1]
+    for speed in speeds:
+        if not low <= speed <= high:
+            expected = f"within the measured pairs, {low:g} ... {high:g} m/s"
+            raise UserError("speeds", f"{speed:g} m/s", expected)

@@ -45,9 +45,10 @@ def goal_of(asked: Sequence[float], speeds: Sequence[float], wanted: Restitution
         return lambda speed: float(wanted.at(speed))
     if not len(asked):
         return lambda _: math.nan
-    order = np.argsort(speeds)
-    v, e = np.asarray(speeds)[order], np.clip(np.asarray(asked)[order], 0.0, 1.0)
-    return lambda speed: float(np.interp(speed, v, e))
+    order = np.argsort(speeds)  # np.interp takes rising speeds only
+    rising = np.asarray(speeds)[order]
+    e = np.clip(np.asarray(asked)[order], 0.0, 1.0)
+    return lambda speed: float(np.interp(speed, rising, e))
 
 
 def diagnose(
@@ -62,36 +63,70 @@ def diagnose(
     goal: e over approach speed that the bounce should have.
     """
     touched = [impact for impact in impacts if impact.status is not Status.NO_TOUCH]
-    suspects = model.suspects(touched or impacts, wanted)
+    impacts = touched or impacts
+    suspects = model.suspects(impacts, wanted)
     if not touched and not any(s.code == NO_PUSH for s in suspects):
         return (), ""  # something stopped them before the contact could do anything
-    impacts = touched or impacts
-    assumed = next((s.assumed_e for s in suspects if s.assumed_e is not None), None)
-    goal = goal if assumed is None else (lambda _: assumed)
+
+    assumed = _assumed_e(suspects)
+    if assumed is not None:
+        goal = _constant_goal(assumed)
     if not _is_off(impacts, goal, tolerance):
-        return tuple(_cause(s) for s in suspects if s.always_reported), ""
+        return _always_reported(suspects), ""
     if suspects and all(s.apply is None for s in suspects):
         return tuple(map(_cause, suspects)), "None of these could be tried on this model."
+
     trials = _Trials(model, _probe_launches(impacts, goal, model.step_cost), goal)
     suspects += _hidden_suspects(suspects, trials, wanted, tolerance)
-    fixable = [s for s in suspects if s.apply is not None]
+    fixable = _fixable(suspects)
     causes = _tried_causes(fixable, trials, tolerance)
     causes += [_cause(s) for s in suspects if s.apply is None and s.always_reported]
-    fixes = [s for s in fixable if s.code in {cause.code for cause in causes}]
-    if fixes and trials.max_error(fixes) >= _NO_BOUNCE:
-        return tuple(_cause(s) for s in suspects if s.always_reported), _NO_FIX
-    hint = _constant_e_hint(impacts, goal, tolerance) if trials.max_error(fixes) > tolerance else ""
+    codes = {cause.code for cause in causes}
+    fixes = [s for s in fixable if s.code in codes]
+    remaining = trials.max_error(fixes)
+    if fixes and remaining >= _NO_BOUNCE:
+        return _always_reported(suspects), _NO_FIX
+
+    hint = ""
+    if remaining > tolerance:
+        hint = _constant_e_hint(impacts, goal, tolerance)
     if not causes:
         return (), hint or "No cause was found among those that hcbench knows."
-    basis = "" if assumed is None else f"No target e is given: e = {assumed:.4g} is assumed."
-    return tuple(causes), " ".join(filter(None, (_summary(fixes, trials, tolerance), basis, hint)))
+    sentences = [_summary(fixes, trials, tolerance)]
+    if assumed is not None:
+        sentences.append(f"No target e is given: e = {assumed:.4g} is assumed.")
+    if hint:
+        sentences.append(hint)
+    return tuple(causes), " ".join(sentences)
+
+
+def _assumed_e(suspects: Sequence[Suspect]) -> float | None:
+    """e that the likeliest suspect of those with one takes for the target; None where there is none."""
+    for suspect in suspects:
+        if suspect.assumed_e is not None:
+            return suspect.assumed_e
+    return None
+
+
+def _constant_goal(e: float) -> Goal:
+    return lambda _: e
+
+
+def _always_reported(suspects: Sequence[Suspect]) -> tuple[Cause, ...]:
+    return tuple(_cause(s) for s in suspects if s.always_reported)
+
+
+def _fixable(suspects: Sequence[Suspect]) -> list[Suspect]:
+    return [s for s in suspects if s.apply is not None]
 
 
 class _Trials:
     """The probe launches simulated with some fixes made; each set of fixes once."""
 
     def __init__(self, model: ModelUnderTest, launches: Sequence[Launch], goal: Goal) -> None:
-        self.model, self.launches, self.goal = model, launches, goal
+        self.model = model
+        self.launches = launches
+        self.goal = goal
         self._impacts: dict[frozenset[str], list[Impact]] = {}
 
     def impacts(self, fixes: Sequence[Suspect]) -> list[Impact]:
@@ -107,23 +142,30 @@ class _Trials:
 
     def max_error(self, fixes: Sequence[Suspect]) -> float:
         """The largest error of e; 1 for a pair that cannot be measured."""
-        return max((_error(i, self.goal) for i in self.impacts(fixes)), default=1.0)
+        errors = [_error(impact, self.goal) for impact in self.impacts(fixes)]
+        return max(errors, default=1.0)
 
 
 def _error(impact: Impact, goal: Goal) -> float:
     """|e - goal|; 1 for an impact without an e; without a goal the part of e that is above 1."""
-    if math.isnan(impact.restitution):
+    e = impact.restitution
+    if math.isnan(e):
         return 1.0
-    error = abs(impact.restitution - goal(impact.speed_in))
-    return max(0.0, impact.restitution - 1.0) if math.isnan(error) else error
+    error = abs(e - goal(impact.speed_in))
+    if math.isnan(error):  # no goal: only a gain of energy is surely wrong
+        return max(0.0, e - 1.0)
+    return error
 
 
 def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
     """Say whether an impact failed, misses the goal, or gains energy."""
-    return any(
-        math.isnan(i.restitution) or i.restitution > 1 + NOTABLE_GAIN or _error(i, goal) > tolerance
-        for i in impacts
-    )
+    for impact in impacts:
+        e = impact.restitution
+        if math.isnan(e) or e > 1 + NOTABLE_GAIN:
+            return True
+        if _error(impact, goal) > tolerance:
+            return True
+    return False
 
 
 def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> list[Launch]:
@@ -131,49 +173,76 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
 
     Of the worst speed alone where all take too many steps. step_cost: see `ModelUnderTest`.
     """
-    worst = max(impacts, key=lambda i: (math.isnan(i.restitution), _error(i, goal))).launch.speed
-    speeds = [i.launch.speed for i in impacts]
+
+    def badness(impact: Impact) -> tuple[bool, float]:
+        return math.isnan(impact.restitution), _error(impact, goal)
+
+    worst = max(impacts, key=badness).launch.speed
+    speeds = [impact.launch.speed for impact in impacts]
     probes: list[Launch] = []
     for speed in sorted({worst, min(speeds), max(speeds)}):
-        launches = [i.launch for i in impacts if i.launch.speed == speed]
-        e = [i.restitution for i in impacts if i.launch.speed == speed]
-        alike = step_cost >= _COSTLY and max(e) - min(e) <= _ALIKE  # False where one is NaN
-        phases = 1 if alike else _PROBE_PHASES
-        probes += launches[:: max(1, len(launches) // phases)][:phases]
-    steps = step_cost * max(10, *(i.samples for i in impacts))
-    count = max(1, int(_PROBE_STEPS / steps))
-    return probes if count >= len(probes) else [p for p in probes if p.speed == worst][:count]
+        probes += _probe_phases([i for i in impacts if i.launch.speed == speed], step_cost)
+
+    longest = max(10, *(impact.samples for impact in impacts))  # steps in contact
+    affordable = max(1, int(_PROBE_STEPS / (step_cost * longest)))
+    if affordable >= len(probes):
+        return probes
+    return [probe for probe in probes if probe.speed == worst][:affordable]
+
+
+def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
+    """Evenly chosen launches of one speed; one only where steps cost much and all phases have the same e."""
+    e = [impact.restitution for impact in impacts]
+    are_alike = max(e) - min(e) <= _ALIKE  # False where one is NaN
+    count = 1 if step_cost >= _COSTLY and are_alike else _PROBE_PHASES
+    launches = [impact.launch for impact in impacts]
+    stride = max(1, len(launches) // count)
+    return launches[::stride][:count]
 
 
 def _hidden_suspects(
     suspects: Sequence[Suspect], trials: _Trials, wanted: RestitutionCurve | None, tolerance: float
 ) -> list[Suspect]:
     """Suspects that show only where the others are fixed, if that does not cure the pair."""
-    fixes = [s for s in suspects if s.apply is not None]
+    fixes = _fixable(suspects)
     impacts = trials.impacts(fixes)
     if not fixes or not impacts or trials.max_error(fixes) <= tolerance:
         return []
+    known = {suspect.code for suspect in suspects}
+    known.add(ENERGY_GAIN)  # a gain with fixes made is theirs, not the model's
     with trials.model.fixed(fixes) as fixed:
-        seen = {ENERGY_GAIN, *(s.code for s in suspects)}
-        return [s for s in fixed.suspects(impacts, wanted) if s.code not in seen]
+        return [s for s in fixed.suspects(impacts, wanted) if s.code not in known]
 
 
 def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> list[Cause]:
     """The fewest fixes that cure as well as all of them do, the strongest first; or, where all together cure
     nothing, those that help alone. Those that are always reported are among them.
     """
-    before, after = trials.max_error([]), trials.max_error(fixes)
-    least = max(min(tolerance, _HALF * before), _NOTABLE * before)
-    if after > before - least:
-        helpful = [s for s in fixes if s.always_reported or before - trials.max_error([s]) > least]
+    before = trials.max_error([])
+    after = trials.max_error(fixes)
+    notable = max(min(tolerance, _HALF * before), _NOTABLE * before)
+
+    def gain_alone(fix: Suspect) -> float:
+        return before - trials.max_error([fix])
+
+    if after > before - notable:
+        helpful = [s for s in fixes if s.always_reported or gain_alone(s) > notable]
         return [_cause(s, trials.max_error([s])) for s in helpful]
-    needed = _minimal_fixes(fixes, trials, after + least)
-    half = [s for s in fixes if s.named_if_half and before - trials.max_error([s]) >= _HALF * before]
-    reported = [s for s in fixes if s.always_reported or s in needed or s in half]
-    without = {s.code: trials.max_error([other for other in reported if other is not s]) for s in reported}
-    strongest = max(without.values(), default=0.0) or 1.0
-    reported.sort(key=lambda s: -round(_GRADES * without[s.code] / strongest))  # stable: likeliest first
-    return [_cause(s, trials.max_error([s]), without[s.code]) for s in reported]
+
+    needed = _minimal_fixes(fixes, trials, after + notable)
+    needed += [s for s in fixes if s.named_if_half and gain_alone(s) >= _HALF * before]
+    reported = [s for s in fixes if s.always_reported or s in needed]
+    error_without: dict[str, float] = {}
+    for suspect in reported:
+        others = [other for other in reported if other is not suspect]
+        error_without[suspect.code] = trials.max_error(others)
+    largest = max(error_without.values(), default=0.0) or 1.0
+
+    def strength(suspect: Suspect) -> int:
+        return round(_GRADES * error_without[suspect.code] / largest)
+
+    reported.sort(key=lambda s: -strength(s))  # stable: among equals the likeliest first
+    return [_cause(s, trials.max_error([s]), error_without[s.code]) for s in reported]
 
 
 def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) -> list[Suspect]:
@@ -192,27 +261,32 @@ def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan)
 
 def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str:
     """A sentence on what remains with all causes fixed."""
-    before, after = trials.max_error([]), trials.max_error(fixes)
-    e = [i.restitution for i in trials.impacts(fixes) if math.isfinite(i.restitution)]
-    if not e or after > max(tolerance, _HALF * before):
+    before = trials.max_error([])
+    after = trials.max_error(fixes)
+    e = [impact.restitution for impact in trials.impacts(fixes)]
+    finite = [value for value in e if math.isfinite(value)]
+    if not finite or after > max(tolerance, _HALF * before):
         return f"These do not explain all of it: with all of them fixed e is still wrong by {after:.2g}."
-    return (
-        f"With these fixed e = {float(np.mean(e)):.4g} at the speeds that were worst, wrong by {after:.2g}."
-    )
+    mean = float(np.mean(finite))
+    return f"With these fixed e = {mean:.4g} at the speeds that were worst, wrong by {after:.2g}."
 
 
 def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> str:
     """A sentence if this contact has one e where the target has several; "" if that is not what is wrong."""
-    parted = [i for i in impacts if i.status is Status.PARTED]
-    e, wanted = [i.restitution for i in parted], [goal(i.speed_in) for i in parted]
+    parted = [impact for impact in impacts if impact.status is Status.PARTED]
+    e = [impact.restitution for impact in parted]
+    wanted = [goal(impact.speed_in) for impact in parted]
     if not parted or any(map(math.isnan, wanted)):
         return ""
-    span = max(wanted) - min(wanted)
+    highest = max(wanted)
+    lowest = min(wanted)
+    span = highest - lowest
     if span <= 2 * tolerance or max(e) - min(e) > _FLAT * span:
         return ""
-    one = "takes one step and " if max(i.samples for i in parted) <= 1 else ""
+    longest = max(impact.samples for impact in parted)
+    one = "takes one step and " if longest <= 1 else ""
     return (
         f"This contact {one}gives the same e at every speed, {float(np.mean(e)):.4g}, but the target is"
-        f" {max(wanted):.4g} ... {min(wanted):.4g}. The best constant e is wrong by {span / 2:.2g};"
+        f" {highest:.4g} ... {lowest:.4g}. The best constant e is wrong by {span / 2:.2g};"
         " `hcbench tune` makes contacts whose e falls with speed."
     )

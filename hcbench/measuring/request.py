@@ -32,7 +32,10 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
         raise UserError("angle", "given with height", "one of the two", advice)
     packages = read_packages(given.pop("package", {}))
     pose = (*read_state(given.pop("state", None)), *read_joints(given.pop("qpos", None)))
-    fields = {name: _READ[name](value) if name in _READ else value for name, value in given.items()}
+    fields: dict[str, Any] = {}
+    for name, value in given.items():
+        read = _READ.get(name)
+        fields[name] = value if read is None else read(value)
     return Request(
         pair=read_pair(pair), pose=pose, packages=packages, adapt_phases="phases" not in given, **fields
     )
@@ -61,13 +64,25 @@ def read_pair(pair: BodyPair | None) -> tuple[str, str] | None:
     """Two names of "a,b" or a sequence of two; None for None."""
     if pair is None:
         return None
-    given = pair.split(",") if isinstance(pair, str) else list(pair) if isinstance(pair, list | tuple) else []
-    names = [f"body:{name}" if isinstance(name, int) else str(name).strip() for name in given]
+    names = [_body_name(part) for part in _pair_parts(pair)]
     if len(names) != 2 or not all(names):
         raise UserError(
             "pair", repr(pair), "two names, first the one that moves", "Write for example --pair ball,plate"
         )
     return names[0], names[1]
+
+
+def _pair_parts(pair: Any) -> list[Any]:
+    if isinstance(pair, str):
+        return list(pair.split(","))
+    if isinstance(pair, list | tuple):
+        return list(pair)
+    return []
+
+
+def _body_name(part: Any) -> str:
+    """A name without blanks around it; a number is that of a body."""
+    return f"body:{part}" if isinstance(part, int) else str(part).strip()
 
 
 def read_limit(limit: Quantity | None) -> float | None:
@@ -81,12 +96,11 @@ def read_limit(limit: Quantity | None) -> float | None:
 
 
 def _move(move: str) -> str:
-    kind, colon, name = move.strip().partition(":")
-    if (
-        kind not in ("base", "body", "joint")
-        or (kind == "base") == bool(name)
-        or not (colon or kind == "base")
-    ):
+    """The joints that move the body: "base:", "body:NAME" or "joint:NAME"; "base" means the first."""
+    kind, _, name = move.strip().partition(":")
+    is_whole_base = kind == "base" and not name
+    is_named = kind in ("body", "joint") and bool(name)
+    if not is_whole_base and not is_named:
         raise UserError("move", repr(move), "base:, body:NAME or joint:NAME")
     return f"{kind}:{name}"
 
@@ -96,6 +110,7 @@ def _height(height: Any) -> float:
 
 
 def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
+    """Shares of a step at which it touches: as given, or as many in the middles of equal parts."""
     if isinstance(phases, str):
         text = phases.strip()
         phases = int(text) if text.isdecimal() else units.parse_values(text, "number", "phases").tolist()
@@ -103,27 +118,28 @@ def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
         if not 1 <= phases <= MAX_PHASES:
             raise QuantityError("phases", str(phases), f"1 ... {MAX_PHASES}")
         return tuple((i + 0.5) / phases for i in range(phases))
-    values = tuple(float(p) for p in phases)
-    if not values or not all(0 <= p < 1 for p in values) or len(set(values)) != len(values):
+    values = tuple(float(phase) for phase in phases)
+    are_inside = all(0 <= value < 1 for value in values)
+    are_different = len(set(values)) == len(values)
+    if not values or not are_inside or not are_different:
         raise QuantityError("phases", repr(phases), "different numbers from 0 up to below 1")
     return values
 
 
 def _gravity(gravity: Any) -> Vector:
+    """Gravity, m/s²: three numbers, or one along -z."""
     if isinstance(gravity, str) and "," in gravity:
         gravity = gravity.split(",")
     if isinstance(gravity, str) or not isinstance(gravity, Iterable):
         down = units.parse(gravity, "acceleration", "gravity")
         if not down >= 0:
-            raise QuantityError(
-                "gravity", f"{down:g} m/s^2", "0 or more, along -z", "Give three for any other way: 0,0,1"
-            )
-        return 0.0, 0.0, -down + 0.0
+            advice = "Give three for any other way: 0,0,1"
+            raise QuantityError("gravity", f"{down:g} m/s^2", "0 or more, along -z", advice)
+        return 0.0, 0.0, -down + 0.0  # of 0 no -0
     values = [units.parse(part, "acceleration", "gravity") for part in gravity]
     if len(values) != 3:
-        raise QuantityError(
-            "gravity", repr(gravity), "one number along -z, or three", "Write for example 0,0,-9.81"
-        )
+        advice = "Write for example 0,0,-9.81"
+        raise QuantityError("gravity", repr(gravity), "one number along -z, or three", advice)
     return values[0], values[1], values[2]
 
 
