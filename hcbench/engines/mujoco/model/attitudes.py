@@ -31,7 +31,7 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
     """
     kinds, placed = backend().mjtGeom, MujocoModel(model, label, state, request)
     place = placed.place
-    geom, other = place.contact.rows[0][2]
+    geom, other = place.contact.geoms
     if int(model.geom_bodyid[geom]) != place.pair.first.body:
         geom, other = other, geom
     body = int(model.geom_bodyid[geom])

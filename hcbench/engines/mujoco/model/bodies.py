@@ -90,6 +90,11 @@ def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
     return "parent" if weld1 and weld2 and (weld1 == above2 or weld2 == above1) else ""
 
 
+def can_meet(model: Any, geoms: tuple[int, int]) -> bool:
+    """True if MuJoCo collides two geoms: a <pair> of them overrides every filter."""
+    return bool(explicit_pairs(model, geoms)) or not collision_filter(model, *geoms)
+
+
 def geom_friction(model: Any, geoms: tuple[int, int]) -> float:
     """Coulomb's μ of two geoms: of their <pair>, else as MuJoCo mixes it; 0 for a frictionless contact."""
     if pairs := explicit_pairs(model, geoms)[:1]:

@@ -2,6 +2,7 @@
 some never meet.
 """
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +12,8 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import (
     body_name,
+    can_meet,
     collision_filter,
-    explicit_pairs,
     geom_name,
     geoms_of,
     joint_name,
@@ -23,6 +24,7 @@ from hcbench.errors import UserError
 from hcbench.sim.names import find_part, suggest_names
 
 _FREE_DOFS = 6
+_NAMED_JOINTS = 6  # of a robot's, in messages
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,19 +51,25 @@ def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
 
 
 def _named_geoms(model: Any, name: str) -> NamedGeoms:
+    """Those geoms of the part of this name that can collide; all where none can."""
     parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
     parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
-    parts.sort(key=lambda part: part[0] == "body" and not model.body_geomnum[part[2]])  # else its geom
+    # A body without geoms comes last: of the same name, a geom is meant.
+    parts.sort(key=lambda part: part[0] == "body" and not model.body_geomnum[part[2]])
     kind, number = find_part(parts, name)
     if kind == "geom":
         return NamedGeoms(name, int(model.geom_bodyid[number]), (number,))
-    geoms = geoms_of(model, number) or tuple(
-        geom for geom in range(model.ngeom) if number in _ancestors(model, int(model.geom_bodyid[geom]))
-    )
+    geoms = geoms_of(model, number) or _carried_geoms(model, number)
     solid = tuple(geom for geom in geoms if _collides(model, geom)) or geoms
     if not solid:
         raise UserError("pair", f"body {name!r} has no geoms", "a body that can touch something")
     return NamedGeoms(name, number, solid)
+
+
+def _carried_geoms(model: Any, body: int) -> tuple[int, ...]:
+    """Geoms of the bodies that hang on this one."""
+    body_of = model.geom_bodyid.tolist()
+    return tuple(geom for geom in range(model.ngeom) if body in _ancestors(model, body_of[geom]))
 
 
 def _collides(model: Any, geom: int) -> bool:
@@ -73,21 +81,29 @@ def only_pair(model: Any) -> tuple[str, str] | None:
     """The names of the only body that moves and of the only fixed geom; None where there is a choice."""
     movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and model.body_weldid[b]]
     others = [g for g in geoms_of(model, 0) if _collides(model, g)]
-    unique = len(movers) == 1 and len(others) == 1
-    return (f"body:{movers[0]}", f"geom:{others[0]}") if unique else None
+    if len(movers) != 1 or len(others) != 1:
+        return None
+    return f"body:{movers[0]}", f"geom:{others[0]}"
 
 
 def _translations(model: Any, body: int) -> tuple[int, ...]:
     """Degrees of freedom of the body's own free or slide joints that translate."""
     kinds = backend().mjtJoint
     dofs: list[int] = []
-    for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
-        kind, dof = model.jnt_type[joint], int(model.jnt_dofadr[joint])
+    for joint in _joints_of(model, body):
+        kind = model.jnt_type[joint]
+        dof = int(model.jnt_dofadr[joint])
         if kind == kinds.mjJNT_FREE:
             return (dof, dof + 1, dof + 2)
         if kind == kinds.mjJNT_SLIDE:
             dofs.append(dof)
     return tuple(dofs)
+
+
+def _joints_of(model: Any, body: int) -> range:
+    """Numbers of the body's own joints."""
+    first = int(model.body_jntadr[body])
+    return range(first, first + int(model.body_jntnum[body]))
 
 
 def _ancestors(model: Any, body: int) -> Iterator[int]:
@@ -108,12 +124,19 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
             joints.append(MovingJoint(ancestor, dofs, words))
     chain = [a for a in _ancestors(model, body) if model.body_jntnum[a]]
     if any(model.body_dofnum[a] > len(_translations(model, a)) for a in chain):
-        numbers = [model.body_jntadr[a] + j for a in chain for j in range(model.body_jntnum[a])]
-        names = ", ".join(joint_name(model, int(j)) for j in numbers[:6]) + ", ..." * (len(numbers) > 6)
-        tree = np.flatnonzero(model.body_rootid[model.dof_bodyid] == model.body_rootid[body])
-        words = f"body {body_name(model, body)!r} on its joints ({names})"
-        joints.append(MovingJoint(body, tuple(tree.tolist()), words, turns=True))
+        joints.append(_whole_tree(model, body, chain))
     return joints
+
+
+def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
+    """All degrees of freedom of the body's robot. chain: bodies with joints from this one to the root."""
+    names = [joint_name(model, joint) for ancestor in chain for joint in _joints_of(model, ancestor)]
+    listed = ", ".join(names[:_NAMED_JOINTS])
+    if len(names) > _NAMED_JOINTS:
+        listed += ", ..."
+    dofs = np.flatnonzero(model.body_rootid[model.dof_bodyid] == model.body_rootid[body])
+    words = f"body {body_name(model, body)!r} on its joints ({listed})"
+    return MovingJoint(body, tuple(dofs.tolist()), words, turns=True)
 
 
 def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
@@ -152,23 +175,26 @@ def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
 
 def _of_joints(model: Any, joints: list[int]) -> MovingJoint | None:
     """These joints together, of one chain; None for no joint."""
-    kinds = backend().mjtJoint
     if not joints:
         return None
-    words = ", ".join(joint_name(model, j) for j in joints)
-    bodies = [int(model.jnt_bodyid[j]) for j in joints]
-    if len(joints) == 1 and int(model.jnt_type[joints[0]]) in (kinds.mjJNT_FREE, kinds.mjJNT_SLIDE):
-        dofs = _translations(model, bodies[0])
-        if int(model.jnt_type[joints[0]]) == kinds.mjJNT_SLIDE:
-            dofs = (int(model.jnt_dofadr[joints[0]]),)
-        return MovingJoint(bodies[0], dofs, f"body {body_name(model, bodies[0])!r} on its joint {words}")
+    kinds = backend().mjtJoint
+    words = ", ".join(joint_name(model, joint) for joint in joints)
+    body = int(model.jnt_bodyid[joints[-1]])
+    if len(joints) == 1:
+        kind = int(model.jnt_type[joints[0]])
+        text = f"body {body_name(model, body)!r} on its joint {words}"
+        if kind == kinds.mjJNT_SLIDE:
+            return MovingJoint(body, (int(model.jnt_dofadr[joints[0]]),), text)
+        if kind == kinds.mjJNT_FREE:
+            return MovingJoint(body, _translations(model, body), text)
     widths = {int(kinds.mjJNT_FREE): 6, int(kinds.mjJNT_BALL): 3}
-    dofs = tuple(
-        int(model.jnt_dofadr[j]) + i for j in joints for i in range(widths.get(int(model.jnt_type[j]), 1))
-    )
-    return MovingJoint(
-        bodies[-1], dofs, f"body {body_name(model, bodies[-1])!r} on its joints ({words})", True
-    )
+    dofs: list[int] = []
+    for joint in joints:
+        first = int(model.jnt_dofadr[joint])
+        width = widths.get(int(model.jnt_type[joint]), 1)
+        dofs += range(first, first + width)
+    text = f"body {body_name(model, body)!r} on its joints ({words})"
+    return MovingJoint(body, tuple(dofs), text, turns=True)
 
 
 def immobile_error(pair: ContactPair) -> UserError:
@@ -189,31 +215,42 @@ def immobile_error(pair: ContactPair) -> UserError:
 def require_collisions(pair: ContactPair) -> ContactPair:
     """The pair with those geoms only that MuJoCo collides; UserError with what keeps all of them apart."""
     model = pair.model
-    mine = [(a, b) for a in pair.first.geoms for b in pair.second.geoms]
-    off = backend().mjtDisableBit.mjDSBL_CONTACT | backend().mjtDisableBit.mjDSBL_CONSTRAINT
-    meet = [geoms for geoms in mine if explicit_pairs(model, geoms) or not collision_filter(model, *geoms)]
-    if not meet or model.opt.disableflags & off:
-        fixed = not any(model.body_weldid[part.body] for part in (pair.first, pair.second))
-        raise immobile_error(pair) if fixed else no_contact_error(pair)
-    sides = [
-        NamedGeoms(side.name, side.body, tuple(dict.fromkeys(geoms[i] for geoms in meet)))
-        for i, side in enumerate((pair.first, pair.second))
-    ]
-    return ContactPair(model, *sides)
+    geoms = itertools.product(pair.first.geoms, pair.second.geoms)
+    meeting = [both for both in geoms if can_meet(model, both)]
+    if not meeting or _are_contacts_off(model):
+        moves = any(model.body_weldid[part.body] for part in (pair.first, pair.second))
+        raise no_contact_error(pair) if moves else immobile_error(pair)
+    firsts = tuple(dict.fromkeys(first for first, _ in meeting))
+    seconds = tuple(dict.fromkeys(second for _, second in meeting))
+    return ContactPair(
+        model,
+        NamedGeoms(pair.first.name, pair.first.body, firsts),
+        NamedGeoms(pair.second.name, pair.second.body, seconds),
+    )
+
+
+def _are_contacts_off(model: Any) -> bool:
+    """True if a flag of the model disables contacts, or all constraints."""
+    flags = backend().mjtDisableBit
+    return bool(model.opt.disableflags & (flags.mjDSBL_CONTACT | flags.mjDSBL_CONSTRAINT))
 
 
 def no_contact_error(pair: ContactPair) -> UserError:
     """MuJoCo reports no contact between the two, however deep they are in each other."""
-    model, mujoco = pair.model, backend()
+    model = pair.model
     geoms = pair.first.geoms[0], pair.second.geoms[0]
-    kinds = [mujoco.mjtGeom(int(model.geom_type[g])).name.removeprefix("mjGEOM_").lower() for g in geoms]
-    masks = [f"{geom_name(model, g)} has {model.geom_contype[g]}/{model.geom_conaffinity[g]}" for g in geoms]
-    off = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     if has_force_law(model, geoms):
         got = f"{pair.first.name!r} and {pair.second.name!r} meet by the plug-in hcbench.hunt_crossley"
         advice = "Its e is the law's: docs/reference/plugins.md says up to which step"
         return UserError("pair", got, "MuJoCo's own contact, or the plug-in hcbench.restitution", advice)
-    reason = "disabled" if model.opt.disableflags & off else collision_filter(model, *geoms)
+    kinds = []
+    masks = []
+    for geom in geoms:
+        kind = backend().mjtGeom(int(model.geom_type[geom])).name
+        kinds.append(kind.removeprefix("mjGEOM_").lower())
+        mask = f"{model.geom_contype[geom]}/{model.geom_conaffinity[geom]}"
+        masks.append(f"{geom_name(model, geom)} has {mask}")
+    reason = "disabled" if _are_contacts_off(model) else collision_filter(model, *geoms)
     got, *expected = {
         "disabled": ("contacts are disabled", 'no <flag contact="disable"/>'),
         "exclude": ("<exclude> names their bodies", "no <exclude> for them"),

@@ -24,19 +24,32 @@ class NamedGeoms:
     geoms: tuple[int, ...]
 
 
+class ContactPoint(NamedTuple):
+    """One point of MuJoCo's contact: the parameters in force there, and the two geoms."""
+
+    solref: tuple[float, ...]
+    solimp: tuple[float, ...]
+    geoms: tuple[int, int]
+
+
 @dataclass(frozen=True, slots=True)
 class PairContact:
     """MuJoCo's contact of a pair, averaged over its points; SI.
 
     normal: from the first part to the second. onset: distance at which its force begins to act.
-    rows: (solref, solimp, geoms) of each point.
+    rows: its points, one or more.
     """
 
     normal: Floats
     point: Floats
     onset: float
     distance: float
-    rows: tuple[tuple[tuple[float, ...], tuple[float, ...], tuple[int, int]], ...]
+    rows: tuple[ContactPoint, ...]
+
+    @property
+    def geoms(self) -> tuple[int, int]:
+        """The two geoms that touch, of the first point."""
+        return self.rows[0].geoms
 
 
 class Nearest(NamedTuple):
@@ -71,7 +84,8 @@ class ContactPair:
     def sides(self) -> NDArray[np.int8]:
         """(ngeom + 1,): 1 for geoms of the first, 2 for the second's, else 0; -1 indexes the last, a 0."""
         sides = np.zeros(self.model.ngeom + 1, dtype=np.int8)
-        sides[list(self.first.geoms)], sides[list(self.second.geoms)] = 1, 2
+        sides[list(self.first.geoms)] = 1
+        sides[list(self.second.geoms)] = 2
         return sides
 
     @cached_property
@@ -102,25 +116,31 @@ class ContactPair:
 
     def contact(self, data: Any) -> PairContact | None:
         """The contact in `data`, None where there is none that acts."""
-        contacts, sides = data.contact, self.sides
-        acting = [
-            i
-            for i, (a, b) in enumerate(contacts.geom.tolist())
-            if sides[a] + sides[b] == 3 and not contacts.exclude[i]
-        ]
+        contacts = data.contact
+        sides = self.sides
+        acting = []
+        for number, (a, b) in enumerate(contacts.geom.tolist()):
+            is_of_pair = sides[a] + sides[b] == 3  # one geom of the first, 1, and one of the second, 2
+            if is_of_pair and not contacts.exclude[number]:
+                acting.append(number)
         if not acting:
             return None
         signs = np.where(sides[contacts.geom[acting, 0]] == 1, 1.0, -1.0)
         normals = contacts.frame[acting, :3] * signs[:, None]
         normal = np.mean(normals, axis=0)
         length = float(np.linalg.norm(normal))
-        rows = zip(contacts.solref[acting], contacts.solimp[acting], contacts.geom[acting], strict=True)
+        points = []
+        for number in acting:
+            solref = tuple(contacts.solref[number].tolist())
+            solimp = tuple(contacts.solimp[number].tolist())
+            first, second = contacts.geom[number].tolist()
+            points.append(ContactPoint(solref, solimp, (first, second)))
         return PairContact(
             normal=normal / length if length > 0 else normals[0],
             point=np.mean(contacts.pos[acting], axis=0),
             onset=float(contacts.includemargin[acting].max()),
             distance=float(contacts.dist[acting].min()),
-            rows=tuple((tuple(a.tolist()), tuple(b.tolist()), tuple(c.tolist())) for a, b, c in rows),
+            rows=tuple(points),
         )
 
     def narrowed(self, geoms: tuple[int, int]) -> ContactPair:
@@ -138,7 +158,8 @@ class ContactPair:
         if self.height_field >= 0:
             return self._above_field(data)
         best = Nearest(np.inf, np.zeros(3), np.zeros(3), (self.first.geoms[0], self.second.geoms[0]))
-        ends, reach = np.zeros(6), 10.0 * float(self.model.stat.extent) + 10.0
+        ends = np.zeros(6)  # the nearest point of the one, then of the other
+        reach = 10.0 * float(self.model.stat.extent) + 10.0  # m; beyond it MuJoCo reports the reach
         for a in self.first.geoms:
             for b in self.second.geoms:
                 distance = backend().mj_geomDistance(self.model, data, a, b, reach, ends)
@@ -153,11 +174,14 @@ class ContactPair:
         """Roughly find the nearest point over a height field: from the other's bounding sphere down
         to its top.
         """
-        field, model = self.height_field, self.model
+        field = self.height_field
+        model = self.model
         up = data.geom_xmat[field].reshape(3, 3)[:, 2]
-        on_field = field in self.second.geoms
-        other = (self.first if on_field else self.second).geoms[0]
-        centre, top = data.geom_xpos[other], model.hfield_size[model.geom_dataid[field]][2]
+        is_second = field in self.second.geoms
+        other = self.first.geoms[0] if is_second else self.second.geoms[0]
+        centre = data.geom_xpos[other]
+        top = model.hfield_size[model.geom_dataid[field]][2]
         height = float(up @ (centre - data.geom_xpos[field])) - float(model.geom_rbound[other]) - float(top)
-        geoms = (other, field) if on_field else (field, other)
-        return Nearest(height, -up if on_field else up.copy(), centre.copy(), geoms)
+        if is_second:
+            return Nearest(height, -up, centre.copy(), (other, field))
+        return Nearest(height, up.copy(), centre.copy(), (field, other))

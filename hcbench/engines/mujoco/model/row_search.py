@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     Rows = tuple[ConstraintRow, ...]
 
 _STEPS = 30  # of a launch: two to the touch, then a contact and its parting
-_GRID = (4, 9), (3, 6)  # speeds and phases, of small and of large models
+_GRID_SMALL = (4, 9)  # speeds and phases
+_GRID_LARGE = (3, 6)
 _PARTS = 3  # of the launches: most rows fail in the first
 _SLOW, _SLOW_PHASES = 0.4, 4  # of the lowest speed, where none may gain energy
 _LARGEST_E, _COSTS = 0.995, 20.0  # as of `row_pair`
@@ -94,130 +95,181 @@ class RowSearch:
         was: Standing,
         set_rows: Callable[[Any, Rows], None],
     ) -> None:
-        mujoco = backend()
-        geom, kind = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtSensor.mjSENS_GEOMDIST
-        called = [geom.name for geom in spec.geoms]  # by id
-        for model in opened:
-            names = [called[geom] for geom in model.place.contact.rows[0][2]]
-            each = {"objtype": geom, "objname": names[0], "reftype": geom, "refname": names[1]}
-            spec.add_sensor(type=kind, cutoff=10.0 * float(model.model.stat.extent), **each)
+        _add_distance_sensors(spec, opened)
+        self._opened = opened
+        self._goal = goal
+        self._band = band
+        self._set_rows = set_rows
         self._model = spec.compile()
         for name in ("timestep", "gravity", "disableflags"):
             setattr(self._model.opt, name, getattr(opened[0].model.opt, name))
-        self._data, self._band, self._goal, self._set = mujoco.MjData(self._model), band, goal, set_rows
+        self._data = backend().MjData(self._model)
+        self._first_sensor = self._model.nsensordata - len(opened)
         # A stage of RK4 feels the contact in the step before and after the states that are in it.
         self._lag = int(integrator_name(self._model) == "RK4")
+        # A model that already vibrates or sinks more than our limits need not do better than before.
         self._calm = max(_CALM, float(np.nan_to_num(was.vibration)))
         self._shallow = max(_SHALLOW, float(np.nan_to_num(was.penetration)))
-        self._opened, self._first = opened, self._model.nsensordata - len(opened)
-        low, high = band
-        count, phases = _GRID[self._model.nv > _LIGHT]
-        speeds = np.geomspace(low, high, count) if low < high else np.array([low])
-        sent = [(v, (i + k / len(speeds)) / phases) for k, v in enumerate(speeds) for i in range(phases)]
-        sent += [(_SLOW * low, (i + 0.5) / _SLOW_PHASES) for i in range(_SLOW_PHASES)]
-        every = [self._sent(model, sent) for model in opened]
-        self._launches = [
-            (number, states[part::_PARTS], control)
-            for part in range(_PARTS)
-            for number, (states, control) in enumerate(every)
-        ]
-        self._laid = [self._sent(model, [(0.0, 0.0)]) for model in opened]
 
-    def _sent(self, opened: MujocoModel, sent: Sequence[tuple[float, float]]) -> tuple[Floats, Floats]:
-        """(states, control) of launches: speed m/s, where in a step each touches."""
-        mujoco, model, place = backend(), self._model, opened.place
-        h, kind = float(model.opt.timestep), mujoco.mjtState.mjSTATE_FULLPHYSICS
-        data, states = mujoco.MjData(model), np.empty((len(sent), mujoco.mj_stateSize(model, kind)))
+        plan = _speeds_and_phases(band, is_large=self._model.nv > _LIGHT)
+        starts = [self._start_states(model, plan) for model in opened]
+        # A third of every model's launches, then the next third: bad rows are given up after the first.
+        self._launches = []
+        for part in range(_PARTS):
+            for number, (states, control) in enumerate(starts):
+                self._launches.append((number, states[part::_PARTS], control))
+        self._laid = [self._start_states(model, [(0.0, 0.0)]) for model in opened]
+
+    def _start_states(
+        self, opened: MujocoModel, plan: Sequence[tuple[float, float]]
+    ) -> tuple[Floats, Floats]:
+        """(states, one a launch; control) at release. plan: speeds, m/s, and where in a step each touches."""
+        mujoco = backend()
+        model = self._model
+        place = opened.place
+        h = float(model.opt.timestep)
+        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        data = mujoco.MjData(model)
+        states = np.empty((len(plan), mujoco.mj_stateSize(model, kind)))
         for field in ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active"):
             getattr(data, field)[:] = getattr(opened.start, field)
+            # Rollouts take from here what the states leave out; of several models the last one's stays.
             getattr(self._data, field)[:] = getattr(opened.start, field)
-        for state, (v, phase) in zip(states, sent, strict=True):
+        for state, (speed, phase) in zip(states, plan, strict=True):
             data.qpos[:] = place.qpos
-            mujoco.mj_integratePos(model, data.qpos, place.direction, -v * h * (1.5 + phase))
-            data.qvel[:] = v * place.direction
+            mujoco.mj_integratePos(model, data.qpos, place.direction, -speed * h * (1.5 + phase))
+            data.qvel[:] = speed * place.direction
             mujoco.mj_getState(model, data, state, kind)
         return states, data.ctrl.copy()
 
     def _error(self, rows: Rows, limit: float = math.inf) -> float:
         """The largest error of e, and much of what an e gains; above the limit any number that is."""
-        self._set(self._model, rows)
-        worst, largest, wanted = 0.0, 0.0, 0.0
+        self._set_rows(self._model, rows)
+        worst = 0.0
+        largest_e = 0.0
+        largest_target = 0.0
         for number, states, control in self._launches:
             e, speed = self._bounces(number, states, control)
-            band = speed > 0.9 * self._band[0]
-            target = np.asarray(self._goal.at(speed[band]))
-            worst = max(worst, float(np.abs(e[band] - target).max(initial=0.0)))
+            in_band = speed > 0.9 * self._band[0]
+            target = np.asarray(self._goal.at(speed[in_band]))
+            worst = max(worst, float(np.abs(e[in_band] - target).max(initial=0.0)))
             if worst > limit:
                 return worst
-            largest, wanted = max(largest, float(e.max())), max(wanted, float(target.max(initial=0.0)))
-        worst += _COSTS * max(0.0, largest - max(_LARGEST_E, wanted))
+            largest_e = max(largest_e, float(e.max()))
+            largest_target = max(largest_target, float(target.max(initial=0.0)))
+        worst += _COSTS * max(0.0, largest_e - max(_LARGEST_E, largest_target))
         if worst > limit:
             return worst
         vibration, depth = self._at_rest()
-        restless = math.log10(max(1.0, vibration / self._calm)) + math.log10(max(1.0, depth / self._shallow))
-        return worst + _RESTLESS * restless
+        shaking = math.log10(max(1.0, vibration / self._calm))
+        sinking = math.log10(max(1.0, depth / self._shallow))
+        return worst + _RESTLESS * (shaking + sinking)
 
     def _at_rest(self) -> tuple[float, float]:
         """(root mean square of the approach rates m/s, depth m) of the pairs a while after they were laid."""
-        worst, deepest, h = 0.0, 0.0, float(self._model.opt.timestep)
+        worst = 0.0
+        deepest = 0.0
+        h = float(self._model.opt.timestep)
         for number, (states, control) in enumerate(self._laid):
             depth = self._depths(number, states, control, _LAID)[0]
-            rate, deepest = np.diff(depth) / h, max(deepest, float(np.nan_to_num(depth[-_LAST:].mean())))
-            before, last = np.std(rate[-2 * _LAST : -_LAST]), np.std(rate[-_LAST:])
+            rate = np.diff(depth) / h
+            deepest = max(deepest, float(np.nan_to_num(depth[-_LAST:].mean())))
+            before = np.std(rate[-2 * _LAST : -_LAST])
+            last = np.std(rate[-_LAST:])
             calmed = min(1.0, last / before) if before > 0.0 else 0.0
-            worst = max(worst, float(np.nan_to_num(last * calmed**_LATER, nan=math.inf)))
+            later = last * calmed**_LATER  # as the vibration falls on by the same share
+            worst = max(worst, float(np.nan_to_num(later, nan=math.inf)))
         return worst, deepest
 
     def _bounces(self, number: int, states: Floats, control: Floats) -> tuple[Floats, Floats]:
         """(e, impact speed m/s) at the touch plane, by the parabolas of free flight before and after."""
         x = self._depths(number, states, control, _STEPS)
         inside = np.nan_to_num(x, nan=1.0) > 0.0
-        each, lag = np.arange(len(x)), self._lag
-        first = np.clip(inside.argmax(axis=1) - lag, 2, _STEPS - 3)
+        launches = np.arange(len(x))
+        first = np.clip(inside.argmax(axis=1) - self._lag, 2, _STEPS - 3)
         parted = inside[:, :-1] & ~inside[:, 1:]
-        last = np.clip(parted.argmax(axis=1) + lag, 0, _STEPS - 3)
-        into = _crossing_speed(*(x[each, first + i] for i in (-2, -1, 0)))
-        out = _crossing_speed(*(x[each, last + i] for i in (0, 1, 2)))
+        last = np.clip(parted.argmax(axis=1) + self._lag, 0, _STEPS - 3)
+        into = _crossing_speed(x[launches, first - 2], x[launches, first - 1], x[launches, first])
+        out = _crossing_speed(x[launches, last], x[launches, last + 1], x[launches, last + 2])
         e = np.where(parted.any(axis=1), out / np.maximum(into, 1e-12), 0.0)
         return np.nan_to_num(e, nan=_COSTS), into / float(self._model.opt.timestep)
 
     def _depths(self, number: int, states: Floats, control: Floats, steps: int) -> Floats:
         """Penetration of a pair after each step, m; (n, steps)."""
-        controls = np.tile(control, (len(states), steps, 1)) if control.size else None
-        run = backend().rollout.rollout
-        _, seen = run(self._model, [self._data], states, controls, nstep=steps)
+        controls = None
+        if control.size:
+            controls = np.tile(control, (len(states), steps, 1))
+        rollout = backend().rollout.rollout
+        _, sensors = rollout(self._model, [self._data], states, controls, nstep=steps)
         onset = self._opened[number].place.contact.onset
-        return np.asarray(onset - seen[:, :, self._first + number])
+        return np.asarray(onset - sensors[:, :, self._first_sensor + number])
 
     def rows(self, parameters: Floats, adhesive: bool) -> Rows:
-        """Spring and damper of parameters (7,)."""
-        h, high = float(self._model.opt.timestep), self._band[1]
-        stiffness, loss = oscillator(parameters[0], math.exp(parameters[1]))
-        d, dmax = (short(1.0 / (1.0 + math.exp(-parameters[i]))) for i in (2, 4))
-        damping, width, midpoint = np.exp(parameters[[3, 5, 6]])
+        """Spring and damper of parameters (7,), in the order of _LOWEST."""
+        half_period, log_loss, spring_odds, log_damping, damper_odds, log_width, log_midpoint = parameters
+        h = float(self._model.opt.timestep)
+        fastest = self._band[1]
+        stiffness, loss = oscillator(half_period, math.exp(log_loss))
+        d = short(1.0 / (1.0 + math.exp(-spring_odds)))
+        dmax = short(1.0 / (1.0 + math.exp(-damper_odds)))
+        # math.exp may differ in the last digit, and a search ends elsewhere by it.
+        damping, width, midpoint = np.exp(np.array([log_damping, log_width, log_midpoint]))
         spring = ConstraintRow.direct(short(stiffness / h**2), short(loss / h), (d, d, 1.0, 0.5, 1.0))
-        impedance = dmax, short(width * high * h), short(midpoint)
+        impedance = (dmax, short(width * fastest * h), short(midpoint))
         return spring, _damper(short(damping / h), impedance, adhesive)
 
     def best(self, adhesive: bool) -> Rows:
         """Rows of the least error that an evolution finds."""
 
         def errors(members: Floats, limits: Floats) -> Floats:
-            each = zip(members, limits.tolist(), strict=True)
-            return np.array([self._error(self.rows(member, adhesive), limit) for member, limit in each])
+            found = []
+            for member, limit in zip(members, limits.tolist(), strict=True):
+                found.append(self._error(self.rows(member, adhesive), limit))
+            return np.array(found)
 
         is_large = self._model.nv > _LIGHT
-        random, bounds = np.random.default_rng(_SEED), (_LEGS_LOWEST if is_large else _LOWEST, _HIGHEST)
-        first, starts = random.uniform(*bounds, (_MEMBERS, len(_LOWEST))), _LEGS if is_large else _STARTS
+        starts = _LEGS if is_large else _STARTS
+        lowest = _LEGS_LOWEST if is_large else _LOWEST
+        bounds = (lowest, _HIGHEST)
+        random = np.random.default_rng(_SEED)
+        first = random.uniform(*bounds, (_MEMBERS, len(_LOWEST)))
         first[: len(starts)] = starts
-        generations = _GENERATIONS[is_large]
         with captured_warnings():
-            best = evolve(errors, first, generations, bounds, random, towards_best=True)[0]
+            best = evolve(errors, first, _GENERATIONS[is_large], bounds, random, towards_best=True)[0]
             return self.rows(best, adhesive)
 
 
-def _crossing_speed(*x: Floats) -> Floats:
+def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> None:
+    """One sensor a model: the distance of the two geoms of its contact, m."""
+    mujoco = backend()
+    geom_names = [geom.name for geom in spec.geoms]  # by id
+    for model in opened:
+        first, second = model.place.contact.geoms
+        spec.add_sensor(
+            type=mujoco.mjtSensor.mjSENS_GEOMDIST,
+            objtype=mujoco.mjtObj.mjOBJ_GEOM,
+            objname=geom_names[first],
+            reftype=mujoco.mjtObj.mjOBJ_GEOM,
+            refname=geom_names[second],
+            cutoff=10.0 * float(model.model.stat.extent),  # beyond it MuJoCo reports the cutoff
+        )
+
+
+def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[float, float]]:
+    """(speed m/s, where in a step it touches, 0 to 1) of each launch: over the band, then some slow ones."""
+    low, high = band
+    count, phases = _GRID_LARGE if is_large else _GRID_SMALL
+    speeds = np.geomspace(low, high, count) if low < high else np.array([low])
+    plan = []
+    for k, speed in enumerate(speeds):
+        # Each speed's phases lie between those of the others: few launches, no gap in phase.
+        plan += [(speed, (i + k / len(speeds)) / phases) for i in range(phases)]
+    plan += [(_SLOW * low, (i + 0.5) / _SLOW_PHASES) for i in range(_SLOW_PHASES)]
+    return plan
+
+
+def _crossing_speed(before: Floats, at: Floats, after: Floats) -> Floats:
     """Speed at which the parabola through three states, a step apart, crosses 0, in m a step; (n,)."""
-    before, at, after = x
-    rate, bend = (after - before) / 2, after - 2 * at + before
+    rate = (after - before) / 2
+    bend = after - 2 * at + before
     return np.asarray(np.sqrt(np.maximum(0.0, rate**2 - 2 * bend * at)))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from hcbench.engines.mujoco.backend import backend, can_pull
 from hcbench.engines.mujoco.model.attitudes import attitudes
-from hcbench.engines.mujoco.model.bodies import collision_filter, explicit_pairs, integrator_name
+from hcbench.engines.mujoco.model.bodies import can_meet, explicit_pairs, integrator_name
 from hcbench.engines.mujoco.model.list_pairs import contact_in_force, find_pair
 from hcbench.engines.mujoco.model.open import load
 from hcbench.engines.mujoco.model.row_search import RowSearch, starting_rows
@@ -26,6 +26,7 @@ from hcbench.sim.model_under_test import ModelSetting, Output, Request, Texts
 from hcbench.sim.promise import Promise
 from hcbench.sim.standing import Standing
 
+_Kind = tuple[object, ...]  # `PairToTune.like`
 _PAIRS_MAX = 200
 _HEAVY = 12  # degrees of freedom
 _SAME_MASS, _SAME_GRAVITY = 0.1, 2.0  # share, and m/s², within which two contacts of one shape are alike
@@ -50,50 +51,72 @@ def model_settings(
     has to load it; () for any.
     """
     load(source, requests[0])  # says what is wrong with a model that is
-    model, label = spec_of(source).compile(), label_of(source)
+    model = spec_of(source).compile()
+    label = label_of(source)
     _require_tunable(model)
-    asked = dict.fromkeys(request.pair for request in requests)
-    pairs = _grouped([_read_pair(model, label, [r for r in requests if r.pair == pair]) for pair in asked])
+    attitudes_of_pair: dict[Any, list[Request]] = {}
+    for request in requests:
+        attitudes_of_pair.setdefault(request.pair, []).append(request)
+    pairs = _grouped([_read_pair(model, label, of_pair) for of_pair in attitudes_of_pair.values()])
     adhesive = can_pull(version)
 
-    def setting(name: str, rows: Sequence[Rows]) -> ModelSetting:
-        return _setting(source, label, name, list(zip(pairs, rows, strict=True)))
+    def setting(name: str, rows_of: Mapping[_Kind, Rows]) -> ModelSetting:
+        return _setting(source, label, name, [(pair, rows_of[pair.like]) for pair in pairs])
 
-    leaders = {pair.like: pair for pair in reversed(pairs)}
-    # Servos and damped joints take what a soft contact of many steps gives.
-    eaten = model.nv > _HEAVY and has_more_than_contacts(model)
+    leaders = {pair.like: pair for pair in reversed(pairs)}  # the first pair of each kind
     choices = [row_choices(goal, pair.band, pair.load, adhesive) for pair in leaders.values()]
-    for choice in itertools.islice(zip(*choices, strict=True), 1 if eaten else None):
-        rows = dict(zip(leaders, (each for _, each in choice), strict=True))
-        yield setting(choice[0][0], [rows[pair.like] for pair in pairs])
+    # Servos and damped joints take what a soft contact of many steps gives: only the first is offered.
+    is_eaten = model.nv > _HEAVY and has_more_than_contacts(model)
+    most_choices = 1 if is_eaten else None
+    for choice in itertools.islice(zip(*choices, strict=True), most_choices):
+        name, _ = choice[0]
+        yield setting(name, {like: rows for like, (_, rows) in zip(leaders, choice, strict=True)})
     if all(math.isfinite(pair.place.gap) for pair in pairs):
-        rows_of = _searched(source, pairs, goal, was, adhesive)
-        yield setting("stiff spring and damper", [rows_of[pair.like] for pair in pairs])
+        yield setting("stiff spring and damper", _searched(source, pairs, goal, was, adhesive))
 
 
 def _searched(
     source: Any, pairs: Sequence[PairToTune], goal: RestitutionCurve, was: Standing, adhesive: bool
-) -> dict[tuple[object, ...], Rows]:
-    """Rows for each kind of pair, rows_of in the model one after the other."""
+) -> dict[_Kind, Rows]:
+    """Rows for each kind of pair, searched for in the model one kind after the other."""
     plain = spec_of(source).compile()
-    rows_of: dict[tuple[object, ...], Rows] = {pair.like: starting_rows(adhesive) for pair in pairs}
+    rows_of: dict[_Kind, Rows] = {pair.like: starting_rows(adhesive) for pair in pairs}
     for like in rows_of:
         alike = [pair for pair in pairs if pair.like == like]
         spec = written(source, [(pair, rows_of[pair.like]) for pair in pairs]).spec
-
-        def set_rows(model: Any, rows: Rows, alike: Sequence[PairToTune] = alike, like: Any = like) -> None:
-            tried = [(pair, rows if pair.like == like else rows_of[pair.like]) for pair in pairs]
-            if (impratio := needed_impratio(plain, tried)) > 0.0:
-                model.opt.cone, model.opt.impratio = int(backend().mjtCone.mjCONE_ELLIPTIC), impratio
-            else:
-                model.opt.cone, model.opt.impratio = plain.opt.cone, plain.opt.impratio
-            for geoms in (geoms for pair in alike for geoms in pair.geoms):
-                for number, row in zip(explicit_pairs(model, geoms), rows, strict=True):
-                    model.pair_solref[number], model.pair_solimp[number] = row.solref, row.solimp
-
-        seen = [*alike[0].opened, *(alike[-1].opened if len(alike) > 1 else ())]
-        rows_of[like] = RowSearch(spec, seen, goal, alike[0].band, was, set_rows).best(adhesive)
+        launched = list(alike[0].opened)
+        if len(alike) > 1:
+            launched += alike[-1].opened
+        set_rows = _row_setter(plain, pairs, rows_of, like)
+        search = RowSearch(spec, launched, goal, alike[0].band, was, set_rows)
+        rows_of[like] = search.best(adhesive)
     return rows_of
+
+
+def _row_setter(
+    plain: Any, pairs: Sequence[PairToTune], rows_of: Mapping[_Kind, Rows], like: _Kind
+) -> Callable[[Any, Rows], None]:
+    """A function that writes rows into the pairs of one kind in a compiled model; the others keep theirs.
+
+    plain: the model as it is, whose cone and impratio hold where no row needs others.
+    """
+    geoms_alike = [geoms for pair in pairs if pair.like == like for geoms in pair.geoms]
+
+    def set_rows(model: Any, rows: Rows) -> None:
+        tried = {**rows_of, like: rows}
+        impratio = needed_impratio(plain, [(pair, tried[pair.like]) for pair in pairs])
+        if impratio > 0.0:
+            model.opt.cone = int(backend().mjtCone.mjCONE_ELLIPTIC)
+            model.opt.impratio = impratio
+        else:
+            model.opt.cone = plain.opt.cone
+            model.opt.impratio = plain.opt.impratio
+        for geoms in geoms_alike:
+            for number, row in zip(explicit_pairs(model, geoms), rows, strict=True):
+                model.pair_solref[number] = row.solref
+                model.pair_solimp[number] = row.solimp
+
+    return set_rows
 
 
 def _require_tunable(model: Any) -> None:
@@ -115,22 +138,36 @@ def _require_tunable(model: Any) -> None:
 
 
 def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTune:
+    """One pair, opened under each of its requests. model: compiled; only copies of it are changed."""
     opened = tuple(MujocoModel(_as_asked(model.__copy__(), r), label, None, r) for r in requests)
-    request, place = requests[0], opened[0].place
-    first, second = place.contact.rows[0][2]
-    contact = contact_in_force(model, first, second)
+    request = requests[0]
+    place = opened[0].place
+    geoms = place.contact.geoms
+    contact = contact_in_force(model, *geoms)
     slides = int(contact["condim"]) > 1 and contact["friction"][0] > 0
-    h, rk4 = float(request.timestep or model.opt.timestep), integrator_name(model) == "RK4"
-    load = Load.at_touch(place, h, rk4, slides)
-    shapes = [(int(model.geom_type[g]), *model.geom_size[g].round(6).tolist()) for g in (first, second)]
-    points, onset = len(place.contact.rows), place.contact.onset
-    like = (*shapes, points, *contact["friction"], contact["condim"], onset)
-    return PairToTune(tuple(requests), opened, tuple(_geom_pairs(model, request)), load, like)
+    timestep = float(request.timestep or model.opt.timestep)
+    load_at_touch = Load.at_touch(place, timestep, integrator_name(model) == "RK4", slides)
+    shapes = []
+    for geom in geoms:
+        size = model.geom_size[geom].round(6).tolist()
+        shapes.append((int(model.geom_type[geom]), *size))
+    like = (
+        *shapes,
+        len(place.contact.rows),
+        *contact["friction"],
+        contact["condim"],
+        place.contact.onset,
+    )
+    return PairToTune(tuple(requests), opened, tuple(_geom_pairs(model, request)), load_at_touch, like)
 
 
 def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
     """Pairs with one `like` for all that have the same load, too, as the four feet of a robot."""
-    return [replace(a, like=(next(i for i, b in enumerate(pairs) if _is_like(a, b)),)) for a in pairs]
+    grouped = []
+    for pair in pairs:
+        first_alike = next(number for number, other in enumerate(pairs) if _is_like(pair, other))
+        grouped.append(replace(pair, like=(first_alike,)))
+    return grouped
 
 
 def _is_like(one: PairToTune, other: PairToTune) -> bool:
@@ -140,43 +177,45 @@ def _is_like(one: PairToTune, other: PairToTune) -> bool:
 
 
 def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTune, Rows]]) -> ModelSetting:
+    """A setting of a user's model: notes, the model under a request, and the texts to write."""
     made = written(source, pairs)
-    notes = [*made.notes, *(note for pair, _ in pairs for note in mass_note(pair.place))]
+    notes = list(made.notes)
+    for pair, _ in pairs:
+        notes += mass_note(pair.place)
     notes.append("friction, condim, margin, masses, step and integrator are as they were.")
     if any(row.adhesion for _, rows in pairs for row in rows):
         notes.append("The lines need MuJoCo 3.11 or later; --for mujoco@3.5 asks for lines without adhesion.")
     compiled = made.spec.compile()
-    option = option_in_force(_as_asked(compiled.__copy__(), pairs[0][0].requests[0]))
+    first_pair, _ = pairs[0]
+    option = option_in_force(_as_asked(compiled.__copy__(), first_pair.requests[0]))
 
     def opened(request: Request) -> MujocoModel:
         return MujocoModel(_as_asked(compiled.__copy__(), request), label, None, request)
 
     def texts(promises: Sequence[Promise], output: Output) -> Texts:
-        each = zip((pair.geoms for pair, _ in pairs), promises, (rows for _, rows in pairs), strict=True)
         sections = []
-        for geoms, promise, rows in each:
-            names = [(made.names[a], made.names[b]) for a, b in geoms]
+        for (pair, rows), promise in zip(pairs, promises, strict=True):
+            names = [(made.names[first], made.names[second]) for first, second in pair.geoms]
             sections.append(promise_lines(names, replace(promise, rows=len(rows), option=option)))
-        paste = "\n".join(filter(None, [made.lines, *sections]))
+        sections = [section for section in sections if section]
+        paste = "\n".join(part for part in (made.lines, *sections) if part)
         lines = f'<include file="{output.include}"/>' if output.include else paste
-        whole = own_text(source, output.folder, lines) if made.own else ""
+        whole = ""
+        if made.own:
+            whole = own_text(source, output.folder, lines)
         if not whole:
             head, end, tail = whole_text(made.spec, output.folder).rpartition("</mujoco>")
-            whole = "\n".join([head, *filter(None, sections), f"{end}{tail}"])
+            whole = "\n".join([head, *sections, f"{end}{tail}"])
         return Texts(paste, whole, included(paste))
 
     return ModelSetting(name, tuple(dict.fromkeys(notes)), opened, texts)
 
 
-def _called(geoms: Sequence[tuple[int, int]], names: dict[int, str]) -> list[tuple[str, str]]:
-    return [(names[first], names[second]) for first, second in geoms]
-
-
 def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:
     """All pairs of geoms of the two that MuJoCo collides."""
     pair = find_pair(model, request)
-    geoms = [(a, b) for a in pair.first.geoms for b in pair.second.geoms]
-    geoms = [each for each in geoms if explicit_pairs(model, each) or not collision_filter(model, *each)]
+    every = itertools.product(pair.first.geoms, pair.second.geoms)
+    geoms = [both for both in every if can_meet(model, both)]
     if len(geoms) > _PAIRS_MAX:
         raise UserError("pair", f"{len(geoms)} pairs of geoms", f"{_PAIRS_MAX} at most", "Name single geoms")
     return geoms

@@ -113,7 +113,7 @@ class MujocoModel(ModelUnderTest):
         model, place, mujoco = self.model, self.place, backend()
         written, words = written_contact(place)
         asked = written.curve(self.request.speeds) if written is not None else ()
-        if (law := restitution_law(model, place.contact.rows[0][2])) is not None:
+        if (law := restitution_law(model, place.contact.geoms)) is not None:
             asked = tuple(float(law.at(v)) for v in self.request.speeds)
             words = f"plug-in hcbench.restitution: {law.description}"
         elif (promise := self._promise()) is not None:
@@ -155,7 +155,7 @@ class MujocoModel(ModelUnderTest):
         return " (--move chooses)" if self.request.move is None and several else ""
 
     def _promise(self) -> Promise | None:
-        return promise_in(self.model, self.place.contact.rows[0][2])
+        return promise_in(self.model, self.place.contact.geoms)
 
     def _gravity(self) -> Sequence[float]:
         off = self.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
@@ -197,7 +197,7 @@ class MujocoModel(ModelUnderTest):
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`."""
-        if (law := restitution_law(self.model, self.place.contact.rows[0][2])) is not None:
+        if (law := restitution_law(self.model, self.place.contact.geoms)) is not None:
             # Every other cause is one of MuJoCo's own contact, which the plug-in replaces.
             slow = slow_for_plugin(self.model, impacts, law, self.gravity)
             return [*slow, *other_contacts(self._others())]
@@ -212,11 +212,11 @@ class MujocoModel(ModelUnderTest):
         promise = self._promise()
         if promise is None:
             return []
-        return list(broken_promise(self.model, promise, self.place.contact.rows[0][2]))
+        return list(broken_promise(self.model, promise, self.place.contact.geoms))
 
     def _weak_friction(self, impacts: Sequence[Impact]) -> list[Suspect]:
         """The pyramidal cone, where an elliptic one is tried and friction then takes more."""
-        friction = geom_friction(self.model, self.place.contact.rows[0][2])
+        friction = geom_friction(self.model, self.place.contact.geoms)
         suspect = pyramidal_cone(self.model, impacts, friction)
         if suspect is None:
             return []

@@ -71,7 +71,8 @@ def mixing(context: Context) -> Iterator[Suspect]:
 
 def refsafe(context: Context) -> Iterator[Suspect]:
     """A time constant below two steps is not honoured."""
-    constant, ratio = context.place.contact.rows[0][0]
+    solref = context.place.contact.rows[0].solref
+    constant, ratio = solref
     if constant <= 0 or context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE:
         return
     evidence, least = f"{2 * context.timestep:g} s is used", 2 * context.timestep
@@ -83,7 +84,7 @@ def refsafe(context: Context) -> Iterator[Suspect]:
     yield Suspect(
         "refsafe",
         "The time constant is too short for the step: refsafe replaces it by a longer, softer one.",
-        f"solref {numbers(context.place.contact.rows[0][0])} at a step of {context.timestep:g} s: {evidence}",
+        f"solref {numbers(solref)} at a step of {context.timestep:g} s: {evidence}",
         f'<option timestep="{step:.6g}"/>',
         partial(fixes.set_options, timestep=step),
     )

@@ -59,7 +59,7 @@ class Context:
     @property
     def geoms(self) -> tuple[int, int]:
         """The first two geoms that touch, the moving body first."""
-        return _in_order(self.place, self.place.contact.rows[0][2])
+        return _in_order(self.place, self.place.contact.geoms)
 
     @property
     def all_geoms(self) -> tuple[int, ...]:
