@@ -35,6 +35,7 @@ from xml.etree import ElementTree
 Json = dict[str, Any]
 States = list[list[Any]]  # [step, state of a body, state of the next ...], of each recorded step
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
+_VELOCITY = (3, 4, 5)  # places of vx, vy, vz in the state of a body
 COMBINE: dict[str, Callable[[list[float]], float]] = {
     "product": math.prod, "average": fmean, "geometric": geometric_mean, "maximum": max, "minimum": min
 }  # fmt: skip
@@ -42,59 +43,101 @@ COMBINE: dict[str, Callable[[list[float]], float]] = {
 
 def run(engine: Any, cases: Json) -> Json:
     """Run the cases and return the states that they ask for, as plain data for a JSON file."""
-    runs, began = [each for case in cases["cases"] for each in case["runs"]], time.process_time()
+    began = time.process_time()
+    runs = [each for case in cases["cases"] for each in case["runs"]]
     batches: dict[str, list[Json]] = {}
     for number, each in enumerate(runs):
-        world, shapes = each["world"], [(b["shape"], b.get("fixed")) for b in each["world"]["bodies"]]
-        alike = (each["steps"], world["timestep"], world["floor"], shapes)
-        batches.setdefault(str(alike if hasattr(engine, "start") else number), []).append(each)
-    states = {id(each): done for batch in batches.values() for each, done in _run(engine, batch)}
+        # An engine that steps one world at a time has each run in a batch of its own.
+        key = _batch_key(each) if hasattr(engine, "start") else str(number)
+        batches.setdefault(key, []).append(each)
+    states: dict[int, Json] = {}  # by the identity of the run: equal runs may be in two cases
+    for batch in batches.values():
+        for each, result in _run(engine, batch):
+            states[id(each)] = result
     done = {case["id"]: [states[id(each)] for each in case["runs"]] for case in cases["cases"]}
     about = {name: getattr(engine, name, None) for name in ("name", "version", "combine")}
     cpu_s = round(time.process_time() - began, 3)
     return {"format": 1, "set": cases["set"], "engine": about, "cpu_s": cpu_s, "runs": done}
 
 
+def _batch_key(each: Json) -> str:
+    """Text that is the same for runs which an engine can step together."""
+    world = each["world"]
+    shapes = [(body["shape"], body.get("fixed")) for body in world["bodies"]]
+    return str((each["steps"], world["timestep"], world["floor"], shapes))
+
+
 def _run(engine: Any, runs: list[Json]) -> list[tuple[Json, Json]]:
     """Each run with {"states": ...}, {"unsupported": why} or {"error": why}; many runs make a batch."""
-    batch, made, results = hasattr(engine, "start"), [], [(each, Json()) for each in runs]
+    results = [(each, Json()) for each in runs]
     try:
-        for each, result in results:
-            try:
-                engine.make(each["world"])
-                made.append((each, result.setdefault("states", [])))
-            except NotImplementedError as error:
-                result["unsupported"] = str(error)
-        if made and batch:
-            engine.start()
-        for step in range(1 + runs[0]["steps"] if made else 0):
-            if step:
-                engine.step()
-            asked = [any(a <= step <= b for a, b in each["record"]) for each, _ in made]
-            if any(asked):
-                worlds = engine.state() if batch else [engine.state()]
-                for (_, states), wanted, bodies in zip(made, asked, worlds, strict=True):
-                    if wanted:
-                        states.append([step, *([float(f"{x:.9g}") for x in body] for body in bodies)])
+        made = _make_worlds(engine, results)
+        if made:
+            _step_worlds(engine, made)
     except Exception as error:  # an engine's own; the other runs go on
         failed = {"error": f"{type(error).__name__}: {error}"}
         results = [(each, result if "unsupported" in result else failed) for each, result in results]
     return results
 
 
+def _make_worlds(engine: Any, results: list[tuple[Json, Json]]) -> list[tuple[Json, States]]:
+    """Make the worlds that the engine can make: each run with its states, which are empty yet.
+
+    The result of any other run gets {"unsupported": why}.
+    """
+    made = []
+    for each, result in results:
+        try:
+            engine.make(each["world"])
+        except NotImplementedError as error:
+            result["unsupported"] = str(error)
+        else:
+            result["states"] = []
+            made.append((each, result["states"]))
+    return made
+
+
+def _step_worlds(engine: Any, made: list[tuple[Json, States]]) -> None:
+    """Step the worlds that were made last, and add the states of the steps that are asked for."""
+    is_batch = hasattr(engine, "start")
+    if is_batch:
+        engine.start()
+    steps = made[0][0]["steps"]  # one number for a whole batch
+    for step in range(1 + steps):
+        if step:
+            engine.step()
+        asked = [any(first <= step <= last for first, last in each["record"]) for each, _ in made]
+        if not any(asked):
+            continue  # reading the state may cost an engine more than a step
+        worlds = engine.state() if is_batch else [engine.state()]
+        for (_, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
+            if is_asked:
+                states.append([step, *map(_nine_digits, bodies)])
+
+
+def _nine_digits(body: list[float]) -> list[float]:
+    """The state of a body as the file of results has it: fewer bytes, and far below any tolerance."""
+    return [float(f"{x:.9g}") for x in body]
+
+
 def restitution(each: Json, states: States) -> float:
     """Speed after over speed before, both at the plane of touch; 0 where nothing came back."""
-    h, g = each["world"]["timestep"], -each["world"]["gravity"][2]
-    touch = each["world"]["bodies"][0]["radius"]
+    timestep = each["world"]["timestep"]
+    gravity = -each["world"]["gravity"][2]
+    touch = each["world"]["bodies"][0]["radius"]  # height of the ball's centre at touch
     z = {step: bodies[0][2] for step, *bodies in states}
-    squares = {  # of the speed at the plane: central differences mean the same in every integrator
-        step: ((z[step + 1] - z[step - 1]) / (2 * h)) ** 2 + 2 * g * (z[step] - touch)
-        for step in z
-        if step - 1 in z and step + 1 in z
-    }
+    squares = {}  # of the speed at the plane, m²/s²
+    for step, height in z.items():
+        if step - 1 in z and step + 1 in z:
+            # Central differences mean the same in every integrator; the energy takes them to the plane.
+            speed = (z[step + 1] - z[step - 1]) / (2 * timestep)
+            squares[step] = speed**2 + 2 * gravity * (height - touch)
     turned = next((later for step, later in pairwise(z) if z[later] > z[step]), math.inf)
-    after = max((s for s in squares if s > turned and z[s] >= touch), key=lambda s: z[s], default=None)
-    return 0.0 if after is None else math.sqrt(max(0.0, squares[after]) / squares[min(squares)])
+    rising = [step for step in squares if step > turned and z[step] >= touch]
+    if not rising:
+        return 0.0
+    highest = max(rising, key=lambda step: z[step])
+    return math.sqrt(max(0.0, squares[highest]) / squares[min(squares)])
 
 
 def height_share(each: Json, states: States) -> float:
@@ -105,22 +148,28 @@ def height_share(each: Json, states: States) -> float:
 
 def drift(each: Json, states: States) -> float:
     """Distance over time in the last recorded steps, of the body that moved farthest, m/s."""
-    (start, *before), *_, (end, *after) = _last(each, states)
+    last = _last(each, states)
+    start, *before = last[0]
+    end, *after = last[-1]
     moved = max(math.dist(a[:3], b[:3]) for a, b in zip(before, after, strict=True))
     return moved / float((end - start) * each["world"]["timestep"])
 
 
 def vibration(each: Json, states: States) -> float:
     """Standard deviation of the velocity in the last recorded steps, m/s, of the body that shakes most."""
-    end = _last(each, states)
-    return max(math.hypot(*(pstdev(s[b][i] for s in end) for i in (3, 4, 5))) for b in range(1, len(end[0])))
+    last = _last(each, states)
+    shaking = []
+    for body in range(1, len(last[0])):  # a state's first entry is the step
+        by_axis = [pstdev(state[body][axis] for state in last) for axis in _VELOCITY]
+        shaking.append(math.hypot(*by_axis))
+    return max(shaking)
 
 
 def force_noise(each: Json, states: States) -> float:
     """Standard deviation of the contact's force over the weight, from the velocity in the last steps."""
-    v = [state[1][5] for state in _last(each, states)]
-    gained = each["world"]["timestep"] * -each["world"]["gravity"][2]
-    return float(pstdev(b - a for a, b in pairwise(v)) / gained)
+    upward = [state[1][5] for state in _last(each, states)]
+    gained = each["world"]["timestep"] * -each["world"]["gravity"][2]  # in a step of free fall, m/s
+    return float(pstdev(later - now for now, later in pairwise(upward)) / gained)
 
 
 def depth(each: Json, states: States) -> float:
@@ -131,14 +180,17 @@ def depth(each: Json, states: States) -> float:
 def velocity(each: Json, states: States) -> list[float]:
     """Final velocity of each body over the first one's first speed."""
     speed = math.hypot(*each["world"]["bodies"][0]["velocity"])
-    return [x / speed for body in states[-1][1:] for x in body[3:6]]
+    _, *bodies = states[-1]
+    return [x / speed for body in bodies for x in body[3:6]]
 
 
 def spin(each: Json, states: States) -> list[float]:
     """Final speed of the surface by each body's spin over the first one's first speed."""
     first = each["world"]["bodies"][0]
-    scale = first.get("radius", max(first.get("half", [0.0]))) / math.hypot(*first["velocity"])
-    return [scale * x for body in states[-1][1:] for x in body[6:9]]
+    arm = first["radius"] if "radius" in first else max(first.get("half", [0.0]))  # m
+    scale = arm / math.hypot(*first["velocity"])
+    _, *bodies = states[-1]
+    return [scale * x for body in bodies for x in body[6:9]]
 
 
 def _last(each: Json, states: States) -> States:
@@ -160,41 +212,57 @@ def judge(results: Json, cases: Json) -> list[Json]:
 
 
 def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
+    """The verdict on one case. done: the results of its runs, in order."""
     verdict = {"case": case["id"], "title": case["title"], "verdict": "pass", "why": "", "worst": {}}
     limits = {name: limit["value"] for name, limit in case["tolerance"].items()}
-    off = dict.fromkeys(limits, -1.0)
+    off = dict.fromkeys(limits, -1.0)  # largest error so far
     try:
         for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
             if "states" not in result:
-                ((word, why),) = result.items()
+                ((word, why),) = result.items()  # "unsupported" or "error"
                 return {**verdict, "verdict": word, "why": str(why)}
-            numbers = (x for _, *bodies in result["states"] for body in bodies for x in body)
-            if not all(map(math.isfinite, numbers)):
+            if not _is_finite(result["states"]):
                 return {**verdict, "verdict": "fail", "why": f"a state is not finite (run {number})"}
             for name, measured, true in _compared(each, result["states"], combine):
-                if not abs(measured - true) <= off[name]:  # a nan is the worst
-                    off[name], verdict["worst"][name] = abs(measured - true), [measured, true, number]
+                error = abs(measured - true)
+                if not error <= off[name]:  # a nan is the worst
+                    off[name] = error
+                    verdict["worst"][name] = [measured, true, number]
     except NotImplementedError as error:
         return {**verdict, "verdict": "unsupported", "why": str(error)}
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         return {**verdict, "verdict": "error", "why": f"cannot be read: {type(error).__name__} {error}"}
-    why = [
-        f"{name} {measured:.4g}, not {true:.4g} within {limits[name]:g} (run {number})"
-        for name, (measured, true, number) in verdict["worst"].items()
-        if not off[name] <= limits[name]
-    ]
-    return {**verdict, "verdict": "fail" if why else "pass", "why": "; ".join(why)}
+    missed = []
+    for name, (measured, true, number) in verdict["worst"].items():
+        if not off[name] <= limits[name]:
+            limit = f"within {limits[name]:g}"
+            missed.append(f"{name} {measured:.4g}, not {true:.4g} {limit} (run {number})")
+    return {**verdict, "verdict": "fail" if missed else "pass", "why": "; ".join(missed)}
+
+
+def _is_finite(states: States) -> bool:
+    for _, *bodies in states:
+        for body in bodies:
+            if not all(map(math.isfinite, body)):
+                return False
+    return True
 
 
 def _compared(each: Json, states: States, combine: str | None) -> Iterator[tuple[str, float, float]]:
+    """(name, measured, true) of each number that a run expects; several for a quantity of each body."""
     materials = each["world"].get("materials")
     if materials and combine is None:
         raise NotImplementedError("no rule for two restitutions is stated")
     for name, expected in each["expected"].items():
-        true: Any = COMBINE[combine](materials) if materials and combine else expected
+        true: Any = expected
+        if materials and combine:
+            true = COMBINE[combine](materials)
         measured = QUANTITIES[name](each, states)
-        several = zip(measured, true, strict=True) if isinstance(measured, list) else [(measured, true)]
-        yield from ((name, *pair) for pair in several)
+        if isinstance(measured, list):
+            for one_measured, one_true in zip(measured, true, strict=True):
+                yield name, one_measured, one_true
+        else:
+            yield name, measured, true
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
@@ -228,19 +296,25 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="file for the results, a JSON list")
     parser.add_argument("--junit", type=Path, help="file for JUnit's XML")
     asked = parser.parse_args()
-    cases, every, suites, failures = json.loads(asked.cases.read_text("utf-8")), [], "", 0
+    cases = json.loads(asked.cases.read_text("utf-8"))
     known = json.loads(asked.expected.read_text("utf-8")) if asked.expected else {}
-    for make in runpy.run_path(str(asked.adapter))["ENGINES"]:
+    makers = runpy.run_path(str(asked.adapter))["ENGINES"]
+    all_results = []
+    suites = ""
+    failures = 0
+    for make in makers:
         engine = make()
-        every.append(run(engine, cases))
-        verdicts, expected = judge(every[-1], cases), known.get(engine.name, {})
+        results = run(engine, cases)
+        all_results.append(results)
+        verdicts = judge(results, cases)
+        expected = known.get(engine.name, {})
         suites += junit(verdicts, engine.name, expected)
         for verdict in verdicts:
             kind, text = outcome(verdict, expected)
             failures += kind == "failure"
             print(f"{engine.name} {verdict['case']} {kind}  {verdict['title']}  {text}", file=sys.stderr)
     if asked.out:
-        asked.out.write_text(json.dumps(every, separators=(",", ":")) + "\n", "utf-8")
+        asked.out.write_text(json.dumps(all_results, separators=(",", ":")) + "\n", "utf-8")
     if asked.junit:
         asked.junit.write_text(f"<testsuites>{suites}</testsuites>\n", "utf-8")
     return 1 if failures else 0

@@ -69,16 +69,22 @@ def run_engines(
 
 
 def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
+    """The results of one of an engine's variants, from a process of its own."""
     engine = registry.engine(name)
-    python = engine.environment.executable if isinstance(engine, RemoteEngine) else Path(sys.executable)
+    python = Path(sys.executable)
+    if isinstance(engine, RemoteEngine):
+        python = engine.environment.executable
     with tempfile.TemporaryDirectory() as folder:
-        out, asked = Path(folder) / "results.json", Path(folder) / "cases.json"
+        out = Path(folder) / "results.json"
+        asked = Path(folder) / "cases.json"
         asked.write_text(json.dumps(cases), encoding="utf-8")
-        command = [str(python), "-c", _SCRIPT, *map(str, (RUNNER, adapter, variant, asked, out))]
+        arguments = map(str, (RUNNER, adapter, variant, asked, out))
+        command = [str(python), "-c", _SCRIPT, *arguments]
         done = run_with_parent(command, Path(folder), os.environ)
         if not out.exists():
-            said = done.stderr.strip().splitlines()[-1:] or [f"ended with {done.returncode}"]
-            raise EngineFailed(f"engine {name!r}", said[0], "results of its cases")
+            said = done.stderr.strip().splitlines()
+            reason = said[-1] if said else f"ended with {done.returncode}"
+            raise EngineFailed(f"engine {name!r}", reason, "results of its cases")
         return dict(parse_json(read_text(out)))
 
 

@@ -16,6 +16,7 @@ from hcbench.errors import UserError
 KNOWN = Path(__file__).with_name("known.json")
 MEASURED = Path(__file__).with_name("measured.json")
 _HALF = 0.5  # of the restitution asked for: less does not count as a bounce
+_ALIKE = 0.02  # range of mean e over all restitutions asked for: less takes no notice of them
 
 
 def the_cases(only: Sequence[str] = ()) -> Json:
@@ -88,22 +89,29 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
 def _require_runs(case: Json, done: Sequence[Json], source: str) -> None:
     """Raise UserError where runs are missing, or a run has other states than the case asks for."""
     if len(done) != len(case["runs"]):
-        got, hint = f"{len(done)} of {len(case['runs'])} runs", "Name the cases of the file by `--case`"
-        raise UserError(f"{source}: {case['id']}", got, "all of them", hint)
+        got = f"{len(done)} of {len(case['runs'])} runs"
+        advice = "Name the cases of the file by `--case`"
+        raise UserError(f"{source}: {case['id']}", got, "all of them", advice)
     for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
         slot = f"{source}: {case['id']}, run {number}"
         if len(result) != 1:
             raise UserError(slot, " and ".join(result) or "nothing", "states, unsupported or error")
-        if "states" not in result:
-            continue
-        steps = [step for first, last in each["record"] for step in range(first, last + 1)]
-        if [step for step, *_ in result["states"]] != steps:
-            wanted = ", ".join(f"{first} ... {last}" for first, last in each["record"])
-            raise UserError(slot, "states after other steps", f"those after steps {wanted}")
-        moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
-        for step, *bodies in result["states"]:
-            if len(bodies) != moving:
-                raise UserError(f"{slot}, step {step}", f"{len(bodies)} bodies", str(moving))
+        if "states" in result:
+            _require_states(each, result["states"], slot)
+
+
+def _require_states(each: Json, states: Sequence[Sequence[Any]], slot: str) -> None:
+    """Raise UserError for states after other steps, or of more or fewer bodies, than a run asks for."""
+    wanted: list[int] = []
+    for first, last in each["record"]:
+        wanted.extend(range(first, last + 1))
+    if [step for step, *_ in states] != wanted:
+        spans = ", ".join(f"{first} ... {last}" for first, last in each["record"])
+        raise UserError(slot, "states after other steps", f"those after steps {spans}")
+    moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
+    for step, *bodies in states:
+        if len(bodies) != moving:
+            raise UserError(f"{slot}, step {step}", f"{len(bodies)} bodies", str(moving))
 
 
 def read_scores(path: Path, only: Sequence[str] = ()) -> list[EngineScore]:
@@ -124,29 +132,43 @@ def read_scores(path: Path, only: Sequence[str] = ()) -> list[EngineScore]:
 
 def measured() -> list[EngineScore]:
     """Scores of the engines and versions that were measured for the pages, from `measured.json`."""
-    scores = validated(parse_json(read_text(MEASURED)), "scores", MEASURED.name)
-    names = ("engine", "version", "restitution", "threshold", "cpu_s")
-    return [EngineScore(verdicts=tuple(each["verdicts"]), **{n: each[n] for n in names}) for each in scores]
-
-
-def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
-    """A row of words for each engine: what it is, a verdict by the id of each case, what it came to.
-
-    scores: those of `measured` where None. restitution: "obeyed", "threshold", "mixed", "ignored" or "".
-    """
     return [
-        {
-            "engine": each.engine,
-            "version": each.version,
-            **{verdict["case"]: verdict["verdict"] for verdict in each.verdicts},
-            "passed": f"{each.passed} of {len(each.verdicts)}",
-            "restitution": each.restitution or "",
-        }
-        for each in (measured() if scores is None else scores)
+        EngineScore(
+            engine=each["engine"],
+            version=each["version"],
+            verdicts=tuple(each["verdicts"]),
+            restitution=each["restitution"],
+            threshold=each["threshold"],
+            cpu_s=each["cpu_s"],
+        )
+        for each in validated(parse_json(read_text(MEASURED)), "scores", MEASURED.name)
     ]
 
 
+def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
+    """A row of words for each engine: name, version, a verdict by the id of each case, how many passed.
+
+    scores: those of `measured` where None. restitution: "obeyed", "threshold", "mixed", "ignored" or "".
+    """
+    if scores is None:
+        scores = measured()
+    rows = []
+    for each in scores:
+        row = {"engine": each.engine, "version": each.version}
+        for verdict in each.verdicts:
+            row[verdict["case"]] = verdict["verdict"]
+        row["passed"] = f"{each.passed} of {len(each.verdicts)}"
+        row["restitution"] = each.restitution or ""
+        rows.append(row)
+    return rows
+
+
 def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience | None, float]:
+    """Obedience to the restitution asked for, and the speed, m/s, up to which nothing bounces.
+
+    By the first two cases: normal impacts without gravity, then slow ones under it. None where they were not
+    run, or have no numbers.
+    """
     if [case["id"] for case in cases["cases"][:2]] != ["C01", "C02"]:
         return None, 0.0
     normal, slow, *_ = cases["cases"]
@@ -156,18 +178,21 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
     threshold = max(silent, default=0.0)
     if [verdict["verdict"] for verdict in verdicts[:2]] == ["pass", "pass"]:
         return "obeyed", threshold
-    spread = {asked: [e for _, a, e in measured if a == asked] for asked in {a for _, a, _ in measured}}
-    means = [sum(each) / len(each) for each in spread.values()]
+    by_asked: dict[float, list[float]] = {}
+    for _speed, asked, e in measured:
+        by_asked.setdefault(asked, []).append(e)
+    means = [sum(values) / len(values) for values in by_asked.values()]
     if not means:
         return None, 0.0
-    if max(means) - min(means) < 0.02:
+    if max(means) - min(means) < _ALIKE:
         return "ignored", threshold
     tolerance = normal["tolerance"]["restitution"]["value"]
-    off = [speed for speed, asked, e in measured if not abs(e - asked) <= tolerance]
+    off = {speed for speed, asked, e in measured if not abs(e - asked) <= tolerance}
     quiet = [speed for speed, asked, e in measured if e < _HALF * asked]
-    above = [speed for speed, *_ in measured if speed > max([*quiet, *silent], default=0.0)]
-    only_slow = above and not set(off) & set(above)
-    return ("threshold" if only_slow and (quiet or silent) else "mixed"), max([threshold, *quiet])
+    highest = max([*quiet, *silent], default=0.0)  # speed at which it does not bounce, m/s
+    above = {speed for speed, _, _ in measured if speed > highest}
+    has_threshold = bool(quiet or silent) and bool(above) and not off & above
+    return "threshold" if has_threshold else "mixed", max([threshold, *quiet])
 
 
 def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[tuple[float, float, float]]:

@@ -161,28 +161,36 @@ def fit_files(
 ) -> FitResult:
     """One fit of all files, compared with that of another material's where `against` names any."""
     require_different((*paths, *against))
-    fitted, *others = (
-        fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
-        for group in (paths, against)
-        if group
-    )
-    return replace(fitted, against=compare(fitted, others[0])) if others else fitted
+
+    def fit_group(group: Sequence[Path]) -> FitResult:
+        return fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
+
+    fitted = fit_group(paths)
+    if not against:
+        return fitted
+    return replace(fitted, against=compare(fitted, fit_group(against)))
 
 
 def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
     """The part of a recording that a user names: times, SI or with units, and touches such as "B2:14"."""
     first = 0.0 if begin is None else units.parse(begin, "time", "from")
     last = None if end is None else units.parse(end, "time", "to", above=0)
-    return Excerpt(first, last, *_touches(touches))
+    train, numbers = _touches(touches)
+    return Excerpt(first, last, train, numbers)
 
 
 def _touches(text: str | None) -> tuple[int | None, range | None]:
     """The train, from 0, and its touches, from 1, of "2:14", "B" or "B2:14"; None for what is not given."""
     if text is None:
         return None, None
+    expected = "the first and the last to take, such as 2:14, or a train, such as B"
     match = re.fullmatch(r"\s*([A-Fa-f])?\s*(?:([0-9]{1,6}):([0-9]{1,6}))?\s*", text)
-    if match is None or not text.strip() or (match[2] and not 0 < int(match[2]) < int(match[3])):
-        expected = "the first and the last to take, such as 2:14, or a train, such as B"
+    if match is None or not text.strip():
         raise UserError("--touches", repr(text), expected)
-    train = ord(match[1].upper()) - ord("A") if match[1] else 0
-    return train, range(int(match[2]), int(match[3]) + 1) if match[2] else None
+    letter, first, last = match.groups()
+    train = ord(letter.upper()) - ord("A") if letter else 0
+    if first is None:
+        return train, None
+    if not 0 < int(first) < int(last):
+        raise UserError("--touches", repr(text), expected)
+    return train, range(int(first), int(last) + 1)

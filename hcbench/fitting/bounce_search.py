@@ -94,16 +94,21 @@ class _Search:
 
     def __init__(self, times: Floats, level: Floats, duration: float, shortest: float) -> None:
         n = len(times)
-        self.times, self.level, self.shortest = times, level, shortest
+        self.times = times
+        self.level = level
+        self.shortest = shortest
         rate = (level[:, None] - _AS_LOUD <= level).sum(axis=1) / duration + _UNSEEN
         apart = times[:, None] - times
         louder = level > level[:, None] + _ECHO_OVER
         is_echo = ((apart > 0) & (apart < _ECHO_WITHIN) & louder).any(axis=1)
+        # The rarer clicks as loud as this one are, the less likely it is clutter.
         self.worth = -np.log(rate) - _ECHO * is_echo
         self.score = np.full((n, n), -math.inf)
-        self.last, self.e = np.zeros((n, n)), np.full((n, n), math.nan)
+        self.last = np.zeros((n, n))
+        self.e = np.full((n, n), math.nan)
         self.before = np.full((n, n), -1)
-        self.gap, self.unheard = np.zeros((n, n), dtype=bool), np.zeros((n, n), dtype=np.int64)
+        self.gap = np.zeros((n, n), dtype=bool)
+        self.unheard = np.zeros((n, n), dtype=np.int64)
 
     def extend(self, i: int) -> None:
         """Extend trains by all flights that begin at click i, when those that end there are known."""
@@ -114,32 +119,53 @@ class _Search:
         flight = flight[to]
         inside = self._inside(i, to)
         louder = np.maximum(self.level[to] - self.level[i], 0.0) / _LOUDNESS
-        start = (
-            self.worth[i] + self.worth[to] - math.log(_LONGEST) - 0.5 * np.minimum(louder**2, _CUT) - inside
-        )
-        self.score[i, to], self.last[i, to] = start, flight
-        heard = np.flatnonzero(self.score[:, i] > -math.inf)
-        if not heard.size:
-            return
-        last, e_before = self.last[heard, i][:, None], self.e[heard, i][:, None]
+        of_two = self.worth[i] + self.worth[to]
+        # A train that begins with this flight, whose length may be any up to the longest.
+        self.score[i, to] = of_two - math.log(_LONGEST) - 0.5 * np.minimum(louder**2, _CUT) - inside
+        self.last[i, to] = flight
+        heard = np.flatnonzero(self.score[:, i] > -math.inf)  # where flights to click i begin
+        if heard.size:
+            for gap in (False, True):
+                self._extend_from(heard, i, to, flight, inside, gap)
+
+    def _extend_from(
+        self, heard: Indices, i: int, to: Indices, flight: Floats, inside: Floats, gap: bool
+    ) -> None:
+        """Extend trains that come to click i from clicks `heard` (h,) by flights to clicks `to` (t,).
+
+        flight: (t,), s. inside: (t,), the price of clicks within it. gap: a touch within it is unheard.
+        """
+        last = self.last[heard, i][:, None]
+        e_before = self.e[heard, i][:, None]
         change = self.level[to] - self.level[i]
-        for gap in (False, True):
-            ratio = flight / last
-            # Both flights: e + e² of the last
-            e = 0.5 * (np.sqrt(1.0 + 4.0 * ratio) - 1.0) if gap else ratio
-            gain = self._ln_step(e, e_before, last) + _ln_loud(change, e, gap) - _UNHEARD * gap
-            allowed = (e >= _LEAST_E) & (e <= _MOST_E)
-            if gap:
-                allowed &= (self.unheard[heard, i] < _MOST_UNHEARD)[:, None] & ~np.isnan(e_before)
-            score = self.score[heard, i][:, None] + self.worth[to] + gain - inside
-            score = np.where(allowed, score, -math.inf)
-            best = score.argmax(axis=0)
-            top = score[best, np.arange(len(to))]
-            better = top > self.score[i, to]
-            j, h, e_now = to[better], heard[best[better]], e[best, np.arange(len(to))][better]
-            self.score[i, j], self.e[i, j], self.before[i, j] = top[better], e_now, h
-            self.last[i, j] = flight[better] * (e_now / (1.0 + e_now) if gap else 1.0)
-            self.gap[i, j], self.unheard[i, j] = gap, self.unheard[h, i] + gap
+        ratio = flight / last
+        e = ratio
+        unheard = 0.0
+        if gap:
+            # Both flights last e + e² times the last: e is the root of that.
+            e = 0.5 * (np.sqrt(1.0 + 4.0 * ratio) - 1.0)
+            unheard = _UNHEARD
+        gain = self._ln_step(e, e_before, last) + _ln_loud(change, e, gap) - unheard
+        allowed = (e >= _LEAST_E) & (e <= _MOST_E)
+        if gap:
+            allowed &= (self.unheard[heard, i] < _MOST_UNHEARD)[:, None] & ~np.isnan(e_before)
+        score = self.score[heard, i][:, None] + self.worth[to] + gain - inside
+        score = np.where(allowed, score, -math.inf)
+        best = score.argmax(axis=0)
+        top = score[best, np.arange(len(to))]
+        better = top > self.score[i, to]
+
+        j = to[better]
+        h = heard[best[better]]
+        e_now = e[best, np.arange(len(to))][better]
+        self.score[i, j] = top[better]
+        self.e[i, j] = e_now
+        self.before[i, j] = h
+        self.last[i, j] = flight[better]
+        if gap:
+            self.last[i, j] = flight[better] * (e_now / (1.0 + e_now))  # the second of the two
+        self.gap[i, j] = gap
+        self.unheard[i, j] = self.unheard[h, i] + gap
 
     @staticmethod
     def _ln_step(e: Floats, e_before: Floats, flight_before: Floats) -> Floats:
@@ -178,7 +204,8 @@ class _Search:
     def walk_back(self, i: int, j: int) -> Train:
         """The train that ends with a flight, without last clicks that are echoes."""
         score = float(self.score[i, j])
-        clicks, gaps = [j, i], []
+        clicks = [j, i]  # the last one first
+        gaps = []
         while True:
             gaps.append(2 if self.gap[i, j] else 1)
             h = int(self.before[i, j])
@@ -189,7 +216,8 @@ class _Search:
         at = np.array(clicks[::-1])
         numbers = np.concatenate([[0], np.cumsum(gaps[::-1])]).astype(np.int64)
         while len(at) > 2 and _ends_in_echo(self.times, at):
-            at, numbers = at[:-1], numbers[:-1]
+            at = at[:-1]
+            numbers = numbers[:-1]
         return Train(at, numbers, score)
 
 

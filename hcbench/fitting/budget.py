@@ -54,18 +54,19 @@ def error_budget(fit: LawFit, sets: Sequence[Dataset]) -> Budget:
     name = next(iter(fit.law.describe(tuple(fit.parameters), fit.reference)))
     setup = sets[0].setup
     inputs = list(setup.perturbed()) if any(s.needs_gravity for s in sets) else []
-    more = [shifted for _, _, shifted in inputs]
-    can_correct = setup.contact_time.value == 0.0 and any(s.kind in ("times", "sound") for s in sets)
-    if can_correct:
-        more.append(replace(setup, contact_time=Known(_CONTACT)))
-    moves = _moves(fit, sets, more)
+    setups = [shifted for _, _, shifted in inputs]
+    has_touches = any(s.kind in ("times", "sound") for s in sets)
+    is_left_out = setup.contact_time.value == 0.0 and has_touches
+    if is_left_out:
+        setups.append(replace(setup, contact_time=Known(_CONTACT)))
+    moves = _moves(fit, sets, setups)
     at = _value(fit, name, np.zeros(len(fit.parameters)))
-    shares = [abs(_value(fit, name, move) - at) for move in moves]
-    rows = [
-        BudgetRow(source.replace("_", " "), "B", uncertainty, share)
-        for (source, uncertainty, _), share in zip(inputs, shares, strict=False)
-    ]
-    left_out = _value(fit, name, moves[-1]) - at if can_correct else 0.0
+    rows = []
+    # The last of the moves may be the contact's, which has no row.
+    for (source, uncertainty, _), move in zip(inputs, moves, strict=False):
+        share = abs(_value(fit, name, move) - at)
+        rows.append(BudgetRow(source.replace("_", " "), "B", uncertainty, share))
+    left_out = _value(fit, name, moves[-1]) - at if is_left_out else 0.0
     return Budget(name, (*_noise_rows(fit, name), *rows), left_out)
 
 
@@ -79,13 +80,16 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
     total = np.zeros((q, q + 1 + len(setups)))
     for s, own, latent, model, noise in zip(sets, fit.own, fit.latent, fit.models, fit.noise, strict=True):
         shifted = [s.with_setup(setup).linearise(fit.curve, own, latent) for setup in setups]
-        columns = np.array([other.residual - model.residual for other in shifted]).reshape(
-            len(setups), len(model.residual)
-        )
+        # The shapes also hold without any setup, where the lists are empty.
+        residuals = np.array([other.residual - model.residual for other in shifted])
+        residuals = residuals.reshape(len(setups), len(model.residual))
         offsets = np.array([other.prior[:, 0] - model.prior[:, 0] for other in shifted])
-        reduced = reduce(model, columns.T, offsets.reshape(len(setups), len(own)))
-        total += reduced.profile(np.array(fit.scatter), np.array(noise))[0][:q]
-    return np.asarray(np.linalg.lstsq(total[:, :q], total[:, q + 1 :], rcond=1e-12)[0].T)
+        offsets = offsets.reshape(len(setups), len(own))
+        reduced = reduce(model, residuals.T, offsets)
+        matrix, _ = reduced.profile(np.array(fit.scatter), np.array(noise))
+        total += matrix[:q]
+    hessian, slopes = total[:, :q], total[:, q + 1 :]  # column q is the residual's own
+    return np.asarray(np.linalg.lstsq(hessian, slopes, rcond=1e-12)[0].T)
 
 
 def _noise_rows(fit: LawFit, name: str) -> list[BudgetRow]:

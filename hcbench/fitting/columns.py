@@ -234,8 +234,11 @@ def _is_beside(table: Table, i: int, role: str, named: set[str]) -> bool:
     if role == "interval":
         return "time" in named
     if role == "penetration":  # x of a track
-        return name == "x" and {"time", "height"} <= named and "force" not in named
+        is_track = {"time", "height"} <= named and "force" not in named
+        return name == "x" and is_track
     if role:
         return False
-    cells = [row[i].strip() if i < len(row) else "" for row in table.cells]
-    return name in _BESIDE or not any(math.isfinite(table.number(cell)) for cell in cells)
+    if name in _BESIDE:
+        return True
+    cells = [row[i].strip() for row in table.cells if i < len(row)]
+    return not any(math.isfinite(table.number(cell)) for cell in cells)

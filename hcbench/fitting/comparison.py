@@ -39,32 +39,31 @@ class Comparison:
     def line(self) -> str:
         """The verdict and the ratio, in words."""
         verdict = "the materials differ" if self.differ else "no difference is seen"
-        what = "α" if self.compared == "alpha" else "1 - e"
+        compared = "α" if self.compared == "alpha" else "1 - e"
         interval = f"{self.ratio.value:.3g}, 95 %: {self.ratio.low:.3g} ... {self.ratio.high:.3g}"
-        return f"{verdict}: {what} is {interval} times theirs"
+        return f"{verdict}: {compared} is {interval} times theirs"
 
 
 def compare(one: FitResult, other: FitResult) -> Comparison:
     """The ratio of their α, or of 1 - e. Raises UserError where a side has neither."""
-    files, few = tuple(s.name for s in other.sets), min(len(one.sets), len(other.sets)) < _DROPS_TO_KNOW
+    files = tuple(s.name for s in other.sets)
+    few = min(len(one.sets), len(other.sets)) < _DROPS_TO_KNOW
     if one.alpha is not None and other.alpha is not None:
         return Comparison(files, "alpha", ratio(_each(one, "alpha"), _each(other, "alpha")), few)
     if one.restitution is not None and other.restitution is not None:
         lost = ratio(_each(one, "restitution"), _each(other, "restitution"))
         return Comparison(files, "one_minus_e", lost, few)
-    sides = [(one, "the files"), (other, "--against")]
-    silent = next(
-        (what for side, what in sides if side.alpha is None and side.restitution is None), "--against"
-    )
-    raise UserError(silent, "no number to compare", "both with an α, or both with a constant e")
+    slot = "the files" if one.alpha is None and one.restitution is None else "--against"
+    raise UserError(slot, "no number to compare", "both with an α, or both with a constant e")
 
 
 def _each(result: FitResult, name: str) -> list[Estimate]:
-    drops = [getattr(drop, name) for drop in result.drops] or [getattr(result, name)]
-    estimate = [one for one in drops if one is not None]
+    """α of each drop, or 1 - e ("restitution"); that of all together where drops have none of their own."""
+    found = [getattr(drop, name) for drop in result.drops] or [getattr(result, name)]
+    estimates = [estimate for estimate in found if estimate is not None]
     if name == "alpha":
-        return estimate
-    return [replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low) for e in estimate]
+        return estimates
+    return [replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low) for e in estimates]
 
 
 def as_text(comparison: Comparison) -> str:

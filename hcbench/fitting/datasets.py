@@ -115,25 +115,32 @@ def bounce_train(
 
     first: speed (m/s) of the first launch; where `dropped`, of the touch before it.
     """
-    q, impacts = curve.count, len(latent)
-    count = impacts + (not dropped)
-    launch, touch, by = np.empty(count), np.empty(impacts), np.zeros((count, 1 + q + impacts))
-    now, gradient = first, np.zeros(1 + q + impacts)
+    q = curve.count
+    impacts = len(latent)
+    count = impacts if dropped else impacts + 1  # of launches
+    launch = np.empty(count)
+    touch = np.empty(impacts)
+    by = np.zeros((count, 1 + q + impacts))
+    speed = first
+    # Of the speed, by ln of the first speed, by the law's parameters, and by the change of each e.
+    gradient = np.zeros(1 + q + impacts)
     gradient[0] = first
     for i in range(count):
-        if i or dropped:
-            at = i if dropped else i - 1
+        at = i if dropped else i - 1  # the impact before launch i; none before the first that is thrown
+        if at >= 0:
             if i:
-                now, slope = ballistics.touch(now)
+                speed, slope = ballistics.touch(speed)
                 gradient = slope * gradient
-            touch[at] = now
-            log_e, over_speed, by_law = curve.local(now)
-            gradient = (1.0 + over_speed) / now * gradient
+            touch[at] = speed
+            log_e, over_speed, by_law = curve.local(speed)
+            # The logarithm of the next launch's speed is ln v + ln e(v) + the change of e.
+            gradient = (1.0 + over_speed) / speed * gradient
             gradient[1 : 1 + q] += by_law
             gradient[1 + q + at] += 1.0
-            now *= math.exp(log_e + latent[at])
-            gradient *= now
-        launch[i], by[i] = now, gradient
+            speed *= math.exp(log_e + latent[at])
+            gradient *= speed
+        launch[i] = speed
+        by[i] = gradient
     return BounceTrain(launch, touch, by)
 
 
@@ -189,10 +196,13 @@ class TouchTimes(Dataset):
         speed, e = pairs_of_launches(self._launches(), self.setup, self.setup.drop)
         if self.numbers is None:
             return speed, e
-        which = self._which
+        heard = set(self._which.tolist())
         first = 0 if self.setup.height is not None else 1
-        heard = [i + first for i in range(len(e))]
-        whole = [i in which and i + 1 in which and (i == 0 or i - 1 in which) for i in heard]
+        # An e takes the flights on both sides: with an unheard end, a flight's length is a guess.
+        whole = []
+        for touch in range(first, first + len(e)):
+            has_flight_in = touch == 0 or touch - 1 in heard
+            whole.append(has_flight_in and touch in heard and touch + 1 in heard)
         return speed[whole], e[whole]
 
     def start(self) -> Floats:
@@ -205,21 +215,25 @@ class TouchTimes(Dataset):
 
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """The linear model about a law, own parameters and changes of e."""
-        dropped, ballistics = self.setup.height is not None, self.setup.ballistics
+        ballistics = self.setup.ballistics
+        dropped = self.setup.height is not None
         train = bounce_train(curve, ballistics, math.exp(own[1]), latent, dropped)
-        aloft = np.array([ballistics.aloft(w) for w in train.launch])
+        aloft = np.array([ballistics.aloft(w) for w in train.launch])  # s, and its slope by speed
+        # Hertz: a contact lasts as v^(-1/5).
         contact = self.setup.contact_time.value * (train.launch / train.launch[0]) ** -0.2
         times = own[0] + np.concatenate([[0.0], np.cumsum(aloft[:, 0] + contact)])
         by = np.concatenate([np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)])
-        times, by, q = times[self._which], by[self._which], curve.count
-        prior = np.array([[0.0, math.inf], drop_prior(self.setup, own[1]) if dropped else (0.0, math.inf)])
+        times = times[self._which]
+        by = by[self._which]
+        q = curve.count
+        of_speed = drop_prior(self.setup, own[1]) if dropped else (0.0, math.inf)
         return LinearModel(
             residual=self.times - times + by[:, 1 + q :] @ latent,
             by_own=np.stack([np.ones(len(times)), by[:, 0]], axis=1),
             by_law=by[:, 1 : 1 + q],
             by_scatter=by[:, 1 + q :],
             shape=np.ones(len(times)),
-            prior=prior,
+            prior=np.array([[0.0, math.inf], of_speed]),
             speed=train.touch,
         )
 
@@ -247,9 +261,10 @@ class TouchTimes(Dataset):
 
     def touches(self) -> list[str]:
         """Labels for the columns of by_scatter."""
-        at = dict(zip(self._which.tolist(), self.rows(), strict=True))
+        heard = dict(zip(self._which.tolist(), self.rows(), strict=True))
         first = 0 if self.setup.height is not None else 1
-        return [at.get(i, f"touch {i + 1}, unheard") for i in range(first, int(self._which[-1]))]
+        last = int(self._which[-1])  # no flight follows it, so it has no e
+        return [heard.get(i, f"touch {i + 1}, unheard") for i in range(first, last)]
 
 
 def pairs_of_launches(launches: Floats, setup: MeasurementSetup, drop: float | None) -> tuple[Floats, Floats]:

@@ -63,27 +63,33 @@ def plain(table: Table) -> Table:
 
     Cells such as `0.20 ± 0.01`, `0.960(5)`, and commas for points in single columns.
     """
-    header, columns = list(table.header), [list(column) for column in _transposed(table)]
+    header = list(table.header)
+    columns = _transposed(table)
     for i, (name, unit) in enumerate(table.header):
-        cells = columns[i]
-        pairs = [_uncertain(cell) for cell in cells]
-        if all(pairs) and not any(h == f"u_{name}" for h, _ in header):
-            columns[i] = [pair[0] for pair in pairs if pair]
+        pairs = [_uncertain(cell) for cell in columns[i]]
+        uncertain = [pair for pair in pairs if pair is not None]
+        has_column = any(other == f"u_{name}" for other, _ in header)
+        if len(uncertain) == len(pairs) and not has_column:
+            columns[i] = [value for value, _ in uncertain]
             header.append((f"u_{name}", unit))
-            columns.append([pair[1] for pair in pairs if pair])
+            columns.append([uncertainty for _, uncertainty in uncertain])
         columns[i] = [_with_point(table, cell) for cell in columns[i]]
     for i, (name, unit) in enumerate(header):
         cells = columns[i]
         if unit == "%" or (cells and all(cell.strip().endswith("%") for cell in cells)):
             header[i] = (name, "")
             columns[i] = [_share(cell) for cell in cells]
-    rows = tuple(tuple(row) for row in zip(*columns, strict=True))
+    rows = tuple(zip(*columns, strict=True))
     return replace(table, header=tuple(header), cells=rows, decimal=".")
 
 
 def _transposed(table: Table) -> list[list[str]]:
-    width = len(table.header)
-    return [[row[i] if i < len(row) else "" for row in table.cells] for i in range(width)]
+    """The cells column by column; "" for those that a short row lacks."""
+    columns: list[list[str]] = [[] for _ in table.header]
+    for row in table.cells:
+        for i, column in enumerate(columns):
+            column.append(row[i] if i < len(row) else "")
+    return columns
 
 
 def _with_point(table: Table, cell: str) -> str:
@@ -117,11 +123,15 @@ def joined_header(rows: list[tuple[str, ...]]) -> tuple[int, tuple[str, ...]] | 
     As Logger Pro writes it: names, short names and units in three lines; or names and units in two.
     """
     for count in (3, 2):
-        if len(rows) <= count or len({len(row) for row in rows[: count + 1]}) != 1:
+        widths = {len(row) for row in rows[: count + 1]}
+        if len(rows) <= count or len(widths) != 1:
             continue
+        names = rows[0]
         below = [cell.strip().strip("()[]").lower() for cell in rows[count - 1]]
-        if all(_is_unit(one) for one in below) and not any(_looks_numeric(cell) for cell in rows[0]):
-            return count, tuple(f"{a.strip()} [{u}]" for a, u in zip(rows[0], below, strict=True))
+        has_units = all(_is_unit(cell) for cell in below)
+        if has_units and not any(_looks_numeric(cell) for cell in names):
+            pairs = zip(names, below, strict=True)
+            return count, tuple(f"{name.strip()} [{unit}]" for name, unit in pairs)
     return None
 
 

@@ -86,9 +86,12 @@ def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:
 
 def _logs(each: Sequence[Estimate]) -> tuple[Floats, Floats]:
     """ln of each drop's value and its standard deviation, from the value and its interval."""
-    x = np.log([e.value for e in each])
-    s = np.array([np.log(e.high / max(e.low, _LOWEST * e.value)) / (2.0 * SIGMAS_95) for e in each])
-    return x, np.maximum(s, 1e-9)
+    logs = np.log([e.value for e in each])
+    deviations = []
+    for e in each:
+        low = max(e.low, _LOWEST * e.value)  # an interval may begin at 0, which has no logarithm
+        deviations.append(np.log(e.high / low) / (2.0 * SIGMAS_95))
+    return logs, np.maximum(np.array(deviations), 1e-9)
 
 
 def _over_between(x: Floats, s: Floats) -> tuple[Floats, Floats, Floats]:

@@ -96,59 +96,87 @@ class LawFit:
 def fit_law(
     law: CandidateLaw, sets: Sequence[Dataset], reference: float, width: Sequence[Floats] | None = None
 ) -> LawFit:
-    """Fit one law. reference: speed in m/s in the middle of the data.
+    """Fit one law by Newton steps, and the noise by a grid between them. reference: m/s, middle of the data.
 
     width: per data set (m,), how much wider than s_e each e scatters; None: all alike.
     """
     parameters = _start(law, sets, reference)
     own = [s.start() for s in sets]
     latent = [np.zeros(len(s.touches())) for s in sets]
-    width = [np.ones(len(one)) for one in latent] if width is None else width
-    scatter, noise = 5e-3, [s.known_noise or 0.1 * s.noise_scale for s in sets]
+    if width is None:
+        width = [np.ones(len(one)) for one in latent]
+    scatter = 5e-3
+    noise = [s.known_noise or 0.1 * s.noise_scale for s in sets]
     grid = coarse_grid(sets)
     for step in range(_STEPS):
         curve = law.curve(tuple(parameters), reference)
-        plain = [s.linearise(curve, *at) for s, *at in zip(sets, own, latent, strict=True)]
-        models = [replace(m, by_scatter=m.by_scatter * w) for m, w in zip(plain, width, strict=True)]
-        reduced = [reduce(m) for m in models]
+        models = []
+        for s, own_of_set, latent_of_set, wide in zip(sets, own, latent, width, strict=True):
+            model = s.linearise(curve, own_of_set, latent_of_set)
+            models.append(replace(model, by_scatter=model.by_scatter * wide))
+        reduced = [reduce(model) for model in models]
         move, hessian = _law_step(reduced, scatter, noise, _BEYOND - parameters)
         own_moves = [r.own_step(scatter, n, move) for r, n in zip(reduced, noise, strict=True)]
-        longest = max(np.abs(move).max(), *(np.abs(m[-1:]).max(initial=0.0) for m in own_moves), 1e-300)
-        share = min(1.0, _LONGEST_STEP / longest)
-        decrement = float(move @ hessian @ move)
+        share = _share_of_step(move, own_moves)
+        decrement = float(move @ hessian @ move)  # twice what the step gains, in ln
         if decrement < 1e-6 and step > 2:
             break
-        drawn = [
-            wide * r.latent(scatter, n, m, move)
-            for r, n, m, wide in zip(reduced, noise, own_moves, width, strict=True)
-        ]
-        latent = [old + share * (new - old) for old, new in zip(latent, drawn, strict=True)]
+        for k, (r, n, own_move, wide) in enumerate(zip(reduced, noise, own_moves, width, strict=True)):
+            drawn = wide * r.latent(scatter, n, own_move, move)
+            latent[k] = latent[k] + share * (drawn - latent[k])
+            own[k] = own[k] + share * own_move
         parameters = parameters + share * move
-        own = [o + share * m for o, m in zip(own, own_moves, strict=True)]
+        # Far from the optimum the noise would take in what the law does not yet explain.
         if share == 1.0:
             scatter, noise = best_noise(surface(reduced, sets, grid), move)
-    over_noise = surface(reduced, sets, grid)
-    fine = surface(reduced, sets, refined(over_noise, move, sets))
+    coarse = surface(reduced, sets, grid)
+    fine = surface(reduced, sets, refined(coarse, move, sets))
     scatter, noise = best_noise(fine, move)
     posterior, log_evidence, beyond = _posterior(law, parameters, move, hessian, fine)
     return LawFit(
-        law, reference, parameters, tuple(own), tuple(latent), tuple(width), tuple(models), tuple(reduced),
-        fine, posterior, log_evidence, scatter, tuple(noise), beyond,
-    )  # fmt: skip
+        law=law,
+        reference=reference,
+        parameters=parameters,
+        own=tuple(own),
+        latent=tuple(latent),
+        width=tuple(width),
+        models=tuple(models),
+        reduced=tuple(reduced),
+        surface=fine,
+        posterior=posterior,
+        log_evidence=log_evidence,
+        scatter=scatter,
+        noise=tuple(noise),
+        beyond=beyond,
+    )
+
+
+def _share_of_step(move: Floats, own_moves: Sequence[Floats]) -> float:
+    """Share of a Newton step to take: no parameter moves by more than `_LONGEST_STEP`."""
+    longest = float(np.abs(move).max())
+    for own_move in own_moves:
+        # Only the last of a data set's own parameters is a logarithm.
+        longest = max(longest, float(np.abs(own_move[-1:]).max(initial=0.0)))
+    return min(1.0, _LONGEST_STEP / max(longest, 1e-300))
 
 
 def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floats:
     """Parameters fitted to the rough pairs of v and e, by least squares in ln e."""
-    both = [s.pairs() for s in sets]
-    speed, e = (np.concatenate([pair[i] for pair in both]) for i in (0, 1))
+    pairs = [s.pairs() for s in sets]
+    speed = np.concatenate([speeds for speeds, _ in pairs])
+    e = np.concatenate([restitutions for _, restitutions in pairs])
     log_e = np.log(np.clip(e, 1e-3, 1.0))
     middle = min(float(np.median(log_e)), -1e-3)
     parameters = np.full(law.count, middle / law.count)
     for _ in range(8):
         curve = law.curve(tuple(parameters), reference)
-        local = [curve.local(float(v)) for v in speed]
-        matrix = np.array([one[2] for one in local])
-        move = np.linalg.lstsq(matrix, log_e - [one[0] for one in local], rcond=1e-8)[0]
+        log_curve = []
+        slopes = []
+        for v in speed:
+            log_e_at_v, _, by_law = curve.local(float(v))
+            log_curve.append(log_e_at_v)
+            slopes.append(by_law)
+        move = np.linalg.lstsq(np.array(slopes), log_e - log_curve, rcond=1e-8)[0]
         parameters = parameters + np.clip(move, -_LONGEST_STEP, _LONGEST_STEP)
     return parameters
 
@@ -216,16 +244,19 @@ def _shares(
     """
     low, high = 0.0, 1.0
     if spread is not None:
-        here, total = parameters[0] + centre[0], float((parameters + centre).sum())
+        with_alpha = parameters[0] + centre[0]
+        total = float((parameters + centre).sum())
         half = _WIDTH * max(float(spread.max()), 1e-9) / max(abs(total), 1e-9)
-        low, high = max(0.0, here / total - half), min(1.0, here / total + half)
+        low = max(0.0, with_alpha / total - half)
+        high = min(1.0, with_alpha / total + half)
     edges = np.linspace(low, high, _SHARES + 1)
     share = 0.5 * (edges[1:] + edges[:-1])
     direction = np.stack([share, 1.0 - share], axis=1)
     # Along each direction the likelihood is nearly normal in ψ: where it is largest, and how wide.
     curvature = np.einsum("fa,ab,fb->f", direction, hessian, direction)
     best = direction @ hessian @ (parameters + centre) / curvature
-    sd = np.sqrt(1.0 / curvature + (0.0 if spread is None else float(spread.sum()) ** 2))
+    of_spread = 0.0 if spread is None else float(spread.sum()) ** 2
+    sd = np.sqrt(1.0 / curvature + of_spread)
     across = np.linspace(-_WIDTH, _WIDTH, _SHARES)
     psi = best[:, None] + sd[:, None] * across
     points = psi[..., None] * direction[:, None, :]

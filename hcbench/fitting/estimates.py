@@ -55,21 +55,30 @@ def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = OD
     time.
     """
     kept = in_question(plain, lossy, odds)
-    each = [estimate_of(fit, "alpha", inputs) for fit in kept]
-    if len(each) == 1:
-        return each[0]
-    lead = min(max(plain.log_evidence - lossy.log_evidence, -700.0), 700.0)
-    share = 1.0 / (1.0 + math.exp(lead) / _PRIOR_OF_E0)
+    estimates = [estimate_of(fit, "alpha", inputs) for fit in kept]
+    if len(estimates) == 1:
+        return estimates[0]
+    lead = plain.log_evidence - lossy.log_evidence
+    lead = min(max(lead, -700.0), 700.0)  # exp of more overflows
+    share = 1.0 / (1.0 + math.exp(lead) / _PRIOR_OF_E0)  # of the law with e0
     values = np.concatenate([fit.values("alpha") for fit in kept])
     weight = np.concatenate([(1.0 - share) * plain.posterior.weight, share * lossy.posterior.weight])
     both = _estimate(values, weight, inputs, 0.0, math.inf)
-    return Estimate(both.value, both.uncertainty, min(e.low for e in each), max(e.high for e in each))
+    low = min(estimate.low for estimate in estimates)
+    high = max(estimate.high for estimate in estimates)
+    return Estimate(both.value, both.uncertainty, low, high)
 
 
 def in_question(plain: LawFit, lossy: LawFit, odds: float) -> list[LawFit]:
     """The fits of the two laws that the other does not rule out at these odds."""
-    lead, limit = plain.log_evidence - lossy.log_evidence, math.log(odds)
-    return [fit for fit, is_left in ((plain, lead > -limit), (lossy, lead < limit)) if is_left]
+    lead = plain.log_evidence - lossy.log_evidence
+    limit = math.log(odds)
+    kept = []
+    if lead > -limit:
+        kept.append(plain)
+    if lead < limit:
+        kept.append(lossy)
+    return kept
 
 
 def _estimate(values: Floats, weight: Floats, inputs: float, least: float, most: float) -> Estimate:

@@ -31,24 +31,29 @@ def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
     """
     rows = [(n, line.rstrip("\r\n").split("\t")) for n, line in lines]
     at = next((i for i, (_, row) in enumerate(rows[:4]) if "t" in row and "y" in row), None)
-    if at is None or (
-        at + 1 < len(rows) and rows[at + 1][1][0].strip().isalpha()
-    ):  # units follow: no Tracker
+    if at is None:
+        return None
+    header, below = rows[at][1], rows[at + 1 :]
+    if below and below[0][1][0].strip().isalpha():  # units follow: no Tracker
         return None
     if lines[0][1].startswith("#multi:"):
         raise UserError(path.name, "several tracks", "one", "Export the ball's track alone")
-    header = rows[at][1]
     places = header.index("t"), header.index("y")
-    cells = [(n, tuple(row[p] if p < len(row) else "" for p in places)) for n, row in rows[at + 1 :]]
-    filled = [(n, row) for n, row in cells if all(cell.strip() for cell in row)]
-    comma = any("," in cell for _, row in filled for cell in row)
-    names = (("t", "s"), ("y", "m"))
+    cells = []
+    numbers = []
+    for n, row in below:
+        cell_t, cell_y = (row[place] if place < len(row) else "" for place in places)
+        # Frames without the ball have a time and no place.
+        if cell_t.strip() and cell_y.strip():
+            cells.append((cell_t, cell_y))
+            numbers.append(n)
+    has_commas = any("," in cell_t or "," in cell_y for cell_t, cell_y in cells)
     return Table(
-        sanitized(path.name),
-        names,
-        tuple(row for _, row in filled),
-        tuple(n for n, _ in filled),
-        "," if comma else ".",
+        name=sanitized(path.name),
+        header=(("t", "s"), ("y", "m")),
+        cells=tuple(cells),
+        lines=tuple(numbers),
+        decimal="," if has_commas else ".",
     )
 
 
@@ -57,9 +62,16 @@ def phyphox_times(path: Path, lines: list[tuple[int, str]]) -> Floats | None:
 
     Touches that were not heard are 0 or NaN there.
     """
-    if '"bounce 0' not in lines[0][1].lower() and not lines[0][1].lower().startswith("bounce 0"):
+    first = lines[0][1].lower()
+    if '"bounce 0' not in first and not first.startswith("bounce 0"):
         return None
     table = table_of(path, lines[:2])
-    places = [(int(m[1]), i) for i, (name, _) in enumerate(table.header) if (m := _BOUNCE.fullmatch(name))]
-    times = [table.number(table.cells[0][i]) for _, i in sorted(places) if i < len(table.cells[0])]
-    return np.array([t for k, t in enumerate(times) if math.isfinite(t) and (t > 0.0 or k == 0)])
+    row = table.cells[0]
+    places = []  # (number of the bounce, column)
+    for column, (name, _) in enumerate(table.header):
+        if match := _BOUNCE.fullmatch(name):
+            places.append((int(match[1]), column))
+    times = [table.number(row[column]) for _, column in sorted(places) if column < len(row)]
+    # The first bounce is at 0; any other 0 was not heard.
+    heard = [t for k, t in enumerate(times) if math.isfinite(t) and (t > 0.0 or k == 0)]
+    return np.array(heard)

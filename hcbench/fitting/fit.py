@@ -80,13 +80,15 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
         return _Fitted(sets, fits, best.width, flags, ())
     widths = scatter_widths(LAWS[WITH_E0], sets, reference)
     impacts = doubted_impacts(sets, widths)
-    if len(impacts) > MOST_OUTLIERS * sum(len(wide) for wide in widths):  # no outliers, but another curve
+    count = sum(len(wide) for wide in widths)
+    if len(impacts) > MOST_OUTLIERS * count:  # no outliers, but another curve
         return _Fitted(sets, fits, best.width, flags, ())
     fits = {name: fit_law(law, sets, reference, widths) for name, law in LAWS.items()}
     return _Fitted(sets, fits, widths, flags, tuple(impacts))
 
 
 def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
+    """The fit of some data sets. law: a law's name, or "auto" for the one that the evidence chooses."""
     speeds = np.concatenate([s.pairs()[0] for s in sets])
     reference = float(np.exp(np.log(speeds).mean()))
     each = [_fitted([s], reference) for s in sets]
@@ -96,10 +98,13 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     lack = _lack(each)
     drops = tuple(_drop(one, evidence) for one in each)
     doubts = drops[0].doubts if len(drops) == 1 else _doubts_of_all(drops)
-    chosen = law if law != "auto" else chosen_law(evidence)
-    reservation = "" if any(not s.reservation for s in sets) else sets[0].reservation
-    if law == "auto" and (doubts or reservation or lack.is_certain or _may_stick(evidence, lack)):
-        chosen = None
+    # One file that can be used on its own takes the reservation from all.
+    reservation = sets[0].reservation if all(s.reservation for s in sets) else ""
+    chosen: str | None = law
+    if law == "auto":
+        chosen = chosen_law(evidence)
+        if doubts or reservation or lack.is_certain or _may_stick(evidence, lack):
+            chosen = None
     fits = sorted(whole.fits.values(), key=lambda one: -one.log_evidence)
     odds = odds_of(evidence)
     result = FitResult(
@@ -120,19 +125,18 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
         reservation=reservation,
         drops=drops if len(drops) > 1 else (),
     )
-    return result if not chosen and (doubts or lack.is_certain) else _with_numbers(result, whole, each)
+    if not chosen and (doubts or lack.is_certain):
+        return result
+    return _with_numbers(result, whole, each)
 
 
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
     """The curve of all files at once; evidence: the product over files, each with its parameters."""
     widths = [wide for one in each for wide in one.widths]
-    fits = {
-        name: replace(
-            fit_law(law, sets, reference, widths),
-            log_evidence=sum(one.fits[name].log_evidence for one in each),
-        )
-        for name, law in LAWS.items()
-    }
+    fits = {}
+    for name, law in LAWS.items():
+        log_evidence = sum(one.fits[name].log_evidence for one in each)
+        fits[name] = replace(fit_law(law, sets, reference, widths), log_evidence=log_evidence)
     return _Fitted(sets, fits, widths, (), ())
 
 
@@ -147,11 +151,15 @@ def _require_loss(sets: Sequence[Dataset], whole: _Fitted) -> None:
 def _lack(each: Sequence[_Fitted]) -> LackOfFit:
     """Lack of fit of all files: the product of their odds, and the shape of the one that fits worst."""
     lacks = [_lack_of_one(one) for one in each]
-    odds, adhesion = (
-        math.exp(min(sum(math.log(max(getattr(one, name), 1e-300)) for one in lacks), 700.0))
-        for name in ("odds", "adhesion")
-    )
-    return LackOfFit(odds, max(lacks, key=lambda one: one.odds).shape, adhesion)
+    odds = _product([lack.odds for lack in lacks])
+    adhesion_odds = _product([lack.adhesion for lack in lacks])
+    worst = max(lacks, key=lambda lack: lack.odds)
+    return LackOfFit(odds, worst.shape, adhesion_odds)
+
+
+def _product(odds: Sequence[float]) -> float:
+    """The product of odds, by logarithms: finite where that of many files would overflow, or be 0."""
+    return math.exp(min(sum(math.log(max(one, 1e-300)) for one in odds), 700.0))
 
 
 def _lack_of_one(one: _Fitted) -> LackOfFit:
@@ -214,49 +222,69 @@ def _own_alpha(
 
 
 def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
-    """Empty where at least one file can be used."""
+    """The doubts of several files, each with its file's name; empty where at least one file can be used."""
     if any(not drop.doubts for drop in drops):
         return ()
     return tuple(f"{drop.name}: {doubt}" for drop in drops for doubt in drop.doubts)
 
 
 def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) -> FitResult:
-    """α, e0 and e of the laws that are chosen, or left where none is."""
-    chosen, left = result.law, laws_left(whole.evidence)
+    """The result with α, e0 and e of the law that is chosen, or of those left where none is."""
     evidence = whole.evidence
-
-    def has(*names: str) -> bool:
-        return chosen in names or (chosen is None and bool(left & set(names)))
-
-    inputs = result.budget.of_inputs
-    used = [
-        one for one, drop in zip(each, result.drops or (None,), strict=True) if drop is None or drop.alpha
-    ]
-    odds = math.inf if not chosen and _may_stick(evidence, result.lack) else ODDS_TO_DROP
-    between, odd = None, []
-    alpha = restitution = e0 = None
-    if has(*FAMILY) and len(each) == 1:
-        alpha = _own_alpha(whole, chosen, evidence, odds, inputs)
-    elif has(*FAMILY):
-        own = [_own_alpha(one, chosen, evidence, odds) for one in used]
-        drops = shared_value(own)
-        at = drops.estimate().value
-        alpha, between = drops.estimate(inputs / at if at else 0.0), drops.between
-        odd = [(used[k].sets[0].name, off) for k, off in odd_drops(own)]
-    if has(*FAMILY[1:]):
+    laws = {result.law} if result.law is not None else laws_left(evidence)
+    used = list(each)
+    if result.drops:
+        used = [one for one, drop in zip(each, result.drops, strict=True) if drop.alpha]
+    restitution = e0 = None
+    drops = _OverDrops(None, None, [])
+    if laws & set(FAMILY):
+        drops = _alpha_of_drops(result, whole, each, used)
+    if laws & set(FAMILY[1:]):
         e0 = estimate_of(whole.fits[WITH_E0], "e0")
-    if has("constant"):
-        restitution, share, off_e = _constant(whole, used)
-        if between is None:
-            between, odd = share, off_e
+    if "constant" in laws:
+        restitution, share, odd = _constant(whole, used)
+        if drops.between is None:
+            drops = replace(drops, between=share, odd=odd)
+    warnings = [_odd_one(name, off) for name, off in drops.odd]
     return replace(
         result,
-        alpha=alpha,
+        alpha=drops.alpha,
         e0=e0,
         restitution=restitution,
-        between=between,
-        warnings=(*result.warnings, *(_odd_one(name, off) for name, off in odd)),
+        between=drops.between,
+        warnings=(*result.warnings, *warnings),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _OverDrops:
+    """alpha: of all drops. between: share of it by which drops differ; None for one drop.
+
+    odd: (file, how far off it is in standard deviations) of drops that do not belong to the others.
+    """
+
+    alpha: Estimate | None
+    between: float | None
+    odd: list[tuple[str, float]]
+
+
+def _alpha_of_drops(
+    result: FitResult, whole: _Fitted, each: Sequence[_Fitted], used: Sequence[_Fitted]
+) -> _OverDrops:
+    """α with what g, height and the like add to its interval. used: the drops without doubts."""
+    chosen = result.law
+    evidence = whole.evidence
+    inputs = result.budget.of_inputs
+    may_stick = not chosen and _may_stick(evidence, result.lack)
+    odds = math.inf if may_stick else ODDS_TO_DROP
+    if len(each) == 1:
+        return _OverDrops(_own_alpha(whole, chosen, evidence, odds, inputs), None, [])
+    own = [_own_alpha(one, chosen, evidence, odds) for one in used]
+    shared = shared_value(own)
+    at = shared.estimate().value
+    alpha = shared.estimate(inputs / at if at else 0.0)
+    odd = [(used[k].sets[0].name, off) for k, off in odd_drops(own)]
+    return _OverDrops(alpha, shared.between, odd)
 
 
 def _constant(

@@ -155,17 +155,24 @@ def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]
 
     The noise, and the drift of the zero from before the push to after it, make it uncertain.
     """
-    first, last = (int(np.flatnonzero(inside)[i]) for i in (0, -1))
-    begin, end = max(0, 2 * first - last), min(len(force), 2 * last - first + 1)
-    before, after = force[:first], force[last + 1 :]
+    pushing = np.flatnonzero(inside)
+    first = int(pushing[0])
+    last = int(pushing[-1])
+    begin = max(0, 2 * first - last)
+    end = min(len(force), 2 * last - first + 1)
+    before = force[:first]
+    after = force[last + 1 :]
     quiet = np.concatenate([before, after])
-    noise, lasts = float(np.std(quiet)), float(time[end - 1] - time[begin])
-    drift = (
-        0.5 * abs(float(np.median(before)) - float(np.median(after))) if len(before) and len(after) else 0.0
-    )
-    zero, step = noise / math.sqrt(len(quiet)), float(np.median(np.diff(time)))
-    of_impulse = math.hypot(lasts * (drift + zero), noise * math.sqrt(lasts * step))
-    return float(np.trapezoid(force[begin:end], time[begin:end])), of_impulse
+    noise = float(np.std(quiet))  # N
+    lasts = float(time[end - 1] - time[begin])  # s
+    step = float(np.median(np.diff(time)))
+    drift = 0.0
+    if len(before) and len(after):
+        drift = 0.5 * abs(float(np.median(before)) - float(np.median(after)))
+    zero = noise / math.sqrt(len(quiet))  # standard uncertainty of the zero, N
+    # An error of the zero adds up over the whole time; noise adds up as its root.
+    uncertainty = math.hypot(lasts * (drift + zero), noise * math.sqrt(lasts * step))
+    return float(np.trapezoid(force[begin:end], time[begin:end])), uncertainty
 
 
 def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
@@ -199,31 +206,47 @@ def _stiffness_for(top: float, mass: float, speed: float, n: float) -> float:
 
 
 def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, exponent: float | None) -> ForceFit:
-    """F = k x^n (1 + (3/2) α ẋ) through points of any number of impacts. Raises UserError for too few."""
+    """F = k x^n (1 + (3/2) α ẋ) through points of any number of impacts. Raises UserError for too few.
+
+    penetration, rate, force: shape (n,), m, m/s (above 0 on approach) and N. exponent: n where it is known.
+    """
     used = penetration > 0.0
-    x, v, f = penetration[used], rate[used], force[used]
-    if len(x) < _LEAST_POINTS or not (v > 0).any() or not (v < 0).any():
+    x = penetration[used]
+    v = rate[used]
+    f = force[used]
+    has_both = bool((v > 0).any() and (v < 0).any())
+    if len(x) < _LEAST_POINTS or not has_both:
         got = f"{len(x)} points in contact, {int((v > 0).sum())} of them on approach"
         raise UserError(name, got, f"{_LEAST_POINTS} or more, on approach (rate above 0) and on rebound")
-    top, depth = float(f.max()), float(x.max())
+    top = float(f.max())
+    depth = float(x.max())
 
+    # The force at `depth` in place of k, which hangs on n through its unit.
     def residual(p: Floats) -> Floats:
         n = exponent or float(p[2])
         return np.asarray((f - math.exp(p[0]) * (x / depth) ** n * (1.0 + 1.5 * p[1] * v)) / top)
 
-    start = [math.log(top), 0.1 / float(np.abs(v).max()), exponent or 1.5]
-    done = least_squares(residual, start[: 2 if exponent else 3], x_scale="jac")
+    start = [math.log(top), 0.1 / float(np.abs(v).max())]  # ln of the force at `depth`, α
+    order: list[int | None] = [0, None, 1]  # of ln k, n and α among the parameters
+    if not exponent:
+        start.append(1.5)
+        order = [0, 2, 1]
+    done = least_squares(residual, start, x_scale="jac")
     n = exponent or float(done.x[2])
-    covariance = _covariance(done, [0, None, 1] if exponent else [0, 2, 1])
     turn = np.eye(3)
-    # Ln k is ln of the force at `depth` less n ln depth
-    turn[0, 1] = -math.log(depth)
-    covariance = turn @ covariance @ turn.T
-    stiffness = math.exp(float(done.x[0])) / depth**n
-    misfit = float(np.sqrt(np.mean(done.fun**2)))
-    speeds = float(v[v > 0].min()), float(v.max())
+    turn[0, 1] = -math.log(depth)  # ln k is ln of the force at `depth` less n ln depth
+    covariance = turn @ _covariance(done, order) @ turn.T
     return ForceFit(
-        name, "loop", stiffness, n, float(done.x[1]), covariance, math.nan, math.nan, speeds, misfit
+        file=name,
+        kind="loop",
+        stiffness=math.exp(float(done.x[0])) / depth**n,
+        exponent=n,
+        alpha=float(done.x[1]),
+        covariance=covariance,
+        e=math.nan,
+        e_uncertainty=math.nan,
+        speeds=(float(v[v > 0].min()), float(v.max())),
+        misfit=float(np.sqrt(np.mean(done.fun**2))),
     )
 
 

@@ -106,10 +106,12 @@ class Reduced:
 
     def own_step(self, scatter: float, noise: float, law_step: Floats) -> Floats:
         """δ_own that goes with δ_law, both where the likelihood is largest: shape (p,)."""
-        normal, _ = self.grams(np.array(scatter), np.array(noise))
         p, q = self.own, self.law
+        if not p:
+            return np.zeros(0)
+        normal, _ = self.grams(np.array(scatter), np.array(noise))
         right = normal[:p, p + q] - normal[:p, p : p + q] @ law_step
-        return np.asarray(np.linalg.solve(normal[:p, :p], right)) if p else np.zeros(0)
+        return np.asarray(np.linalg.solve(normal[:p, :p], right))
 
 
 def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | None = None) -> Reduced:

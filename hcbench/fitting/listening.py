@@ -23,6 +23,8 @@ from hcbench.fitting.picks import Picks
 from hcbench.fitting.which_law import PLAIN, WITH_E0
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from hcbench.fitting.bounce_search import Train
     from hcbench.fitting.clicks import FrequencyBand, Indices
     from hcbench.fitting.estimate import LawFit
@@ -72,15 +74,17 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
 def _ranked(heard: list[_Heard]) -> list[Picks]:
     """The trains, the one to take first."""
     best = heard[0].improved()
-    others = [one.improved() if one.train.score > _CLOSE * best.train.score else one for one in heard[1:]]
+    others = []
+    for one in heard[1:]:
+        is_close = one.train.score > _CLOSE * best.train.score
+        others.append(one.improved() if is_close else one)  # a fit each: only where it may be taken
     for other in others:
-        if (
-            other.train.score > _CLOSE * best.train.score
-            and other.scatter < _SMOOTH * best.scatter
-            and len(other.places) >= 0.5 * len(best.places)
-        ):
-            best, others = other, [best, *(one for one in others if one is not other)]
-            break
+        is_close = other.train.score > _CLOSE * best.train.score
+        is_smoother = other.scatter < _SMOOTH * best.scatter
+        is_long = len(other.places) >= 0.5 * len(best.places)
+        if is_close and is_smoother and is_long:
+            rest = [one for one in others if one is not other]
+            return [one.picks() for one in (other, best, *rest)]
     return [one.picks() for one in (best, *others)]
 
 
@@ -129,12 +133,24 @@ class _Heard:
 
     @classmethod
     def of(cls, band: FrequencyBand, train: Train, setup: MeasurementSetup, recording: Recording) -> _Heard:
+        """A train of a recording with its law fitted, the reference speed in the middle of its speeds."""
         places = band.places[train.clicks]
-        timer, name, begin = Timer(band, places), recording.name, recording.begin
-        start = cls(band, train, timer, setup, name, places, train.numbers, 1.0, None, begin)
-        if len(places) < (3 if setup.height is not None else 4):
+        start = cls(
+            band=band,
+            train=train,
+            timer=Timer(band, places),
+            setup=setup,
+            name=recording.name,
+            places=places,
+            numbers=train.numbers,
+            reference=1.0,
+            fit=None,
+            begin=recording.begin,
+        )
+        least = 3 if setup.height is not None else 4
+        if len(places) < least:
             return start
-        speeds = start.data().pairs()[0]
+        speeds, _ = start.data().pairs()
         if not len(speeds):
             return start
         return replace(start, reference=float(np.exp(np.log(speeds).mean()))).fitted()
@@ -205,30 +221,45 @@ class _Heard:
     def swapped(self) -> _Heard | None:
         """The train with one suspect exchanged for a click near it, if that makes it likelier."""
         assert self.fit is not None
-        data, clicks, level = self.data(), self.band.places, self.band.level
-        reach, touches, swaps, preferred = _NEAR * self.band.rate, [], [], []
+        data = self.data()
+        touches = []
+        swaps = []
+        is_preferred = []
         for k in self.suspects():
-            own = float(level[np.searchsorted(clicks, self.places[k])])
-            after = self.places[k - 1] if k else -1
-            before = self.places[k + 1] if k + 1 < len(self.places) else len(self.band.sound)
-            near = (np.abs(clicks - self.places[k]) < reach) & (clicks > after) & (clicks < before)
-            near &= (level > own - _QUIETER) & (clicks != self.places[k])
-            for place, loud in zip(clicks[near], level[near], strict=True):
+            for place, may_be_it in self._clicks_near(k):
                 touches.append(k)
-                swaps.append(int(place))
-                preferred.append(place < self.places[k] and loud > own - _NOT_MUCH_QUIETER)
+                swaps.append(place)
+                is_preferred.append(may_be_it)
         if not swaps:
             return None
-        prior = np.where(preferred, 1.0, -1.0)
+        prior = np.where(is_preferred, 1.0, -1.0)
         moves = self.timer.times(np.array(swaps)) - data.times[touches]
         gains = gains_by_moving(self.fit, data, touches, moves) + prior
         for i in np.argsort(-gains)[:_TRIED]:
+            if not gains[i] > 0.0:
+                continue
             places = self.places.copy()
             places[touches[i]] = swaps[i]
-            other = replace(self, places=places).fitted() if gains[i] > 0.0 else self
-            if other is not self and other.evidence - self.evidence + prior[i] > 0.0:
+            other = replace(self, places=places).fitted()
+            # The gain is of first order: the fit decides.
+            if other.evidence - self.evidence + prior[i] > 0.0:
                 return other
         return None
+
+    def _clicks_near(self, k: int) -> Iterator[tuple[int, bool]]:
+        """Clicks that may be touch k in place of the one taken, and True for those likely to be.
+
+        An echo comes after its touch: so a click before, not much quieter, is likely to be the touch.
+        """
+        clicks, level = self.band.places, self.band.level
+        place = self.places[k]
+        own = float(level[np.searchsorted(clicks, place)])  # dB
+        after = self.places[k - 1] if k else -1
+        before = self.places[k + 1] if k + 1 < len(self.places) else len(self.band.sound)
+        near = (np.abs(clicks - place) < _NEAR * self.band.rate) & (clicks > after) & (clicks < before)
+        near &= (level > own - _QUIETER) & (clicks != place)
+        for other, loud in zip(clicks[near], level[near], strict=True):
+            yield int(other), bool(other < place and loud > own - _NOT_MUCH_QUIETER)
 
     def without(self, k: int) -> _Heard:
         """The train without one touch."""

@@ -29,8 +29,12 @@ def as_html(result: FitResult) -> str:
 
 
 def _rows(rows: Iterable[tuple[str, ...]]) -> str:
-    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)
-    return "<tbody>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</tbody>"
+    """HTML of a table's body."""
+    lines = []
+    for row in rows:
+        cells = "".join(f"<td>{escape(cell)}</td>" for cell in row)
+        lines.append(f"<tr>{cells}</tr>")
+    return "<tbody>" + "".join(lines) + "</tbody>"
 
 
 def draw_curve(axes: Axes, result: FitResult, of_law: str, of_data: Sequence[str]) -> None:

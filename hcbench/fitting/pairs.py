@@ -66,18 +66,20 @@ class SpeedPairs(Dataset):
         """The linear model about a law; it is linear in the changes of e as it is."""
         n = len(self.speed)
         local = [curve.local(v) for v in self.speed]
-        e = np.exp([one[0] for one in local])
-        slope = np.array([one[1] for one in local])
-        if self.twice:
-            relative = self.speed_uncertainty / self.speed if self._is_given else np.ones(n)
-            out = self.restitution_uncertainty / e if self._is_given else np.ones(n)
-            shape = np.hypot((1.0 + slope) * relative, out)
+        e = np.exp([log_e for log_e, _, _ in local])
+        slope = np.array([over_speed for _, over_speed, _ in local])
+        of_e = self.restitution_uncertainty / e
+        if not self.twice:
+            shape = np.hypot(slope * self.speed_uncertainty / self.speed, of_e)
+        elif self._is_given:
+            # e is v_out/v_in: an error of v_in changes e itself, too.
+            shape = np.hypot((1.0 + slope) * (self.speed_uncertainty / self.speed), of_e)
         else:
-            shape = np.hypot(slope * self.speed_uncertainty / self.speed, self.restitution_uncertainty / e)
+            shape = np.hypot(1.0 + slope, np.ones(n))  # both speeds alike uncertain
         return LinearModel(
             residual=self.restitution / e - 1.0,
             by_own=np.zeros((n, 0)),
-            by_law=np.array([one[2] for one in local]),
+            by_law=np.array([by_law for _, _, by_law in local]),
             by_scatter=np.eye(n),
             shape=np.maximum(shape, 1e-9),
             prior=np.zeros((0, 2)),

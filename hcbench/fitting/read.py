@@ -63,6 +63,7 @@ _MOST_TOUCHES = 60
 _MOST_PAIRS = 500  # a dozen seconds; they are as many unknowns
 _LEAST_SAMPLES = 12
 _ONE_SPEED = 1e-6  # share of a speed within which all are one
+_TRAINS = "ABCDEF"  # letters of the trains in a recording, the likeliest first
 
 
 def read_dataset(
@@ -79,23 +80,35 @@ def read_dataset(
         slot = "--touches" if part.train is not None else "--from"
         raise UserError(slot, f"given for {path.name}, which is not a recording", "a .wav")
     lines = read_lines(path)
-    if kind in (None, "times") and (times := phyphox_times(path, lines)) is not None:
-        return _touch_times(sanitized(path.name), setup, times)
-    table = (tracker_table(path, lines) if kind in (None, "track") else None) or read_table(path, lines)
-    columns = columns_of(table)
-    named = frozenset(role for role in columns.places if not role.startswith("u_"))
-    data_kind = _KINDS.get(named) if kind is None else kind
-    if data_kind is None:
-        names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
-        raise UserError(columns.table.name, f"columns {names}", EXPECTED_COLUMNS)
-    if data_kind in ("force", "loop"):
-        raise UserError(columns.table.name, "forces among other files", "one file of forces alone")
-    needed = next(roles for roles, name in _KINDS.items() if name == data_kind)
-    if kind is not None and data_kind != _KINDS.get(named) and not needed <= named:
-        missing = ", ".join(sorted(needed - named))
-        raise UserError(columns.table.name, f"no column {missing}", f"what --as {kind} needs")
+    if kind in (None, "times"):
+        times = phyphox_times(path, lines)
+        if times is not None:
+            return _touch_times(sanitized(path.name), setup, times)
+    table = None
+    if kind in (None, "track"):
+        table = tracker_table(path, lines)
+    columns = columns_of(table or read_table(path, lines))
+    data_kind = _kind_of(columns, kind)
     with computed(columns.table.name):
         return _READERS[data_kind](columns, setup)
+
+
+def _kind_of(columns: DataColumns, asked: str | None) -> str:
+    """The kind of data in a table, by its columns or as asked for. Raises UserError where they do not go."""
+    name = columns.table.name
+    named = frozenset(role for role in columns.places if not role.startswith("u_"))
+    by_header = _KINDS.get(named)
+    kind = by_header if asked is None else asked
+    if kind is None:
+        names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
+        raise UserError(name, f"columns {names}", EXPECTED_COLUMNS)
+    if kind in ("force", "loop"):
+        raise UserError(name, "forces among other files", "one file of forces alone")
+    needed = next(roles for roles, of_roles in _KINDS.items() if of_roles == kind)
+    if kind != by_header and not needed <= named:
+        missing = ", ".join(sorted(needed - named))
+        raise UserError(name, f"no column {missing}", f"what --as {kind} needs")
+    return kind
 
 
 def has_force(path: Path, kind: str | None = None) -> bool:
@@ -132,20 +145,22 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
 
 
 def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
+    """The touches heard in a recording, of the likeliest train or of the one asked for."""
     recording = read_recording(path, quick_score, part.begin, part.end)
     heard = listen(recording, setup)
-    if (part.train or 0) >= len(heard):
-        trains = ", ".join("ABCDEF"[: len(heard)])
-        raise UserError("--touches", f"train {'ABCDEF'[part.train or 0]}", f"one that is heard: {trains}")
-    picks = heard[part.train or 0]
+    train = part.train or 0
+    if train >= len(heard):
+        trains = ", ".join(_TRAINS[: len(heard)])
+        raise UserError("--touches", f"train {_TRAINS[train]}", f"one that is heard: {trains}")
+    picks = heard[train]
     if part.touches is not None:
         picks = picks.taken(part.touches)
     least = 3 if setup.height is not None else 4
     if len(picks.times) < least:
         raise too_few_touches(recording.name, len(picks.times), least)
     require_a_ball(recording.name, setup, picks.times)
-    trains_in_question = tuple(heard) if part.train is None else ()
-    return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording, trains_in_question)
+    in_question = tuple(heard) if part.train is None else ()
+    return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording, in_question)
 
 
 def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
@@ -179,10 +194,15 @@ def _require_few(name: str, count: int, what: str) -> None:
 
 
 def too_few_touches(name: str, count: int, least: int) -> UserError:
-    """The error for a recording with too few touches, with the reason."""
-    why = "Times alone give the speeds of the flights only: two flights are one e, with no check of it"
-    advice = why if count == 3 else "Record more bounces" + ("" if least == 3 else ", or give --height")
-    return UserError(name, f"{count} touches", f"{least} or more{' without --height' * (least == 4)}", advice)
+    """The error for a recording with too few touches, with the reason. least: 3 with a height, 4 without."""
+    expected = f"{least} or more"
+    advice = "Record more bounces"
+    if least == 4:
+        expected += " without --height"
+        advice += ", or give --height"
+    if count == 3:
+        advice = "Times alone give the speeds of the flights only: two flights are one e, with no check of it"
+    return UserError(name, f"{count} touches", expected, advice)
 
 
 def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
@@ -207,23 +227,31 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 
 def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
+    """Impact speeds with the e of each."""
+    name = columns.table.name
     role = "speed" if "speed" in columns.places else "speed_in"
-    speed, e = columns.get(role), columns.get("restitution")
+    speed = columns.get(role)
+    e = columns.get("restitution")
     columns.require(role, speed > 0, "a speed above 0")
-    require_bounds(f"{columns.table.name}: {role}", speed.tolist(), "speed", "m/s")
+    require_bounds(f"{name}: {role}", speed.tolist(), "speed", "m/s")
     columns.require("restitution", (e >= 0) & (e <= 1.2), "0 ... 1")
-    uncertain = columns.uncertainty(role), columns.uncertainty("restitution")
-    return _checked_pairs(SpeedPairs(columns.table.name, setup, speed, e, *uncertain))
+    u_speed = columns.uncertainty(role)
+    u_e = columns.uncertainty("restitution")
+    return _checked_pairs(SpeedPairs(name, setup, speed, e, u_speed, u_e))
 
 
 def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    before, after = columns.get("speed_in"), columns.get("speed_out")
-    columns.require("speed_in", before > 0, "a speed above 0")
-    require_bounds(f"{columns.table.name}: speed_in", before.tolist(), "speed", "m/s")
-    columns.require("speed_out", (after >= 0) & (after <= 1.2 * before), "from 0 to the speed in")
-    u_in, u_out = columns.uncertainty("speed_in"), columns.uncertainty("speed_out")
+    """Speeds before and after each impact."""
     name = columns.table.name
-    return _checked_pairs(SpeedPairs(name, setup, before, after / before, u_in, u_out / before, twice=True))
+    before = columns.get("speed_in")
+    after = columns.get("speed_out")
+    columns.require("speed_in", before > 0, "a speed above 0")
+    require_bounds(f"{name}: speed_in", before.tolist(), "speed", "m/s")
+    columns.require("speed_out", (after >= 0) & (after <= 1.2 * before), "from 0 to the speed in")
+    e = after / before
+    u_in = columns.uncertainty("speed_in")
+    u_out = columns.uncertainty("speed_out")
+    return _checked_pairs(SpeedPairs(name, setup, before, e, u_in, u_out / before, twice=True))
 
 
 def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:

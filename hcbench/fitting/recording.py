@@ -72,32 +72,42 @@ def read_recording(
     source = _Compressed(path) if _is_of_phone(path) else _Wav(path)
     if source.rate < 8000:
         raise UserError(name, f"{source.rate} samples a second", "8000 or more")
-    first, last = round(begin * source.rate), math.inf if end is None else round(end * source.rate)
+    first = round(begin * source.rate)
+    last = math.inf if end is None else round(end * source.rate)
     if last <= first:
         raise UserError("--to", f"{end:g} s", f"after --from, {begin:g} s")
-    window, top = np.zeros((0, 0)), -math.inf
-    best: Recording | None = None
+    kept = round(_WINDOW * source.rate)
+    gone = kept - round(_OVERLAP * source.rate)
+    window = np.zeros((0, 0))  # channels, samples
     at = first  # of the window's first sample
+    best: Recording | None = None
+    top = -math.inf
     for block in source.blocks(first, last):
-        window = block if not window.size else np.concatenate([window, block], axis=1)
+        window = np.concatenate([window, block], axis=1) if window.size else block
         if not np.isfinite(block).all():
             raise UserError(name, "samples that are not finite", "a recording")
         if window.shape[1] > _WHOLE * source.rate:
-            kept = round(_WINDOW * source.rate)
             part = _one_channel(source, name, window[:, :kept], at)
-            if (likely := score(part)) > top:
-                top, best = likely, part
-            gone = kept - round(_OVERLAP * source.rate)
-            window, at = window[:, gone:].copy(), at + gone
+            likely = score(part)
+            if likely > top:
+                top = likely
+                best = part
+            window = window[:, gone:].copy()
+            at += gone
     if best is None and (not window.size or window.shape[1] < 0.2 * source.rate):
         got = f"{window.shape[-1] / source.rate:.2g} s of sound"
         raise UserError(name, got, "a recording of several bounces")
     rest = _one_channel(source, name, window, at)
-    return rest if best is None or score(rest) > top else best
+    if best is None or score(rest) > top:
+        return rest
+    return best
 
 
 def _one_channel(source: _Wav | _Compressed, name: str, sound: Floats, at: int) -> Recording:
-    loudest = sound[int(np.argmax([one.std() for one in sound]))] if len(sound) > 1 else sound[0]
+    """The loudest channel of sound (channels, samples) that begins with sample `at` of a file."""
+    loudest = sound[0]
+    if len(sound) > 1:
+        loudest = sound[int(np.argmax([channel.std() for channel in sound]))]
     if not loudest.std() > 0 and at == 0:
         raise UserError(name, "silence", "a recording of several bounces")
     return Recording(name, loudest - loudest.mean(), source.rate, source.step, at / source.rate)
@@ -114,11 +124,19 @@ class _Wav:
             except ValueError:  # 24 bits cannot be mapped
                 self.rate, samples = wavfile.read(path)
         self._samples = samples[:, None] if samples.ndim == 1 else samples
-        self._file = (path, samples.offset, samples.dtype) if isinstance(samples, np.memmap) else None
-        is_float = samples.dtype.kind == "f"
-        self.step = 0.0 if is_float else 2.0 ** (1 - 8 * samples.dtype.itemsize)
-        self._middle = 128.0 if samples.dtype == np.uint8 else 0.0
-        self._top = 1.0 if is_float else self._middle or float(np.iinfo(samples.dtype).max)
+        self._file: tuple[Path, int, np.dtype[Any]] | None = None
+        if isinstance(samples, np.memmap):
+            self._file = (path, samples.offset, samples.dtype)
+        if samples.dtype.kind == "f":
+            self.step = 0.0
+            self._middle = 0.0
+            self._top = 1.0
+        else:
+            self.step = 2.0 ** (1 - 8 * samples.dtype.itemsize)
+            # WAV has 8 bits without a sign, and all others with one.
+            is_unsigned = samples.dtype == np.uint8
+            self._middle = 128.0 if is_unsigned else 0.0
+            self._top = 128.0 if is_unsigned else float(np.iinfo(samples.dtype).max)
 
     def blocks(self, first: int, last: float) -> Iterator[Floats]:
         """(channels, n), from one sample to another."""

@@ -182,19 +182,27 @@ def _simulated(scene: Scene, setting: Setting, result: FitResult, recorded: Floa
 def touches_of(path: Trajectory) -> Floats:
     """Times at which the surfaces met before each turn of the body, s."""
     turns = np.flatnonzero((path.rate[:-1] > 0) & (path.rate[1:] <= 0))
-    touches, last = [], 0
+    touches = []
+    last = 0  # step from which the body has left
     for turn in turns:
-        inside = path.penetration[last : turn + 2] > 0
-        if inside.any() and (first := last + int(np.argmax(inside))) > 0:
-            x0, x1 = path.penetration[first - 1], path.penetration[first]
-            share = float(-x0 / (x1 - x0)) if x1 > x0 and x0 < 0 else 0.0
-            touches.append(path.time[first - 1] + share * (path.time[first] - path.time[first - 1]))
+        inside = np.flatnonzero(path.penetration[last : turn + 2] > 0)
+        first = last + int(inside[0]) if inside.size else 0
+        if first > 0:
+            touches.append(_crossing(path, first))
         else:
             touches.append(path.time[turn])
         last = int(turn) + 1
         while last < len(path.rate) - 1 and path.penetration[last] > 0:  # until it has left
             last += 1
     return np.array(touches)
+
+
+def _crossing(path: Trajectory, step: int) -> float:
+    """Time at which the penetration passed 0 before a step, s; that of the step before if it did not."""
+    x0, x1 = path.penetration[step - 1], path.penetration[step]
+    t0, t1 = path.time[step - 1], path.time[step]
+    share = float(-x0 / (x1 - x0)) if x1 > x0 and x0 < 0 else 0.0
+    return float(t0 + share * (t1 - t0))
 
 
 def replay_text(scene: Replay) -> str:

@@ -115,10 +115,11 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
     except FileNotFoundError:
         raise UserError(str(path), "does not exist", "a file of measurements") from None
     except UnicodeDecodeError:
-        got, expected, advice = "is neither UTF-8 text nor a WAV recording", "text in columns, or .wav", ""
         if path.suffix.lower() == ".zip":
-            got, expected, advice = "a zip archive", "a file of numbers", "Unpack it and give its .csv"
-        raise UserError(name, got, expected, advice) from None
+            advice = "Unpack it and give its .csv"
+            raise UserError(name, "a zip archive", "a file of numbers", advice) from None
+        expected = "text in columns, or .wav"
+        raise UserError(name, "is neither UTF-8 text nor a WAV recording", expected) from None
     except OSError as error:
         raise UserError(name, error.strerror or str(error), "a file that can be read") from None
     except ValueError as error:  # of a name with a null
@@ -159,35 +160,53 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
         raise UserError(name, "has comments only", "a header and rows of numbers")
     if len(lines) > 2 and _is_title(lines[0][1], lines[1][1]):
         lines = lines[1:]
-    separator = next((s for s in ("\t", ";", ",") if s in lines[0][1]), ",")
-    single = re.compile(r"\s*[-+]?\d+,\d+\s*")
-    if "," not in lines[0][1] and all(single.fullmatch(line) for _, line in lines[1:]):
-        separator = ";"  # one column, and commas for points
-    rows = [tuple(next(csv.reader(io.StringIO(line), delimiter=separator))) for _, line in lines]
-    if (joined := joined_header(rows)) is not None:
+    numbers = [n for n, _ in lines]
+    texts = [text for _, text in lines]
+    separator = _separator(texts)
+    rows = [tuple(next(csv.reader(io.StringIO(text), delimiter=separator))) for text in texts]
+    joined = joined_header(rows)
+    if joined is not None:
         begin, header = joined
-        rows, lines = [header, *rows[begin:]], [lines[0], *lines[begin:]]
-    comma = separator != "," and any("," in cell for row in rows[1:] for cell in row)
+        rows = [header, *rows[begin:]]
+        numbers = [numbers[0], *numbers[begin:]]
+    header, *cells = rows
+    has_commas = separator != "," and any("," in cell for row in cells for cell in row)
     table = Table(
-        name, tuple(split_header(cell) for cell in rows[0]), tuple(rows[1:]), tuple(n for n, _ in lines[1:]),
-        "," if comma else ".",
-    )  # fmt: skip
-    if all(math.isfinite(table.number(cell)) for cell in rows[0] if cell.strip()):
+        name=name,
+        header=tuple(split_header(cell) for cell in header),
+        cells=tuple(cells),
+        lines=tuple(numbers[1:]),
+        decimal="," if has_commas else ".",
+    )
+    if all(math.isfinite(table.number(cell)) for cell in header if cell.strip()):
         advice = "Begin the file with a line like: time [s]"
-        raise UserError(name, f"begins with the numbers {lines[0][1].strip()!r:.60}", "a header", advice)
+        raise UserError(name, f"begins with the numbers {texts[0].strip()!r:.60}", "a header", advice)
     if not table.cells:
         raise UserError(name, "has a header and no rows", "rows of numbers")
+    width = len(header)
     for row, line in zip(table.cells, table.lines, strict=True):
-        if len(row) > len(rows[0]) and any(cell.strip() for cell in row[len(rows[0]) :]):
-            raise UserError(f"{name}, line {line}", f"{len(row)} cells", f"{len(rows[0])}, as the header has")
+        beyond = row[width:]
+        if any(cell.strip() for cell in beyond):
+            raise UserError(f"{name}, line {line}", f"{len(row)} cells", f"{width}, as the header has")
     return plain(table)
+
+
+def _separator(texts: list[str]) -> str:
+    """The sign between the cells of a table, by its first line; ";" for one column with commas for points."""
+    first, *others = texts
+    single = re.compile(r"\s*[-+]?\d+,\d+\s*")
+    if "," not in first and all(single.fullmatch(text) for text in others):
+        return ";"
+    return next((sign for sign in ("\t", ";") if sign in first), ",")
 
 
 def _is_title(first: str, second: str) -> bool:
     """Say whether a line is a name alone, over a header of several columns."""
-    below = [cell.strip() for cell in re.split(r"[\t;,]", second)]
     titles = [cell for cell in re.split(r"[\t;,]", first) if cell.strip()]
-    return len(titles) == 1 and len(below) > 1 and all(re.match(r"[^\d+-]", cell) for cell in below)
+    below = [cell.strip() for cell in re.split(r"[\t;,]", second)]
+    if len(titles) != 1 or len(below) < 2:
+        return False
+    return all(re.match(r"[^\d+-]", cell) for cell in below)
 
 
 def split_header(cell: str) -> tuple[str, str]:

@@ -44,14 +44,16 @@ def speeds_over(result: FitResult, count: int) -> Floats:
 
 
 def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, Floats, Floats]:
-    """Speeds, e of the law chosen or likeliest, and its 95 % band: four arrays (count,).
+    """Speeds, e of the law chosen or likeliest, and its 95 % band, low and high: four arrays (count,).
 
     The band spans the law with and without e0 where that is open.
     """
     speeds = speeds_over(result, count)
-    each = [_band_of(fit, speeds) for fit in result.curves]
-    middle = each[[fit is result.best for fit in result.curves].index(True)][1]
-    low, high = np.min([one[0] for one in each], axis=0), np.max([one[2] for one in each], axis=0)
+    bands = np.array([_band_of(fit, speeds) for fit in result.curves])  # (laws, 3, count)
+    best = [fit is result.best for fit in result.curves].index(True)
+    low = bands[:, 0].min(axis=0)
+    middle = bands[best, 1]
+    high = bands[:, 2].max(axis=0)
     # By what g, height and the like add, and by what drops differ
     wider = _wider(result)
     return speeds, middle, middle - wider * (middle - low), np.minimum(middle + wider * (high - middle), 1.0)
@@ -59,23 +61,26 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
 
 def _band_of(fit: LawFit, speeds: Floats) -> Floats:
     """2.5 %, 50 % and 97.5 % of e at each speed: (3, n)."""
-    keep = fit.posterior.weight > 1e-4 * fit.posterior.weight.max()
-    curves = np.array(
-        [
-            [fit.law.curve(tuple(p), fit.reference).at(v) for v in speeds]
-            for p in fit.posterior.parameters[keep]
-        ]
-    )
-    weight = fit.posterior.weight[keep] / fit.posterior.weight[keep].sum()
-    return np.array([quantiles(column, weight, ENDS) for column in curves.T]).T
+    posterior = fit.posterior
+    keep = posterior.weight > 1e-4 * posterior.weight.max()  # a curve each costs more than it would add
+    weight = posterior.weight[keep] / posterior.weight[keep].sum()
+    curves = []
+    for parameters in posterior.parameters[keep]:
+        curve = fit.law.curve(tuple(parameters), fit.reference)
+        curves.append([curve.at(v) for v in speeds])
+    by_speed = np.array(curves).T
+    return np.array([quantiles(e, weight, ENDS) for e in by_speed]).T
 
 
 def _wider(result: FitResult) -> float:
-    """Factor by which the interval is wider than the posterior's."""
-    is_constant = result.best.law.name == "constant"
-    estimate = result.restitution if is_constant else result.alpha
-    name = "restitution" if is_constant else "alpha"
-    if estimate is None or (not is_constant and result.best.law.name not in FAMILY):
+    """Factor by which the interval of the number that is given is wider than the posterior's."""
+    if result.best.law.name == "constant":
+        name, estimate = "restitution", result.restitution
+    elif result.best.law.name in FAMILY:
+        name, estimate = "alpha", result.alpha
+    else:
+        return 1.0
+    if estimate is None:
         return 1.0
     ends = [estimate_of(fit, name) for fit in result.curves]
     width = max(one.high for one in ends) - min(one.low for one in ends)
@@ -94,42 +99,40 @@ def as_text(result: FitResult) -> str:
     """The whole fit, for a terminal."""
     rows = headline(result)
     width = max(map(len, rows))
-    top = [f"{name:<{width}}  {value}" for name, value in rows.items()]
-    lines = [*top, *_heard(result), "", *_laws(result), "", *_budget(result)]
-    lines += [
-        f"check: {flag.file}, {flag.touch}: {flag.what} by {flag.sigmas:.1f} standard deviations; kept"
-        for flag in result.flags
-    ]
+    lines = [f"{name:<{width}}  {value}" for name, value in rows.items()]
+    lines += [*_heard(result), "", *_laws(result), "", *_budget(result)]
+    for flag in result.flags:
+        off = f"{flag.what} by {flag.sigmas:.1f} standard deviations"
+        lines.append(f"check: {flag.file}, {flag.touch}: {off}; kept")
     lines += [f"warning: {warning}" for warning in result.warnings]
     return "\n".join(lines) + "\n"
 
 
 def headline(result: FitResult) -> dict[str, str]:
-    """The main numbers of the fit, by name."""
-    low, high = result.speeds
+    """The main numbers of the fit, by name. Where no law is chosen, each says under which it holds."""
+    files = ", ".join(f"{s.name}: {s.kind}" for s in result.sets)
     count = sum(len(s.pairs()[0]) for s in result.sets)
-    rows = {"data": ", ".join(f"{s.name}: {s.kind}" for s in result.sets) + f"; {count} impacts"}
-    rows["law"] = _law_row(result)
+    low, high = result.speeds
+    rows = {"data": f"{files}; {count} impacts", "law": _law_row(result)}
     if result.alpha is not None:
-        a, on = result.alpha, "" if result.law else ", if it is hunt-crossley"
-        rows["α"] = _shown(a, " s/m") + on
+        condition = "" if result.law else ", if it is hunt-crossley"
+        rows["α"] = _shown(result.alpha, " s/m") + condition
     if result.between is not None:
         rows["between drops"] = f"they differ by {100 * result.between:.2g} %, included above"
     if result.e0 is not None:
-        e0 = result.e0
-        on = "" if result.law == WITH_E0 else ", if there is one"
-        rows["constant loss e0"] = _shown(e0) + on
+        condition = "" if result.law == WITH_E0 else ", if there is one"
+        rows["constant loss e0"] = _shown(result.e0) + condition
     if result.restitution is not None:
-        e, on = result.restitution, "" if result.law else ", if it is constant"
-        rows["e"] = _shown(e) + on
+        condition = "" if result.law else ", if it is constant"
+        rows["e"] = _shown(result.restitution) + condition
     rows["holds for"] = f"impact speeds of {low:.3g} ... {high:.3g} m/s"
-    best = result.best
-    noise = ", ".join(
-        f"{n:.2g} {s.noise_unit}".strip()
-        for s, n in zip(result.sets, best.noise, strict=True)
-        if s.known_noise is None
-    )
-    rows["found"] = f"e scatters by {100 * best.scatter:.2g} %" + (f"; measured to {noise}" if noise else "")
+    rows["found"] = f"e scatters by {100 * result.best.scatter:.2g} %"
+    found = []
+    for s, noise in zip(result.sets, result.best.noise, strict=True):
+        if s.known_noise is None:
+            found.append(f"{noise:.2g} {s.noise_unit}".strip())
+    if found:
+        rows["found"] += f"; measured to {', '.join(found)}"
     return rows
 
 
@@ -209,14 +212,16 @@ def odds_text(odds: float) -> str:
 
 
 def _budget(result: FitResult) -> list[str]:
-    unit = " s/m" if result.budget.parameter == "alpha" else ""
-    name = "α" if result.budget.parameter == "alpha" else result.budget.parameter
-    rows = [(row.source, row.kind, f"{row.share:.2g}{unit}") for row in result.budget.rows]
+    """Lines of the error budget, and of what is not in it."""
+    budget = result.budget
+    name, unit = budget.parameter, ""
+    if name == "alpha":
+        name, unit = "α", " s/m"
+    rows = [(row.source, row.kind, f"{row.share:.2g}{unit}") for row in budget.rows]
     lines = table(("where it comes from", "type", f"adds to {name}"), rows)
-    if result.budget.left_out:
-        lines.append(
-            f"left out: contacts; 0.1 ms each would change {name} by {result.budget.left_out:+.2g}{unit}"
-        )
+    if budget.left_out:
+        change = f"{budget.left_out:+.2g}{unit}"
+        lines.append(f"left out: contacts; 0.1 ms each would change {name} by {change}")
     if any(s.needs_gravity for s in result.sets) and not result.sets[0].setup.has_air:
         lines.append("left out: the air, which --mass and --diameter take in; table tennis balls need it")
     return lines

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.fitting.candidates import FittedCurve
+    from hcbench.fitting.clicks import Indices
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.impact import Floats
@@ -123,8 +124,9 @@ class Track(Dataset):
 
     def touches(self) -> list[str]:
         """Labels for the columns of by_scatter."""
-        named = [f"touch {i + 1} at {t:.3f} s" for i, t in enumerate(self.touch_times)]
-        return named[0 if self._dropped else 1 : -1]
+        labels = [f"touch {i + 1} at {t:.3f} s" for i, t in enumerate(self.touch_times)]
+        first = 0 if self._dropped else 1  # only a drop tells the speed into the first touch
+        return labels[first:-1]
 
 
 def upright(times: Floats, heights: Floats, setup: MeasurementSetup) -> Floats:
@@ -135,34 +137,52 @@ def upright(times: Floats, heights: Floats, setup: MeasurementSetup) -> Floats:
 
 
 def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats) -> Track:
-    """A track with its touches found. Raises UserError where there are too few."""
+    """A track with its touches found. Raises UserError where there are too few.
+
+    times, heights: (n,), s and m, rising times; of any point of the ball over any level.
+    """
+    # Of white noise the third difference has 20 times the variance, and free flight has none.
     noise = float(np.median(np.abs(np.diff(heights, 3)))) / (0.6745 * math.sqrt(20.0))
-    least, follows = (max(n * noise, _SHARE * float(np.ptp(heights))) for n in (_SIGMAS, _FOLLOWS))
+    share = _SHARE * float(np.ptp(heights))
+    least = max(_SIGMAS * noise, share)
+    follows = max(_FOLLOWS * noise, share)
     lows = find_peaks(-heights, prominence=least)[0]
-    lows = lows[: 1 + int(np.argmax(np.append(np.diff(lows) < _LEAST_FRAMES, True)))]
+    is_short = np.append(np.diff(lows) < _LEAST_FRAMES, True)
+    lows = lows[: 1 + int(np.argmax(is_short))]
     if not len(lows):
         raise _too_few(name, 0)
-    floor, g = float(np.median(heights[lows])), setup.ballistics.gravity
+    floor = float(np.median(heights[lows]))
+    gravity = setup.ballistics.gravity
     frame = float(np.median(np.diff(times)))
-    for i, (a, b) in enumerate(itertools.pairwise(lows)):
-        flight = math.sqrt(8.0 * (float(heights[a:b].max()) - floor) / g)
-        if abs(times[b] - times[a] - flight) > max(0.2 * flight, 2.5 * frame):  # no flight, but noise
-            lows = lows[: i + 1]
-            break
+    lows = _of_flights(lows, times, heights - floor, frame, gravity)
     top = float(heights[: lows[0]].max(initial=floor))
     gone = np.flatnonzero(heights[: lows[0]] > top - max(_FALLEN * (top - floor), 3.0 * noise))
     begin = int(gone[-1]) + 1 if gone.size else 0
     has_fall = int(lows[0]) - begin >= _LEAST_FRAMES
     touches = times[lows].tolist()
-    for _ in range(2):
-        touches = _extended(touches, times, heights - floor, follows, frame, g)
-        touches, floor = _refined(touches, times[begin:], heights[begin:], floor, frame, g)
-    if len(touches) < (2 if has_fall or setup.height is not None else 4):
+    for _ in range(2):  # the floor tells touches, and they tell the floor
+        touches = _extended(touches, times, heights - floor, follows, frame, gravity)
+        touches, floor = _refined(touches, times[begin:], heights[begin:], floor, frame, gravity)
+    needed = 2 if has_fall or setup.height is not None else 4
+    if len(touches) < needed:
         raise _too_few(name, len(touches))
     end = touches[-1] - _UNSURE * (touches[-1] - touches[-2])
-    kept = (times >= times[begin] if has_fall else times > touches[0]) & (times < end)
+    is_begun = times >= times[begin] if has_fall else times > touches[0]
+    kept = is_begun & (times < end)
     drop = top - floor if has_fall else None
     return Track(name, setup, times[kept], heights[kept], np.array(touches), floor, drop)
+
+
+def _of_flights(lows: Indices, times: Floats, raised: Floats, frame: float, gravity: float) -> Indices:
+    """The lowest frames up to the first that no free flight of its height leads to: the rest is noise.
+
+    lows: (k,), frames. times, raised: (n,), s and m over the floor. frame: s. gravity: m/s².
+    """
+    for i, (a, b) in enumerate(itertools.pairwise(lows)):
+        flight = math.sqrt(8.0 * float(raised[a:b].max()) / gravity)
+        if abs(times[b] - times[a] - flight) > max(0.2 * flight, 2.5 * frame):
+            return lows[: i + 1]
+    return lows
 
 
 def _refined(
@@ -170,21 +190,27 @@ def _refined(
 ) -> tuple[list[float], float]:
     """Touches where arcs before and after them meet, the last where its arc meets the floor; the floor."""
     ends = [float(times[0]) - frame, *touches]
-    inside = [(times > a + 0.5 * frame) & (times < b - 0.5 * frame) for a, b in itertools.pairwise(ends)]
     # Straight lines, in free flight
     raised = heights + 0.5 * gravity * times**2
-    arcs = [np.polyfit(times[at], raised[at], 1) if at.sum() > 1 else None for at in inside]
-    refined, levels = list(touches), []
+    arcs = []  # slope and height of each flight's line; None where it has too few frames
+    for begin, end in itertools.pairwise(ends):
+        inside = (times > begin + 0.5 * frame) & (times < end - 0.5 * frame)
+        arcs.append(np.polyfit(times[inside], raised[inside], 1) if inside.sum() > 1 else None)
+    refined = list(touches)
+    levels = []
     for i, (before, after) in enumerate(itertools.pairwise(arcs)):
-        if before is not None and after is not None:
-            t = (after[1] - before[1]) / (before[0] - after[0])
-            if abs(t - touches[i]) < 2.0 * frame:
-                refined[i] = float(t)
-                levels.append(float(np.polyval(before, t) - 0.5 * gravity * t**2))
-    floor = float(np.median(levels)) if levels else floor
+        if before is None or after is None:
+            continue
+        t = (after[1] - before[1]) / (before[0] - after[0])
+        if abs(t - touches[i]) < 2.0 * frame:
+            refined[i] = float(t)
+            levels.append(float(np.polyval(before, t) - 0.5 * gravity * t**2))
+    if levels:
+        floor = float(np.median(levels))
     if arcs[-1] is not None:
-        b, c = arcs[-1]
-        refined[-1] = float((b + math.sqrt(max(b**2 + 2.0 * gravity * (c - floor), 0.0))) / gravity)
+        slope, start = arcs[-1]
+        root = math.sqrt(max(slope**2 + 2.0 * gravity * (start - floor), 0.0))
+        refined[-1] = float((slope + root) / gravity)
     return refined, floor
 
 

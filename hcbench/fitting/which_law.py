@@ -45,7 +45,9 @@ def laws_left(evidence: Mapping[str, float], odds: float = ODDS_TO_TELL) -> set[
 
 def odds_of(evidence: Mapping[str, float]) -> dict[str, float]:
     """Odds of each law against the likeliest of the others."""
-    return {
-        name: math.exp(max(-700.0, min(700.0, one - max(e for n, e in evidence.items() if n != name))))
-        for name, one in evidence.items()
-    }
+    odds = {}
+    for name, one in evidence.items():
+        best_of_others = max(e for other, e in evidence.items() if other != name)
+        log_odds = max(-700.0, min(700.0, one - best_of_others))  # exp of more overflows
+        odds[name] = math.exp(log_odds)
+    return odds

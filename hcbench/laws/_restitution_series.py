@@ -65,7 +65,9 @@ def _series(d: Floats, top: float) -> Floats:
     x2 = d / (SHIFT + d)
     x2 *= 4.0 * (SHIFT + top) / top
     x2 -= 2.0
-    b1, b2, work = np.zeros_like(d), np.zeros_like(d), np.empty_like(d)
+    b1 = np.zeros_like(d)
+    b2 = np.zeros_like(d)
+    work = np.empty_like(d)  # the three take turns: no array is made in the loop
     for coefficient in series[:0:-1]:
         np.multiply(x2, b1, out=work)
         work -= b2

@@ -18,14 +18,23 @@ def successive_bounces(
 ) -> Trajectory:
     """The state at `times` (s after release, shape (n,)) of a body released `height` m up at `speed` m/s.
 
-    impact_at: the impact at a touch speed (m/s), with its loop. gravity: m/s², 0 for one bounce only.
-    At rest penetration, rate and force are 0: the static depth is negligible. An impact slower than the one
-    before by less than 1e-3 has its loop, and loses speed in the ratio of v²: (1 - e) v is α v² there.
+    speed: towards the plate; the penetration is below 0 in flight. impact_at: the impact at a touch speed
+    (m/s), with its loop. gravity: m/s², 0 for one bounce only.
+    At rest penetration, rate and force are 0: the static depth is negligible. An impact slower than the last
+    computed one by less than 1e-3 has its loop, and loses speed in the ratio of v²: (1 - e) v is α v² there.
     """
-    x, v, f = np.zeros_like(times), np.zeros_like(times), np.zeros_like(times)
-    start, gap, rate, impact = 0.0, height, speed, None
+    x = np.zeros_like(times)
+    v = np.zeros_like(times)
+    f = np.zeros_like(times)
+    start = 0.0  # of the flight, s
+    gap = height
+    rate = speed
+    impact = None
     while start <= times[-1]:
-        touch = math.sqrt(rate**2 + 2 * gravity * gap) if rate > 0 or gap > 0 else -rate
+        if rate > 0 or gap > 0:
+            touch = math.sqrt(rate**2 + 2 * gravity * gap)
+        else:
+            touch = -rate  # it leaves the plate, and comes back as fast
         if touch < _REST_SPEED:
             return Trajectory(times, x, v, f)
         flight = (touch - rate) / gravity if gravity > 0 else gap / touch
@@ -40,12 +49,17 @@ def successive_bounces(
         assert loop is not None
         end = start + loop.time[-1]
         inside = slice(*np.searchsorted(times, [start, end]))
-        for out, values in ((x, loop.penetration), (v, loop.rate), (f, loop.force)):
-            out[inside] = np.interp(times[inside] - start, loop.time, values)
+        since = times[inside] - start
+        x[inside] = np.interp(since, loop.time, loop.penetration)
+        v[inside] = np.interp(since, loop.time, loop.rate)
+        f[inside] = np.interp(since, loop.time, loop.force)
         lost = (impact.speed_in - impact.speed_out) * (touch / impact.speed_in) ** 2
-        start, gap, rate = end, 0.0, lost - touch
+        start = end
+        gap = 0.0
+        rate = lost - touch
         if gravity == 0:
             left = times >= start
-            x[left], v[left] = rate * (times[left] - start), rate
+            x[left] = rate * (times[left] - start)
+            v[left] = rate
             break
     return Trajectory(times, x, v, f)

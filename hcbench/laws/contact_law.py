@@ -6,7 +6,7 @@ set the speed after each impact instead, for steps of any length.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeGuard
@@ -66,13 +66,6 @@ def _quintic(s: float) -> float:
 
 PluginForceLaw = HuntCrossley | TouchSpeedLaw
 Law = PluginForceLaw | Restitution | ConstantRestitution
-_KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
-    # (kind, whether a law is named): (class, required numbers, optional numbers)
-    ("force", False): (HuntCrossley, ("alpha", "stiffness"), ("exponent",)),
-    ("force", True): (TouchSpeedLaw, ("restitution", "stiffness"), ("exponent",)),
-    ("restitution", False): (Restitution, ("alpha",), ()),
-    ("restitution", True): (ConstantRestitution, ("restitution",), ()),
-}
 
 
 def is_force(law: Law) -> TypeGuard[PluginForceLaw]:
@@ -106,24 +99,33 @@ def law_of(options: Mapping[str, Any]) -> Law:
     """
     require("option 'law'", options, hasattr(options, "items"), 'a table such as {"kind": "force", ...}')
     given = dict(options)
-    kind, named = given.pop("kind", None), "law" in given
+    kind = given.pop("kind", None)
     require("option 'law.kind'", kind, kind in ("force", "restitution"), "'force' or 'restitution'")
-    if kind == "restitution" and not named and "restitution" in given:
-        one_e = read_numbers(given, ("restitution",), (), SettingError, "option 'law.{}'")
-        return ConstantRestitution(**one_e)
-    make, required, optional = _KINDS[kind, named]
-    word = "law" if named else "reading"
-    words = {word: given.pop(word)} if named or (make is Restitution and word in given) else {}
-    numbers: dict[str, Any] = read_numbers(given, required, optional, SettingError, "option 'law.{}'")
-    if not named:
-        reading = words.get("reading", "law")
-        require("option 'law.reading'", reading, reading in ("law", "linear"), "'law' or 'linear'")
-        law: Law = make(**words, **numbers)
-        return law
-    family = law_named(words["law"])
-    if make is ConstantRestitution:
-        return ConstantRestitution(TouchSpeedLaw(family, 1.0, **numbers).delivered)
-    return TouchSpeedLaw(family, **numbers)
+    if "law" in given:
+        return _published_law(kind, given)
+    if kind == "force":
+        return HuntCrossley(**_numbers(given, ("alpha", "stiffness"), ("exponent",)))
+    if "restitution" in given:
+        return ConstantRestitution(**_numbers(given, ("restitution",)))
+    reading = given.pop("reading", "law")
+    numbers = _numbers(given, ("alpha",))
+    require("option 'law.reading'", reading, reading in ("law", "linear"), "'law' or 'linear'")
+    return Restitution(reading=reading, **numbers)
+
+
+def _published_law(kind: str, given: dict[str, Any]) -> Law:
+    """A law of `laws.published` by its name; as a restitution: the e that it delivers for the e asked for."""
+    name = given.pop("law")
+    if kind == "force":
+        numbers = _numbers(given, ("restitution", "stiffness"), ("exponent",))
+        return TouchSpeedLaw(law_named(name), **numbers)
+    numbers = _numbers(given, ("restitution",))
+    any_stiffness = 1.0  # e does not depend on it
+    return ConstantRestitution(TouchSpeedLaw(law_named(name), any_stiffness, **numbers).delivered)
+
+
+def _numbers(given: dict[str, Any], required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
+    return read_numbers(given, tuple(required), tuple(optional), SettingError, "option 'law.{}'")
 
 
 def contact_time(law: PluginForceLaw, mass: float, speed: float) -> float:

@@ -185,20 +185,33 @@ def contact_of(
 
 def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversion:
     """A contact in the paper's words, in those of libraries without an engine here, and of `engines`."""
-    e, linear, missing = None, None, []
+    e = None
+    linear = None
+    missing = []
     if contact.speed is None:
         missing.append("Restitutions and solref: they need the speed at which they should hold.")
     else:
-        e, linear = contact.curve_at_speed, 1.0 - contact.alpha * contact.speed
+        e = contact.curve_at_speed
+        linear = 1.0 - contact.alpha * contact.speed
         if contact.restitution is None:
             low = f"1 - α v is {linear:.4g} at {contact.speed:g} m/s"
             missing.append(f"Restitutions and solref: {low}, below what any has.")
-    all_of = [Vocabulary(tuple(_others(contact)), tuple(missing), _CAVEATS), *filter(None, engines)]
-    rows, lacking, caveats = (
-        tuple(each for own in all_of for each in getattr(own, part))
-        for part in ("rows", "missing", "caveats")
+    rows = list(_others(contact))
+    caveats = list(_CAVEATS)
+    for vocabulary in engines:
+        if vocabulary is not None:
+            rows.extend(vocabulary.rows)
+            missing.extend(vocabulary.missing)
+            caveats.extend(vocabulary.caveats)
+    return Conversion(
+        alpha=contact.alpha,
+        speed=contact.speed,
+        restitution=e,
+        restitution_linear=linear,
+        rows=tuple(rows),
+        missing=tuple(missing),
+        caveats=tuple(caveats),
     )
-    return Conversion(contact.alpha, contact.speed, e, linear, rows, lacking, caveats)
 
 
 def _needed(slot: str, value: float | None, unit: str) -> float:

@@ -36,13 +36,19 @@ def coulomb_ratio(along: Tangential, scene: Scene) -> float:
 
 
 def tangential(impact: Impact, launch: Launch, scene: Scene) -> Tangential:
-    """Motion along the plate by Coulomb's law, for an impact whose normal direction is known."""
+    """Motion along the plate by Coulomb's law, for an impact whose normal direction is known.
+
+    The plate's frame: x and y along it, z up. A sphere turning at (p, q, r) has (-R q, R p) there.
+    """
     m, R, inertia = scene.mass, scene.touch_radius, scene.inertia
+    # Gravity pushes through the contact, too.
     J_n = m * (impact.speed_in + impact.speed_out + scene.gravity * impact.duration)
-    (u, v), (p, q, r) = launch.slip, launch.spin
-    slip = u - R * q, v + R * p
+    u, v = launch.slip
+    p, q, r = launch.spin
+    slip = (u - R * q, v + R * p)
     J = friction_impulse(slip, J_n, scene)
-    after, spin = (u + J[0] / m, v + J[1] / m), (p + R * J[1] / inertia, q - R * J[0] / inertia, r)
+    after = (u + J[0] / m, v + J[1] / m)
+    spin = (p + R * J[1] / inertia, q - R * J[0] / inertia, r)
 
     def energy(normal: float, along: Sequence[float], turning: Sequence[float]) -> float:
         return 0.5 * m * math.hypot(normal, *along) ** 2 + 0.5 * inertia * math.hypot(*turning) ** 2

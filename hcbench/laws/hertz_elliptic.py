@@ -123,27 +123,30 @@ def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
     contact is not a matter of the two surfaces alone, and section 1.11 takes an exponent between 1 and 3/2.
     """
     require("angle", angle, math.isfinite(angle), "a finite angle in rad")
-    c1, c2, d1, d2 = (1.0 / r for r in (one.first, one.second, two.first, two.second))
-    total = 0.5 * (c1 + c2 + d1 + d2)  # A + B
-    p, q = c1 - c2, d1 - d2
+    radii = (one.first, one.second, two.first, two.second)
+    c1, c2, d1, d2 = (1.0 / r for r in radii)
+    # Johnson, Contact Mechanics, section 4.1: A + B and B - A of the gap A x² + B y²
+    total = 0.5 * (c1 + c2 + d1 + d2)
+    p = c1 - c2
+    q = d1 - d2
     difference = 0.5 * math.sqrt(max(0.0, p * p + q * q + 2.0 * p * q * math.cos(2.0 * angle)))
-    long, short = 0.5 * (total - difference), 0.5 * (total + difference)
+    long = 0.5 * (total - difference)
+    short = 0.5 * (total + difference)
     scale = max(abs(c) for c in (c1, c2, d1, d2))
     require(
         "radii",
-        (one.first, one.second, two.first, two.second),
+        radii,
         long > 1e-12 * scale > 0.0,
         "surfaces that touch at a point: relative curvature above 0 in every direction",
         "Widen the hollow; for a line of contact take F = k x^n with n in 1 ... 1.5 (section 1.11)",
     )
-    radii = [abs(r) for r in (one.first, one.second, two.first, two.second) if math.isfinite(r)]
     return EllipticContact(
         long_curvature=long,
         short_curvature=short,
         axis_ratio=axis_ratio(long / short),
         contact_modulus=hertz.contact_modulus(one.material, two.material),
         poisson_ratios=(one.material.poisson_ratio, two.material.poisson_ratio),
-        radius_min=min(radii),
+        radius_min=min(abs(r) for r in radii if math.isfinite(r)),
     )
 
 

@@ -62,16 +62,20 @@ def impact(
     force_law = law.at(speed) if isinstance(law, TouchSpeedLaw) else law
     depth = _depth_scale(force_law, mass, speed)
     force = _force_over_units(force_law, depth, speed)
-    inertia, weight = depth / (mass * speed**2), gravity * depth / speed**2
+    inertia = depth / (mass * speed**2)
+    weight = gravity * depth / speed**2
     path = _solve(force, inertia, weight, ending, tolerance, step_max)
+    at_surface, at_no_force, at_turn, _ = path.t_events
+    parted = bool(at_surface.size or at_no_force.size)
     end = float(path.t[-1])
-    parted = bool(path.t_events[0].size or path.t_events[1].size)
     tau = np.linspace(0.0, end, count)
-    xi, eta = path.sol(tau)
-    xi[0], eta[0] = 0.0, 1.0
-    if path.t_events[0].size:
+    xi, eta = path.sol(tau)  # penetration over the depth, rate over the speed
+    # The interpolant misses its ends in the last digits; they are known.
+    xi[0] = 0.0
+    eta[0] = 1.0
+    if at_surface.size:
         xi[-1] = 0.0
-    turning = float(path.sol(path.t_events[2][0])[0]) if path.t_events[2].size else float(xi.max())
+    turning = float(path.sol(at_turn[0])[0]) if at_turn.size else float(xi.max())
     loop = Loop(tau * depth / speed, xi * depth, eta * speed, force(xi, eta))
     return Impact(
         launch=Launch(speed),

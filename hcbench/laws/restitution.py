@@ -82,7 +82,8 @@ class Restitution(RestitutionCurve):
     def description(self) -> str:
         """Name of the curve in a report: its α and how α gives e(v)."""
         by = f" ± {self.uncertainty:.2g}" if self.uncertainty else ""
-        return f"α = {self.alpha:.4g}{by} s/m by {'the law' if self.reading == 'law' else '1 - α v'}"
+        reading = "the law" if self.reading == "law" else "1 - α v"
+        return f"α = {self.alpha:.4g}{by} s/m by {reading}"
 
     def margin(self, speeds: Floats | float) -> float:
         """Largest uncertainty of e at these speeds (m/s), with 95 % confidence, from that of α."""

@@ -18,28 +18,48 @@ def root(
     R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4: a secant or an inverse
     parabola where it falls well within the bracket, else its middle. The same bits as SciPy's brentq.
     """
-    before, x, other = low, high, low
-    f_before, f = function(before), function(x)
+    before = low
+    f_before = function(before)
+    x = high
+    f = function(x)
     if f_before == 0.0:
         return before
-    f_other, earlier, step = 0.0, 0.0, 0.0
+    other = low  # the root lies between x and it
+    f_other = 0.0
+    step = 0.0
+    earlier = 0.0  # the step before the last
     for _ in range(_MOST_STEPS):
         if f != 0.0 and (f_before < 0.0) != (f < 0.0):
+            other = before
+            f_other = f_before
+            step = x - before
+            earlier = step
+        if abs(f_other) < abs(f):  # x is to be the better end of the bracket
+            before, f_before = x, f
+            x, f = other, f_other
             other, f_other = before, f_before
-            earlier = step = x - before
-        if abs(f_other) < abs(f):
-            before, x, other = x, other, x
-            f_before, f, f_other = f, f_other, f
-        near, half = (absolute + relative * abs(x)) / 2, (other - x) / 2
+        near = (absolute + relative * abs(x)) / 2
+        half = (other - x) / 2
         if f == 0.0 or abs(half) < near:
             break
         guess = math.inf
         if abs(earlier) > near and abs(f) < abs(f_before):
             guess = _guess(before, x, other, f_before, f, f_other)
-        good = 2 * abs(guess) < min(abs(earlier), 3 * abs(half) - near)
-        earlier, step = (step, guess) if good else (half, half)
-        before, f_before = x, f
-        x += step if abs(step) > near else near if half > 0.0 else -near
+        # Well within the bracket, and less than half the step before the last: so it converges.
+        if 2 * abs(guess) < min(abs(earlier), 3 * abs(half) - near):
+            earlier = step
+            step = guess
+        else:
+            earlier = half
+            step = half
+        before = x
+        f_before = f
+        if abs(step) > near:
+            x += step
+        elif half > 0.0:
+            x += near
+        else:
+            x -= near
         f = function(x)
     return x
 
@@ -48,7 +68,9 @@ def _guess(a: float, b: float, c: float, f_a: float, f_b: float, f_c: float) -> 
     """From b to the root of the secant through a and b, or of the inverse parabola through all three."""
     if a == c:
         return -f_b * (b - a) / (f_b - f_a)
-    slope_a, slope_c = (f_a - f_b) / (a - b), (f_c - f_b) / (c - b)
+    slope_a = (f_a - f_b) / (a - b)
+    slope_c = (f_c - f_b) / (c - b)
     bent = slope_c * slope_a * (f_c - f_a)
-    # Where it underflows
-    return -f_b * (f_c * slope_c - f_a * slope_a) / bent if bent else math.inf
+    if not bent:  # it underflows
+        return math.inf
+    return -f_b * (f_c * slope_c - f_a * slope_a) / bent

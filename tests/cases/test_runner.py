@@ -19,7 +19,7 @@ from hcbench.cases.hcbench_cases import junit, outcome, run
 from hcbench.cases.run import RUNNER, adapters, run_engines
 from hcbench.cases.score import known_failures, regressions, score, the_cases
 
-LINES = 250
+LINES = 350
 ADAPTER_LINES = 70
 
 
