@@ -133,6 +133,8 @@ def test_a_mujoco_without_adhesion_is_named() -> None:
 
     with pytest.raises(EngineMissing, match=r"3\.3\.0.*no adhesion.*3\.11"):
         require_feature(Old, "adhesion")
+    with pytest.raises(EngineMissing, match=r"3\.3\.0.*no mj_copyData.*3\.5"):
+        require_feature(Old, "mj_copyData")
 
 
 def test_the_engine_reads_the_scenes_own_files() -> None:

@@ -8,8 +8,10 @@ from hcbench.errors import EngineFailed, EngineMissing, foreign_errors
 from hcbench.sim.backend import Backend
 
 BACKEND = Backend("mujoco", "mujoco", "3.3", "4.0", "pip install mujoco", instead="mujoco-core")
-# What older versions lack: the class and the attribute that show it, and the first version that has it.
+# What older versions lack: the class ("": the module) and the attribute that show it, and the first
+# version that has it.
 _FEATURES = {
+    "mj_copyData": ("", "mj_copyData", "3.5"),
     "adhesion": ("MjModel", "pair_adhesion", "3.11"),
     "integrator 'discrete'": ("mjtIntegrator", "mjINT_DISCRETE", "3.13"),
 }
@@ -30,9 +32,9 @@ def backend() -> Any:
 
 
 def has_feature(mujoco: Any, feature: str) -> bool:
-    """Say whether this MuJoCo has a feature: "adhesion" or "integrator 'discrete'"."""
+    """Say whether this MuJoCo has a feature, a key of `_FEATURES`."""
     owner, attribute, _ = _FEATURES[feature]
-    return hasattr(getattr(mujoco, owner), attribute)
+    return hasattr(getattr(mujoco, owner) if owner else mujoco, attribute)
 
 
 def can_pull(version: tuple[int, ...]) -> bool:
@@ -44,7 +46,7 @@ def can_pull(version: tuple[int, ...]) -> bool:
 
 
 def require_feature(mujoco: Any, feature: str) -> None:
-    """Raises EngineMissing for a MuJoCo that is too old for "adhesion" or "integrator 'discrete'"."""
+    """Raises EngineMissing for a MuJoCo that is too old for a feature, a key of `_FEATURES`."""
     since = _FEATURES[feature][2]
     if not has_feature(mujoco, feature):
         raise EngineMissing(

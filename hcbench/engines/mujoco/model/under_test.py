@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.backend import backend, captured_warnings, require_feature
 from hcbench.engines.mujoco.model.bodies import (
     geom_friction,
     geom_name,
@@ -54,13 +54,15 @@ class MujocoModel(ModelUnderTest):
 
     model: an MjModel, which this object may change. label: its name in outputs. state: an MjData to start
     from, or None.
-    Raises UserError or SceneError with the reason where the pair cannot be measured.
+    Raises UserError or SceneError with the reason where the pair cannot be measured; EngineMissing for a
+    MuJoCo that is too old.
     """
 
     diverged = "MuJoCo found the state unstable and reset it"
     least_steps = 32  # as a simulation steps no launch after it has parted
 
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
+        require_feature(backend(), "mj_copyData")
         self.model, self.label, self.state, self.request = model, label, state, request
         with captured_warnings():
             self.start, self.start_name = start_pose(model, request, state)
