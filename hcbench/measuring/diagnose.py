@@ -209,7 +209,7 @@ def _hidden_suspects(
     if not fixes or not impacts or trials.max_error(fixes) <= tolerance:
         return []
     known = {suspect.code for suspect in suspects}
-    known.add(ENERGY_GAIN)  # a gain with fixes made is theirs, not the model's
+    known.add(ENERGY_GAIN)  # the fixes may cause one, which the model itself does not have
     with trials.model.fixed(fixes) as fixed:
         return [s for s in fixed.suspects(impacts, wanted) if s.code not in known]
 
