@@ -18,9 +18,9 @@ import pytest
 
 from hcbench.engines.pybullet.scene.options import read_options
 from hcbench.engines.pybullet.scene.world import PybulletWorld
-from hcbench.impact import Launch
-from hcbench.scene import Scene
-from hcbench.setting import Setting
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import Scene
+from hcbench.terms.setting import Setting
 from hcbench.workers import mark_as_worker
 
 Record = list[tuple[float, float, float]]

@@ -21,10 +21,10 @@ import numpy as np
 from hcbench import load_scene
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.columns import Launches
 from hcbench.sim.remote import RemoteEngine
+from hcbench.terms.setting import Setting
 from hcbench.workers import call
 
 SCENE = load_scene("steel-plane")

@@ -20,15 +20,15 @@ from hcbench.engines.mujoco.scene.mjcf import model_xml
 from hcbench.engines.mujoco.scene.options import read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring.request import make_request
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry, simulate
 from hcbench.sim.columns import Launches
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 from hcbench.workers import WorkerPool, serve
 
 SCENE = load_scene("steel-plane")

@@ -21,7 +21,6 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "support"))
 import noisy_rooms
 import synthesise as synth
 
-from hcbench.errors import UserError
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import Dataset, TouchTimes
 from hcbench.fitting.estimate import LawFit, fit_law
@@ -32,6 +31,7 @@ from hcbench.fitting.pairs import SpeedPairs
 from hcbench.fitting.recording import Recording
 from hcbench.fitting.setup import Known, MeasurementSetup
 from hcbench.fitting.track import track_of
+from hcbench.system.errors import UserError
 
 EXACT = MeasurementSetup(gravity=Known(synth.GRAVITY))
 Make = Callable[[np.random.Generator], Dataset]

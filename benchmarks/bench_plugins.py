@@ -34,11 +34,11 @@ from _many_contacts import in_bullet_steps, in_mujoco_steps
 from test_plugin_mujoco import oblique
 
 from hcbench.contact.mujoco import ConstantRestitution, HuntCrossley, Restitution
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.sim import registry
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
 from hcbench.tuning.evaluate import evaluate
 
 INCH = 0.0254

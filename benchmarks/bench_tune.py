@@ -21,11 +21,11 @@ import numpy as np
 from _bounces import G, bounce, box, mujoco_model, pybullet_bounces, rest
 from _searches import methods, paste, searched
 
-from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
+from hcbench.system.errors import SettingError
+from hcbench.terms.scene import load_scene
 from hcbench.tuning.snippet import snippet
 from hcbench.tuning.tune import Tuned, tune
 

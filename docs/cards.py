@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.errors import HcbenchError
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.published import LAWS
 from hcbench.recipes.softening import steps_per_contact
 from hcbench.sim import registry
+from hcbench.system.errors import HcbenchError
+from hcbench.terms.impact import Launch
 from hcbench.tuning.ask import make_target
 
 ROOT = Path(__file__).parents[1]

@@ -19,17 +19,20 @@ from typing import Annotated, Any, Literal, NotRequired
 from pydantic import ConfigDict, Field, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
-from hcbench import records
 from hcbench.cases.schema import type_name
 from hcbench.checking.outcome import Verdict
 from hcbench.fitting.budget import Budget
 from hcbench.fitting.estimates import Estimate
 from hcbench.fitting.flags import Flag
-from hcbench.impact import Tangential
 from hcbench.laws.impact_law import ImpactSummary
 from hcbench.measuring.measurement import Cause
 from hcbench.recipes.target import Target
-from hcbench.records import (
+from hcbench.scoring import Score
+from hcbench.sim.landing import Footfall, Landings
+from hcbench.sim.rest import Rest
+from hcbench.terms import records
+from hcbench.terms.impact import Tangential
+from hcbench.terms.records import (
     ALONG,
     ANGLE,
     BOUNCE,
@@ -45,9 +48,6 @@ from hcbench.records import (
     SPEED,
     STUDY_IMPACT,
 )
-from hcbench.scoring import Score
-from hcbench.sim.landing import Footfall, Landings
-from hcbench.sim.rest import Rest
 from hcbench.tuning.evaluate import Evaluation
 
 SCHEMA = Path(__file__).parent / "reference" / "outputs.schema.json"

@@ -19,12 +19,7 @@ if TYPE_CHECKING:
     from hcbench.benchmark.study import Study as Study
     from hcbench.benchmark.study import load_study as load_study
     from hcbench.checking.ask import check
-    from hcbench.errors import HcbenchError
     from hcbench.fitting.ask import fit, fit_force
-    from hcbench.impact import Impact as Impact
-    from hcbench.impact import Launch as Launch
-    from hcbench.impact import Loop as Loop
-    from hcbench.impact import Status as Status
     from hcbench.laws.force import HuntCrossley as HuntCrossley
     from hcbench.laws.force import KelvinVoigt as KelvinVoigt
     from hcbench.laws.impact_law import ImpactLaw as ImpactLaw
@@ -37,19 +32,24 @@ if TYPE_CHECKING:
     from hcbench.measuring.trajectory import measure_trajectory as measure_trajectory
     from hcbench.recipes.target import Target as Target
     from hcbench.reporting.ask import report
-    from hcbench.scene import Scene as Scene
-    from hcbench.scene import load_scene
     from hcbench.scoring import Score as Score
     from hcbench.scoring import score as score
-    from hcbench.setting import Setting as Setting
     from hcbench.sim.convert import convert
     from hcbench.sim.landing import Landings as Landings
     from hcbench.sim.registry import engine
+    from hcbench.system.errors import HcbenchError
+    from hcbench.terms.impact import Impact as Impact
+    from hcbench.terms.impact import Launch as Launch
+    from hcbench.terms.impact import Loop as Loop
+    from hcbench.terms.impact import Status as Status
+    from hcbench.terms.scene import Scene as Scene
+    from hcbench.terms.scene import load_scene
+    from hcbench.terms.setting import Setting as Setting
     from hcbench.tuning.answer import Answer as Answer
     from hcbench.tuning.ask import tune, tune_model
 
 _VERBS = {
-    "HcbenchError": "errors",
+    "HcbenchError": "system.errors",
     "check": "checking.ask",
     "convert": "sim.convert",
     "engine": "sim.registry",
@@ -57,7 +57,7 @@ _VERBS = {
     "fit_force": "fitting.ask",
     "land": "measuring.landing",
     "law": "laws.impact_law",
-    "load_scene": "scene",
+    "load_scene": "terms.scene",
     "measure": "measuring.measure",
     "pairs": "measuring.pairs",
     "report": "reporting.ask",
@@ -67,18 +67,18 @@ _VERBS = {
 _CLASSES = {  # and functions, of studies, engines and results
     "Answer": "tuning.answer",
     "HuntCrossley": "laws.force",
-    "Impact": "impact",
+    "Impact": "terms.impact",
     "ImpactLaw": "laws.impact_law",
     "KelvinVoigt": "laws.force",
     "Landings": "sim.landing",
-    "Launch": "impact",
-    "Loop": "impact",
+    "Launch": "terms.impact",
+    "Loop": "terms.impact",
     "Measurement": "measuring.measurement",
     "Results": "benchmark.results",
-    "Scene": "scene",
+    "Scene": "terms.scene",
     "Score": "scoring",
-    "Setting": "setting",
-    "Status": "impact",
+    "Setting": "terms.setting",
+    "Status": "terms.impact",
     "Study": "benchmark.study",
     "Target": "recipes.target",
     "Wanted": "measuring.measurement",

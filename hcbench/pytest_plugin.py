@@ -20,7 +20,15 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import pytest
 
-from hcbench.options import LAUNCHES, LIMITS, BodyPair, LaunchOptions, LimitOptions, ModelSource, Quantity
+from hcbench.terms.options import (
+    LAUNCHES,
+    LIMITS,
+    BodyPair,
+    LaunchOptions,
+    LimitOptions,
+    ModelSource,
+    Quantity,
+)
 
 pytest.register_assert_rewrite("hcbench.testing")  # so that a failure shows both numbers
 
@@ -90,7 +98,7 @@ class RestitutionFixture:
         """A model to be held against something.
 
         model: a path (looked for in the test's own folder first), two paths, or an engine's own model object.
-        pair: names, the body that moves first. options: those of launches (`hcbench.options`), engine,
+        pair: names, the body that moves first. options: those of launches (`hcbench.terms.options`), engine,
         max_error, timeout.
         """
         unknown = sorted(set(options) - set(_KEYS))
@@ -158,8 +166,8 @@ class ModelBounce:
 
     def _check(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
         from hcbench.checking import CheckSpec, plan, run_check
-        from hcbench.errors import HcbenchError, UserError
-        from hcbench.fields import validate
+        from hcbench.system.errors import HcbenchError, UserError
+        from hcbench.terms.fields import validate
 
         options = {**self._options, **against, "name": _name(self._model), "pair": self._pair, "model": ()}
         options["limit"] = options.pop("timeout", None)

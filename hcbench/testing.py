@@ -23,20 +23,20 @@ from typing import Any, ClassVar, TypeVar, cast
 import numpy as np
 import pytest
 
-from hcbench.errors import EngineMissing, SettingError
-from hcbench.impact import Floats, Impact, Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.target import Target
-from hcbench.scene import Scene, load_scene, scene_names
 from hcbench.scoring import loop_area
-from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.remote import adapter_of, interpreter_of
 from hcbench.sim.world import World
+from hcbench.system.errors import EngineMissing, SettingError
+from hcbench.terms.impact import Floats, Impact, Launch
+from hcbench.terms.scene import Scene, load_scene, scene_names
+from hcbench.terms.setting import Setting
 from hcbench.workers import call
 
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))

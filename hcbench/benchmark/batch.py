@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.errors import UserError
-from hcbench.impact import Impact, Loop, Status
 from hcbench.laws.coulomb import coulomb_ratio
-from hcbench.records import (
+from hcbench.sim import registry
+from hcbench.sim.columns import STATUSES, Impacts, Launches
+from hcbench.sim.tangential import along_plate
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Impact, Loop, Status
+from hcbench.terms.records import (
     ALONG,
     ANGLE,
     COULOMB,
@@ -30,15 +33,12 @@ from hcbench.records import (
     keys,
     record,
 )
-from hcbench.sim import registry
-from hcbench.sim.columns import STATUSES, Impacts, Launches
-from hcbench.sim.tangential import along_plate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 _STATUSES = np.array([status.value for status in STATUSES], dtype=object)
 # Columns that have an attribute of an impact as it is.

@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.benchmark.results import TRAIN_COLUMNS, run_key
-from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim import registry
-from hcbench.units import STANDARD_GRAVITY
+from hcbench.terms.impact import Launch
+from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.benchmark.encodings import Encode
     from hcbench.benchmark.plan import Inputs, Plan
-    from hcbench.impact import Trajectory
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.impact import Trajectory
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 BOUNCES = 10
 RESTS = "hcbench.rests"  # in the metadata of the table: how the bodies lie at the end

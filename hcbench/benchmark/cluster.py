@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import hcbench
 from hcbench.benchmark.store import GO_ON
-from hcbench.errors import CannotRun
+from hcbench.system.errors import CannotRun
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

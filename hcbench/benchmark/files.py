@@ -25,8 +25,8 @@ from typing import Any
 from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 
-from hcbench._files import parse_json, replace_file
-from hcbench.errors import CannotRun, OutputError, UserError
+from hcbench.system.errors import CannotRun, OutputError, UserError
+from hcbench.system.files import parse_json, replace_file
 
 LOCK = "_lock"
 _FRESHEN_S, _STALE_S = (

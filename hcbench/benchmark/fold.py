@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hcbench.impact import Floats
 from hcbench.measuring.curve import Curve, CurvePoint, curve_of_columns
-from hcbench.records import (
+from hcbench.terms.impact import Floats
+from hcbench.terms.records import (
     ANGLE,
     COULOMB,
     IMPULSE_RATIO,

@@ -16,9 +16,9 @@ from hcbench.benchmark.encodings import columns_in
 from hcbench.benchmark.fold import FOLDED, FOLDED_OBLIQUE, Folded, Folder
 from hcbench.benchmark.results import LOOP_COLUMNS, RUN_KEY, Key
 from hcbench.benchmark.tables import metadata_of
-from hcbench.impact import LOOP_TOLERANCE, Impact, Launch, Loop, Status
 from hcbench.laws.force import HuntCrossley
-from hcbench.records import LOOP, REASON, keys
+from hcbench.terms.impact import LOOP_TOLERANCE, Impact, Launch, Loop, Status
+from hcbench.terms.records import LOOP, REASON, keys
 
 if TYPE_CHECKING:
     from hcbench.benchmark.store import Store

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Launch
 from hcbench.recipes.band import default_band
 from hcbench.sim import registry
 from hcbench.sim.columns import Launches
 from hcbench.sim.engine import SteppedEngine
-from hcbench.units import STANDARD_GRAVITY
+from hcbench.terms.impact import Launch
+from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from hcbench.benchmark.study import Run, Study
-    from hcbench.impact import Floats
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 
 @dataclass(frozen=True, slots=True)

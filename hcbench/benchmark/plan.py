@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hcbench.benchmark.launch_grid import LaunchGrid, share_of, speeds_at
 from hcbench.benchmark.results import run_key
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes import kept
 from hcbench.recipes.target import Target
 from hcbench.sim import registry
 from hcbench.sim.columns import even_size
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from hcbench.benchmark.study import Run, Study
     from hcbench.recipes.recipe import Recipe
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 SCHEMA = 3
 _Job: TypeAlias = "tuple[Run, Target, Path | None]"  # of which a setting is made, and where it is kept

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hcbench.errors import StudyError
+from hcbench.system.errors import StudyError
 
 if TYPE_CHECKING:
     from hcbench.benchmark.study import Run, Study

@@ -29,7 +29,7 @@ from hcbench.benchmark.results import (
     Results,
 )
 from hcbench.benchmark.store import DESCRIPTION, Store
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 from hcbench.tuning.usual import usual_answers
 
 if TYPE_CHECKING:

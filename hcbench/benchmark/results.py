@@ -15,23 +15,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from hcbench import records
-from hcbench._files import json_text, parse_json, read_text, write_bytes, write_text
-from hcbench._notebook import Drawn
 from hcbench.benchmark.fold import FOLDED, FOLDED_OBLIQUE, Folded, Folder
-from hcbench.errors import UserError
-from hcbench.fields import ResultTable, validate
-from hcbench.impact import FORMER_E
-from hcbench.records import BOUNCE, LAID, LOOP, PHASE, RUN, SPEED, STUDY_IMPACT, keys
 from hcbench.scoring import CLAIMS
+from hcbench.system.errors import UserError
+from hcbench.system.files import json_text, parse_json, read_text, write_bytes, write_text
+from hcbench.system.notebook import Drawn
+from hcbench.terms import records
+from hcbench.terms.fields import ResultTable, validate
+from hcbench.terms.impact import FORMER_E
+from hcbench.terms.records import BOUNCE, LAID, LOOP, PHASE, RUN, SPEED, STUDY_IMPACT, keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     import pandas as pd
 
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 SCHEMA = 4
 FORMER = (1, 2)  # have FORMER_E

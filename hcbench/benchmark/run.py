@@ -16,7 +16,6 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from hcbench._arguments import checked
 from hcbench.benchmark.bounce_sequence import bounce_table, plan_drops
 from hcbench.benchmark.encodings import arrays, parquet, require_parquet
 from hcbench.benchmark.files import TemporaryFiles, open_files
@@ -26,7 +25,8 @@ from hcbench.benchmark.shard import Timeouts, run_bounces, run_jobs, run_shard
 from hcbench.benchmark.store import GO_ON, Store
 from hcbench.benchmark.study import Study
 from hcbench.benchmark.tables import Totals
-from hcbench.errors import CannotRun, HcbenchError
+from hcbench.system.errors import CannotRun, HcbenchError
+from hcbench.terms.arguments import checked
 from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:

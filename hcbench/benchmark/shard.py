@@ -20,12 +20,12 @@ from hcbench.benchmark.bounce_sequence import Drop, Dropped, simulate_bounces
 from hcbench.benchmark.encodings import parquet
 from hcbench.benchmark.plan import Inputs, Shard, digests_of, versions_here
 from hcbench.benchmark.tables import ShardFiles, shard_files
-from hcbench.errors import CannotRun, EngineFailed, SceneError, UserError
-from hcbench.impact import Impact, Status
-from hcbench.scene import Scene, load_scene
 from hcbench.sim import registry
 from hcbench.sim.columns import Impacts
 from hcbench.sim.remote import interpreter_of
+from hcbench.system.errors import CannotRun, EngineFailed, SceneError, UserError
+from hcbench.terms.impact import Impact, Status
+from hcbench.terms.scene import Scene, load_scene
 from hcbench.workers import call, map_surviving_crashes, use_own_worker
 
 if TYPE_CHECKING:

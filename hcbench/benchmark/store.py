@@ -10,15 +10,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
-from hcbench._files import parse_json
-from hcbench._text import sanitized
 from hcbench.benchmark.files import LOCK, Files, TemporaryFiles
 from hcbench.benchmark.plan import SCHEMA, Plan
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.tables import SUMMARY, ShardFiles, Summary, Totals, digest, metadata_of
-from hcbench.errors import OutputError, UserError
-from hcbench.fields import ResultTable, validate
-from hcbench.impact import FORMER_E
+from hcbench.system.errors import OutputError, UserError
+from hcbench.system.files import parse_json
+from hcbench.system.text import sanitized
+from hcbench.terms.fields import ResultTable, validate
+from hcbench.terms.impact import FORMER_E
 
 DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loops", "_damaged"
 GO_ON = "Then go on with --resume"

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hcbench._arguments import checked, checked_fields
 from hcbench.benchmark.study_file import RunTable, SentTable, StudyFile
-from hcbench.errors import SceneError, StudyError
-from hcbench.fields import (
+from hcbench.recipes.band import default_band
+from hcbench.system.errors import SceneError, StudyError
+from hcbench.terms.arguments import checked, checked_fields
+from hcbench.terms.fields import (
     read_toml,
     validate,
 )
-from hcbench.recipes.band import default_band
-from hcbench.scene import Scene, load_scene
+from hcbench.terms.scene import Scene, load_scene
 
 _MOST_PHASES = 1000
 _MOST_STEPS = 1e9  # of a drop

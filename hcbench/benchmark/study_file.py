@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field, StrictBool, StrictInt
 
-from hcbench.fields import (
+from hcbench.terms.fields import (
     Acceleration,
     Alpha,
     Alphas,

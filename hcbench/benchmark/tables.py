@@ -14,8 +14,8 @@ import numpy as np
 from hcbench.benchmark.batch import OBLIQUE_COLUMNS
 from hcbench.benchmark.encodings import metadata_in
 from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, run_key
-from hcbench.impact import Floats, Loop, Status
 from hcbench.laws import closed_form
+from hcbench.terms.impact import Floats, Loop, Status
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -11,13 +11,13 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from hcbench._files import parse_json, read_text
 from hcbench.cases.hcbench_cases import Json
 from hcbench.cases.score import the_cases
 from hcbench.environments.make import run_with_parent
-from hcbench.errors import EngineFailed, UserError
 from hcbench.sim import registry
 from hcbench.sim.remote import RemoteEngine
+from hcbench.system.errors import EngineFailed, UserError
+from hcbench.system.files import parse_json, read_text
 
 _HERE = Path(__file__).parent
 RUNNER = _HERE / "hcbench_cases.py"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, NotRequired
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict  # pydantic takes that of typing from Python 3.12 on
 
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 HELP = "docs/reference/cases.md has every field"
 FILE = Path(__file__).with_name("hcbench-results-1.schema.json")

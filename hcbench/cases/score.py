@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hcbench._files import parse_json, read_text
 from hcbench.cases.hcbench_cases import CASES, Json, judge, restitution
 from hcbench.cases.schema import Obedience, validated
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.system.files import parse_json, read_text
 
 KNOWN = Path(__file__).with_name("known.json")
 MEASURED = Path(__file__).with_name("measured.json")

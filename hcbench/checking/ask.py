@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from hcbench._arguments import checked
 from hcbench.checking.command import check as run_spec
 from hcbench.checking.spec import CheckSpec
-from hcbench.errors import UserError
-from hcbench.fields import validate
 from hcbench.measuring.request import read_pair
-from hcbench.options import BodyPair, CheckOptions, PintQuantity
+from hcbench.system.errors import UserError
+from hcbench.terms.arguments import checked
+from hcbench.terms.fields import validate
+from hcbench.terms.options import BodyPair, CheckOptions, PintQuantity
 
 if TYPE_CHECKING:
     from hcbench.checking.outcome import Report

@@ -18,14 +18,14 @@ from pydantic import (
     model_validator,
 )
 
-from hcbench._bounds import BOUNDS
-from hcbench._files import json_text, parse_json, read_text
-from hcbench._outputs import write_output
-from hcbench.errors import UserError
-from hcbench.impact import FORMER_E, Launch, Status
 from hcbench.measuring.measurement import Measurement
-from hcbench.records import BASELINE_IMPACT, record
 from hcbench.sim.model_under_test import Request
+from hcbench.system.errors import UserError
+from hcbench.system.files import json_text, parse_json, read_text
+from hcbench.system.outputs import write_output
+from hcbench.terms.bounds import BOUNDS
+from hcbench.terms.impact import FORMER_E, Launch, Status
+from hcbench.terms.records import BASELINE_IMPACT, record
 
 SCHEMA = 2  # 1 has FORMER_E
 KIND = "hcbench baseline"

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hcbench._outputs import require_output, write_output
-from hcbench._text import sanitized
 from hcbench.checking.judge import judge_results, run_checks
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, plan, read_max_error
 from hcbench.checking.table import checks_of, find_table
 from hcbench.checking.text import as_junit, as_markdown
-from hcbench.errors import OutputError, UserError
 from hcbench.measuring.request import read_limit
+from hcbench.system.errors import OutputError, UserError
+from hcbench.system.outputs import require_output, write_output
+from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
     from collections.abc import Callable

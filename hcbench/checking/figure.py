@@ -4,10 +4,10 @@ import math
 
 from matplotlib.axes import Axes
 
-from hcbench._text import sanitized
 from hcbench.checking.outcome import Outcome, Report
 from hcbench.reporting.page import png_bytes
 from hcbench.reporting.plot_style import LAW, LIMIT, MEASURED, figure_defaults, new_figure, speed_axis
+from hcbench.system.text import sanitized
 
 
 def errors_png(report: Report) -> bytes:

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench._text import sanitized, time_step
 from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.checking.limits import judge_landings, judge_touchdowns
 from hcbench.checking.outcome import Outcome, Report, Verdict
-from hcbench.errors import HcbenchError, UserError
-from hcbench.impact import Impact, Launch, Status
 from hcbench.laws.restitution import Reading, Restitution
 from hcbench.measuring.curve import Curve, CurvePoint, curve_of, curve_of_columns, worst_of
 from hcbench.measuring.landing import land_job
 from hcbench.measuring.measure import Job, measure_job
 from hcbench.measuring.measurement import TOLERANCE, Measurement
 from hcbench.measuring.trajectory import touchdowns_job
+from hcbench.system.errors import HcbenchError, UserError
+from hcbench.system.text import sanitized, time_step
+from hcbench.terms.impact import Impact, Launch, Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -7,12 +7,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hcbench import units
-from hcbench._text import sanitized
 from hcbench.checking.outcome import Verdict
-from hcbench.errors import UserError
 from hcbench.sim.landing import Landings
 from hcbench.sim.touchdowns import TrajectoryTouchdowns
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
+from hcbench.terms import units
 
 # Name -> (attribute of a `Landing`, quantity).
 LANDING = {

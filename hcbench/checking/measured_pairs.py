@@ -5,8 +5,8 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from hcbench import units
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.terms import units
 
 MOST = 500
 Pairs = tuple[tuple[float, float], ...]

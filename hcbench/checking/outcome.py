@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from hcbench._notebook import Shown
-from hcbench._text import sanitized
-from hcbench.errors import CannotRun, HcbenchError, LimitPassed, UserError
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Measurement
+from hcbench.system.errors import CannotRun, HcbenchError, LimitPassed, UserError
+from hcbench.system.notebook import Shown
+from hcbench.system.text import sanitized
 
 
 class Verdict(StrEnum):

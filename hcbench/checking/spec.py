@@ -8,12 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from pydantic import BeforeValidator, ConfigDict, create_model
 
-from hcbench import units
-from hcbench._text import sanitized
 from hcbench.checking.limits import Limit, read_limits
 from hcbench.checking.measured_pairs import read_pairs
-from hcbench.errors import QuantityError, UserError
-from hcbench.fields import FileTable, mistake
 from hcbench.laws.restitution import (
     MeasuredRestitution,
     RestitutionCurve,
@@ -22,9 +18,13 @@ from hcbench.measuring.landing import make_drops
 from hcbench.measuring.measurement import Wanted
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.measuring.rest import RestLimits
-from hcbench.options import LAUNCHES, OPTIONS, CheckOptions, LaunchOptions, Quantity, SharedOptions
 from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
+from hcbench.system.errors import QuantityError, UserError
+from hcbench.system.text import sanitized
+from hcbench.terms import units
+from hcbench.terms.fields import FileTable, mistake
+from hcbench.terms.options import LAUNCHES, OPTIONS, CheckOptions, LaunchOptions, Quantity, SharedOptions
 
 if TYPE_CHECKING:
     from hcbench.checking.baseline import Baseline

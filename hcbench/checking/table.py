@@ -17,11 +17,11 @@ from typing import Any
 
 from pydantic import Field
 
-from hcbench._text import sanitized
 from hcbench.checking.spec import Check, CheckSpec, SharedSpec, plan
-from hcbench.errors import UserError
-from hcbench.fields import read_toml, validate
 from hcbench.sim.packages import named_folders
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
+from hcbench.terms.fields import read_toml, validate
 
 
 class CheckTable(SharedSpec):

@@ -6,10 +6,10 @@ import re
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from hcbench._text import number, sanitized, table, without_empty
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.text import as_record, cause_lines
+from hcbench.system.text import number, sanitized, table, without_empty
 
 SCHEMA = 2  # 1 had a row of other keys, whose error was that of the worst phase
 _MARKS = {

@@ -15,9 +15,6 @@ from contextlib import suppress
 import click
 from click.shell_completion import shell_complete
 
-from hcbench._bounds import beyond_bounds
-from hcbench._command import IS_COMMAND
-from hcbench._text import sanitized
 from hcbench.cli._process import (
     INTERRUPTS,
     flush_stdio,
@@ -38,7 +35,10 @@ from hcbench.cli.land import land
 from hcbench.cli.law import law
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
-from hcbench.errors import LONGEST, HcbenchError, UserError
+from hcbench.system.command import IS_COMMAND
+from hcbench.system.errors import LONGEST, HcbenchError, UserError
+from hcbench.system.text import sanitized
+from hcbench.terms.bounds import beyond_bounds
 
 _INTERRUPTED = "interrupted; nothing was left half-written"
 _INTERRUPTED_CODE = 130

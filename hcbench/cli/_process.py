@@ -14,9 +14,9 @@ from typing import Any
 
 import click
 
-from hcbench._files import SIGNALS
 from hcbench.cli.outputs import require_outputs
-from hcbench.errors import OutputError, UserError
+from hcbench.system.errors import OutputError, UserError
+from hcbench.system.files import SIGNALS
 
 _REPEAT_S = 1.0  # signals that come within this time count as one
 _AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02  # None on Windows

@@ -11,7 +11,7 @@ from hcbench.cli.console import as_json, jobs_option, print_json
 from hcbench.cli.help import group
 from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.cli.terminal import progress
-from hcbench.errors import LimitPassed, UserError
+from hcbench.system.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -64,9 +64,9 @@ def run_cases(
     """
     import json
 
-    from hcbench._outputs import write_output
     from hcbench.cases.run import run_engines
     from hcbench.cases.score import known_failures, score
+    from hcbench.system.outputs import write_output
 
     known = _read_known(expected) if expected else known_failures()
     with progress("engines") as tick:
@@ -93,8 +93,8 @@ def score_cases(results: tuple[Path, ...], only: tuple[str, ...], markdown: bool
 
 
 def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:
-    from hcbench._text import table
     from hcbench.cases.score import matrix, regressions
+    from hcbench.system.text import table
 
     if as_json:
         print_json([each.as_dict() for each in scores])
@@ -121,7 +121,7 @@ def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None
 
 
 def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
-    from hcbench._files import parse_json, read_text
+    from hcbench.system.files import parse_json, read_text
 
     try:
         known = parse_json(read_text(path))

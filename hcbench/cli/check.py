@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench._text import sanitized
 from hcbench.cli.console import (
     as_json,
     jobs_option,
@@ -20,8 +19,9 @@ from hcbench.cli.console import (
 from hcbench.cli.help import command
 from hcbench.cli.outputs import force_option, output_option
 from hcbench.cli.terminal import progress, show, status
-from hcbench.errors import EngineFailed, UserError
-from hcbench.options import LAUNCHES, OPTIONS
+from hcbench.system.errors import EngineFailed, UserError
+from hcbench.system.text import sanitized
+from hcbench.terms.options import LAUNCHES, OPTIONS
 
 if TYPE_CHECKING:
     from hcbench.checking.spec import CheckSpec
@@ -84,12 +84,12 @@ def measure(
     Report restitution over speed, force loops, and why it differs from the target.
     """
     with status("opening the model"):
-        from hcbench._outputs import write_output
         from hcbench.checking.spec import plan
         from hcbench.measuring.measure import Job, measure_job
         from hcbench.measuring.measurement import TOLERANCE
         from hcbench.measuring.rest import RestLimits
         from hcbench.measuring.text import as_record, as_text
+        from hcbench.system.outputs import write_output
 
     if page is not None and (each or trajectory is not None):
         option = "--all" if each else "--trajectory"

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from hcbench._bounds import admit_beyond_bounds
-from hcbench._files import json_text
 from hcbench.cli.outputs import PathType
-from hcbench.options import OPTIONS, Option
+from hcbench.system.files import json_text
+from hcbench.terms.bounds import admit_beyond_bounds
+from hcbench.terms.options import OPTIONS, Option
 
 CORES = os.cpu_count() or 1
 
@@ -31,7 +31,7 @@ device_option = click.option(
 def options(
     *names: str, cls: type[click.Option] = click.Option
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator that adds options, by their names in `hcbench.options`. cls: the class of each."""
+    """Decorator that adds options, by their names in `hcbench.terms.options`. cls: the class of each."""
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         for name in reversed(names):
@@ -90,7 +90,7 @@ class QuantityType(click.types.StringParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Read the text; QuantityError names the option."""
-        from hcbench import units
+        from hcbench.terms import units
 
         slot = param.opts[0] if param else ""
         read = units.parse_values if self.several else units.parse
@@ -106,7 +106,7 @@ class UncertainType(click.types.StringParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Read the text as (value, standard uncertainty); QuantityError names the option."""
-        from hcbench import units
+        from hcbench.terms import units
 
         return units.parse_uncertain(value, self.quantity, param.opts[0] if param else "", above=self.above)
 

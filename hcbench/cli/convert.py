@@ -48,7 +48,7 @@ def convert(as_json: bool, **given: Any) -> None:
 
 
 def _lines(contact: Conversion) -> Iterator[str]:
-    from hcbench import units
+    from hcbench.terms import units
 
     yield f"α = {contact.alpha:.10g} s/m = {contact.alpha * units.INCH:.10g} s/in"
     if contact.speed is not None:

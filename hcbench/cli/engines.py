@@ -9,7 +9,7 @@ import click
 from hcbench.cli.console import as_json, print_json
 from hcbench.cli.help import command, group
 from hcbench.cli.terminal import progress, show, status
-from hcbench.errors import OutputError, UserError
+from hcbench.system.errors import OutputError, UserError
 
 if TYPE_CHECKING:
     from hcbench.environments.store import Environment
@@ -153,9 +153,9 @@ def plugin(engine: str, install: bool) -> None:
 
     It is compiled for the installed ENGINE at the first call.
     """
-    from hcbench._files import user_folder
     from hcbench.sim import registry
     from hcbench.sim.capabilities import plugin_of
+    from hcbench.system.files import user_folder
 
     with status("compiling the plug-in"):
         path = plugin_of(registry.engine(engine), install)

@@ -11,7 +11,7 @@ from hcbench.cli.console import QuantityType, UncertainType, as_json, print_json
 from hcbench.cli.help import Command, command
 from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.cli.terminal import show, status
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.fitting.replay import Replay
@@ -210,8 +210,8 @@ def _write(
     result: FitResult, scene: Replay | None, lines: list[str], force: bool, **files: Path | None
 ) -> None:
     """files: where to write what, by its option."""
-    from hcbench._outputs import write_output
     from hcbench.fitting.text import points_text
+    from hcbench.system.outputs import write_output
 
     if (page := files["page"]) is not None:
         from hcbench.reporting.fit_page import fit_page

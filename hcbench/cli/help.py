@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 
-from hcbench.options import OPTIONS
+from hcbench.terms.options import OPTIONS
 
 
 def _flags_of(group: str) -> list[str]:
-    """The flags that `hcbench.options` puts under a title."""
+    """The flags that `hcbench.terms.options` puts under a title."""
     return [option.flag for option in OPTIONS.values() if option.group == group]
 
 

@@ -8,7 +8,7 @@ from hcbench.cli.console import as_json, model_source, options, print_json
 from hcbench.cli.help import command
 from hcbench.cli.outputs import force_option, output_option
 from hcbench.cli.terminal import show, status
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 
 @command()
@@ -35,11 +35,11 @@ def land(
     Report e of its centre of mass, the peak force, and what each foot does. Of two MODELS, such as
     before and after `hcbench tune`, the drops stand side by side.
     """
-    from hcbench._outputs import write_output
     from hcbench.measuring.landing import as_record, as_text, land_job, make_drops
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import TOLERANCE
     from hcbench.measuring.request import make_request, read_limit
+    from hcbench.system.outputs import write_output
 
     if not models and python is None:
         raise UserError("model", "none given", "a file with a robot, or --python FILE:FUNCTION")

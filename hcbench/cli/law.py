@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hcbench._text import table
 from hcbench.cli.console import ALPHAS, EXPONENT, MASS, SPEEDS, as_json, print_json
 from hcbench.cli.help import command
 from hcbench.cli.terminal import show
+from hcbench.system.text import table
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _several = partial(click.option, multiple=True, required=True)
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from hcbench._outputs import require_output
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.system.outputs import require_output
 
 _LONGEST_NAME = 255  # bytes, on every common file system
 

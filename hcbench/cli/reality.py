@@ -13,7 +13,7 @@ import click
 from hcbench.cli.console import MASS
 from hcbench.cli.outputs import PathType
 from hcbench.cli.terminal import progress
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.reality.study import RealityRequest

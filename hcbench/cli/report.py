@@ -13,7 +13,7 @@ from hcbench.cli.help import command
 from hcbench.cli.outputs import PathType
 from hcbench.cli.reality import NAME, reality_options, report_reality, require_none
 from hcbench.cli.terminal import progress
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.benchmark.run import Progress

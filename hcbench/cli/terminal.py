@@ -13,7 +13,7 @@ from contextlib import contextmanager
 
 import click
 
-from hcbench._text import COLUMNS
+from hcbench.system.text import COLUMNS
 
 WIDTH = COLUMNS
 _COLOURS = {

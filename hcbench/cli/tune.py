@@ -8,7 +8,6 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from hcbench._bounds import BOUNDS
 from hcbench.cli.console import (
     ACCELERATION,
     EXPONENT,
@@ -24,7 +23,8 @@ from hcbench.cli.console import (
 from hcbench.cli.contacts import spring_options
 from hcbench.cli.help import command
 from hcbench.cli.outputs import force_option, output_option
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.terms.bounds import BOUNDS
 
 
 class _EngineOption(click.Option):

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench._text import time_step, two_digits
 from hcbench.cli.console import print_json
 from hcbench.cli.terminal import progress, show, show_code
-from hcbench.errors import LimitPassed, UserError
+from hcbench.system.errors import LimitPassed, UserError
+from hcbench.system.text import time_step, two_digits
 
 if TYPE_CHECKING:
     from hcbench.recipes.search import SearchInterrupted
@@ -41,10 +41,10 @@ def tune_engine(
     **asked: Any,
 ) -> None:
     """Tune an engine, print the answer, and write a script with its setting. asked: as `tune` takes it."""
-    from hcbench._outputs import write_output
     from hcbench.recipes.search import SearchInterrupted
-    from hcbench.setting import PAIR
     from hcbench.sim import registry
+    from hcbench.system.outputs import write_output
+    from hcbench.terms.setting import PAIR
     from hcbench.tuning.answer import MAX_ERROR
     from hcbench.tuning.ask import tune
 
@@ -86,7 +86,7 @@ def tune_engine(
 
 def _next_line(answer: Answer, script: Path | None) -> str:
     """The command that shows how the pasted text does: on the script, or on the user's model."""
-    from hcbench.setting import PAIR
+    from hcbench.terms.setting import PAIR
 
     target, (low, high) = answer.target, answer.best.speeds
     model, pair = (quote(str(script)), PAIR) if script is not None else ("my.xml", answer.pair)
@@ -236,7 +236,7 @@ def _percent(share: float) -> str:  # three digits, and no power of ten above 1 
 
 def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) -> None:
     """The best setting when a search was interrupted; it has not been simulated."""
-    from hcbench.scene import load_scene
+    from hcbench.terms.scene import load_scene
     from hcbench.tuning.snippet import snippet
 
     best = interrupt.best

@@ -7,11 +7,11 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from hcbench._text import sanitized, time_step
 from hcbench.cli.console import print_json
 from hcbench.cli.terminal import show, show_code, status
-from hcbench.errors import LimitPassed
 from hcbench.sim.passivity import MOST_E
+from hcbench.system.errors import LimitPassed
+from hcbench.system.text import sanitized, time_step
 
 if TYPE_CHECKING:
     from hcbench.tuning.tuned_model import TunedModel, TunedPair

@@ -15,10 +15,10 @@ from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 
-from hcbench._files import scratch_folder
 from hcbench.environments import store
 from hcbench.environments.store import Environment
-from hcbench.errors import CannotRun, HcbenchError, OutputError, UserError
+from hcbench.system.errors import CannotRun, HcbenchError, OutputError, UserError
+from hcbench.system.files import scratch_folder
 
 _END_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 LOWEST_PYTHON = (3, 11)  # that hcbench runs on

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hcbench._files import json_text, parse_json, read_text, scratch_folder, user_folder, write_text
-from hcbench.errors import OutputError
+from hcbench.system.errors import OutputError
+from hcbench.system.files import json_text, parse_json, read_text, scratch_folder, user_folder, write_text
 
 RECORD = "hcbench-engine.json"
 _SCHEMA = 1

@@ -14,7 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
     Indices = NDArray[np.int64]
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.setup import MeasurementSetup
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # s, for the note on what contact times that were left out would change
 _CONTACT = 1e-4

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hcbench.fitting.recording import Recording
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
     Indices = NDArray[np.int64]
 

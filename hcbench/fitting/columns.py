@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from hcbench.fitting.table import Table
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # What columns may be called, and the kind of number in them.
 _NAMES: dict[str, tuple[str, tuple[str, ...]]] = {

@@ -6,9 +6,9 @@ import dataclasses
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from hcbench.errors import UserError
 from hcbench.fitting.drops import ratio
 from hcbench.fitting.estimates import Estimate
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.fitting.result import FitResult

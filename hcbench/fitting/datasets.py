@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.picks import Picks
     from hcbench.fitting.recording import Recording
     from hcbench.fitting.setup import Known, MeasurementSetup
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # Width of intervals over the posterior's: without it, 0.93 of them held in disturbed rooms
 _OF_CLICKS = 1.15

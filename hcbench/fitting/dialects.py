@@ -7,8 +7,8 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hcbench import units
-from hcbench.errors import QuantityError
+from hcbench.system.errors import QuantityError
+from hcbench.terms import units
 
 if TYPE_CHECKING:
     from hcbench.fitting.table import Table

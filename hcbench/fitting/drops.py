@@ -9,12 +9,12 @@ import numpy as np
 from scipy.special import ndtr
 
 from hcbench.fitting.estimates import ENDS, Estimate
-from hcbench.resolution import SIGMAS_95
+from hcbench.terms.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # Grid of the scatter between drops
 _BETWEEN = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 60)])

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.candidates import CandidateLaw, FittedCurve
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.linear import LinearModel, Reduced
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _STEPS = 25
 _LONGEST_STEP = 0.5  # in ln e and in ln of a speed

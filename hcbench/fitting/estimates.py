@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.estimate import quantiles
-from hcbench.resolution import SIGMAS_95
+from hcbench.terms.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
     from hcbench.fitting.estimate import LawFit
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 ENDS = (0.025, 0.5, 0.975)
 # Of eq. (16) with e0 against without: below that, the interval of α spans both

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench._text import sanitized
-from hcbench.errors import UserError
 from hcbench.fitting.table import Table, table_of
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _BOUNCE = re.compile(r"bounce (\d+)")
 

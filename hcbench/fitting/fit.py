@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.errors import UserError
 from hcbench.fitting.budget import error_budget
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.drops import odd_drops, shared_value
@@ -22,6 +21,7 @@ from hcbench.fitting.result import DropResult, FitResult
 from hcbench.fitting.table import computed
 from hcbench.fitting.track import scale_warnings
 from hcbench.fitting.which_law import FAMILY, PLAIN, WITH_E0, chosen_law, laws_left, odds_of
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.estimates import Estimate
     from hcbench.fitting.flags import Flag
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _SHOWN = 4  # impacts named in a warning
 # Share of the posterior at e > 1 from which on the data cannot be right

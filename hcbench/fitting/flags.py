@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.linear import Reduced
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _CHANCE = 0.01  # that good data have a touch flagged
 _LEAST_FREE = 3  # degrees of freedom below which nothing can be said

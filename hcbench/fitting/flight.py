@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 AIR_DENSITY = 1.204  # kg/m³: 20 °C, 101325 Pa
 # a sphere at Reynolds numbers 1e3 ... 1e5

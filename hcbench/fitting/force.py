@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
-from hcbench._notebook import Shown
-from hcbench.errors import UserError
 from hcbench.fitting.candidates import dissipation_of
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.resolution import SIGMAS_95
+from hcbench.system.errors import UserError
+from hcbench.system.notebook import Shown
+from hcbench.terms.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
     from hcbench.fitting.setup import MeasurementSetup
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _EDGE = 0.05  # of the largest force: where a pulse begins and ends
 # Of e by shape and by impulse: standard deviations, and at least so much.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.resolution import SIGMAS_95
+from hcbench.terms.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,7 +14,7 @@ from hcbench.fitting.linear import LinearModel
 if TYPE_CHECKING:
     from hcbench.fitting.candidates import FittedCurve
     from hcbench.fitting.setup import MeasurementSetup
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

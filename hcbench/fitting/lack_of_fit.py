@@ -18,7 +18,7 @@ from hcbench.fitting.noise import noise_prior, scatter_prior
 if TYPE_CHECKING:
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import LawFit
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 ODDS_AGAINST = 10.0  # from which on no law of the list fits
 # Odds against a constant loss e0, which is the rule

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.errors import UserError
 from hcbench.fitting.bounce_search import likeliest_trains
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.clicks import Timer, bands
@@ -21,6 +20,7 @@ from hcbench.fitting.estimates import alpha_of
 from hcbench.fitting.flags import flagged_touches, gains_by_moving
 from hcbench.fitting.picks import Picks
 from hcbench.fitting.which_law import PLAIN, WITH_E0
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.recording import Recording
     from hcbench.fitting.setup import MeasurementSetup
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 SHORTEST = 0.02  # s between touches, below which a train ends
 _MOST = 6  # trains kept

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.linear import Reduced
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # Of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
 SCATTER_SCALE = 0.0035

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.candidates import CandidateLaw
     from hcbench.fitting.datasets import Dataset
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 LOW_WEIGHT = 0.3  # below which an impact is named
 MOST_OUTLIERS = 0.25  # of the impacts; where more lie off, the law is another

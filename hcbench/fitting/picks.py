@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.clicks import Indices
     from hcbench.fitting.estimates import Estimate
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # A rival has five touches, and an α that is wrong by 3 standard deviations and 2 %.
 _RIVAL_TOUCHES, _RIVAL_SCATTER, _RIVAL_APART, _RIVAL_SHARE = 5, 0.03, 3.0, 0.02

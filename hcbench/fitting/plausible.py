@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.fitting.setup import MeasurementSetup
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _MOST_E = 0.999  # of a ball over several bounces: steel on steel reaches 0.99
 # e of the first touch by the height, over that of the second by the times
@@ -44,7 +44,7 @@ def require_a_ball(name: str, setup: MeasurementSetup, times: Floats) -> None:
 
 def require_different(files: tuple[Path, ...]) -> None:
     """Raises UserError for a file that is given twice, or whose content is."""
-    from hcbench._files import read_bytes
+    from hcbench.system.files import read_bytes
 
     seen: dict[bytes, Path] = {}
     for path in files if len(files) > 1 else ():

@@ -7,9 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench._bounds import require_bounds
-from hcbench._text import sanitized
-from hcbench.errors import UserError
 from hcbench.fitting.columns import EXPECTED_COLUMNS, DataColumns, columns_of
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.exports import phyphox_times, tracker_table
@@ -21,6 +18,9 @@ from hcbench.fitting.plausible import require_a_ball
 from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.table import computed, read_lines, read_table
 from hcbench.fitting.track import track_of, upright
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
+from hcbench.terms.bounds import require_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
     from hcbench.fitting.setup import MeasurementSetup
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _KINDS: dict[frozenset[str], str] = {
     frozenset({"time"}): "times",

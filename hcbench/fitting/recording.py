@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.io import wavfile
 
-from hcbench._text import sanitized
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _WHOLE = 24.0  # s, up to which a recording is taken whole
 # s: of a longer one the window is taken in which the best train is heard

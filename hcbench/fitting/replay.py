@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench._text import table
-from hcbench.errors import UserError
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.sim import registry
+from hcbench.system.errors import UserError
+from hcbench.system.text import table
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
 from hcbench.tuning.tune import tune
 from hcbench.tuning.tuned import Tuned
 
 if TYPE_CHECKING:
     from hcbench.fitting.result import FitResult
-    from hcbench.impact import Floats, Trajectory
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.impact import Floats, Trajectory
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 NEAR = 0.06  # s, by which the train may be off at its worst
 _POINTS = 20

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hcbench._notebook import Drawn
 from hcbench.fitting.which_law import EITHER, PLAIN, WITH_E0
+from hcbench.system.notebook import Drawn
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from hcbench import units
-from hcbench._arguments import checked_fields
-from hcbench.errors import UserError
 from hcbench.fitting.flight import DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY, Ballistics, in_air
 from hcbench.laws.require import require
-from hcbench.options import Quantity
-from hcbench.units import STANDARD_GRAVITY
+from hcbench.system.errors import UserError
+from hcbench.terms import units
+from hcbench.terms.arguments import checked_fields
+from hcbench.terms.options import Quantity
+from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench import units
-from hcbench._bounds import beyond_bounds, require_bounds
-from hcbench._files import read_text
-from hcbench._text import sanitized
-from hcbench.errors import QuantityError, UserError
 from hcbench.fitting.dialects import joined_header, plain, with_unit
+from hcbench.system.errors import QuantityError, UserError
+from hcbench.system.files import read_text
+from hcbench.system.text import sanitized
+from hcbench.terms import units
+from hcbench.terms.bounds import beyond_bounds, require_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _LARGEST = 16 << 20  # bytes
 # Of what anybody measures of bounces, SI; its inverse is the largest

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from scipy.signal import find_peaks
 
-from hcbench.errors import UserError
 from hcbench.fitting.datasets import Dataset, bounce_train, drop_prior, pairs_of_launches
 from hcbench.fitting.linear import LinearModel
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.clicks import Indices
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.setup import MeasurementSetup
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # Of the noise, that flights must be higher than to be looked for
 _SIGMAS = 7.0

@@ -9,7 +9,7 @@ from math import gamma
 
 import numpy as np
 
-from hcbench.impact import Floats
+from hcbench.terms.impact import Floats
 
 
 @lru_cache(maxsize=64)

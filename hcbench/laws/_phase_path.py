@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # 2 (atanh r - r) / r³ / 2 = Σ r^(2i) / (2i + 3): 17 terms are enough for r² <= 1/9.
 _ATANH = tuple(1.0 / (2 * i + 3) for i in range(17))

@@ -22,7 +22,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 SHIFT = 5.0
 # (1 + d) exp(-(1 + d)) = 9e-18 here: e and 1/d are the same double from here on

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hcbench.impact import Floats, Impact, Trajectory
+from hcbench.terms.impact import Floats, Impact, Trajectory
 
 _REST_SPEED = 1e-6  # m/s: touching slower than this counts as rest
 _SAME_IMPACT = (

@@ -18,12 +18,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hcbench.errors import UserError
-from hcbench.impact import Floats, Loop
 from hcbench.laws._gauss_jacobi import gauss_jacobi
 from hcbench.laws._phase_path import g_ratio, largest_force_rate, rate_ratio
 from hcbench.laws._restitution_series import inverse_restitution, one_minus_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats, Loop
 
 # e is 7e-4 there; the nodes of a quadrature grow with its root
 MOST_ALPHA_SPEED = 1e3

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeGuard
 
-from hcbench._arguments import checked_fields
-from hcbench.errors import SettingError
-from hcbench.fields import read_numbers
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import TouchSpeedLaw, law_named
 from hcbench.laws.require import require as require_that
 from hcbench.laws.restitution import ConstantRestitution, Restitution
-from hcbench.resolution import STEPS_OF_A_LAW
+from hcbench.system.errors import SettingError
+from hcbench.terms.arguments import checked_fields
+from hcbench.terms.fields import read_numbers
+from hcbench.terms.resolution import STEPS_OF_A_LAW
 
 require = partial(require_that, error=SettingError)
 

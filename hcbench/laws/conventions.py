@@ -11,14 +11,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from hcbench._notebook import Shown
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.laws.require import positive, require
 from hcbench.laws.restitution import Reading
 from hcbench.laws.root import root
+from hcbench.system.errors import UserError
+from hcbench.system.notebook import Shown
 
 # Each dissipation over α
 _OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}

@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from hcbench.impact import Tangential
+from hcbench.terms.impact import Tangential
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Impact, Launch
-    from hcbench.scene import Scene
+    from hcbench.terms.impact import Impact, Launch
+    from hcbench.terms.scene import Scene
 
 Pair = tuple[float, float]
 

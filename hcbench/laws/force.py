@@ -12,10 +12,10 @@ from typing import Protocol
 
 import numpy as np
 
-from hcbench._arguments import checked_fields
-from hcbench._bounds import LARGEST
-from hcbench.impact import Floats
 from hcbench.laws.require import positive, require
+from hcbench.terms.arguments import checked_fields
+from hcbench.terms.bounds import LARGEST
+from hcbench.terms.impact import Floats
 
 
 class ForceLaw(Protocol):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from hcbench.laws.require import positive, require
 
 if TYPE_CHECKING:
-    from hcbench.scene import Material
+    from hcbench.terms.scene import Material
 
 # Largest shear stress over the largest pressure p0, on the axis below the surface, ν = 0.3 (section 1.10).
 SHEAR_OVER_PRESSURE = 0.31

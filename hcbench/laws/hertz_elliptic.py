@@ -25,8 +25,8 @@ from hcbench.laws import hertz
 from hcbench.laws.require import require
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.scene import Material
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Material
 
 # Hertz's theory needs a << R (Johnson, section 4.2). At a/R = 0.1 the arc and the parabola that stands for it
 # differ by (a/R)²/4 = 0.25 % of the gap.

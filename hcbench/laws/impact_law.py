@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench import units
-from hcbench._arguments import checked
-from hcbench._notebook import Drawn
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, ImpactSummary, summarize
-from hcbench.options import PintQuantity
+from hcbench.system.errors import UserError
+from hcbench.system.notebook import Drawn
+from hcbench.terms import units
+from hcbench.terms.arguments import checked
+from hcbench.terms.options import PintQuantity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from hcbench.impact import Floats
-    from hcbench.options import Quantities, Quantity
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.options import Quantities, Quantity
 
 PAPER_MASS, PAPER_STIFFNESS = "1 lb", "3.1e7 lbf/in^1.5"
 _SHOWN = (0.1, 0.2, 0.5, 1.0, 2.0)  # m/s

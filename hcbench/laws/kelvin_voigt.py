@@ -17,10 +17,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from hcbench.impact import Floats, Loop
 from hcbench.laws.force import KelvinVoigt
 from hcbench.laws.require import positive, within
 from hcbench.laws.root import root
+from hcbench.terms.impact import Floats, Loop
 
 
 class Ending(StrEnum):

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
-from hcbench.errors import EngineFailed, UserError
-from hcbench.impact import Floats, Impact, Launch, Loop, Status
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.require import positive, require
+from hcbench.system.errors import EngineFailed, UserError
+from hcbench.terms.impact import Floats, Impact, Launch, Loop, Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hcbench._arguments import checked_fields
-from hcbench._bounds import LARGEST
-from hcbench.impact import Floats
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.require import positive, require
+from hcbench.terms.arguments import checked_fields
+from hcbench.terms.bounds import LARGEST
+from hcbench.terms.impact import Floats
 
 
 @checked_fields

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench._bounds import LARGEST, SMALLEST
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.terms.bounds import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 
 def require(

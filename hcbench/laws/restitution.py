@@ -7,12 +7,12 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from hcbench._arguments import checked_fields
-from hcbench.errors import SettingError
-from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.require import require
-from hcbench.resolution import SIGMAS_95
+from hcbench.system.errors import SettingError
+from hcbench.terms.arguments import checked_fields
+from hcbench.terms.impact import Floats
+from hcbench.terms.resolution import SIGMAS_95
 
 # Which e an α stands for: that of eq. (16), or 1 - α v of eq. (2)
 Reading = Literal["law", "linear"]

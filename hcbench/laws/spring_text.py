@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from hcbench import units
-from hcbench.errors import UserError
 from hcbench.laws.conventions import SOLVERS_OF_NEWTON
 from hcbench.laws.penalty import AdamsImpact, NewtonSpring
+from hcbench.system.errors import UserError
+from hcbench.terms import units
 
 Adams = str | AdamsImpact  # "k, e, cmax, d", SI or with units
 Newton = str | NewtonSpring  # "SOLVER, ke, kd"

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from hcbench.laws import closed_form, hertz
 from hcbench.laws.force import HuntCrossley
-from hcbench.units import INCH
+from hcbench.terms.units import INCH
 
 # 1/(1/R1 + 1/R2) of section 3.1: 1 in convex on 2 in concave
 PAPER_RELATIVE_RADIUS = 2 * INCH

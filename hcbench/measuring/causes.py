@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from hcbench._text import time_step
-from hcbench.impact import Impact, Status
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE
-from hcbench.resolution import STEPS_BY_CHANCE
 from hcbench.sim.model_under_test import Suspect
+from hcbench.system.text import time_step
+from hcbench.terms.impact import Impact, Status
+from hcbench.terms.resolution import STEPS_BY_CHANCE
 
 NOTABLE_GRAVITY = TOLERANCE  # of the impact speed, gained in a step or a contact: e then shifts by as much
 ENERGY_GAIN = "energy-gain"  # a cause of the user's own model only, not of a copy with fixes

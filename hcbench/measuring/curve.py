@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.impact import Floats
-from hcbench.records import ALONG, CURVE_POINT, record
 from hcbench.sim.columns import Columns, Whole
 from hcbench.sim.tangential import AlongPlate, along_plate
+from hcbench.terms.impact import Floats
+from hcbench.terms.records import ALONG, CURVE_POINT, record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from hcbench.impact import Impact, Launch
+    from hcbench.terms.impact import Impact, Launch
 
 
 _UNKNOWN = AlongPlate(*(math.nan,) * len(ALONG))

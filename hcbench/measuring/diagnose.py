@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.errors import HcbenchError
-from hcbench.impact import Impact, Launch, Status
 from hcbench.measuring.causes import ENERGY_GAIN, NO_PUSH
 from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE, Cause
 from hcbench.sim import simulate
+from hcbench.system.errors import HcbenchError
+from hcbench.terms.impact import Impact, Launch, Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

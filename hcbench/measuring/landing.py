@@ -8,15 +8,17 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
-from hcbench import units
-from hcbench._arguments import checked
-from hcbench._text import number, sanitized, table, time_step, without_empty
-from hcbench.errors import QuantityError, UserError
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.python_file import is_python, python_function
 from hcbench.measuring.request import make_request, read_limit
-from hcbench.options import (
+from hcbench.sim.capabilities import LandsRobots
+from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
+from hcbench.system.errors import QuantityError, UserError
+from hcbench.system.text import number, sanitized, table, time_step, without_empty
+from hcbench.terms import units
+from hcbench.terms.arguments import checked
+from hcbench.terms.options import (
     Controller,
     Folders,
     Joints,
@@ -26,9 +28,7 @@ from hcbench.options import (
     Quantities,
     Quantity,
 )
-from hcbench.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LANDING_TIME, record
-from hcbench.sim.capabilities import LandsRobots
-from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
+from hcbench.terms.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LANDING_TIME, record
 
 HEIGHTS = "1:20:5 cm"
 _HIGHEST = 100.0  # m

@@ -11,11 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, Unpack
 
-from hcbench._arguments import checked
-from hcbench._bounds import admits_beyond_bounds, beyond_bounds
-from hcbench._text import sanitized
-from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
-from hcbench.impact import Impact, Status
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import diagnose, goal_of
@@ -24,12 +19,17 @@ from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.python_file import call_python, is_python
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.measuring.rest import ANY_REST, RestLimits, at_rest, rest_causes
-from hcbench.options import BodyPair, LaunchOptions, ModelSource, Quantity
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
 from hcbench.sim.remote import interpreter_of
+from hcbench.system.errors import EngineFailed, HcbenchError, SceneError, UserError
+from hcbench.system.text import sanitized
+from hcbench.terms.arguments import checked
+from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
+from hcbench.terms.impact import Impact, Status
+from hcbench.terms.options import BodyPair, LaunchOptions, ModelSource, Quantity
 from hcbench.workers import WorkerDied, begin, call
 
 Answer = TypeVar("Answer")

@@ -9,12 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hcbench import scoring, units
-from hcbench._arguments import checked
-from hcbench._notebook import Drawn
-from hcbench._text import sanitized, time_step
-from hcbench.errors import UserError
-from hcbench.impact import Impact, Status
+from hcbench import scoring
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import (
@@ -25,10 +20,16 @@ from hcbench.laws.restitution import (
     RestitutionCurve,
 )
 from hcbench.measuring.curve import Curve, curve_of
-from hcbench.options import Quantity
-from hcbench.resolution import STEPS_TO_COMPARE, STEPS_TO_SHOW
 from hcbench.sim.model_under_test import Facts, Request
 from hcbench.sim.rest import Rest
+from hcbench.system.errors import UserError
+from hcbench.system.notebook import Drawn
+from hcbench.system.text import sanitized, time_step
+from hcbench.terms import units
+from hcbench.terms.arguments import checked
+from hcbench.terms.impact import Impact, Status
+from hcbench.terms.options import Quantity
+from hcbench.terms.resolution import STEPS_TO_COMPARE, STEPS_TO_SHOW
 
 TOLERANCE = 0.02  # of e
 GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off

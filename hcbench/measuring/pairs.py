@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from hcbench._arguments import checked
-from hcbench._notebook import Shown
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.request import make_request, read_limit
-from hcbench.options import Folders, Joints, ModelSource, PoseState, Quantity
 from hcbench.sim.candidate_pairs import CandidatePair, as_records, as_table
+from hcbench.system.notebook import Shown
+from hcbench.terms.arguments import checked
+from hcbench.terms.options import Folders, Joints, ModelSource, PoseState, Quantity
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -9,10 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from hcbench.impact import Impact, Launch
-from hcbench.resolution import STEPS_BY_CHANCE, STEPS_WITHOUT_CHANCE
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import ModelUnderTest, Request
+from hcbench.terms.impact import Impact, Launch
+from hcbench.terms.resolution import STEPS_BY_CHANCE, STEPS_WITHOUT_CHANCE
 
 _NARROWEST = 1 / 256  # of a step: two phases nearer than this are not told apart
 _SAME_E = 2e-3  # neighbours nearer than this have nothing between them

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from hcbench import units
-from hcbench._files import parse_json, read_bytes, read_text, require_small_archive
-from hcbench.errors import QuantityError, UserError
 from hcbench.sim.model_under_test import Vector
+from hcbench.system.errors import QuantityError, UserError
+from hcbench.system.files import parse_json, read_bytes, read_text, require_small_archive
+from hcbench.terms import units
 
 Pose = tuple[tuple[str, tuple[float, ...]], ...]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, Unpack
 
-from hcbench import units
-from hcbench._arguments import checked
-from hcbench.errors import QuantityError, UserError
 from hcbench.measuring.pose import read_direction, read_joints, read_state
-from hcbench.options import BodyPair, LaunchOptions, Quantity
 from hcbench.sim.model_under_test import Request, Vector
 from hcbench.sim.packages import read_packages
+from hcbench.system.errors import QuantityError, UserError
+from hcbench.terms import units
+from hcbench.terms.arguments import checked
+from hcbench.terms.options import BodyPair, LaunchOptions, Quantity
 
 MAX_PHASES = 1000
 LONGEST_LIMIT_S = 1e6

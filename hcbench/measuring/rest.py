@@ -8,16 +8,16 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hcbench.errors import HcbenchError
 from hcbench.measuring.measurement import Cause
 from hcbench.sim.rest import VIBRATION_MAX
+from hcbench.system.errors import HcbenchError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Impact
     from hcbench.sim.model_under_test import ModelUnderTest, Suspect
     from hcbench.sim.rest import Rest
+    from hcbench.terms.impact import Impact
 
 _OTHER_WEIGHT = ("gravity",)  # whose fix takes the weight away
 _HELPS = 0.5  # of what is too much: a fix that helps leaves less

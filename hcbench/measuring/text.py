@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from hcbench import scoring
-from hcbench._text import number, sanitized, table, without_empty
-from hcbench.impact import Impact
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Cause, Measurement
-from hcbench.records import IMPACT, LOOP, PHASE, REST, SPEED, record
+from hcbench.system.text import number, sanitized, table, without_empty
+from hcbench.terms.impact import Impact
+from hcbench.terms.records import IMPACT, LOOP, PHASE, REST, SPEED, record
 
 SCHEMA = 1
 _LOOP_SAMPLES = 200

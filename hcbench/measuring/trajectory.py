@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hcbench._arguments import checked
-from hcbench._text import sanitized, table, without_empty
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.pose import read_named
 from hcbench.measuring.request import make_request, read_limit
-from hcbench.options import BodyPair, ModelSource, Quantity
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import PARTED_S
 from hcbench.sim.touchdowns import Touchdowns, TrajectoryTouchdowns
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized, table, without_empty
+from hcbench.terms.arguments import checked
+from hcbench.terms.impact import Floats
+from hcbench.terms.options import BodyPair, ModelSource, Quantity
 
 _HEADER = (
     *("part", "on", "times", "normal m/s", "95 %", "most", "slide m/s", "most"),

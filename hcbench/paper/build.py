@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hcbench._files import atomic_folder, read_text, write_text
 from hcbench.laws.published import LAWS
 from hcbench.paper import forced_figures, impact_figures, later_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
@@ -18,6 +17,7 @@ from hcbench.paper.printed_numbers import FACTOR_MASSES, factors, printed_number
 from hcbench.reporting.page import PAGE, Drawing, draw, render
 from hcbench.reporting.wording import engine_title, listed
 from hcbench.sim import registry
+from hcbench.system.files import atomic_folder, read_text, write_text
 
 ASKED = (0.3, 0.5, 0.7, 0.9)  # restitutions of the table of laws
 

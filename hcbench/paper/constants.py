@@ -3,8 +3,8 @@
 from hcbench.laws import hertz
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.hertz import HertzContact
-from hcbench.scene import Material
-from hcbench.units import INCH, POUND, POUND_FORCE, PSI
+from hcbench.terms.scene import Material
+from hcbench.terms.units import INCH, POUND, POUND_FORCE, PSI
 
 MASS = POUND
 STIFFNESS = 3.1e7 * POUND_FORCE / INCH**1.5  # K3 as printed, N/m^1.5

@@ -20,8 +20,8 @@ from hcbench.sim.two_blocks import TwoBlocks
 from hcbench.workers import call
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
     from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+    from hcbench.terms.impact import Floats
 
 LIMIT = 120.0  # s of wall time for one simulation
 

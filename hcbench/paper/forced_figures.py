@@ -9,8 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hcbench.errors import EngineMissing
-from hcbench.impact import Floats
 from hcbench.paper import constants
 from hcbench.paper.engines import EngineTrajectory, engines_with_two_blocks, simulate_in_engine
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
@@ -19,6 +17,8 @@ from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImp
 from hcbench.reporting.plot_style import BLUE, GREY, ORANGE, legend_below, new_figure, numbered_line
 from hcbench.reporting.wording import engine_title
 from hcbench.sim import registry
+from hcbench.system.errors import EngineMissing
+from hcbench.terms.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

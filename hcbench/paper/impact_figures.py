@@ -20,7 +20,7 @@ from hcbench.reporting.plot_style import (
     new_figure,
     second_axis,
 )
-from hcbench.units import INCH, POUND_FORCE
+from hcbench.terms.units import INCH, POUND_FORCE
 
 # α v of the sketches: a loss large enough to be seen
 SKETCH_ALPHA_SPEED = 0.5

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hcbench.impact import Floats
 from hcbench.laws import closed_form, quadratic
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.published import LAWS
@@ -24,6 +23,7 @@ from hcbench.reporting.plot_style import (
     new_figure,
     numbered_line,
 )
+from hcbench.terms.impact import Floats
 
 LEVELS = (0.01, 0.1)  # errors that are marked
 

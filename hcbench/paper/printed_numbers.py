@@ -10,7 +10,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.hertz_elliptic import largest_shear
 from hcbench.paper import constants
 from hcbench.reporting.wording import four_digits
-from hcbench.units import INCH, POUND, POUND_FORCE, PSI
+from hcbench.terms.units import INCH, POUND, POUND_FORCE, PSI
 
 Agreement = Literal["agrees", "rounded", "differs"]
 STEEL_DENSITY = 7850.0  # kg/m³, of carbon steel

@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hcbench.impact import Floats
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.paper.impact_figures import name_axes
@@ -12,6 +11,7 @@ from hcbench.paper.vibroimpact.response import linearized
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact
 from hcbench.reporting.plot_style import BLUE, GREEN, GREY, INK, ORANGE, new_figure
+from hcbench.terms.impact import Floats
 
 # Sketches in units of their own, k = m = 1, with a loss large enough to be seen.
 ALPHA = 0.35

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hcbench.impact import Floats
 from hcbench.reality.bounce import MeasuredBounces, bounced
 from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import Body, ContactSetting, TossModule
+from hcbench.terms.impact import Floats
 
 TITLE = "alumina on glass"
 UNIT = "of e_t"

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from hcbench._files import read_bytes
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.reality.bounce import MeasuredBounces, bounced
 from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, Body, ContactSetting, TossModule
+from hcbench.system.errors import UserError
+from hcbench.system.files import read_bytes
+from hcbench.terms.impact import Floats
 
 TITLE = "table tennis"
 UNIT = "m/s"

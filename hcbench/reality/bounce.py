@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hcbench.impact import Floats
 from hcbench.reality.motion import lowest, quaternions, rotation
 from hcbench.sim.toss import (
     GRAVITY,
@@ -20,6 +19,7 @@ from hcbench.sim.toss import (
     Toss,
     TossModule,
 )
+from hcbench.terms.impact import Floats
 
 # Steps of flight before the touch, and up to one more by the phase
 _BACK = 1.5

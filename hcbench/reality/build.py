@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from dataclasses import astuple
 from pathlib import Path
 
-from hcbench._files import atomic_folder, json_text, write_text
-from hcbench.errors import OutputError
 from hcbench.reality import scores
 from hcbench.reality.evidence import good
 from hcbench.reality.impacts import COLUMNS, ImpactRead
@@ -17,6 +15,8 @@ from hcbench.reality.page import page_text
 from hcbench.reality.poses import PAIRS, Own
 from hcbench.reality.study import RealityResults
 from hcbench.reporting.page import PAGE
+from hcbench.system.errors import OutputError
+from hcbench.system.files import atomic_folder, json_text, write_text
 
 IMPACTS, PARAMETERS = "impacts.csv", "parameters.json"
 

@@ -8,12 +8,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hcbench.errors import UserError
 from hcbench.reality import alumina, ball, cube, ellipse
 from hcbench.reality.outcome import SettingErrors
 from hcbench.sim import registry
 from hcbench.sim.remote import interpreter_of
 from hcbench.sim.toss import ContactSetting, engines
+from hcbench.system.errors import UserError
 from hcbench.workers import WorkerPool, call
 
 SETS: dict[str, Any] = {"cube": cube, "ellipse": ellipse, "ball": ball, "alumina": alumina}

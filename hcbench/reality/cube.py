@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.reality.motion import LEAST_FLIGHT, TIMESTEP, Motion, Tosses, motion
 from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.torch_file import read_tensor
 from hcbench.sim.toss import Body, ContactSetting, TossModule
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats
 
 TITLE = "cube tosses"
 UNIT = "% of its width"

@@ -12,13 +12,13 @@ import numpy as np
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.reality.bounce import MeasuredBounces, bounced
 from hcbench.reality.motion import quaternions
 from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.search import least
 from hcbench.sim.toss import Body, ContactSetting, TossModule
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats
 
 TITLE = "ellipse drops"
 UNIT = "m/s"

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.impact import Floats
 from hcbench.reality import ellipse
 from hcbench.reality.impacts import ImpactRead
+from hcbench.terms.impact import Floats
 
 # Of the ellipse's speeds before, m/s: what the residuals of a free impulse imply.
 ELLIPSE_NOISE = 0.09

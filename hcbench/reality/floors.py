@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hcbench.impact import Floats
 from hcbench.reality import ball, ellipse
 from hcbench.reality.cells import Cell
 from hcbench.reality.impacts import POSITION_NOISE, ROTATION_NOISE
@@ -18,6 +17,7 @@ from hcbench.reality.motion import MOST_FLIGHT, Motion, Tosses, quaternions, rot
 from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.search import least
 from hcbench.sim.toss import Toss
+from hcbench.terms.impact import Floats
 
 # The grid of each toss' own e and friction, and which tosses it is run on.
 RESTITUTIONS = (0.0, 0.1, 0.2, 0.3, 0.4)

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from hcbench._files import read_text
-from hcbench.errors import EngineFailed
-from hcbench.impact import Floats
 from hcbench.reality.cells import SETS, Cell, Tick, outcome_of, run_each, settings_of
 from hcbench.reality.search import least
+from hcbench.system.errors import EngineFailed
+from hcbench.system.files import read_text
+from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool
 
 COMMITTED = Path(__file__).parent / "data" / "parameters.json"

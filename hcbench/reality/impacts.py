@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hcbench.impact import Floats
 from hcbench.reality.motion import Motion, rotation
 from hcbench.sim.toss import GRAVITY, Body
+from hcbench.terms.impact import Floats
 
 TOUCH = 1.5e-3  # m: a frame whose lowest vertex is higher is in flight
 MOST_GAP, LEAST_BEFORE, LEAST_AFTER = 5, 4, 2  # frames

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hcbench.impact import Floats
 from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, POSITION, QUATERNION, Body, ContactSetting, Toss, TossModule
+from hcbench.terms.impact import Floats
 
 # m: the flight before the first touch ends where the lowest point is this low
 NEAR = 3e-3

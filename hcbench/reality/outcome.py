@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from hcbench.impact import Floats
+from hcbench.terms.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from hcbench._files import read_text
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.laws.require import positive
 from hcbench.reality.cells import Cell, Tick, outcome_of, run_each, settings_of
 from hcbench.reality.identify import best_values, search
@@ -20,6 +17,9 @@ from hcbench.reality.impacts import ImpactRead, read_impacts
 from hcbench.reality.motion import LEAST_FLIGHT, Tosses, motion
 from hcbench.reality.scores import SettingScore, of_cell
 from hcbench.sim.toss import Body
+from hcbench.system.errors import UserError
+from hcbench.system.files import read_text
+from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool
 
 PAIRS = "pairs.csv"  # of good impacts, for `hcbench fit`

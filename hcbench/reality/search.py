@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from hcbench.impact import Floats
+from hcbench.terms.impact import Floats
 
 
 def least(

@@ -4,8 +4,8 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from hcbench._files import read_bytes
 from hcbench.reality import ball, cube, ellipse
+from hcbench.system.files import read_bytes
 
 
 @dataclass(frozen=True, slots=True)

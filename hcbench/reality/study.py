@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.impact import Floats
 from hcbench.reality import evidence, floors, twin
 from hcbench.reality.cells import (
     SETS,
@@ -28,6 +27,7 @@ from hcbench.reality.impacts import ImpactRead, read_impacts
 from hcbench.reality.motion import Tosses
 from hcbench.reality.scores import NO_ENGINE, SettingScore, of_cell, of_outcome
 from hcbench.sim.toss import FRICTION, PLUGIN_ALPHA, PLUGIN_E, ContactSetting
+from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool, call
 
 # Laws whose twins are read as the data are: the e that is read from the data, and the α that has this mean e.

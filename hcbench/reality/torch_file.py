@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from hcbench._files import read_bytes
-from hcbench.errors import UserError
-from hcbench.impact import Floats
+from hcbench.system.errors import UserError
+from hcbench.system.files import read_bytes
+from hcbench.terms.impact import Floats
 
 _KINDS = {"DoubleStorage": "<f8", "FloatStorage": "<f4", "LongStorage": "<i8", "IntStorage": "<i4"}
 _FIRST_PARTS = 3  # of a stream: magic number, protocol, sizes of types

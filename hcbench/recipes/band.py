@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hcbench.units import INCH
+from hcbench.terms.units import INCH
 
 # m/s: what Hunt and Crossley's law was fitted over
 PAPER = (1.0 * INCH, 20.0 * INCH)

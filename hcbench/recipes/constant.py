@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
-from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
 from hcbench.laws.root import root
 from hcbench.recipes.target import Target
-from hcbench.resolution import STEPS_OF_A_SPRING
+from hcbench.system.errors import SettingError
+from hcbench.terms.resolution import STEPS_OF_A_SPRING
 
 # ln e of a spring-damper that only pushes tends to -2 at critical damping.
 LOWEST_UNDERDAMPED = math.exp(-2.0)

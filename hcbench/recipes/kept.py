@@ -19,9 +19,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hcbench._compile import is_private
-from hcbench._files import read_text, replace_file, user_folder
-from hcbench.setting import Setting
+from hcbench.system.compiler import is_private
+from hcbench.system.files import read_text, replace_file, user_folder
+from hcbench.terms.setting import Setting
 
 if TYPE_CHECKING:
     from hcbench.recipes.recipe import Recipe

@@ -6,12 +6,12 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.published import LAWS, PublishedLaw, TouchSpeedLaw
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.recipe import Recipe, Role, first
-from hcbench.resolution import STEPS_OF_A_LAW
+from hcbench.system.errors import SettingError
+from hcbench.terms.resolution import STEPS_OF_A_LAW
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

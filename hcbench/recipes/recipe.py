@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from hcbench.errors import SettingError
-from hcbench.impact import Status
 from hcbench.recipes.search import map_result
 from hcbench.recipes.target import Target, TargetKind, require_kind
-from hcbench.setting import Setting
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Status
+from hcbench.terms.setting import Setting
 
 
 class Role(StrEnum):

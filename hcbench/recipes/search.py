@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
     Progress = Callable[[int, int], None]
     Errors = Callable[[Floats], Floats]

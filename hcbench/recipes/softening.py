@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.resolution import STEPS_MOST, STEPS_OF_A_LOOP, STEPS_OF_A_SOFTENED
+from hcbench.system.errors import SettingError
+from hcbench.terms.resolution import STEPS_MOST, STEPS_OF_A_LOOP, STEPS_OF_A_SOFTENED
 
 
 def require_end(target: Target) -> None:

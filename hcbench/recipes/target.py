@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 
 from hcbench import scoring
-from hcbench._arguments import checked_fields
-from hcbench.errors import SettingError
-from hcbench.impact import Floats
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import MeasuredRestitution, Restitution, RestitutionCurve
+from hcbench.system.errors import SettingError
+from hcbench.terms.arguments import checked_fields
+from hcbench.terms.impact import Floats
 
 TargetKind = Literal["law", "linear", "points", "constant"]
 # What the law may be off by to be worth a try, as a share of what one e for all speeds is wrong by.

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hcbench._arguments import checked
-from hcbench._files import atomic_folder, read_text
-from hcbench._notebook import Drawn
 from hcbench.benchmark.results import Results
 from hcbench.benchmark.study import find_study, is_built_in, load_study, name_of
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.system.files import atomic_folder, read_text
+from hcbench.system.notebook import Drawn
+from hcbench.terms.arguments import checked
 from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:
@@ -157,9 +157,9 @@ def _without_uncompiled(study: Study, warn: Callable[[str], None]) -> Study:
 
     NotCompiled where nothing else is in it.
     """
-    from hcbench._compile import NotCompiled
     from hcbench.sim import registry
     from hcbench.sim.capabilities import HasPlugin
+    from hcbench.system.compiler import NotCompiled
 
     plugged = [run for run in study.runs if not registry.recipe(f"{run.engine}.{run.recipe}").native]
     for name in dict.fromkeys(run.engine for run in plugged):

@@ -5,15 +5,15 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hcbench import units
-from hcbench._files import atomic_folder, write_text
 from hcbench.reporting import cup_table, ranking, tables, wording
 from hcbench.reporting.conditions import Views, views
 from hcbench.reporting.explorer import explorer, explorer_script
 from hcbench.reporting.overview_figure import overview_figure
 from hcbench.reporting.page import PAGE, Drawing, counted, draw, render
-from hcbench.resolution import STEPS_TO_COMPARE
 from hcbench.sim.install import add_commands
+from hcbench.system.files import atomic_folder, write_text
+from hcbench.terms import units
+from hcbench.terms.resolution import STEPS_TO_COMPARE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,8 +18,8 @@ from hcbench.reporting.page import Script, script
 from hcbench.reporting.plot_style import KIND_COLOURS
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.reporting.wording import engine_title
+from hcbench.terms.units import STANDARD_GRAVITY
 from hcbench.tuning.usual_errors import errors_of
-from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from hcbench.reporting.conditions import Views

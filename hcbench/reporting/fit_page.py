@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.replay import Replay
     from hcbench.fitting.result import FitResult
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _WINDOW = 8e-4  # s about each pick
 _BESIDE = 0.3  # s of sound before the first touch and after the last

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.impact import LOOP_TOLERANCE, Impact
 from hcbench.laws import closed_form
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Measurement
 from hcbench.reporting.explorer import TABS, Explorer, LoopStore, as_json, digits, places
 from hcbench.reporting.plot_style import LIMIT, MEASURED
+from hcbench.terms.impact import LOOP_TOLERANCE, Impact
 
 
 def explorer_of(measurement: Measurement) -> Explorer | None:

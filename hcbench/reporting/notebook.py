@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hcbench import _text
 from hcbench.benchmark.results import Results
 from hcbench.fitting.notebook import as_html, draw_curve
 from hcbench.fitting.result import FitResult
@@ -30,6 +29,7 @@ from hcbench.reporting.plot_style import (
 )
 from hcbench.reporting.ranking import advised, overview_runs
 from hcbench.sim import registry
+from hcbench.system import text as _text
 from hcbench.tuning.answer import Answer
 from hcbench.tuning.evaluate import held_out_launches
 from hcbench.tuning.snippet import snippet

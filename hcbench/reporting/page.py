@@ -15,10 +15,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from hcbench import _text
-from hcbench._files import read_text, write_bytes
 from hcbench.reporting import wording
 from hcbench.reporting.plot_style import figure_defaults
+from hcbench.system import text as _text
+from hcbench.system.files import read_text, write_bytes
 
 PAGE = "index.html"
 # How templates write numbers and names.

@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from hcbench.impact import Floats
 from hcbench.reporting.wording import power_of_ten
-from hcbench.units import INCH
+from hcbench.terms.impact import Floats
+from hcbench.terms.units import INCH
 
 # After Okabe & Ito (2008) and Tol's muted set: told apart with any kind of colour vision; markers and dashes
 # say the same again for print.

@@ -8,7 +8,7 @@ from typing import Any
 from hcbench.reporting import wording
 from hcbench.reporting.advised import answer_of, best_of, choice_of, error_of
 from hcbench.reporting.view import REFERENCE, STOCK, RunKey, View
-from hcbench.resolution import FOLLOWS, ROUND_OFF_SCORE
+from hcbench.terms.resolution import FOLLOWS, ROUND_OFF_SCORE
 
 TIE = 0.02  # relative: errors this near are one
 TIE_HEAVY = 0.25  # under gravity, where phases of the fall alone scatter e

@@ -12,7 +12,7 @@ from hcbench.reporting.advised import error_of
 from hcbench.reporting.conditions import Views
 from hcbench.reporting.ranking import error_ratio, grade, lacks, lies_still, over_constant, verdict
 from hcbench.reporting.view import REFERENCE, RunKey, View
-from hcbench.setting import Setting
+from hcbench.terms.setting import Setting
 from hcbench.tuning.snippet import snippet
 
 Cells: TypeAlias = dict[str, Any]

@@ -16,13 +16,13 @@ import pandas as pd
 from hcbench.benchmark.bounce_sequence import RestAfterDrop
 from hcbench.benchmark.fold import Folded
 from hcbench.benchmark.results import RUN_KEY, Key, Results
-from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring.curve import Curve, CurvePoint
 from hcbench.reporting.plot_style import PlotStyle, plot_styles
 from hcbench.reporting.wording import NBSP, engine_title, span, time
-from hcbench.resolution import STEPS_OF_A_LOOP
+from hcbench.terms.impact import Floats
+from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
 REFERENCE = "reference"  # the engine of the law
 STOCK = "stock"  # the setting with nothing set

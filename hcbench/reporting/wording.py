@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
-from hcbench._text import two_digits
-from hcbench.errors import HcbenchError
 from hcbench.sim import registry
-from hcbench.units import INCH
+from hcbench.system.errors import HcbenchError
+from hcbench.system.text import two_digits
+from hcbench.terms.units import INCH
 
 NBSP = "\u00a0"  # between a number and its unit: never broken over two lines
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from hcbench.impact import Floats, Impact, Loop, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.resolution import STEPS_TO_COMPARE
+from hcbench.terms.impact import Floats, Impact, Loop, Status
+from hcbench.terms.resolution import STEPS_TO_COMPARE
 
 _REFERENCE_POINTS = 2001
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.resolution import ROUND_OFF_SUM, STEPS_AT_ITS_ENDS
 from hcbench.scoring.loops import LoopScore
+from hcbench.terms.impact import Floats
+from hcbench.terms.resolution import ROUND_OFF_SUM, STEPS_AT_ITS_ENDS
 
 _NEAR_ZERO = 0.005  # of the largest force: what counts as zero
 _EXPONENT_SLACK = 0.15  # how far the exponent of ΔE may be from the law's own

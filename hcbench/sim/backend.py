@@ -11,7 +11,7 @@ from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 from hcbench.environments import ADD
-from hcbench.errors import EngineMissing, foreign_errors
+from hcbench.system.errors import EngineMissing, foreign_errors
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from shlex import quote
 from typing import Any
 
-from hcbench._text import number, sanitized, table
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.system.text import number, sanitized, table
 
 _NAMED = 6  # pairs that an error names
 

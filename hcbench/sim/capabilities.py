@@ -10,20 +10,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench.errors import UserError
 from hcbench.sim.engine import Engine
 from hcbench.sim.standing import UNKNOWN, Standing
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from hcbench.impact import Floats
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
     from hcbench.sim.touchdowns import TrajectoryTouchdowns
+    from hcbench.terms.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

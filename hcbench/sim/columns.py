@@ -10,7 +10,7 @@ from typing import Any, Self, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from hcbench.impact import Floats, Impact, Launch, Loop, Status
+from hcbench.terms.impact import Floats, Impact, Launch, Loop, Status
 
 Flags = NDArray[np.bool_]
 Whole = NDArray[np.int64]

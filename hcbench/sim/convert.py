@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hcbench import units
-from hcbench._arguments import checked
-from hcbench.errors import UserError
 from hcbench.laws.conventions import contact_of, said
 from hcbench.laws.restitution import Reading
 from hcbench.laws.spring_text import read_adams, read_newton
-from hcbench.options import Quantity
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact
+from hcbench.system.errors import UserError
+from hcbench.terms import units
+from hcbench.terms.arguments import checked
+from hcbench.terms.options import Quantity
 
 if TYPE_CHECKING:
     from hcbench.laws.conventions import Conversion

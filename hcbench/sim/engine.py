@@ -25,22 +25,22 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, final
 
-from hcbench.errors import EngineFailed, SettingError
-from hcbench.scene import Scene
-from hcbench.setting import PAIR, Pair, Setting
 from hcbench.sim import simulate
 from hcbench.sim.columns import Impacts, Launches
 from hcbench.sim.passivity import LongestTrain, Passivity, passivity_of
 from hcbench.sim.promise import Promise
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.system.errors import EngineFailed, SettingError
+from hcbench.terms.scene import Scene
+from hcbench.terms.setting import PAIR, Pair, Setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Impact, Launch, Trajectory
     from hcbench.recipes.recipe import Recipe
     from hcbench.sim.backend import Backend
     from hcbench.sim.world import World
+    from hcbench.terms.impact import Impact, Launch, Trajectory
 
 
 class Engine(ABC):

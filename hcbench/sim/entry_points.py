@@ -7,7 +7,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
-from hcbench.errors import EngineFailed, UserError
+from hcbench.system.errors import EngineFailed, UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

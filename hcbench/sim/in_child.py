@@ -10,8 +10,8 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection, Pipe
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
-from hcbench.errors import EngineFailed
 from hcbench.sim.world import Record, Simulation
+from hcbench.system.errors import EngineFailed
 from hcbench.workers.fork import Fork
 
 if TYPE_CHECKING:

@@ -8,13 +8,13 @@ from importlib import metadata
 from typing import TYPE_CHECKING
 
 from hcbench.environments import ADD, make, store
-from hcbench.errors import CannotRun, EngineFailed, HcbenchError, UserError
-from hcbench.impact import Launch, Status
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.sim import entry_points, registry
 from hcbench.sim.remote import interpreter, worker_requirements
+from hcbench.system.errors import CannotRun, EngineFailed, HcbenchError, UserError
+from hcbench.terms.impact import Launch, Status
+from hcbench.terms.scene import load_scene
 from hcbench.workers import call
 
 if TYPE_CHECKING:

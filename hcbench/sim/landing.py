@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench._notebook import Shown
-from hcbench.records import LANDING, record
+from hcbench.system.notebook import Shown
+from hcbench.terms.records import LANDING, record
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.options import Controller
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.options import Controller
 
 # a foot that is off the floor for longer has left it; shorter gaps are chatter
 PARTED_S = 0.005

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench.errors import EngineFailed
-from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.packages import Packages
 from hcbench.sim.promise import Promise
 from hcbench.sim.rest import Rest, let_down
 from hcbench.sim.world import World
+from hcbench.system.errors import EngineFailed
+from hcbench.terms.impact import Impact, Launch
 
 if TYPE_CHECKING:
     from hcbench.sim.shared_model import SharedModelEngine

@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 Id = TypeVar("Id")
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from hcbench._files import read_text
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
+from hcbench.system.files import read_text
 
 Packages = tuple[tuple[str, str], ...]  # (name, folder)
 

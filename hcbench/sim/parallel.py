@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench._text import shortest
-from hcbench.errors import CannotRun, SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import Options, PythonLaw, ScriptedEngine
 from hcbench.sim.world import Record, Simulation, World, momentum_force
+from hcbench.system.errors import CannotRun, SettingError
+from hcbench.system.text import shortest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats, Launch
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
     from hcbench.sim.world import Flags
+    from hcbench.terms.impact import Floats, Launch
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 _MOST_STEPS = 64  # between two looks
 _GUESSED = 4 << 30  # bytes of free memory

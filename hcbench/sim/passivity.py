@@ -15,20 +15,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Launch
 from hcbench.sim.entry_points import here
 from hcbench.sim.read_impact import SpeedReading
-from hcbench.units import STANDARD_GRAVITY
+from hcbench.terms.impact import Launch
+from hcbench.terms.units import STANDARD_GRAVITY
 from hcbench.workers import call, redirect_output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
     from hcbench.sim.engine import Engine, SteppedEngine
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 HEIGHTS = tuple(np.geomspace(2e-4, 0.2, 40).tolist())  # m, of the drops
 # s: how long drops are simulated; who bounces then must be allowed to by the target

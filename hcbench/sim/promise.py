@@ -8,8 +8,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hcbench.impact import Impact
 from hcbench.laws.restitution import ConstantRestitution, Restitution, RestitutionCurve
+from hcbench.terms.impact import Impact
 
 _NUMBER = r"([0-9.eE+-]+)"
 _TEXT = re.compile(

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Impact, Launch, Status
 from hcbench.sim.columns import STATUSES, Impacts, Launches, Recorded
 from hcbench.sim.stop import End, StopRule
+from hcbench.terms.impact import Impact, Launch, Status
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from hcbench.impact import Floats, Trajectory
+    from hcbench.terms.impact import Floats, Trajectory
 
     States = tuple[Floats, ...]
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hcbench.resolution import ROUND_OFF_STEP
 from hcbench.sim.read_impact import EndedContacts
 from hcbench.sim.stop import (
     FALL_STEPS,
@@ -24,13 +23,14 @@ from hcbench.sim.stop import (
     End,
     StopRule,
 )
+from hcbench.terms.resolution import ROUND_OFF_STEP
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.impact import Floats
-    from hcbench.scene import Scene
     from hcbench.sim.columns import Launches
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Scene
 
 
 class Rule(NamedTuple):

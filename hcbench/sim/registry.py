@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from hcbench._arguments import checked
 from hcbench.environments import store
-from hcbench.errors import EngineFailed, EngineMissing
 from hcbench.sim import backend, entry_points
 from hcbench.sim.engine import Engine, module_of
 from hcbench.sim.entry_points import here, unknown
 from hcbench.sim.remote import missing, remote
+from hcbench.system.errors import EngineFailed, EngineMissing
+from hcbench.terms.arguments import checked
 from hcbench.workers import environment
 
 if TYPE_CHECKING:

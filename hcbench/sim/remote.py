@@ -13,12 +13,12 @@ from functools import cache, partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from hcbench.errors import EngineMissing, UserError
-from hcbench.setting import PAIR
 from hcbench.sim import entry_points
 from hcbench.sim.capabilities import HasPlugin, OpensModels, TunesModels, plugin_of
 from hcbench.sim.entry_points import here, versioned_title
 from hcbench.sim.simulate import STEP_S
+from hcbench.system.errors import EngineMissing, UserError
+from hcbench.terms.setting import PAIR
 from hcbench.workers import Interpreter, call
 
 if TYPE_CHECKING:
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.environments.store import Environment
-    from hcbench.impact import Impact, Launch, Trajectory
     from hcbench.recipes.recipe import Recipe
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
-    from hcbench.setting import Pair, Setting
     from hcbench.sim.engine import Engine
     from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
+    from hcbench.terms.impact import Impact, Launch, Trajectory
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Pair, Setting
 
 _WORKER = ("numpy", "scipy", "pint", "pydantic")
 _SETUP = """

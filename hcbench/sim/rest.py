@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Floats, Launch
+from hcbench.terms.impact import Floats, Launch
 
 if TYPE_CHECKING:
     from hcbench.sim.world import World

@@ -21,21 +21,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, final
 import numpy as np
 from pydantic import PlainValidator
 
-from hcbench._text import sanitized, shortest
-from hcbench.errors import EngineMissing, SettingError
-from hcbench.fields import OptionTable, validate
 from hcbench.laws.contact_law import law_of
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.setting import PAIR
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.world import Record, Simulation, World, momentum_force
+from hcbench.system.errors import EngineMissing, SettingError
+from hcbench.system.text import sanitized, shortest
+from hcbench.terms.fields import OptionTable, validate
+from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
-    from hcbench.impact import Launch
-    from hcbench.scene import Scene
-    from hcbench.setting import Pair, Setting
     from hcbench.sim.world import Flags
+    from hcbench.terms.impact import Launch
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Pair, Setting
 
 PythonLaw = HuntCrossley | Restitution
 # An accuracy of error control by which e hardly depends on where in a step the contact starts

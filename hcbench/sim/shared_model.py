@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.recipes.search import map_result
-from hcbench.setting import PAIR
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels, opener
 from hcbench.sim.columns import Impacts
@@ -24,19 +22,21 @@ from hcbench.sim.parallel import BatchWorld, require_motion
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.read_steps import NEVER, Reading, begun, contacts_of, reader, rule_for
 from hcbench.sim.scripted import PythonLaw, python_law_of
+from hcbench.system.errors import SettingError
+from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from hcbench.impact import Floats
     from hcbench.recipes.recipe import Recipe
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
-    from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.columns import Launches
     from hcbench.sim.model_under_test import ModelUnderTest, Request
     from hcbench.sim.read_steps import Rule
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Pair, Setting
 
 
 # Of a ball's state: velocities come after the 7 positions of a free joint

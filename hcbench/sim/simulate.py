@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.errors import SettingError
-from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.sim.backend import require
 from hcbench.sim.columns import STATUSES, Impacts, Launches, even_size
@@ -23,6 +21,8 @@ from hcbench.sim.read_impact import impacts_of
 from hcbench.sim.stop import StopRule
 from hcbench.sim.tangential import tangential_of
 from hcbench.sim.world import CannotShareError
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Impact, Status, Trajectory
 from hcbench.workers import call, in_worker, map_surviving_crashes, redirect_output
 
 if TYPE_CHECKING:
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from hcbench.impact import Floats, Launch
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
     from hcbench.sim.engine import SteppedEngine
     from hcbench.sim.world import Simulation, World
+    from hcbench.terms.impact import Floats, Launch
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 # For one step of a trajectory, beyond the engine's limit for a launch
 STEP_S = 1e-3

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Floats, Launch, not_finite
 from hcbench.sim.columns import Launches
+from hcbench.terms.impact import Floats, Launch, not_finite
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Motion along the plate in an oblique impact: recorded at each step, and evaluated from the
 record.
 
-Directions are those of `hcbench.impact.Launch`: along the way that the body is sent, across it, and along the
+Directions are those of `hcbench.terms.impact.Launch`: along the way that the body is sent, across it, and along the
 normal away from the plate.
 """
 
@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from hcbench.errors import UserError
-from hcbench.impact import ENERGY, FRICTION, SLIP, SPIN, Tangential
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import ENERGY, FRICTION, SLIP, SPIN, Tangential
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats, Impact
-    from hcbench.scene import Scene
+    from hcbench.terms.impact import Floats, Impact
+    from hcbench.terms.scene import Scene
 
 
 # Of a normal along x: from here on the plate counts as across x

@@ -19,9 +19,9 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from hcbench.impact import Floats
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim import registry
+from hcbench.terms.impact import Floats
 
 GRAVITY = 9.81  # m/s²
 Shape = Literal["box", "ellipsoid", "sphere"]

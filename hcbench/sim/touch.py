@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hcbench.errors import SceneError, UserError
+from hcbench.system.errors import SceneError, UserError
 
 # Of the smaller one's size: an overlap at the start up to which it is just moved out
 DEEPEST = 0.1

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hcbench._notebook import Shown
-from hcbench.impact import Floats
+from hcbench.system.notebook import Shown
+from hcbench.terms.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hcbench.laws.force import HuntCrossley
-from hcbench.scene import built_in_folder
+from hcbench.terms.scene import built_in_folder
 
 NAME = "two-blocks"
 # m, of the sphere: the relative radius of section 3.1; no force depends on it

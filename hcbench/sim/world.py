@@ -11,27 +11,27 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from hcbench.resolution import ROUND_OFF_STEP
 from hcbench.sim.read_impact import NOT_FINITE, SpeedReading
+from hcbench.terms.resolution import ROUND_OFF_STEP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from hcbench.impact import Floats, Launch
     from hcbench.sim.columns import Impacts, Launches
+    from hcbench.terms.impact import Floats, Launch
 
     Flags = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """States at the start of each step; arrays of shape (b, n), SI, signs as in `hcbench.impact`.
+    """States at the start of each step; arrays of shape (b, n), SI, signs as in `hcbench.terms.impact`.
 
     force: the normal contact force that acts in the step; exactly 0 where the contact did not act. All three
     are NaN from the step on at which the engine gave up.
-    tangential: what was seen along the plate, shape (8, b, n), rows as `hcbench.impact` numbers them; None
+    tangential: what was seen along the plate, shape (8, b, n), rows as `terms.impact` numbers them; None
     where no launch is oblique, or from an engine that knows the normal direction only.
     whole: all of these, one below the other, where an engine has them so; shape (3 or 11, b, n).
     """

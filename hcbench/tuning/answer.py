@@ -9,22 +9,22 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from hcbench._notebook import Drawn
-from hcbench._text import time_step, two_digits
-from hcbench.errors import SettingError
 from hcbench.recipes.band import why_cut
 from hcbench.recipes.constant import minimax_constant
-from hcbench.setting import Pair, Setting
 from hcbench.sim import registry
+from hcbench.system.errors import SettingError
+from hcbench.system.notebook import Drawn
+from hcbench.system.text import time_step, two_digits
+from hcbench.terms.setting import Pair, Setting
 from hcbench.tuning.tuned import Tuned, make_tuned
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
     from hcbench.sim.passivity import Passivity
     from hcbench.sim.promise import Promise
+    from hcbench.terms.scene import Scene
 
 _SHOWN = 4  # settings never to be used
 MAX_ERROR = 0.05  # of e: what a setting that follows the law should stay within

@@ -8,17 +8,22 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from hcbench import units
-from hcbench._arguments import checked
-from hcbench._outputs import write_output
-from hcbench._text import sanitized
-from hcbench.errors import UserError
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Reading
 from hcbench.laws.spring_text import read_adams, read_newton
 from hcbench.measuring.measurement import Wanted, read_points
 from hcbench.measuring.request import make_request, read_limit, read_pair
-from hcbench.options import (
+from hcbench.recipes.band import default_band
+from hcbench.recipes.search import report_progress
+from hcbench.recipes.target import Target
+from hcbench.sim import registry
+from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output
+from hcbench.system.errors import UserError
+from hcbench.system.outputs import write_output
+from hcbench.system.text import sanitized
+from hcbench.terms import units
+from hcbench.terms.arguments import checked
+from hcbench.terms.options import (
     BodyPair,
     Folders,
     Joints,
@@ -28,13 +33,8 @@ from hcbench.options import (
     Quantities,
     Quantity,
 )
-from hcbench.recipes.band import default_band
-from hcbench.recipes.search import report_progress
-from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
-from hcbench.setting import PAIR, Pair
-from hcbench.sim import registry
-from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import PAIR, Pair
 from hcbench.tuning.answer import MAX_ERROR, Answer, Kind
 from hcbench.tuning.choose import Match
 from hcbench.tuning.find import find_answer
@@ -44,7 +44,7 @@ from hcbench.tuning.tuned_model import TunedModel
 if TYPE_CHECKING:
     from hcbench.laws.penalty import AdamsImpact, NewtonSpring
     from hcbench.laws.spring_text import Adams, Newton
-    from hcbench.scene import Scene
+    from hcbench.terms.scene import Scene
 
     Points = Sequence[tuple[float, float]]
 

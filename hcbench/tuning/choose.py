@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from hcbench._text import time_step
-from hcbench.errors import SettingError
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.recipes.softening import steps_per_contact
-from hcbench.resolution import STEPS_OF_A_LOOP
 from hcbench.sim import registry
+from hcbench.system.errors import SettingError
+from hcbench.system.text import time_step
+from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
+    from hcbench.terms.scene import Scene
 
 Match = Literal["restitution", "loop", "both"]
 

@@ -10,18 +10,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hcbench import scoring
-from hcbench.impact import Floats, Impact, Launch
 from hcbench.laws import closed_form
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
-from hcbench.scene import Scene
-from hcbench.setting import Setting
 from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.sim.remote import adapter_of
 from hcbench.sim.rest import Rest, last_half, rest_of
 from hcbench.sim.scripted import ScriptedEngine
+from hcbench.terms.impact import Floats, Impact, Launch
+from hcbench.terms.scene import Scene
+from hcbench.terms.setting import Setting
+from hcbench.terms.units import STANDARD_GRAVITY
 from hcbench.tuning.oblique import friction_error, oblique_launches
-from hcbench.units import STANDARD_GRAVITY
 
 _SPEEDS, _PHASES = 9, 8  # of the grid that tells the spread over phases
 _RANDOM, _NEAR, _ROUNDS = 400, 24, 3  # launches at random; about the worst one, so many times

@@ -7,27 +7,27 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hcbench._compile import NotCompiled
-from hcbench._text import two_digits
-from hcbench.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
-from hcbench.impact import Launch
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.recipes.softening import require_end
 from hcbench.recipes.target import require_kind
-from hcbench.setting import PAIR, Pair
 from hcbench.sim import registry
 from hcbench.sim.passivity import LongestTrain
 from hcbench.sim.promise import Promise
+from hcbench.system.compiler import NotCompiled
+from hcbench.system.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
+from hcbench.system.text import two_digits
+from hcbench.terms.impact import Launch
+from hcbench.terms.setting import PAIR, Pair
 from hcbench.tuning.answer import MAX_ERROR, Answer, Choice, Kind, Never
 from hcbench.tuning.choose import Match, candidates
 from hcbench.tuning.tuned import Tuned, make_tuned
 
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 _EXACT = 1e-7  # of e, what a compiled plug-in stays within
 _TURNS = 20  # until that speed stays

@@ -9,9 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from hcbench._arguments import checked
-from hcbench.errors import EngineFailed, UserError
-from hcbench.impact import Impact
 from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.laws.require import require
 from hcbench.laws.restitution import MeasuredRestitution, RestitutionCurve
@@ -29,6 +26,9 @@ from hcbench.sim.model_under_test import (
 )
 from hcbench.sim.promise import Promise
 from hcbench.sim.standing import Standing
+from hcbench.system.errors import EngineFailed, UserError
+from hcbench.terms.arguments import checked
+from hcbench.terms.impact import Impact
 from hcbench.tuning.tune import MAX_ERROR
 from hcbench.tuning.tuned_model import TunedModel, TunedPair, largest_error
 

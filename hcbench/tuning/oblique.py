@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Launch
 from hcbench.laws.coulomb import friction_impulse
+from hcbench.terms.impact import Launch
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Impact
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
+    from hcbench.terms.impact import Impact
+    from hcbench.terms.scene import Scene
 
 SPEEDS, PHASES = 4, (0.12, 0.37, 0.62, 0.87)
 # (slip m/s, spin rad/s): slow to fast sliding, backspin and topspin, and all at once out of the plane.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
-    from hcbench.setting import Setting
+    from hcbench.terms.setting import Setting
 
 
 def snippet(setting: Setting, form: str) -> str:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
+    from hcbench.terms.scene import Scene
     from hcbench.tuning.choose import Match
     from hcbench.tuning.tuned import Tuned
 

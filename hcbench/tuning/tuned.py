@@ -6,20 +6,20 @@ import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from hcbench._notebook import Drawn
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.sim import registry
 from hcbench.sim.passivity import MOST_E, LongestTrain
+from hcbench.system.notebook import Drawn
 from hcbench.tuning.evaluate import Evaluation, evaluate, rest_test
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
     from hcbench.sim.passivity import Passivity
     from hcbench.sim.rest import Rest
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 _SAME_LOOP = 0.05  # rms of the force over its largest: below it the loop counts as the law's
 _DEEP = 0.02  # of the radius: a deeper contact is called soft

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hcbench._notebook import Shown
 from hcbench.measuring.curve import Curve
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.standing import Standing
+from hcbench.system.notebook import Shown
 from hcbench.tuning.tune import MAX_ERROR
 
 _POINTS = "points of contact"  # among `Facts.settings`

@@ -13,11 +13,11 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from hcbench._files import json_text, parse_json, read_text, write_text
 from hcbench.sim import registry
+from hcbench.system.files import json_text, parse_json, read_text, write_text
+from hcbench.terms.units import INCH
 from hcbench.tuning.ask import make_target
 from hcbench.tuning.find import find_answer
-from hcbench.units import INCH
 from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:

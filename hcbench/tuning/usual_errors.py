@@ -17,19 +17,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from hcbench._files import parse_json, read_text, write_text
-from hcbench.errors import SettingError
 from hcbench.recipes.recipe import Role, first
 from hcbench.sim import registry
+from hcbench.system.errors import SettingError
+from hcbench.system.files import parse_json, read_text, write_text
+from hcbench.terms.units import INCH
 from hcbench.tuning import usual
 from hcbench.tuning.ask import make_target
 from hcbench.tuning.find import exact_from, find_answer
-from hcbench.units import INCH
 from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
+    from hcbench.terms.scene import Scene
 
 FILE = Path(__file__).with_name("usual_errors.json")
 SCENE = "steel-plane"

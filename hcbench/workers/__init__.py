@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Self, TypeVar
 
-from hcbench.errors import CannotRun
+from hcbench.system.errors import CannotRun
 from hcbench.workers.process import (
     Interpreter,
     Worker,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hcbench.errors import EngineFailed, HcbenchError, typed
+from hcbench.system.errors import EngineFailed, HcbenchError, typed
 
 _PROTOCOL = 4  # the default of 3.11
 # a module, a function of it, arguments

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakSet
 
-from hcbench._command import IS_COMMAND
 from hcbench.environments import ADD
-from hcbench.errors import CannotRun, EngineFailed, EngineMissing
+from hcbench.system.command import IS_COMMAND
+from hcbench.system.errors import CannotRun, EngineFailed, EngineMissing
 from hcbench.workers.clock import processor_seconds
 from hcbench.workers.fork import AVAILABLE, Fork
 from hcbench.workers.message import CallEnd, FirstCall, pickled

@@ -15,9 +15,9 @@ from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import study_from
 from hcbench.checking.judge import judge_results
 from hcbench.checking.text import as_text
-from hcbench.errors import StudyError
 from hcbench.reporting.tables import oblique
 from hcbench.reporting.view import View
+from hcbench.system.errors import StudyError
 
 STUDY: dict[str, Any] = {
     "scene": "steel-plane",

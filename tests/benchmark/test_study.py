@@ -16,15 +16,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from machines import other_kernels
 
-from hcbench._files import atomic_folder
 from hcbench.benchmark.plan import make_plan
 from hcbench.benchmark.results import RUN_KEY, Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import Study, find_study, load_study, name_of, study_from
-from hcbench.errors import StudyError
-from hcbench.impact import Trajectory
 from hcbench.recipes.band import default_band
 from hcbench.sim import registry
+from hcbench.system.errors import StudyError
+from hcbench.system.files import atomic_folder
+from hcbench.terms.impact import Trajectory
 from hcbench.tuning.ask import tune
 
 CONTENT: dict[str, Any] = {
@@ -120,7 +120,7 @@ def test_an_old_processors_kernels_do_not_change_a_byte(
     """NumPy without the instructions that it can do without, and OpenBLAS as on a Prescott, 4 threads."""
     code = (
         "import json, sys; from pathlib import Path; from hcbench.benchmark.run import run_study;"
-        "from hcbench.benchmark.study import study_from; from hcbench._files import atomic_folder;"
+        "from hcbench.benchmark.study import study_from; from hcbench.system.files import atomic_folder;"
         "found = run_study(study_from(json.loads(sys.argv[1])), jobs=1)\n"
         "with atomic_folder(Path(sys.argv[2])) as scratch: found.write(scratch)"
     )

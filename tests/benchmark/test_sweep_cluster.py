@@ -17,7 +17,7 @@ import hcbench
 from hcbench.benchmark import cluster
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.study import load_study, study_from
-from hcbench.errors import CannotRun
+from hcbench.system.errors import CannotRun
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

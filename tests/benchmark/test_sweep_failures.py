@@ -16,7 +16,7 @@ from hcbench.benchmark.read import read
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.shard import Timeouts
 from hcbench.benchmark.study import study_from
-from hcbench.errors import CannotRun, SettingError
+from hcbench.system.errors import CannotRun, SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

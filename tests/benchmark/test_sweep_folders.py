@@ -23,7 +23,7 @@ from hcbench.benchmark.read import is_sweep, read
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.store import Store
 from hcbench.benchmark.study import study_from
-from hcbench.errors import CannotRun, OutputError, UserError
+from hcbench.system.errors import CannotRun, OutputError, UserError
 
 pytestmark = pytest.mark.usefixtures("small_parts")
 

@@ -16,7 +16,7 @@ from sweep_engine import note
 from hcbench.benchmark.read import read
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.study import study_from
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

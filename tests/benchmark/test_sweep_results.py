@@ -21,8 +21,8 @@ from hcbench.benchmark.read import read
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.run import Progress, run_study, sweep
 from hcbench.benchmark.study import study_from
-from hcbench.errors import UserError
 from hcbench.sim import registry
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

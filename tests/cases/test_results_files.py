@@ -13,7 +13,7 @@ import pytest
 from hcbench.cases import schema
 from hcbench.cases.run import run_engines
 from hcbench.cases.score import known_failures, matrix, measured, regressions, score, the_cases
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 MEASURED = measured()
 

@@ -12,7 +12,7 @@ from checks import BROKEN, GOOD, SPEEDS, ask
 from hcbench.checking import CheckSpec, Outputs, check, plan
 from hcbench.checking.baseline import Baseline, read_baseline
 from hcbench.checking.text import as_text
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 
 def test_a_baseline_catches_a_bounce_that_changed(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from checks import BROKEN, CRASH, GOOD, SPEEDS, ask, one
 from hcbench.checking import CheckSpec, Outputs, check
 from hcbench.checking.text import as_junit, as_markdown, as_text
 from hcbench.cli import run
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 
 def test_markdown_has_a_row_a_check() -> None:

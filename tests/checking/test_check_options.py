@@ -11,7 +11,7 @@ from checks import EXAMPLES, ask
 from hcbench.checking import CheckSpec, Outputs, Verdict, check, plan
 from hcbench.checking.table import checks_of
 from hcbench.checking.text import as_text
-from hcbench.errors import OutputError, UserError
+from hcbench.system.errors import OutputError, UserError
 
 
 @pytest.mark.parametrize(

@@ -17,11 +17,11 @@ from checks import BROKEN, GOOD, SPEEDS, ask, one
 from hcbench.checking import CheckSpec, Outputs, check
 from hcbench.checking.baseline import read_baseline
 from hcbench.checking.text import as_record_of, as_text
-from hcbench.errors import UserError
 from hcbench.measuring import measure
 from hcbench.measuring.text import as_record
 from hcbench.measuring.text import as_text as measurement_text
 from hcbench.reporting.measurement_page import measurement_page
+from hcbench.system.errors import UserError
 
 
 def test_all_forms_say_the_same(tmp_path: Path) -> None:

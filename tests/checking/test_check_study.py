@@ -8,7 +8,7 @@ import pytest
 
 from hcbench.checking import CheckSpec, Verdict, check
 from hcbench.cli import run
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 STUDY = """schema = 1
 scene = "steel-plane"

@@ -10,7 +10,7 @@ from checks import ask
 
 from hcbench.checking import CheckSpec, check
 from hcbench.checking.measured_pairs import read_pairs
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 
 @pytest.mark.parametrize(

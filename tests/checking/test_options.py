@@ -14,9 +14,9 @@ from hcbench.checking.table import checks_of
 from hcbench.cli.check import check, measure
 from hcbench.cli.tune import tune
 from hcbench.measuring.request import make_request
-from hcbench.options import LAUNCHES, LIMITS, OPTIONS
 from hcbench.pytest_plugin import FixtureOptions
 from hcbench.sim.model_under_test import Request
+from hcbench.terms.options import LAUNCHES, LIMITS, OPTIONS
 
 GIVEN: dict[str, str | bool] = {
     "speeds": "4, 8 in/s",

@@ -138,7 +138,7 @@ def test_the_fixture_and_the_marker_take_every_option_of_launches(models: pytest
     models.makepyfile(
         """
         import pytest
-        from hcbench.options import LAUNCHES
+        from hcbench.terms.options import LAUNCHES
 
         OBLIQUE = {"angle": "45 deg", "along": "1, 0, 0", "spin": "1 rad/s"}
         GIVEN = {"coming_from": "above", "actuators": False, **OBLIQUE}

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from hcbench._files import MANIFEST, atomic_folder, write_bytes
 from hcbench.cli import run
-from hcbench.errors import OutputError
+from hcbench.system.errors import OutputError
+from hcbench.system.files import MANIFEST, atomic_folder, write_bytes
 
 HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
 LAW = ["law", "--alpha", "0.1", "--speed", "0.1"]
@@ -195,7 +195,8 @@ def test_an_output_that_cannot_be_written_is_refused_and_left(tmp_path: Path) ->
 def test_standard_output_in_a_file_keeps_both(tmp_path: Path) -> None:
     file, link = tmp_path / "out", tmp_path / "link"
     link.symlink_to("/dev/stdout")
-    code = f"import pathlib, hcbench._files as files; files.write_bytes(pathlib.Path({str(link)!r}), b'1 ')"
+    code = "import pathlib, hcbench.system.files as files; "
+    code += f"files.write_bytes(pathlib.Path({str(link)!r}), b'1 ')"
     with file.open("wb") as stream:
         subprocess.run([sys.executable, "-c", f"{code}; print(2)"], stdout=stream, check=True)
     assert file.read_bytes().split() == [b"1", b"2"]
@@ -298,7 +299,7 @@ def test_an_edited_list_deletes_nothing_behind_a_link_nor_of_another_kind(tmp_pa
 
 
 def test_what_a_killed_report_left_goes_and_what_runs_stays(tmp_path: Path) -> None:
-    code = "import os, pathlib, hcbench._files as f\n"
+    code = "import os, pathlib, hcbench.system.files as f\n"
     code += f"with f.atomic_folder(pathlib.Path({str(tmp_path)!r})): os.kill(os.getpid(), 9)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -9
     (left,) = tmp_path.iterdir()

@@ -12,17 +12,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hcbench import errors
-from hcbench._compile import compiler
-from hcbench._files import parse_json, write_text
 from hcbench.cli import run
-from hcbench.errors import HcbenchError, UserError
-from hcbench.impact import Impact, Launch, Status
 from hcbench.laws import closed_form
 from hcbench.laws.bounces import successive_bounces
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import VibroImpact
+from hcbench.system import errors
+from hcbench.system.compiler import compiler
+from hcbench.system.errors import HcbenchError, UserError
+from hcbench.system.files import parse_json, write_text
+from hcbench.terms.impact import Impact, Launch, Status
 
 GOOD = Path(__file__).parents[2] / "examples" / "good.xml"
 MODEL = [str(GOOD), "--pair", "ball,plate"]

@@ -10,10 +10,10 @@ from hcbench import cli
 from hcbench.benchmark.encodings import arrays, frame, metadata_in, parquet
 from hcbench.benchmark.plan import versions_here
 from hcbench.benchmark.study import find_study, is_built_in, load_study
-from hcbench.errors import EngineMissing, UserError
 from hcbench.reporting.ask import engines_in, find_plan, folder_for
 from hcbench.sim import install, registry, simulate
 from hcbench.sim.backend import Backend
+from hcbench.system.errors import EngineMissing, UserError
 
 ADD = "hcbench engines add pybullet --python 3.11"
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from hcbench import cli
-from hcbench._outputs import require_output, write_output
-from hcbench.errors import OutputError, UserError
 from hcbench.reporting.page import png_bytes
 from hcbench.reporting.plot_style import new_figure
+from hcbench.system.errors import OutputError, UserError
+from hcbench.system.outputs import require_output, write_output
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HEIGHTS = "height [cm]\n30\n22\n17\n13.5\n11\n9.2\n7.8\n"

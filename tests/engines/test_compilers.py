@@ -16,12 +16,12 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from hcbench import _compile
 from hcbench.engines.mujoco import plugin as mujoco_plugin
 from hcbench.engines.pybullet import plugin as pybullet_plugin
+from hcbench.system import compiler as _compile
 
 STRICT = ("-Werror", "-Wall", "-Wextra", "-Wimplicit-function-declaration")
-PACKAGE = Path(_compile.__file__).parent
+PACKAGE = Path(_compile.__file__).parents[1]
 INSTALLED = Path(mujoco.__file__).parent
 MUJOCOS = [INSTALLED, *map(Path, filter(None, os.environ.get("HCBENCH_MUJOCOS", "").split(os.pathsep)))]
 

@@ -18,13 +18,13 @@ from scipy.integrate import quad
 
 from hcbench.contact import pybullet as bullet_contact
 from hcbench.contact.mujoco import load
-from hcbench.errors import SettingError, UserError
 from hcbench.laws import ode
 from hcbench.laws.contact_law import law_of, require_resolved
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import LAWS, Exact, Flores, LankaraniNikravesh, PublishedLaw, TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution
-from hcbench.setting import Setting
+from hcbench.system.errors import SettingError, UserError
+from hcbench.terms.setting import Setting
 from hcbench.tuning.snippet import snippet
 
 try:

@@ -11,21 +11,22 @@ import numpy as np
 import pytest
 from shared_models import HOPPER, PAIR, SPRING, ball
 
-from hcbench import Measurement, cli, units
+from hcbench import Measurement, cli
 from hcbench.benchmark.batch import Batch, run_batch
 from hcbench.benchmark.plan import make_plan
 from hcbench.benchmark.study import load_study
-from hcbench.errors import CannotRun, SceneError, SettingError, UserError
-from hcbench.impact import Floats, Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring.measure import measure
 from hcbench.recipes.target import Target
-from hcbench.scene import Scene, load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.columns import Launches
 from hcbench.sim.convert import convert
 from hcbench.sim.parallel import require_motion
+from hcbench.system.errors import CannotRun, SceneError, SettingError, UserError
+from hcbench.terms import units
+from hcbench.terms.impact import Floats, Launch
+from hcbench.terms.scene import Scene, load_scene
+from hcbench.terms.setting import Setting
 from hcbench.tuning.ask import tune
 
 DOCS_MODEL = (

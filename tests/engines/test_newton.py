@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench import units
 from hcbench.engines.newton.engine import NewtonEngine
-from hcbench.errors import SettingError
-from hcbench.impact import Floats, Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import Scene, load_scene
-from hcbench.setting import Setting
 from hcbench.sim import install, registry
+from hcbench.system.errors import SettingError
+from hcbench.terms import units
+from hcbench.terms.impact import Floats, Launch
+from hcbench.terms.scene import Scene, load_scene
+from hcbench.terms.setting import Setting
 
 PLANE = load_scene("steel-plane")
 WITH_GRAVITY = dataclasses.replace(PLANE, gravity=9.80665)

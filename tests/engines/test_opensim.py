@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from plane_launches import ALPHAS, PLANE, WITH_GRAVITY, restitutions, run, target
 
-from hcbench.errors import SettingError
-from hcbench.impact import Launch, Status
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.scoring import score_loop
-from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.convert import convert
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Launch, Status
+from hcbench.terms.setting import Setting
 
 
 @pytest.mark.needs_engine("opensim")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from plane_launches import ALPHAS, PLANE, WITH_GRAVITY, restitutions, run, target
 
-from hcbench import units
-from hcbench.impact import Status
 from hcbench.laws import closed_form
-from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.convert import convert
+from hcbench.terms import units
+from hcbench.terms.impact import Status
+from hcbench.terms.setting import Setting
 
 
 @pytest.mark.needs_engine("physx")

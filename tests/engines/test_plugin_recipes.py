@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from hcbench.cli import run as run_command
-from hcbench.errors import SettingError, UserError
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import LAWS, PublishedLaw
 from hcbench.measuring import measure
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
-from hcbench.scene import Scene, load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.system.errors import SettingError, UserError
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import Scene, load_scene
+from hcbench.terms.setting import Setting
 from hcbench.tuning.evaluate import Evaluation, evaluate
 from hcbench.workers import call
 

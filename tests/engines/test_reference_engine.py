@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from hcbench.errors import SettingError, UserError
-from hcbench.impact import Impact, Launch, Status
 from hcbench.laws import closed_form, kelvin_voigt, ode
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.published import LAWS, Flores, PublishedLaw, TouchSpeedLaw
-from hcbench.scene import Material, Scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.system.errors import SettingError, UserError
+from hcbench.terms.impact import Impact, Launch, Status
+from hcbench.terms.scene import Material, Scene
+from hcbench.terms.setting import Setting
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from free_flight import speed_at_plane
 
-from hcbench.errors import SettingError
-from hcbench.impact import Impact, Launch, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Impact, Launch, Status
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 
 PLANE, CUP = load_scene("steel-plane"), load_scene("steel-cup")
 ALPHAS = tuple(a / 0.0254 for a in (0.002, 0.004, 0.008, 0.016))  # s/m

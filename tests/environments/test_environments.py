@@ -20,13 +20,13 @@ from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import study_from
 from hcbench.cli import run
 from hcbench.environments import make, store
-from hcbench.errors import EngineMissing, UserError
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
-from hcbench.setting import Setting
 from hcbench.sim import install, registry
 from hcbench.sim.capabilities import opener
 from hcbench.sim.model_under_test import Request
+from hcbench.system.errors import EngineMissing, UserError
+from hcbench.terms.impact import Launch
+from hcbench.terms.setting import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

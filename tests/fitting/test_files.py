@@ -13,9 +13,9 @@ from measured_bounces import synthesise, times_of, write
 import hcbench as hb
 from hcbench.checking.measured_pairs import parse_points
 from hcbench.cli import run
-from hcbench.errors import UserError
 from hcbench.fitting.candidates import LAWS
-from hcbench.units import parse_uncertain
+from hcbench.system.errors import UserError
+from hcbench.terms.units import parse_uncertain
 
 
 def test_the_command_hands_alpha_to_tune_and_check(

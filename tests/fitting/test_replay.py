@@ -8,7 +8,7 @@ from measured_bounces import EXACT, synthesise, times_of
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
 from hcbench.fitting.replay import replay_text, touches_of
-from hcbench.impact import Trajectory
+from hcbench.terms.impact import Trajectory
 
 
 def test_touches_of_a_path_are_where_the_surfaces_met() -> None:

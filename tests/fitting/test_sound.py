@@ -11,10 +11,10 @@ import pytest
 from measured_bounces import synthesise, wav
 
 from hcbench.cli import run
-from hcbench.errors import UserError
 from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.recording import Recording, read_recording
 from hcbench.fitting.setup import MeasurementSetup
+from hcbench.system.errors import UserError
 
 
 @pytest.mark.parametrize("surface", synthesise.SURFACES)

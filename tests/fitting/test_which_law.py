@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from measured_bounces import EXACT, synthesise, times_of
 
-from hcbench.errors import UserError
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
 from hcbench.fitting.pairs import SpeedPairs
 from hcbench.fitting.text import headline
 from hcbench.fitting.which_law import EITHER, FAMILY
+from hcbench.system.errors import UserError
 
 
 @pytest.mark.parametrize(

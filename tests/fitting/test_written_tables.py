@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from measured_bounces import EXACT, synthesise
 
-from hcbench.errors import UserError
 from hcbench.fitting.datasets import Dataset, TouchTimes
 from hcbench.fitting.heights import Heights
 from hcbench.fitting.pairs import SpeedPairs
 from hcbench.fitting.read import read_dataset
 from hcbench.fitting.track import Track
+from hcbench.system.errors import UserError
 
 T = synthesise.touch_times(synthesise.hunt_crossley(0.3), 0.3, 0.0, 0.0, np.random.default_rng(0), 9)
 H = synthesise.bounce_heights(synthesise.hunt_crossley(0.3), 0.3, 1e-6, 0.0, np.random.default_rng(0), 9)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.paper import approximations as ap
+from hcbench.system.errors import UserError
 
 K, MASS = 3.4064e10, 0.45359237
 BY_NAME = {a.name: a for a in ap.APPROXIMATIONS}

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 
-from hcbench.impact import Launch
 from hcbench.laws import closed_form, ode
 from hcbench.laws.force import HuntCrossley
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 
 GRAVITY = 9.80665
 ALPHA = 0.008 / 0.0254

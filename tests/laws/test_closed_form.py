@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import lambertw
 
-from hcbench.errors import UserError
 from hcbench.laws import _phase_path, _restitution_series, closed_form
 from hcbench.laws._gauss_jacobi import gauss_jacobi
 from hcbench.laws.force import HuntCrossley
+from hcbench.system.errors import UserError
 
 INCH, POUND, LBF = 0.0254, 0.45359237, 4.4482216152605
 K3 = 3.1e7 * LBF / INCH**1.5  # of section 3.1

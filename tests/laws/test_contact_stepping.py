@@ -10,11 +10,11 @@ from compiled_laws import ContactOde, advance, euler_force, restitution, rk4_sta
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.contact_law import Friction, law_of
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
+from hcbench.system.errors import SettingError
 
 MASS, STIFFNESS = 0.45359237, 3.4064e10
 ALPHA = 0.016 / 0.0254  # s/m: the paper's stretch case, the hardest

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.conventions import Conversion, SystemValue
 from hcbench.laws.published import Flores
 from hcbench.sim.convert import convert
+from hcbench.system.errors import UserError
 
 ALPHA, SPEED = 0.315, 0.4064
 E = float(closed_form.restitution(ALPHA, SPEED))

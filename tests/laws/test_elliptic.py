@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from hcbench.errors import UserError
 from hcbench.laws.hertz_elliptic import (
     EllipticContact,
     Surface,
@@ -19,7 +18,8 @@ from hcbench.laws.hertz_elliptic import (
     largest_shear,
     sphere,
 )
-from hcbench.scene import Material
+from hcbench.system.errors import UserError
+from hcbench.terms.scene import Material
 
 STEEL = Material(206.8e9, 0.3)
 BRASS = Material(100e9, 0.34)

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hcbench.errors import UserError
 from hcbench.laws import closed_form, hertz, hertz_elliptic
 from hcbench.laws.force import HuntCrossley
-from hcbench.scene import Material
+from hcbench.system.errors import UserError
+from hcbench.terms.scene import Material
 
 INCH, LBF, POUND_MASS = 0.0254, 4.4482216152605, 0.45359237
 PSI = LBF / INCH**2

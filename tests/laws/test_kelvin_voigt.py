@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hcbench.errors import UserError
 from hcbench.laws.force import KelvinVoigt
 from hcbench.laws.kelvin_voigt import (
     Ending,
@@ -21,6 +20,7 @@ from hcbench.laws.kelvin_voigt import (
     restitution,
     state,
 )
+from hcbench.system.errors import UserError
 
 MASS, SPEED = 0.45359237, 0.4064
 ZETAS = (1e-9, 1e-4, 0.02, 0.3, 0.5, 0.9, 0.9999, 0.999999, 1.0, 1.000001, 1.2, 3.0, 50.0)

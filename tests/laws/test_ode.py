@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hcbench.errors import UserError
-from hcbench.impact import Impact, Loop, Status
 from hcbench.laws import closed_form, kelvin_voigt, ode
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.ode import Ending
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Impact, Loop, Status
 
 MASS, SPEED, K3 = 0.45359237, 0.4064, 3.4064e10
 TEN_DIGITS = 1e-10

@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hcbench import cli
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.sim.convert import convert
+from hcbench.system.errors import UserError
 from hcbench.tuning.ask import make_target
 
 STEEL = AdamsImpact(1e8, 1.5, 1e3, 1e-4)

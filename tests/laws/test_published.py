@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hcbench.errors import UserError
-from hcbench.impact import Status
 from hcbench.laws import closed_form
 from hcbench.laws.ode import impact
 from hcbench.laws.published import LAWS, Exact, Flores, HuGuo, PublishedLaw, TouchSpeedLaw, law_named
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Status
 
 ALL = list(LAWS.values())
 ASKED = np.array([0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 0.99, 1.0])

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.ode import impact
 from hcbench.laws.quadratic import QuadraticDamping, restitution, turning_point
 from hcbench.paper import approximations as ap
+from hcbench.system.errors import UserError
 
 K, MASS, ALPHA = 3.4064e10, 0.45359237, 0.3
 

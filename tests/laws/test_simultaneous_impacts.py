@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from hcbench import _compile
 from hcbench.laws.closed_form import restitution
+from hcbench.system import compiler as _compile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
     Problem = tuple[Floats, Floats, Floats, list["Contact"]]
 

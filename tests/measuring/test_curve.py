@@ -12,16 +12,16 @@ import pytest
 from checks import GOOD
 
 import hcbench as hb
-from hcbench._files import json_text
 from hcbench.benchmark.fold import FOLDED, Folder
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import load_study
 from hcbench.checking.judge import judge_results
 from hcbench.checking.text import as_text
-from hcbench.impact import Impact, Launch, Status
 from hcbench.measuring.curve import CurvePoint, curve_of, step_shares, worst_of
 from hcbench.pytest_plugin import RestitutionFixture
 from hcbench.reporting.view import View
+from hcbench.system.files import json_text
+from hcbench.terms.impact import Impact, Launch, Status
 
 
 def impacts(e_of_phase: dict[float, float], speed: float = 2.0) -> list[Impact]:

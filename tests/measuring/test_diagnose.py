@@ -12,8 +12,8 @@ from typing import Any
 import mujoco
 import pytest
 
-from hcbench._bounds import beyond_bounds
 from hcbench.measuring import Measurement, Wanted, measure
+from hcbench.terms.bounds import beyond_bounds
 
 STIFF = 'solimp=".9999 .9999 .001 .5 2"'
 IMPULSE = f'solref="0 -950" {STIFF}'  # e = 0.9 at 2 ms

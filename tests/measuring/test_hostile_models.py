@@ -11,7 +11,7 @@ import pytest
 
 import hcbench as hb
 from hcbench.cli import run
-from hcbench.errors import SceneError, UserError
+from hcbench.system.errors import SceneError, UserError
 
 MODEL = """<mujoco><option timestep="1e-3" gravity="0 0 -9.81"/><worldbody>
 <geom name="plate" type="plane" size="1 1 1" solref="{solref}"/><body name="ball" pos="0 0 1"><freejoint/>

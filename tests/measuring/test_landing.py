@@ -11,10 +11,10 @@ import pytest
 import hcbench
 from hcbench.checking import CheckSpec, check
 from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
-from hcbench.errors import UserError
 from hcbench.measuring.landing import as_record, as_text
 from hcbench.reporting.landing_page import landing_page
 from hcbench.sim.landing import Landings
+from hcbench.system.errors import UserError
 
 G = 9.81
 FLOOR = '<geom name="floor" type="plane" size="3 3 .1"/>'

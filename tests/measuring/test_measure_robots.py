@@ -10,8 +10,8 @@ from bounce_loop import bounce_by_distance
 from contact_scenes import full_mass
 
 from hcbench.cli import run
-from hcbench.errors import UserError
 from hcbench.measuring import measure
+from hcbench.system.errors import UserError
 
 mujoco = pytest.importorskip("mujoco")
 

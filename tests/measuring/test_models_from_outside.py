@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from outside_models import found_file, outside
 
-from hcbench.errors import UserError
 from hcbench.measuring import Wanted, measure
 from hcbench.measuring.request import make_request
 from hcbench.sim.model_under_test import Output
+from hcbench.system.errors import UserError
 from hcbench.tuning.model import tune_job
 
 GYM, ROBOTICS = "gymnasium/envs/mujoco/assets/", "gymnasium_robotics/envs/assets/"

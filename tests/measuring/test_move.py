@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.errors import UserError
 from hcbench.measuring import Measurement, measure
+from hcbench.system.errors import UserError
 
 # A chassis with a wheel on a suspension that hangs on the chassis alone; no gravity, nothing else acts.
 ROVER = """<mujoco><option timestep="1e-4" gravity="0 0 0"/><worldbody>

@@ -12,14 +12,14 @@ import pytest
 
 from hcbench.checking import CheckSpec, Outputs, check
 from hcbench.engines.mujoco.scene.mjcf import model_xml
-from hcbench.errors import QuantityError, UserError
-from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring import measure
 from hcbench.measuring.text import as_record, as_text
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.sim import registry
+from hcbench.system.errors import QuantityError, UserError
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
 from hcbench.workers import call
 
 R, STEP, SPIN = 0.0508, 2e-3, (3.0, -20.0, 7.0)

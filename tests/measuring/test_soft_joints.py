@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from bounce_loop import bounce_by_distance
 
-from hcbench.errors import SceneError, UserError
 from hcbench.measuring import Measurement, measure
 from hcbench.measuring.text import as_record, as_text
+from hcbench.system.errors import SceneError, UserError
 
 OPTION = '<option timestep="2e-3" integrator="{integrator}" gravity="{gravity}"/>'
 CONTACT = 'condim="3" friction=".6" solref="-{k} -{b}" solimp=".99 .99 .001"'

@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.errors import SceneError, SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.world import Record, Simulation, World
+from hcbench.system.errors import SceneError, SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from hcbench.impact import Floats, Launch
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
     from hcbench.sim.world import Flags
+    from hcbench.terms.impact import Floats, Launch
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
     Force = Callable[[Floats, Floats], Floats]
 

@@ -7,8 +7,8 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from hcbench import engine
-from hcbench.errors import EngineFailed
 from hcbench.sim import entry_points
+from hcbench.system.errors import EngineFailed
 from hcbench.testing import EngineConformance
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from long_searches import long_study
 
-from hcbench.errors import OutputError
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
@@ -22,6 +21,7 @@ from hcbench.paper.forced_figures import QUICK
 from hcbench.paper.printed_numbers import Printed, factors, printed_numbers
 from hcbench.reporting.plot_style import COLOURS, DASHES, figure_defaults, numbered_line
 from hcbench.reporting.wording import four_digits
+from hcbench.system.errors import OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

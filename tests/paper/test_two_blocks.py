@@ -13,15 +13,15 @@ import pytest
 from hcbench.engines.mujoco.backend import require_feature
 from hcbench.engines.mujoco.recipes.staggered import staggered, staggered_rows
 from hcbench.engines.mujoco.scene.two_blocks import mjcf
-from hcbench.errors import EngineMissing, SettingError
 from hcbench.laws import closed_form
 from hcbench.paper import constants
 from hcbench.paper.engines import simulate_in_engine
 from hcbench.paper.forced_figures import FULL, LAW, LOOSE, STAND_IN_SPEED, START
 from hcbench.recipes.target import Target
-from hcbench.scene import scene_names
 from hcbench.sim import two_blocks
 from hcbench.sim.two_blocks import TwoBlocks
+from hcbench.system.errors import EngineMissing, SettingError
+from hcbench.terms.scene import scene_names
 
 FOLDER = two_blocks.folder()
 

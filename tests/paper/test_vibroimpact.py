@@ -12,14 +12,14 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.special import gamma
 
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.hertz_elliptic import contact, sphere
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact, stored
-from hcbench.scene import Material
+from hcbench.system.errors import UserError
+from hcbench.terms.scene import Material
 
 K, MASS, ALPHA = 3.4064e10, 0.45359237, 0.3
 LAW = HuntCrossley(K, ALPHA)

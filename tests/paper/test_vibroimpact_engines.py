@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.paper import constants
 from hcbench.paper.engines import EngineTrajectory, simulate_in_engine
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+from hcbench.system.errors import UserError
 
 LAW = constants.law(constants.ALPHAS[-1])
 BOTH = pytest.mark.parametrize("where", ["mujoco", "pybullet"])

@@ -20,25 +20,9 @@ ROOT = Path(hcbench.__file__).parent
 
 # A room may import from its own floor and from those before it.
 FLOORS = [
-    {
-        "errors",
-        "units",
-        "fields",
-        "options",
-        "resolution",
-        "_arguments",
-        "_bounds",
-        "_command",
-        "_compile",
-        "_files",
-        "_notebook",
-        "_outputs",
-        "_text",
-        "workers",
-        "environments",
-    },
-    {"impact", "records", "setting", "scene", "laws"},
-    {"scoring"},
+    {"system", "environments", "workers"},
+    {"terms"},
+    {"laws", "scoring"},
     {"recipes"},
     {"sim"},
     {"measuring", "tuning", "engines", "contact", "fitting"},

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 import pytest
 
 import hcbench
-from hcbench._compile import NotCompiled
-from hcbench.errors import HcbenchError
 from hcbench.recipes.search import SearchInterrupted
+from hcbench.system.compiler import NotCompiled
+from hcbench.system.errors import HcbenchError
 
 PARTS = ("slot", "what came", "what was expected", "what to do")
 

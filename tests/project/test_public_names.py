@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import hcbench
-from hcbench.errors import HcbenchError
 from hcbench.fitting.ask import fit
 from hcbench.laws.published import law_named
-from hcbench.scene import Material
 from hcbench.sim import registry
+from hcbench.system.errors import HcbenchError
+from hcbench.terms.scene import Material
 
 ROOT = Path(__file__).parents[2]
 MODULES = ("hcbench", "hcbench.contact.mujoco", "hcbench.contact.pybullet")

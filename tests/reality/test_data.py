@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.reality import ball, cube, ellipse, sources
 from hcbench.reality.motion import LEAST_FLIGHT
 from hcbench.reality.torch_file import read_tensor
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats
 
 
 class DoubleStorage:

@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from hcbench.cli import app
-from hcbench.errors import UserError
 from hcbench.reality import cube
 from hcbench.reality.poses import box, box_of
+from hcbench.system.errors import UserError
 
 SIZE = ["--size", "0.1048 0.1048 0.1048", "--mass", "0.37 kg", "--inertia", "0.00107"]
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hcbench.errors import OutputError
 from hcbench.reality import floors
 from hcbench.reality.build import build
 from hcbench.reality.identify import smooth_least
@@ -18,6 +17,7 @@ from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.page import page_text, verdicts
 from hcbench.reality.scores import NO_ENGINE, SettingScore, csv_text
 from hcbench.reality.study import RealityRequest, RealityResults
+from hcbench.system.errors import OutputError
 
 COLUMNS = "set,engine,setting,cone,error,error_low,error_high,unit,rotation_deg,n"
 ELLIPTIC = SettingScore("cube", "mujoco", "friction alone", "elliptic", 13.3, 12.4, 14.4, "%", 14.8, 341)

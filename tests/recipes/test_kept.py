@@ -10,8 +10,8 @@ import pytest
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes import kept
 from hcbench.recipes.target import Target
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.terms.setting import Setting
 
 TARGET = Target(HuntCrossley(3.4064e10, 0.315, 1.5), 0.45359237, 1e-3, 0.1, 0.5)
 VERSIONS = {"hcbench": "1", "mujoco": "2"}

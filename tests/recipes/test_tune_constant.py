@@ -13,11 +13,11 @@ from hcbench.engines.mujoco.recipes.impulse import IMPULSE
 from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
 from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
 from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER as BULLET_SPRING_DAMPER
-from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import contact_time, minimax_constant, spring_damper
 from hcbench.recipes.recipe import Recipe
 from hcbench.recipes.target import Target
+from hcbench.system.errors import SettingError
 
 SPEEDS = np.array([1.0, 1.9, 4.7, 11.0, 20.0]) * INCH
 ALPHAS = (0.002, 0.004, 0.008, 0.016)

@@ -14,14 +14,14 @@ import pytest
 from hcbench.cli import run
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.recipes import soft, two_pair
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.search import Search, SearchInterrupted, report_progress
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench import load_scene, units
+from hcbench import load_scene
 from hcbench.benchmark.results import read_table
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import find_study, load_study, study_from
 from hcbench.cases.score import measured
-from hcbench.errors import StudyError
-from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
@@ -33,8 +31,11 @@ from hcbench.reporting.field.page import COST
 from hcbench.reporting.field.view import Case, FieldView
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact, Features
+from hcbench.system.errors import StudyError
+from hcbench.terms import units
+from hcbench.terms.impact import Launch
+from hcbench.terms.units import INCH
 from hcbench.tuning.usual import file_content
-from hcbench.units import INCH
 
 COMMITTED = Path(__file__).parents[2] / "reports" / "field"
 RUNS = [

@@ -14,7 +14,7 @@ from small_results import small_results
 import hcbench
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
+from hcbench.terms.scene import load_scene
 from hcbench.tuning.tune import tune
 
 GOOD = Path(__file__).parents[2] / "examples" / "good.xml"

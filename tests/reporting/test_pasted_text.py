@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hcbench.setting import Setting
+from hcbench.terms.setting import Setting
 from hcbench.tuning.snippet import snippet
 
 

@@ -12,10 +12,10 @@ import matplotlib as mpl
 import pytest
 from small_results import ALPHAS, answer, small_results
 
-from hcbench._files import atomic_folder, write_text
 from hcbench.benchmark.results import ImpactTable, Results
-from hcbench.errors import OutputError
 from hcbench.reporting.build import build
+from hcbench.system.errors import OutputError
+from hcbench.system.files import atomic_folder, write_text
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -13,9 +13,9 @@ from browser_checks import CONTRAST
 from pasted import bounces, bullet_bounces, plain_mujoco
 
 import hcbench
-from hcbench._text import two_digits
 from hcbench.contact.mujoco import load
 from hcbench.laws import closed_form
+from hcbench.system.text import two_digits
 from hcbench.tuning.usual_errors import errors_of
 
 if TYPE_CHECKING:

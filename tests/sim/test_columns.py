@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from hcbench.impact import Impact, Launch, Status, Trajectory
 from hcbench.sim.columns import Impacts, Launches
+from hcbench.terms.impact import Impact, Launch, Status, Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hcbench.laws.published import LAWS, PublishedLaw
-from hcbench.scene import scene_names
 from hcbench.sim import registry
+from hcbench.terms.scene import scene_names
 from hcbench.testing import LAUNCHES, EngineConformance, impacts_for, setting_for
 
 DAMPED = {"pybullet": {"stock_damping": 0.01}}  # its linearDamping of 0.04 slows the flight

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 from hcbench.engines.mujoco.scene.mjcf import model_xml
-from hcbench.errors import SettingError
-from hcbench.impact import Impact, Launch, Status
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring import measure
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.stop import CONTACT_S, End, StopRule
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Impact, Launch, Status
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 from hcbench.testing import setting_for
 
 OUTSIDE = Path(__file__).parents[1] / "outside"

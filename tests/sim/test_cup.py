@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hcbench.benchmark.study import study_from
-from hcbench.errors import SceneError, StudyError
-from hcbench.impact import Impact, Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.sim import registry
+from hcbench.system.errors import SceneError, StudyError
+from hcbench.terms.impact import Impact, Launch
+from hcbench.terms.scene import load_scene
 
 CUP = load_scene("steel-cup")
 ALPHA = 0.008 / 0.0254

@@ -8,10 +8,10 @@ import pytest
 
 from hcbench import load_scene
 from hcbench.environments import make, store
-from hcbench.errors import UserError
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.sim import install, registry
+from hcbench.system.errors import UserError
 from hcbench.testing import EngineConformance
 from hcbench.tuning.evaluate import evaluate
 

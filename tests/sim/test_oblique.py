@@ -14,14 +14,14 @@ from free_flight import speed_at_plane
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hcbench.errors import SettingError
-from hcbench.impact import Floats, Impact, Launch
 from hcbench.laws.coulomb import friction_impulse
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import Scene, load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Floats, Impact, Launch
+from hcbench.terms.scene import Scene, load_scene
+from hcbench.terms.setting import Setting
 from hcbench.tuning.oblique import friction_error, oblique_launches
 from hcbench.workers import call
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from hcbench.checking.table import checks_of
-from hcbench.errors import UserError
 from hcbench.measuring.measure import Job
 from hcbench.measuring.pairs import list_pairs
 from hcbench.measuring.request import make_request
 from hcbench.sim.packages import folders_of, read_packages, with_absolute_files
+from hcbench.system.errors import UserError
 
 LINK = """<link name="{name}"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>

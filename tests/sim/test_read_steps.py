@@ -9,13 +9,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hcbench.impact import Floats, Status
-from hcbench.scene import load_scene
 from hcbench.sim.columns import Flags, Impacts, Launches
 from hcbench.sim.read_impact import SpeedReading, impacts_of
 from hcbench.sim.read_steps import Reading, begun, contacts_of, reader, rule_for
 from hcbench.sim.stop import StopRule
 from hcbench.sim.world import momentum_force
+from hcbench.terms.impact import Floats, Status
+from hcbench.terms.scene import load_scene
 
 PLANE = load_scene("steel-plane")
 STEP = 1e-4

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench.errors import EngineFailed, EngineMissing, SettingError
-from hcbench.impact import Launch, Status
 from hcbench.recipes.recipe import Recipe, Role
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.backend import Backend, UntriedVersionWarning
 from hcbench.sim.scripted import ScriptedEngine
+from hcbench.system.errors import EngineFailed, EngineMissing, SettingError
+from hcbench.terms.impact import Launch, Status
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 from hcbench.testing import setting_for
 
 PLANE = load_scene("steel-plane")

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hcbench.impact import Launch
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.terms.impact import Launch
 
 PLANE, EXACT = SpeedReading.TOUCH_PLANE, SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
 QUARTERS = SpeedReading.TOUCH_PLANE_FOUR_SUBSTEPS

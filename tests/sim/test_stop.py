@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 
-from hcbench.impact import Floats, Launch
 from hcbench.sim.stop import End, StopRule
+from hcbench.terms.impact import Floats, Launch
 
 
 def _path(

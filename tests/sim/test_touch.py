@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from hcbench.errors import SceneError, UserError
 from hcbench.sim.touch import require_apart, require_reachable, travel_by_distance, travel_by_scan
+from hcbench.system.errors import SceneError, UserError
 
 
 @pytest.mark.parametrize("approach", [1.0, 0.5])

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _STEPS = 5000
 

@@ -12,7 +12,7 @@ from bullet_scenes import flight_energy
 from hcbench.contact import pybullet as contact
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 KINDS = ("friction", "rolling friction", "compound shapes", "joints with motors")
 GRAVITY = 9.81

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from hcbench.impact import Floats
     from hcbench.laws.contact_law import Law
+    from hcbench.terms.impact import Floats
 
 RADIUS = 0.05
 Masses = dict[tuple[int, int], Any]  # (mass, inertia about its axes) by (body, link); -1 is the base

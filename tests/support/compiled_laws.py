@@ -3,8 +3,8 @@
 from ctypes import Structure, byref, c_double
 from dataclasses import dataclass
 
-from hcbench import _compile
 from hcbench.laws import closed_form
+from hcbench.system import compiler as _compile
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from hcbench.impact import Floats
     from hcbench.laws.contact_law import Law
+    from hcbench.terms.impact import Floats
 
 BALL, BOX = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_BOX
 RADIUS = 0.05

@@ -10,7 +10,7 @@ import numpy as np
 from mujoco import rollout
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 STEEL_MASS = 0.45359237
 STEEL_STIFFNESS = 3.4064e10

@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 
-from hcbench import units
-from hcbench.impact import Floats, Impact, Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.terms import units
+from hcbench.terms.impact import Floats, Impact, Launch
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 
 PLANE = load_scene("steel-plane")
 WITH_GRAVITY = dataclasses.replace(PLANE, gravity=9.80665)

@@ -14,10 +14,10 @@ import pandas as pd
 
 from hcbench import scoring
 from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, ImpactTable, Results
-from hcbench.impact import Impact, Launch, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.read_impact import impact_of
+from hcbench.terms.impact import Impact, Launch, Status, Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

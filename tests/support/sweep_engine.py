@@ -16,18 +16,18 @@ from typing import TYPE_CHECKING, Any
 from hcbench.engines.reference.engine import ReferenceEngine
 from hcbench.recipes.law_recipes import law_options
 from hcbench.recipes.recipe import Recipe, Role
-from hcbench.setting import Setting
 from hcbench.sim import entry_points
 from hcbench.sim.engine import Engine
+from hcbench.terms.setting import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     import pytest
 
-    from hcbench.impact import Impact, Launch
     from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
+    from hcbench.terms.impact import Impact, Launch
+    from hcbench.terms.scene import Scene
 
 NOTES = "HCBENCH_TEST_NOTES"  # the file, in the environment: processes that are started see it too
 

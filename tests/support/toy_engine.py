@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.recipes.recipe import Recipe, stock
-from hcbench.setting import Setting
 from hcbench.sim import entry_points, registry
 from hcbench.sim.backend import Backend
 from hcbench.sim.engine import Engine
+from hcbench.terms.setting import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     import pytest
 
-    from hcbench.impact import Impact, Launch
-    from hcbench.scene import Scene
+    from hcbench.terms.impact import Impact, Launch
+    from hcbench.terms.scene import Scene
 
 SHARED = ("numpy", "scipy", "pint", "pydantic", "mujoco")
 ABOUT = "Metadata-Version: 2.1\nName: {}\nVersion: {}\n"

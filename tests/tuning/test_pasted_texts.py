@@ -18,11 +18,11 @@ from sessions import PAGES, page_steps
 from hcbench.cli import run
 from hcbench.contact.mujoco import load
 from hcbench.contact.pybullet import library
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 from hcbench.tuning import usual
 from hcbench.tuning.ask import make_target
 

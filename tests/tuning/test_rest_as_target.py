@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hcbench as hb
-from hcbench.errors import SettingError
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim.passivity import LongestTrain
+from hcbench.system.errors import SettingError
 
 G = 9.81
 HEIGHT = 0.2

@@ -13,7 +13,7 @@ import pytest
 from pasted_into import FACTORS, model_of, strangers
 
 import hcbench
-from hcbench.errors import HcbenchError
+from hcbench.system.errors import HcbenchError
 from hcbench.tuning.answer import Choice
 
 MODELS = 16

@@ -9,11 +9,11 @@ from long_searches import long_search
 
 from hcbench import engine
 from hcbench.cli import run
-from hcbench.errors import UserError
 from hcbench.laws.penalty import NewtonSpring
 from hcbench.measuring import Wanted, measure
 from hcbench.measuring.request import make_request
 from hcbench.sim.capabilities import TunesModels
+from hcbench.system.errors import UserError
 from hcbench.tuning.model import tune_job
 
 mujoco = pytest.importorskip("mujoco")

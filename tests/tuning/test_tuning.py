@@ -13,13 +13,13 @@ import pytest
 from long_searches import long_search
 
 from hcbench.cli import run
-from hcbench.errors import SettingError, UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.sim import registry
 from hcbench.sim.rest import DIVERGED, Rest
+from hcbench.system.errors import SettingError, UserError
+from hcbench.terms.scene import load_scene
 from hcbench.tuning.choose import Match, candidates
 from hcbench.tuning.evaluate import held_out_launches
 from hcbench.tuning.snippet import snippet
@@ -74,7 +74,7 @@ def test_bullets_own_contact_is_chosen_for_the_loop_under_gravity() -> None:
 CHOOSE = """
 import sys
 from hcbench.laws.force import HuntCrossley
-from hcbench.scene import load_scene
+from hcbench.terms.scene import load_scene
 from hcbench.tuning.choose import candidates
 from hcbench.recipes.target import Target
 
@@ -202,7 +202,7 @@ def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path
 def test_a_plug_in_pastes_as_mjcf(recipe: str) -> None:
     from hcbench.contact.mujoco import load
     from hcbench.engines.mujoco.scene.mjcf import model_xml
-    from hcbench.setting import Setting
+    from hcbench.terms.setting import Setting
 
     wanted = target(1e-6 if recipe == "hunt-crossley" else 1e-3)
     setting = registry.recipe(f"mujoco.{recipe}")(wanted)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hcbench.errors import CannotRun, EngineFailed, SettingError
+from hcbench.system.errors import CannotRun, EngineFailed, SettingError
 from hcbench.workers import (
     WorkerPool,
     call,
@@ -295,8 +295,8 @@ FORKED = """
 import contextlib, os, signal, sys
 sys.path.insert(0, {tests!r})
 import test_workers as tests
-from hcbench._command import IS_COMMAND
-from hcbench.errors import EngineFailed
+from hcbench.system.command import IS_COMMAND
+from hcbench.system.errors import EngineFailed
 from hcbench.workers import begin, call
 IS_COMMAND.set(True)
 signal.signal(signal.SIGTERM, lambda *_: None)

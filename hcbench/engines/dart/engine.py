@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from hcbench._text import shortest
-from hcbench.fields import Finite
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+from hcbench.system.text import shortest
+from hcbench.terms.fields import Finite
 
 if TYPE_CHECKING:
-    from hcbench.scene import Scene
+    from hcbench.terms.scene import Scene
 
 
 class DartOptions(ScriptOptions):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hcbench.errors import SettingError
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
 from hcbench.recipes.target import Target
+from hcbench.system.errors import SettingError
 
 # Constraint force mixing, built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1
 _MIXING = 1e-5

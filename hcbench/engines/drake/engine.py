@@ -6,17 +6,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from hcbench._text import arguments, shortest
 from hcbench.engines.drake.model.open import OpensFiles
-from hcbench.fields import Finite
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
-from hcbench.scene import Scene
-from hcbench.setting import Setting
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+from hcbench.system.text import arguments, shortest
+from hcbench.terms.fields import Finite
+from hcbench.terms.scene import Scene
+from hcbench.terms.setting import Setting
 
 Positive = Annotated[Finite | None, Field(ge=0.0)]
 

@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from hcbench._text import arguments, shortest
-from hcbench.fields import Finite
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+from hcbench.system.text import arguments, shortest
+from hcbench.terms.fields import Finite
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 # m, of the sphere that stands for a plane: on its axis the gap is that of a plane
 _PLATE_RADIUS = 10.0

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from hcbench.errors import SettingError
-from hcbench.impact import Status
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Recipe, Role, stock
 from hcbench.recipes.softening import resolvable_law
 from hcbench.recipes.target import Target
-from hcbench.resolution import STEPS_OF_A_SOFTENED_EXPLICIT
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Status
+from hcbench.terms.resolution import STEPS_OF_A_SOFTENED_EXPLICIT
 
 
 def _contact(target: Target, model: int, e: float, **more: float) -> dict[str, Any]:

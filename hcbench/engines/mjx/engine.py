@@ -17,21 +17,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench._files import user_folder
-from hcbench.errors import SceneError, SettingError
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu
 from hcbench.sim.read_steps import Reading, reader
 from hcbench.sim.shared_model import Copies, SharedModelEngine
+from hcbench.system.errors import SceneError, SettingError
+from hcbench.system.files import user_folder
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.setting import Setting
     from hcbench.sim.read_steps import Rule
     from hcbench.sim.scripted import PythonLaw
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.setting import Setting
 
 _PLACES = 32
 # Of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for a third.

@@ -4,8 +4,8 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-from hcbench.errors import EngineFailed, EngineMissing, foreign_errors
 from hcbench.sim.backend import Backend
+from hcbench.system.errors import EngineFailed, EngineMissing, foreign_errors
 
 BACKEND = Backend("mujoco", "mujoco", "3.3", "4.0", "pip install mujoco", instead="mujoco-core")
 # What older versions lack: the class ("": the module) and the attribute that show it, and the first

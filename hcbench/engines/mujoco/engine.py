@@ -25,28 +25,28 @@ from hcbench.engines.mujoco.scene import mjcf
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool, MujocoWorld
-from hcbench.errors import UserError
-from hcbench.setting import PAIR
 from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, LandsRobots, TunesModels
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.standing import UNKNOWN, Standing
+from hcbench.system.errors import UserError
+from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
-    from hcbench.impact import Floats
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.scene import Scene
-    from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
     from hcbench.sim.touchdowns import TrajectoryTouchdowns
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Pair, Setting
 
 
 _DOCS = "MuJoCo documentation, Computation: Soft contact model"

@@ -19,20 +19,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.errors import EngineFailed, SceneError
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
-from hcbench.setting import PAIR
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu, run_lines
 from hcbench.sim.read_steps import EACH, WHOLE, Reading, Rule, reader
 from hcbench.sim.shared_model import Copies, SharedModelEngine
+from hcbench.system.errors import EngineFailed, SceneError
+from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.scene import Scene
-    from hcbench.setting import Pair, Setting
     from hcbench.sim.scripted import PythonLaw
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Pair, Setting
 
 _LOOK = 8  # steps between two looks at which balls have ended
 _BYTES = 8_000  # of memory that a copy takes, measured: 7 kB

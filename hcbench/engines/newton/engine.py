@@ -6,18 +6,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from hcbench._text import shortest
-from hcbench.errors import SettingError
-from hcbench.fields import Finite, OptionTable
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.scene import Scene
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.parallel import ScriptedWorldsEngine
 from hcbench.sim.scripted import ScriptOptions
+from hcbench.system.errors import SettingError
+from hcbench.system.text import shortest
+from hcbench.terms.fields import Finite, OptionTable
+from hcbench.terms.scene import Scene
 
 
 class PushingRow(OptionTable):

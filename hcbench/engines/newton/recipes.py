@@ -7,8 +7,8 @@ from hcbench.recipes.constant import contact_time, minimax_constant, one_way_spr
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
 from hcbench.recipes.target import Target
-from hcbench.resolution import STEPS_OF_AN_EXPLICIT_SPRING
 from hcbench.sim.shared_model import changed, shared_recipes
+from hcbench.terms.resolution import STEPS_OF_AN_EXPLICIT_SPRING
 
 _SCATTER = 6e-3  # of e by float32, in contacts of many steps
 

@@ -16,18 +16,18 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from hcbench._text import shortest
-from hcbench.fields import Finite
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+from hcbench.system.text import shortest
+from hcbench.terms.fields import Finite
 
 if TYPE_CHECKING:
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 NotNegative = Annotated[Finite | None, Field(ge=0.0)]
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from hcbench.errors import SettingError
-from hcbench.impact import Status
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Recipe, Role, stock
 from hcbench.recipes.target import Target
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Status
 
 _ACCURACY = 1e-11
 _HERTZ = 1.5

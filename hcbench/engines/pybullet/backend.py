@@ -9,8 +9,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from hcbench.errors import EngineFailed, SceneError
 from hcbench.sim.backend import Backend
+from hcbench.system.errors import EngineFailed, SceneError
 
 BACKEND = Backend(
     "pybullet",

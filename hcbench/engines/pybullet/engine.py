@@ -23,22 +23,22 @@ from hcbench.engines.pybullet.model.open import LiveWorld
 from hcbench.engines.pybullet.scene import snippet
 from hcbench.engines.pybullet.scene.options import read_options
 from hcbench.engines.pybullet.scene.world import PybulletWorld
-from hcbench.errors import UserError
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
-from hcbench.setting import PAIR
 from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.standing import UNKNOWN, Standing
+from hcbench.system.errors import UserError
+from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.engines.pybullet.model.under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.scene import Scene
-    from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, Request
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Pair, Setting
 
 
 _SOURCE = "Bullet 3, btMultiBodyConstraintSolver.cpp, setupMultiBodyContactConstraint"

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import hcbench
-from hcbench.errors import SettingError
-from hcbench.impact import Impact, Launch, Trajectory
 from hcbench.sim.engine import Engine
 from hcbench.sim.read_impact import impact_of
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Impact, Launch, Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 COLUMNS = ("time_s", "penetration_m", "rate_m_per_s", "force_n")
 # Printed times are rounded; impact_of needs one step for all.
@@ -29,7 +29,7 @@ class RecordedEngine(Engine):
     """Hands back the impact that a file holds: what was recorded is what counts, not what was asked for.
 
     Option "file": a CSV with the columns time_s, penetration_m, rate_m_per_s, force_n (others are ignored),
-    even in time, signs as in `hcbench.impact`; the body is clear of the plate in the first row and, if it
+    even in time, signs as in `hcbench.terms.impact`; the body is clear of the plate in the first row and, if it
     parts, in the last. Or a list of files, one for each launch. Relative paths are from the working folder.
     """
 

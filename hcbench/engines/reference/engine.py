@@ -9,16 +9,16 @@ from functools import lru_cache
 import numpy as np
 
 import hcbench
-from hcbench.errors import SettingError
-from hcbench.fields import read_numbers
-from hcbench.impact import Impact, Launch, Status, Trajectory
 from hcbench.laws import closed_form, coulomb, kelvin_voigt
 from hcbench.laws.bounces import successive_bounces
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.published import LAWS, TouchSpeedLaw, law_named
-from hcbench.scene import Scene
-from hcbench.setting import Setting
 from hcbench.sim.engine import Engine
+from hcbench.system.errors import SettingError
+from hcbench.terms.fields import read_numbers
+from hcbench.terms.impact import Impact, Launch, Status, Trajectory
+from hcbench.terms.scene import Scene
+from hcbench.terms.setting import Setting
 
 Law = HuntCrossley | KelvinVoigt | TouchSpeedLaw
 

@@ -14,9 +14,9 @@ from typing import TypeAlias
 import numpy as np
 from scipy.integrate import DOP853
 
-from hcbench.errors import EngineFailed
-from hcbench.impact import Floats
 from hcbench.paper.vibroimpact.dynamics import Flags, Indices, Modes, TwoSidedContact
+from hcbench.system.errors import EngineFailed
+from hcbench.terms.impact import Floats
 
 # Called with each step taken: the oscillators, t, y, their modes up to there and from there on, and which of
 # them have reached a checkpoint.

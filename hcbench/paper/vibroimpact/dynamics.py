@@ -7,9 +7,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.laws.force import ForceLaw, HuntCrossley
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats
 
 Modes: TypeAlias = NDArray[np.int8]
 Indices: TypeAlias = NDArray[np.intp]

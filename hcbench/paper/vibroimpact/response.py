@@ -11,7 +11,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.kelvin_voigt import Ending, matched
@@ -20,6 +19,7 @@ from hcbench.paper.vibroimpact.batched_ode import integrate
 from hcbench.paper.vibroimpact.dynamics import APART, Flags, Indices, Modes, TwoSidedContact
 from hcbench.paper.vibroimpact.simulate import motion_size, tangent
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool
 
 Over = Literal["frequency", "amplitude", "gap"]

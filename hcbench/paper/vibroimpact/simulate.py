@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 
-from hcbench.errors import HcbenchError, UserError
-from hcbench.impact import Floats
 from hcbench.laws.force import ForceLaw, HuntCrossley
 from hcbench.laws.require import positive, require
 from hcbench.paper.vibroimpact.batched_ode import integrate
@@ -30,6 +28,8 @@ from hcbench.paper.vibroimpact.system import (
     pressing,
     stored,
 )
+from hcbench.system.errors import HcbenchError, UserError
+from hcbench.terms.impact import Floats
 
 SIDES: tuple[Side, Side] = ("right", "left")
 _KINDS: dict[tuple[int, int], Kind] = {

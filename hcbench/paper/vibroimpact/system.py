@@ -17,10 +17,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.integrate import quad
 
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.laws.force import ForceLaw, HuntCrossley
 from hcbench.laws.require import positive, require
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats
 
 Drive: TypeAlias = Callable[[float], float]
 

@@ -8,7 +8,6 @@ import platform
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hcbench._files import atomic_folder, write_text
 from hcbench.cases.score import measured
 from hcbench.reporting.field import cells, features, probe
 from hcbench.reporting.field.case_table import case_table
@@ -19,6 +18,7 @@ from hcbench.reporting.field.view import STOCK, Case, FieldView
 from hcbench.reporting.page import PAGE, counted, draw, render, script
 from hcbench.reporting.wording import time
 from hcbench.sim.install import add_commands
+from hcbench.system.files import atomic_folder, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hcbench._text import time_step
 from hcbench.reporting.explorer import digits
 from hcbench.reporting.field.cells import MatrixCell, rows
 from hcbench.reporting.field.headline import band, headline
 from hcbench.reporting.field.view import STOCK, Case, FieldView
 from hcbench.reporting.wording import engine_title, error, number, time
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.system.text import time_step
+from hcbench.terms.setting import Setting
 from hcbench.tuning.snippet import snippet
 
 if TYPE_CHECKING:

@@ -9,20 +9,20 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
-from hcbench.errors import HcbenchError
-from hcbench.impact import Launch
-from hcbench.scene import load_scene
 from hcbench.sim import registry
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.remote import adapter_of, interpreter_of
+from hcbench.system.errors import HcbenchError
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
 from hcbench.workers import call, redirect_output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.reporting.field.view import FieldView
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 BALLS = (1, 100)
 _LAUNCHES = (Launch(0.1, 0.25), Launch(0.2, 0.5), Launch(0.4, 0.75))

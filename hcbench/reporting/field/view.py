@@ -18,9 +18,9 @@ from hcbench.measuring.curve import Curve
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.reporting.view import REFERENCE
 from hcbench.reporting.wording import engine_title
-from hcbench.resolution import FOLLOWS
 from hcbench.sim import registry
 from hcbench.sim.passivity import MOST_E
+from hcbench.terms.resolution import FOLLOWS
 
 _KEY = ["engine", "setting", "gravity_m_per_s2", "timestep_s"]
 # Kinds of settings

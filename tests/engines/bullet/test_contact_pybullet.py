@@ -11,12 +11,12 @@ import pytest
 
 from hcbench.contact import pybullet as contact
 from hcbench.contact.pybullet import ConstantRestitution, Friction, HuntCrossley, Restitution
-from hcbench.errors import SettingError, UserError
 from hcbench.laws import closed_form
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.system.errors import SettingError, UserError
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 bullet = pytest.importorskip("pybullet", reason="no PyBullet for this Python")
 

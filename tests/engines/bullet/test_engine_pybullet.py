@@ -18,12 +18,12 @@ import pytest
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.engine import PybulletEngine
-from hcbench.errors import EngineFailed, EngineMissing, SceneError, SettingError, foreign_errors
-from hcbench.impact import Impact, Launch, Status
-from hcbench.scene import Material, Scene
-from hcbench.setting import Setting
 from hcbench.sim import simulate
 from hcbench.sim.backend import installed_version
+from hcbench.system.errors import EngineFailed, EngineMissing, SceneError, SettingError, foreign_errors
+from hcbench.terms.impact import Impact, Launch, Status
+from hcbench.terms.scene import Material, Scene
+from hcbench.terms.setting import Setting
 from hcbench.workers import call
 
 if TYPE_CHECKING:

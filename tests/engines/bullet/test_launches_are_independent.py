@@ -56,7 +56,7 @@ def test_a_live_world_is_left_as_it_was_and_every_launch_in_it_is_the_first(
 def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
     import os
 
-    from hcbench.errors import EngineFailed
+    from hcbench.system.errors import EngineFailed
 
     if not fork.AVAILABLE:
         pytest.skip("this system does not fork")

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench.errors import UserError
-from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring import measure
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.sim import registry
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
 from hcbench.workers import call
 
 pytest.importorskip("pybullet")

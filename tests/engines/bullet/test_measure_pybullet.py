@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from free_flight import speed_at_plane
 
-from hcbench.errors import SceneError, UserError
-from hcbench.impact import Status
 from hcbench.measuring import measure
+from hcbench.system.errors import SceneError, UserError
+from hcbench.terms.impact import Status
 from hcbench.workers import call
 
 pytest.importorskip("pybullet")

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from hcbench.impact import Launch
 from hcbench.sim import registry
+from hcbench.terms.impact import Launch
 from hcbench.tuning.ask import make_target
 
 G, PHASES = 9.81, (0.01, 0.1, 0.4, 0.7, 0.95, 0.99)

@@ -11,11 +11,11 @@ import pytest
 
 from hcbench.contact import pybullet as contact
 from hcbench.engines.pybullet.model.open import LiveWorld as World
-from hcbench.errors import SettingError
 from hcbench.measuring import measure
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry
 from hcbench.sim.capabilities import opener
+from hcbench.system.errors import SettingError
 
 bullet = pytest.importorskip("pybullet", reason="no PyBullet for this Python")
 

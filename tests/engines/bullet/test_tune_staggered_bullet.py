@@ -15,20 +15,20 @@ import pytest
 
 from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, FittedImpacts, fit_contacts
 from hcbench.engines.pybullet.scene.options import read_options
-from hcbench.errors import SceneError, SettingError
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.scoring import score_loop
-from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.system.errors import SceneError, SettingError
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 from hcbench.tuning.evaluate import rest_test
 
 if TYPE_CHECKING:
-    from hcbench.impact import Impact
+    from hcbench.terms.impact import Impact
 
 SCENE = load_scene("steel-plane")
 ALPHA, H, INCH = 0.008 / 0.0254, 1e-6, 0.0254

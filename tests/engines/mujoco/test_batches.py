@@ -21,12 +21,12 @@ from hcbench.engines.mujoco.scene.world import Batching
 from hcbench.engines.pybullet.engine import PybulletEngine
 from hcbench.engines.pybullet.scene.options import read_options as pybullet_options
 from hcbench.engines.pybullet.scene.world import PybulletWorld
-from hcbench.impact import Impact, Launch, Status
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import Scene, load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry, simulate
+from hcbench.terms.impact import Impact, Launch, Status
+from hcbench.terms.scene import Scene, load_scene
+from hcbench.terms.setting import Setting
 from hcbench.workers import call
 
 if TYPE_CHECKING:

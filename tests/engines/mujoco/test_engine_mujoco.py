@@ -17,11 +17,11 @@ import pytest
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.scene import scene_model
 from hcbench.engines.mujoco.scene.mjcf import model_xml
-from hcbench.errors import EngineFailed, EngineMissing, SettingError
-from hcbench.impact import Impact, Launch, Status
-from hcbench.scene import Scene, load_scene
-from hcbench.setting import Setting
 from hcbench.sim.backend import installed_version
+from hcbench.system.errors import EngineFailed, EngineMissing, SettingError
+from hcbench.terms.impact import Impact, Launch, Status
+from hcbench.terms.scene import Scene, load_scene
+from hcbench.terms.setting import Setting
 
 ENGINE = MujocoEngine()
 PLANE, CUP = load_scene("steel-plane"), load_scene("steel-cup")

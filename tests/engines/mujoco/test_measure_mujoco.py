@@ -9,15 +9,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench._bounds import beyond_bounds
 from hcbench.engines.mujoco.scene.rows import SoftConstraint
-from hcbench.errors import SceneError, UserError
-from hcbench.impact import Impact, Status
 from hcbench.laws import kelvin_voigt
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.measuring import Measurement, measure
 from hcbench.measuring.text import as_text
 from hcbench.reporting.measurement_page import measurement_page
+from hcbench.system.errors import SceneError, UserError
+from hcbench.terms.bounds import beyond_bounds
+from hcbench.terms.impact import Impact, Status
 
 SPRING = 'solref="-40000 -12" solimp=".9999 .9999 .001 .5 2"'
 IMPULSE = 'solref="0 -950" solimp=".9999 .9999 .001 .5 2"'

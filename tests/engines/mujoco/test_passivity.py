@@ -19,10 +19,10 @@ from hcbench.engines.mujoco.passivity.plain import certify
 from hcbench.engines.mujoco.scene.options import read_options
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.passivity import MOST_E, Passivity
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 
 G, STEP = 9.81, 2e-3
 SCENE = replace(load_scene("steel-plane"), gravity=G)

@@ -19,8 +19,8 @@ from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.sim import registry
+from hcbench.terms.scene import load_scene
 
 SPEED, ALPHA = 0.3, 0.315
 E = float(closed_form.restitution(ALPHA, SPEED))

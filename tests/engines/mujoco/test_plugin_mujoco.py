@@ -34,19 +34,19 @@ from contact_scenes import (
     world,
 )
 
-from hcbench import _compile
 from hcbench.cli import run as run_command
 from hcbench.cli.engines import plugin
 from hcbench.contact import mujoco as contact
 from hcbench.contact.mujoco import ConstantRestitution, Friction, HuntCrossley, Restitution, TouchSpeedLaw
 from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
 from hcbench.engines.mujoco.scene.mjcf import model_xml
-from hcbench.errors import CannotRun, SettingError, UserError
 from hcbench.laws import closed_form
 from hcbench.laws.published import LAWS, Flores
 from hcbench.recipes.target import Target
-from hcbench.scene import Material, load_scene
 from hcbench.sim import registry
+from hcbench.system import compiler as _compile
+from hcbench.system.errors import CannotRun, SettingError, UserError
+from hcbench.terms.scene import Material, load_scene
 
 try:
     from mujoco import batch

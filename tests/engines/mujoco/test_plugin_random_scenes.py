@@ -17,7 +17,7 @@ from random_scenes import FACTORS, allowed, classes, design, make, simulate, sta
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
     Flags = NDArray[np.bool_]
 

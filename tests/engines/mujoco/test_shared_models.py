@@ -13,17 +13,17 @@ from shared_models import HOPPER, PAIR, SPRING, ball
 from hcbench.engines.mujoco.model.open import load
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.engines.mujoco.scene.shared_scene import differences
-from hcbench.errors import SettingError
-from hcbench.impact import Floats, Impact, Launch, Status
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.request import make_request
-from hcbench.scene import load_scene
-from hcbench.setting import Setting
 from hcbench.sim import registry, shared_model, simulate
 from hcbench.sim.capabilities import opener
 from hcbench.sim.columns import Launches
 from hcbench.sim.model_under_test import ModelUnderTest
 from hcbench.sim.shared_model import Copies, SharedModelEngine
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Floats, Impact, Launch, Status
+from hcbench.terms.scene import load_scene
+from hcbench.terms.setting import Setting
 
 SPEEDS = [0.07, 0.33, 0.9]
 STIFF = PAIR.format('solref="0 -1900" solimp=".9999 .9999 .001"')

@@ -28,7 +28,7 @@ from hcbench.engines.mujoco.scene.rows import ConstraintRow
 from hcbench.laws import closed_form
 from hcbench.laws.restitution import MeasuredRestitution, Restitution, RestitutionCurve
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
+from hcbench.terms.scene import load_scene
 from hcbench.tuning.tune import tune
 
 G, R, MASS = 9.81, 0.1, 0.5

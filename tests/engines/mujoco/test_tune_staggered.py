@@ -10,12 +10,12 @@ import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, Flight, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.staggered import STAGGERED, staggered_rows
-from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.softening import resolvable_law
 from hcbench.recipes.target import Target
-from hcbench.resolution import STEPS_OF_A_SOFTENED
+from hcbench.system.errors import SettingError
+from hcbench.terms.resolution import STEPS_OF_A_SOFTENED
 
 HELD_OUT = np.array([1.0, 1.37, 2.1, 3.3, 5.2, 8.0, 12.3, 16.0, 20.0]) * INCH
 ALPHAS = (0.002, 0.004, 0.008, 0.016)

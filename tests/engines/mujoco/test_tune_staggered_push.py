@@ -11,11 +11,11 @@ from long_searches import long_search
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.staggered_push import STAGGERED_PUSH, staggered_push
-from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.setting import Setting
+from hcbench.system.errors import SettingError
+from hcbench.terms.setting import Setting
 
 HELD_OUT = np.array([1.0, 1.37, 3.3, 8.0, 20.0]) * INCH
 

@@ -8,9 +8,9 @@ from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.two_pair import TWO_PAIR, contact_duration, two_pair_rows
 from hcbench.engines.mujoco.scene.rows import ConstraintRow, acceleration, restitution
-from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
+from hcbench.system.errors import SettingError
 
 HELD_OUT = np.array([1.0, 1.37, 2.1, 3.3, 5.2, 8.0, 12.3, 16.0, 20.0]) * INCH
 

@@ -52,7 +52,7 @@ def readers(folder: Path) -> dict[str, Reader]:
     from hcbench.fitting.recording import read_recording
     from hcbench.measuring.pose import read_state
     from hcbench.reality.torch_file import read_tensor
-    from hcbench.scene import read_scene
+    from hcbench.terms.scene import read_scene
 
     def scene(path: Path) -> Any:
         made = folder / "scene"
@@ -236,7 +236,7 @@ def _change_bytes(data: bytearray, chance: random.Random) -> None:
 
 
 def _verdict(reader: Reader, path: Path) -> str:
-    from hcbench.errors import HcbenchError
+    from hcbench.system.errors import HcbenchError
 
     try:
         reader.read(path)

@@ -9,8 +9,8 @@ import numpy as np
 
 from hcbench.engines.drake.model.place import approach_row, movers, set_pose
 from hcbench.engines.drake.model.user_model import DISSIPATION, STIFFNESS, LoadedPlant, Part
-from hcbench.errors import UserError
 from hcbench.sim.candidate_pairs import CandidatePair, in_order
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Request

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.errors import UserError
 from hcbench.sim.names import suggest_names
 from hcbench.sim.touch import LEAST_APPROACH, require_apart
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.engines.drake.model.user_model import Gap, LoadedPlant, Part
-    from hcbench.impact import Floats
     from hcbench.sim.model_under_test import Request
+    from hcbench.terms.impact import Floats
 
 _ROUNDS = 60
 _CLOSE = 1e-13  # m: a distance that counts as touching

@@ -11,19 +11,19 @@ import numpy as np
 
 from hcbench.engines.drake.model.place import approach_row, bring_to_touch, move_on, set_pose
 from hcbench.engines.drake.model.user_model import DISSIPATION, STIFFNESS, LoadedPlant, ignored_in_words
-from hcbench.errors import UserError
 from hcbench.laws.closed_form import alpha_of
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring import causes
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
 from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Record, Simulation
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from hcbench.impact import Impact, Launch
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.model_under_test import Request
     from hcbench.sim.world import Flags
+    from hcbench.terms.impact import Impact, Launch
 
 _NOTABLE = 0.01  # of e: what a step's own damping must take, to be named
 _TAKEN = 0.002  # of e: what it may take with the fix

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hcbench.errors import SceneError, UserError
 from hcbench.sim.names import find_part
 from hcbench.sim.packages import Packages, folders_of
+from hcbench.system.errors import SceneError, UserError
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
     from hcbench.sim.model_under_test import Request
+    from hcbench.terms.impact import Floats
 
 SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
 # What a geometry has that says nothing, as Drake's documentation of MultibodyPlant has it.

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.errors import foreign_errors
-from hcbench.impact import Floats
 from hcbench.sim.toss import (
     FRICTION,
     GRAVITY,
@@ -22,6 +20,8 @@ from hcbench.sim.toss import (
     as_body,
     as_integrated,
 )
+from hcbench.system.errors import foreign_errors
+from hcbench.terms.impact import Floats
 
 SPRING = "stiffness and dissipation"
 _BOUNCE = Parameter("dissipation", (1.0, 5.0, 0.2))

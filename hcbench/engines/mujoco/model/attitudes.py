@@ -13,8 +13,8 @@ from hcbench.engines.mujoco.model.bodies import masks_match
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
     from hcbench.sim.model_under_test import Request
+    from hcbench.terms.impact import Floats
 
 # Directions in a geom that point at the other body, by shape: the geom's size turns them into attitudes.
 _BOX = {"face": (0.0, 0.0, 1.0), "edge": (0.0, 1.0, 1.0), "vertex": (1.0, 1.0, 1.0)}

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from hcbench._text import sanitized
 from hcbench.engines.mujoco.backend import backend
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
     CollisionFilter = Literal["", "exclude", "masks", "welded", "parent"]
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from hcbench import units
 from hcbench.engines.mujoco.backend import backend
-from hcbench.errors import UserError
-from hcbench.impact import Floats
-from hcbench.options import Controller
+from hcbench.system.errors import UserError
+from hcbench.terms import units
+from hcbench.terms.impact import Floats
+from hcbench.terms.options import Controller
 
 Drive = Callable[[Any], None]  # sets the controls of an MjData
 

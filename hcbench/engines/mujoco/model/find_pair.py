@@ -20,8 +20,8 @@ from hcbench.engines.mujoco.model.bodies import (
 )
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
 from hcbench.engines.mujoco.model.plugin_contact import has_force_law
-from hcbench.errors import UserError
 from hcbench.sim.names import find_part, suggest_names
+from hcbench.system.errors import UserError
 
 _FREE_DOFS = 6
 _NAMED_JOINTS = 6  # of a robot's, in messages

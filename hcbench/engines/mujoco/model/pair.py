@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import approach_row
 from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
-from hcbench.impact import Floats
+from hcbench.terms.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

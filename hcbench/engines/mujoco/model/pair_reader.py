@@ -12,7 +12,7 @@ from hcbench.engines.mujoco.backend import backend
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.place import PairAtTouch
     from hcbench.engines.mujoco.model.sliding import MujocoAlongPlate
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 
 class PairReader:

@@ -17,10 +17,10 @@ from hcbench.engines.mujoco.model.find_pair import (
 from hcbench.engines.mujoco.model.pair import ContactPair, Nearest, PairContact
 from hcbench.engines.mujoco.model.start_pose import require_joints_within_limits, tether_error
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats
 
 ABOVE: Vector = (0.0, 0.0, 1.0)
 _RAISED = 0.1  # m: how deep a robot may stand in the floor at the start

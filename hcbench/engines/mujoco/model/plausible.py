@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench._bounds import BOUNDS, admits_beyond_bounds, require_bounds
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import geom_name
-from hcbench.errors import QuantityError, SceneError, UserError
-from hcbench.units import STANDARD_GRAVITY
+from hcbench.system.errors import QuantityError, SceneError, UserError
+from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds, require_bounds
+from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.place import PairAtTouch

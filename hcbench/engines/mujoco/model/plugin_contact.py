@@ -9,13 +9,13 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.laws.restitution import ConstantRestitution, Restitution
-from hcbench.resolution import ROUND_OFF_SOLVED
+from hcbench.terms.resolution import ROUND_OFF_SOLVED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from hcbench.impact import Floats
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.terms.impact import Floats
 
 # The keys of an instance's config in the plug-in's order: MuJoCo keeps their values alone.
 _KEYS = ("geom1", "geom2", "body1", "body2", "tendon", "alpha", "reading", "restitution")

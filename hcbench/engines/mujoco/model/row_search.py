@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
-    from hcbench.impact import Floats
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.standing import Standing
+    from hcbench.terms.impact import Floats
 
     Rows = tuple[ConstraintRow, ...]
 

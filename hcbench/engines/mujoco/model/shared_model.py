@@ -14,22 +14,22 @@ from hcbench.engines.mujoco.model.pair_reader import with_kinematics
 from hcbench.engines.mujoco.model.simulation import Flights, MujocoFlight
 from hcbench.engines.mujoco.model.workspace import LaunchWorkspace
 from hcbench.engines.mujoco.scene.shared_scene import differences, rounded_adhesion
-from hcbench.impact import Impact, Launch
 from hcbench.measuring.measurement import TOLERANCE
-from hcbench.resolution import ROUND_OFF_SOLVED
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
 from hcbench.sim.parallel import require_motion_at, unit_in_last_place
 from hcbench.sim.read_impact import NOT_FINITE
+from hcbench.terms.impact import Impact, Launch
+from hcbench.terms.resolution import ROUND_OFF_SOLVED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
-    from hcbench.impact import Floats
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.shared_model import Copies, SharedModelEngine
     from hcbench.sim.world import Flags, Record
+    from hcbench.terms.impact import Floats
 
 _SMOOTH = 100.0  # units in the last place that a step moves the bodies by, from which e does not scatter
 

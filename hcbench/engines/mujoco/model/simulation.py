@@ -13,15 +13,15 @@ from hcbench.engines.mujoco.model.pair_reader import PairReader, with_kinematics
 from hcbench.engines.mujoco.model.sliding import MujocoAlongPlate
 from hcbench.engines.mujoco.model.speed_shares import SpeedShares, strange_share
 from hcbench.engines.mujoco.model.workspace import LaunchWorkspace, copy_state
-from hcbench.impact import TANGENTIAL_ROWS
 from hcbench.sim.world import Record, Simulation
+from hcbench.terms.impact import TANGENTIAL_ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
-    from hcbench.impact import Floats, Launch
     from hcbench.sim.world import Flags
+    from hcbench.terms.impact import Floats, Launch
 
 # Depth, rate and force of a step; the rate after it without contact, RK4 near a touch only, else NaN; what
 # `Record.tangential` has, oblique launches only.

@@ -8,10 +8,10 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.place import PairAtTouch
-from hcbench.errors import UserError
-from hcbench.impact import Floats, Launch
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.tangential import plate_frame
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats, Launch
 
 _MISSED = 1e-9  # of the motion asked for, that joints may leave out
 

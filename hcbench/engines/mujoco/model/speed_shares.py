@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.impact import Floats
 from hcbench.sim.model_under_test import CONTACT, WEIGHT
+from hcbench.terms.impact import Floats
 
 OTHERS = "other contacts"
 LIMITS, EQUALITIES, FRICTION = "limits of joints and tendons", "equality constraints", "friction in joints"

@@ -13,13 +13,13 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.sim.rest import DIVERGED, Rest, rest_of
 from hcbench.sim.standing import Standing
-from hcbench.units import STANDARD_GRAVITY
+from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _SLOPE, _OF_FRICTION = math.radians(10.0), 2.0 / 3.0  # of the friction angle, where that is less
 _SECONDS, _CLOSES = 4.0, 0.5  # of each rest; before gravity pulls at what is held

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from hcbench._text import sanitized
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name, joint_name
 from hcbench.engines.mujoco.model.plausible import require_plausible_state
-from hcbench.errors import UserError
 from hcbench.measuring.pose import STATE_FIELDS
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.names import suggest_names
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
 
 _IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")  # everything starts at rest
 # Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.

@@ -7,8 +7,8 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import response
 from hcbench.engines.mujoco.model.pair import ContactPair, PairContact
-from hcbench.impact import Floats
 from hcbench.sim.touch import LEAST_APPROACH, travel_by_distance, travel_by_scan
+from hcbench.terms.impact import Floats
 
 _DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the smaller one's size: where contacts are looked for
 _OPPOSING = 0.5  # of the approach, that must be along the normal of a contact

@@ -13,11 +13,11 @@ from hcbench.engines.mujoco.model.find_pair import named_pair
 from hcbench.engines.mujoco.model.list_pairs import contact_in_force
 from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.scene.promises import promise_in
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.sim.landing import PARTED_S
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.touchdowns import Touchdowns, TrajectoryTouchdowns
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats
 
 _Geoms = tuple[int, int]  # the one that moves first
 _ANY_SPEED = (0.0, float("inf"))

@@ -20,11 +20,11 @@ from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.engines.mujoco.model.write_pairs import PairToTune, Rows, mass_note, needed_impratio, written
 from hcbench.engines.mujoco.model.written_model import included, label_of, own_text, spec_of, whole_text
 from hcbench.engines.mujoco.scene.promises import option_in_force, promise_lines
-from hcbench.errors import UserError
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.model_under_test import ModelSetting, Output, Request, Texts
 from hcbench.sim.promise import Promise
 from hcbench.sim.standing import Standing
+from hcbench.system.errors import UserError
 
 _Kind = tuple[object, ...]  # `PairToTune.like`
 _PAIRS_MAX = 200

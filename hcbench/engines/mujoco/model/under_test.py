@@ -30,7 +30,6 @@ from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.scene.promises import promise_in
-from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.causes import other_contacts
 from hcbench.sim import simulate
@@ -38,6 +37,7 @@ from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 from hcbench.sim.promise import Promise
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.touch import overlap_notes
+from hcbench.terms.impact import Impact, Launch
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.shared_model import LentModel

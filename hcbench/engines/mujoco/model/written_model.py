@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.scene.elements import quoted
-from hcbench.errors import UserError
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines.mujoco.scene.rows import ConstraintRow
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 _RESTED = 200  # steps in contact without a parting
 _MOST_STEPS = 6000  # in contact, of each drop: what of finer steps comes after is left to the whole gate

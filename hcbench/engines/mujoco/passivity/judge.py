@@ -19,13 +19,13 @@ from hcbench.engines.mujoco.scene.mjcf import pairs_text
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.laws.contact_law import is_force
 from hcbench.sim.passivity import LongestTrain, Passivity
-from hcbench.units import STANDARD_GRAVITY
+from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.scene import Scene
-    from hcbench.setting import Pair, Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Pair, Setting
 
 _LIKE_EULER = ("Euler", "implicit", "implicitfast")  # a free ball takes the same steps under each
 _FINEST = 2e-4  # s: at finer steps a slope takes too long for a screen

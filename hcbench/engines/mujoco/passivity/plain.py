@@ -29,7 +29,7 @@ from hcbench.sim.rest import Rest, last_half, rest_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from hcbench.setting import Pair
+    from hcbench.terms.setting import Pair
 
 _CHUNK_S = 2.0  # of drops, in one call
 _SLOPE, _SLOPE_S = math.radians(10.0), 3.0

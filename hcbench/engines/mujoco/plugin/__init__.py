@@ -18,16 +18,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from hcbench import _compile
-from hcbench._arguments import checked
 from hcbench.engines.mujoco.backend import backend
-from hcbench.errors import CannotRun, EngineMissing, OutputError, SettingError
 from hcbench.laws import hertz
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law
 from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
-from hcbench.scene import Material
 from hcbench.sim.names import suggest_names
+from hcbench.system import compiler as _compile
+from hcbench.system.errors import CannotRun, EngineMissing, OutputError, SettingError
+from hcbench.terms.arguments import checked
+from hcbench.terms.scene import Material
 
 FORCE, RESTITUTION = "hcbench.hunt_crossley", "hcbench.restitution"
 INSTALLED = "libhcbench.so"

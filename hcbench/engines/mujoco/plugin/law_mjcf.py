@@ -7,8 +7,8 @@ from pathlib import Path
 from hcbench.engines.mujoco.plugin import config
 from hcbench.engines.mujoco.scene.elements import as_text, named, quoted, remove_pairs, section
 from hcbench.laws.contact_law import Friction, Law, is_force
-from hcbench.scene import Scene
-from hcbench.setting import PAIR, Pair
+from hcbench.terms.scene import Scene
+from hcbench.terms.setting import PAIR, Pair
 
 _PAIRS = {"cup": {"tendon": "contact"}, "plane": dict(zip(("geom1", "geom2"), PAIR, strict=True))}
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
-from hcbench.impact import Floats
 from hcbench.recipes.recipe import Integrators
+from hcbench.terms.impact import Floats
 
 # Of springs that start at a depth of their own: the least impedance throughout.
 SPRING_SOLIMP = (MIN_IMPEDANCE, MIN_IMPEDANCE, 1.0, 0.5, 1.0)

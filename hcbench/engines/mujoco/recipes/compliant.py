@@ -12,10 +12,10 @@ from hcbench.engines.mujoco.backend import backend, has_feature
 from hcbench.engines.mujoco.recipes.common import rows_options
 from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, pushing_row, spring_and_damper_rows
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.errors import SettingError
 from hcbench.recipes.recipe import Integrators, Recipe, Role
 from hcbench.recipes.search import map_result
 from hcbench.recipes.target import Target
+from hcbench.system.errors import SettingError
 
 
 def compliant_options(rows: list[ConstraintRow], target: Target, integrator: str) -> dict[str, Any]:

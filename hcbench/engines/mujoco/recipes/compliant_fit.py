@@ -17,9 +17,9 @@ import numpy as np
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
 from hcbench.engines.mujoco.recipes.row_pair import RowFit, oscillator, short
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.impact import Floats
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.recipes.search import Search, evolve, map_result
+from hcbench.terms.impact import Floats
 
 IMPRATIO = 1e6  # a body held by friction slips by 1/impratio; from 1e7 on the solver iterates more
 _SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1, 48, 90, 40, 60

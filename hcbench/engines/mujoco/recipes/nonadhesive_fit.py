@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.recipes.staggered import Band
     from hcbench.engines.mujoco.scene.rows import Solimp
-    from hcbench.impact import Floats
     from hcbench.recipes.search import Search
+    from hcbench.terms.impact import Floats
 
 _FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-5  # one unit of misfit, relative and absolute
 ITERATIONS = 80

@@ -12,7 +12,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
 from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
-from hcbench.impact import Floats
+from hcbench.terms.impact import Floats
 
 _WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)  # of the spring, in MuJoCo's sums
 MOST_PULL = 1e6  # N: more than any contact asks for

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.terms.impact import Floats
 
 _POINTS = 501
 

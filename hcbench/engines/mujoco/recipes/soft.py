@@ -14,12 +14,12 @@ import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
-from hcbench.errors import SettingError
-from hcbench.impact import Floats
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.search import Search, map_result
 from hcbench.recipes.target import Target
-from hcbench.resolution import STEPS_OF_A_LOOP, STEPS_OF_A_WIDE_SPRING
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Floats
+from hcbench.terms.resolution import STEPS_OF_A_LOOP, STEPS_OF_A_WIDE_SPRING
 
 _SPEEDS = 12
 _DEEPEST = 0.02  # m

@@ -23,13 +23,13 @@ from hcbench.engines.mujoco.recipes.common import (
 )
 from hcbench.engines.mujoco.recipes.sensitivity import restitution_sensitivity
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
-from hcbench.errors import SettingError
-from hcbench.impact import Floats
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.softening import resolvable_law
 from hcbench.recipes.target import Target
-from hcbench.resolution import STEPS_OF_A_LOOP
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Floats
+from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
 _GRID = 1200
 _SPEEDS = 50

@@ -14,14 +14,14 @@ import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SOFTENED, WEAK_FRICTION, rows_options
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
-from hcbench.errors import SettingError
-from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.recipes.constant import contact_time
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.search import Search, map_result
 from hcbench.recipes.target import Target
-from hcbench.resolution import STEPS_OF_A_FITTED_SPRING
+from hcbench.system.errors import SettingError
+from hcbench.terms.impact import Floats
+from hcbench.terms.resolution import STEPS_OF_A_FITTED_SPRING
 
 _SPEEDS, _PHASES = 12, 2
 _STEPS = 200  # of the model in a contact, where the engine's own are more

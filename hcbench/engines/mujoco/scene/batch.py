@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from hcbench.engines.mujoco.scene.scene_model import SceneModel
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 Kind = Literal["alone", "free", "sliding"]
 # Islands judge their convergence by their own inertia from here on; before, by that of the whole model.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from hcbench.errors import SceneError
+from hcbench.system.errors import SceneError
 
 _ESCAPES = {"&": "amp", "<": "lt", ">": "gt", '"': "quot", "\n": "#10", "\r": "#13", "\t": "#9"}
 _ESCAPED = str.maketrans({character: f"&{name};" for character, name in _ESCAPES.items()})

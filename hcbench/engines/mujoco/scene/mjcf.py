@@ -11,14 +11,14 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from hcbench._text import shortest
 from hcbench.engines.mujoco.plugin.law_mjcf import write_law
 from hcbench.engines.mujoco.scene.elements import as_text, named, quoted, remove_pairs, section
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.errors import SceneError, SettingError
-from hcbench.scene import Scene
-from hcbench.setting import PAIR, Pair, Setting
+from hcbench.system.errors import SceneError, SettingError
+from hcbench.system.text import shortest
+from hcbench.terms.scene import Scene
+from hcbench.terms.setting import PAIR, Pair, Setting
 
 _HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies would flicker
 

@@ -7,9 +7,9 @@ from typing import Any, Literal, get_args
 from pydantic import Field, ValidationInfo, field_validator
 
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.errors import SettingError
-from hcbench.fields import Finite, OptionTable, mistake, validate
 from hcbench.laws.contact_law import Law, law_of
+from hcbench.system.errors import SettingError
+from hcbench.terms.fields import Finite, OptionTable, mistake, validate
 
 _Integrator = Literal["Euler", "implicit", "implicitfast", "RK4", "discrete"]
 _Cone = Literal["pyramidal", "elliptic"]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from hcbench._text import shortest
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.scene.elements import quoted
 from hcbench.sim.promise import Promise
+from hcbench.system.text import shortest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from hcbench.setting import Pair
+    from hcbench.terms.setting import Pair
 
 
 def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.errors import SettingError
-from hcbench.resolution import ROUND_OFF_STEP
 from hcbench.sim.columns import Launches
 from hcbench.sim.tangential import rows_of_ball
+from hcbench.system.errors import SettingError
+from hcbench.terms.resolution import ROUND_OFF_STEP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines.mujoco.scene.batch import BatchedModel
     from hcbench.engines.mujoco.scene.scene_model import SceneModel
-    from hcbench.impact import Floats, Launch
+    from hcbench.terms.impact import Floats, Launch
 
 _ROUND_OFF = (
     ROUND_OFF_STEP * np.finfo(float).eps

@@ -24,7 +24,7 @@ from hcbench.engines.mujoco.scene.continuous_contact import parting_speed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
     Solimp = tuple[float, float, float, float, float]
 

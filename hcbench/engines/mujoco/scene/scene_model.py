@@ -11,14 +11,14 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend, captured_warnings, require_feature
 from hcbench.engines.mujoco.scene.elements import as_text
 from hcbench.engines.mujoco.scene.mjcf import add_acceleration_sensor, model_path, scene_tree
-from hcbench.errors import SceneError
+from hcbench.system.errors import SceneError
 
 if TYPE_CHECKING:
     import xml.etree.ElementTree as ET
 
     from hcbench.engines.mujoco.scene.options import Options
-    from hcbench.impact import Floats
-    from hcbench.scene import Scene
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Scene
 
 _OVERLAP = 1e-5  # m, at which the model is checked
 _SHAPE_TOLERANCE = 1e-9  # m

@@ -16,8 +16,8 @@ from hcbench.sim.model_under_test import Suspect
 from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats, Impact
     from hcbench.sim.shared_model import SharedModelEngine
+    from hcbench.terms.impact import Floats, Impact
 
     Rows = Sequence[tuple[Sequence[float], Sequence[float]]]
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.plugin import add_to_spec
-from hcbench.impact import Floats
 from hcbench.sim.toss import (
     ALPHA,
     FRICTION,
@@ -26,6 +25,7 @@ from hcbench.sim.toss import (
     as_integrated,
     plugin_law,
 )
+from hcbench.terms.impact import Floats
 
 SOLREF = "solref identified"
 _SPRING = (Parameter("stiffness", (1.5e4, 5e4, 5e3)), Parameter("damping", (250.0, 60.0, 5.0)))

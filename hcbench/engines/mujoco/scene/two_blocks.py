@@ -10,9 +10,9 @@ from hcbench.engines.mujoco.plugin.law_mjcf import extension
 from hcbench.engines.mujoco.recipes.staggered import staggered_rows
 from hcbench.engines.mujoco.scene.elements import as_text
 from hcbench.engines.mujoco.scene.mjcf import add_pairs, numbers_text, set_mass
-from hcbench.impact import Floats
 from hcbench.recipes.target import Target
 from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
+from hcbench.terms.impact import Floats
 
 NOTE = "MuJoCo's staggered pairs lie on it too."
 # Both blocks press a squeezed body at once, and all rows share in the highest impedance: 0.05 of four tried

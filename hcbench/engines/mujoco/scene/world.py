@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.engines.mujoco.scene.scene_model import SceneModel
-    from hcbench.impact import Launch
     from hcbench.sim.world import Flags
+    from hcbench.terms.impact import Launch
 
 _ALONE = 32  # launches at once for each thread where each has a model of its own: bounds memory
 _ROUNDS = 8  # models in a simulation of one thread: reading it costs as much for one model as for all

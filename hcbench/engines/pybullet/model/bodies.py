@@ -17,7 +17,7 @@ from hcbench.engines.pybullet.vectors import Vector, add_scaled, cross, rotate, 
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
-    from hcbench.impact import Floats
+    from hcbench.terms.impact import Floats
 
 # pybullet.JOINT_...: places in getJointInfo follow
 REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED = range(5)

@@ -15,10 +15,10 @@ from hcbench.engines.pybullet.backend import LASTING_SETTINGS, UNCLIPPED, Bullet
 from hcbench.engines.pybullet.model.movers import SlidingJoint
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.place import BulletPlacement
-from hcbench.impact import Impact
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring import causes
 from hcbench.sim.model_under_test import Suspect
+from hcbench.terms.impact import Impact
 
 RESTITUTION, STIFFNESS, BODY_TYPE = 5, 9, 10  # places in getDynamicsInfo
 MAXIMAL_COORDINATES = 1  # a body type

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from hcbench._text import sanitized
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
@@ -23,9 +22,10 @@ from hcbench.engines.pybullet.model.bodies import (
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.place import DISTANCE, NORMAL
 from hcbench.engines.pybullet.vectors import vector
-from hcbench.errors import UserError
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.names import find_part
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
 
 _REACH = 1e4  # m
 _TYPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 8: "height field"}

@@ -8,13 +8,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hcbench._text import sanitized
-from hcbench.errors import SceneError
+from hcbench.system.errors import SceneError
+from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.scene import Scene
+    from hcbench.terms.scene import Scene
 
 _RADIUS_TOLERANCE = 1e-9  # m
 # a file's first tag, by its suffix

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hcbench.engines.pybullet.backend import BulletClient
-from hcbench.impact import Floats
+from hcbench.terms.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

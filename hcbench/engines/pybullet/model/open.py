@@ -12,8 +12,8 @@ from typing import Any
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
 from hcbench.engines.pybullet.model.model_file import check_user_model
-from hcbench.errors import SceneError, UserError
 from hcbench.sim.packages import Packages, with_absolute_files
+from hcbench.system.errors import SceneError, UserError
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
 ANY_LINK = -2  # whichever link touches, as in PyBullet

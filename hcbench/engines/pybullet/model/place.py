@@ -22,10 +22,10 @@ from hcbench.engines.pybullet.model.movers import FreeBase, Mover, SlidingJoint,
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
 from hcbench.engines.pybullet.vectors import vector
-from hcbench.errors import UserError
-from hcbench.impact import Floats
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, travel_by_distance
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats
 
 ABOVE: Vector = (0.0, 0.0, 1.0)
 LEAST_MOBILITY = 1e-9  # 1/kg

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hcbench._bounds import require_bounds
 from hcbench.engines.pybullet.model.causes import BODY_TYPE, MAXIMAL_COORDINATES
-from hcbench.errors import SceneError
+from hcbench.system.errors import SceneError
+from hcbench.terms.bounds import require_bounds
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient

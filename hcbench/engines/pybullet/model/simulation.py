@@ -15,17 +15,17 @@ from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.model.bodies import BulletBody
 from hcbench.engines.pybullet.model.sliding import BulletAlongPlate, surface_point
 from hcbench.engines.pybullet.vectors import dot
-from hcbench.impact import FRICTION, SLIP
 from hcbench.sim.world import Record, Simulation
+from hcbench.terms.impact import FRICTION, SLIP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.engines.pybullet.model.place import BulletPlacement
-    from hcbench.impact import Launch
     from hcbench.sim.model_under_test import Vector
     from hcbench.sim.world import Flags
+    from hcbench.terms.impact import Launch
 
 # Of a reported force: less change of momentum than this, and it was not applied
 _STALE = 0.05

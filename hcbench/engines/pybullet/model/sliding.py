@@ -12,10 +12,10 @@ from hcbench.engines.pybullet.model.bodies import BulletBody
 from hcbench.engines.pybullet.model.movers import FreeBase
 from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.engines.pybullet.vectors import rotate_inverse
-from hcbench.errors import UserError
-from hcbench.impact import Floats, Launch
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.tangential import plate_frame
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Floats, Launch
 
 _FRICTION = 1  # in getDynamicsInfo: lateralFriction
 # In a contact point: friction, N, and its direction

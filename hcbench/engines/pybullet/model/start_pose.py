@@ -3,13 +3,13 @@
 import math
 from typing import Any
 
-from hcbench._text import sanitized
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_NAME, JOINT_TYPE, PRISMATIC, REVOLUTE
 from hcbench.engines.pybullet.model.open import LoadedWorld
-from hcbench.errors import UserError
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.names import suggest_names
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
 
 _LOWER, _UPPER = 8, 9  # in getJointInfo
 # Joints that an error names: the pose that cures it, with all of them, needs the room

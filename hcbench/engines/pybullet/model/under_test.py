@@ -31,14 +31,14 @@ from hcbench.engines.pybullet.model.plausible import require_plausible
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld
 from hcbench.engines.pybullet.model.sliding import pair_friction
 from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
-from hcbench.errors import UserError
-from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect, Texts
 from hcbench.sim.packages import Packages
 from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Simulation
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Impact, Launch
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
 

@@ -20,17 +20,17 @@ from typing import Any
 
 import numpy as np
 
-from hcbench import _compile
-from hcbench._arguments import checked
-from hcbench._text import shortest
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model.bodies import LINK_NAME
-from hcbench.errors import EngineFailed, HcbenchError, SettingError
-from hcbench.impact import Floats
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law, require_resolved
 from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution, RestitutionCurve
 from hcbench.sim.names import suggest_names
+from hcbench.system import compiler as _compile
+from hcbench.system.errors import EngineFailed, HcbenchError, SettingError
+from hcbench.system.text import shortest
+from hcbench.terms.arguments import checked
+from hcbench.terms.impact import Floats
 
 # a body, or a body and its link by number or name
 Side = int | tuple[int, int | str]

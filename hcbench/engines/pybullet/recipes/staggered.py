@@ -10,7 +10,7 @@ from hcbench.engines.pybullet.recipes.spring_damper import RIGID
 from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, fit_contacts
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.softening import resolvable_law
-from hcbench.resolution import STEPS_OF_A_LOOP
+from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target

@@ -20,9 +20,9 @@ from hcbench.recipes.search import Search, map_result
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.impact import Floats
     from hcbench.laws.force import HuntCrossley
     from hcbench.recipes.target import Target
+    from hcbench.terms.impact import Floats
 
 # The second start: over the largest penetration, and at least over a step's longest way; the best of several.
 _FIRST, _FIRST_STEP, _FIRST_TRIED = 0.03, 0.43, (1.0, 1.16)

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, StrictBool, ValidationInfo, field_validator
 
-from hcbench.errors import SettingError
-from hcbench.fields import Finite, OptionTable, mistake, validate
 from hcbench.laws.contact_law import Law, law_of
+from hcbench.system.errors import SettingError
+from hcbench.terms.fields import Finite, OptionTable, mistake, validate
 
 # Keywords of setPhysicsEngineParameter and of changeDynamics, by the type that PyBullet asks for.
 _WORLD: dict[str, type] = {

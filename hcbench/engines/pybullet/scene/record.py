@@ -15,8 +15,8 @@ from hcbench.sim.tangential import rows_of_ball
 from hcbench.sim.world import momentum_force
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.scene import Scene
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.scene import Scene
 
 
 def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from hcbench._text import arguments, shortest
 from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.scene.staggered_ball import JOINT, LINK, WRITE
-from hcbench.errors import SettingError
 from hcbench.laws.contact_law import law_of
-from hcbench.setting import PAIR, Pair
+from hcbench.system.errors import SettingError
+from hcbench.system.text import arguments, shortest
+from hcbench.terms.setting import PAIR, Pair
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
 
 
 def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:

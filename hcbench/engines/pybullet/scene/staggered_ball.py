@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hcbench.errors import SceneError, SettingError
+from hcbench.system.errors import SceneError, SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines.pybullet.scene.options import LinkOptions
-    from hcbench.scene import Scene
+    from hcbench.terms.scene import Scene
 
 LINK = (
     '<link name="link{i}"><contact><lateral_friction value="{friction}"/><stiffness value="{stiffness!r}"/>'

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.pybullet.backend import BulletClient
-from hcbench.impact import Floats
 from hcbench.sim.toss import (
     ALPHA,
     FRICTION,
@@ -26,6 +25,7 @@ from hcbench.sim.toss import (
     as_integrated,
     plugin_law,
 )
+from hcbench.terms.impact import Floats
 
 STIFFNESS = "stiffness and damping"
 SHAPES: frozenset[Shape] = frozenset({"box", "sphere"})

@@ -11,9 +11,9 @@ import numpy as np
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.recipes import restitution, spring_damper
-from hcbench.impact import Floats
 from hcbench.recipes.target import Target
 from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
+from hcbench.terms.impact import Floats
 
 NOTE = (
     "PyBullet's own contact is right at one speed, here 0.4 m/s, and parts from the reference after the first"

@@ -28,17 +28,17 @@ from hcbench.engines.pybullet.scene.record import (
     tangential_rows,
 )
 from hcbench.engines.pybullet.scene.staggered_ball import ball_urdf
-from hcbench.errors import SceneError, foreign_errors
 from hcbench.sim.world import CannotShareError, Record, Simulation, World
+from hcbench.system.errors import SceneError, foreign_errors
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.engines.pybullet.scene.options import PybulletOptions
-    from hcbench.impact import Floats, Launch
-    from hcbench.scene import Scene
     from hcbench.sim.world import Flags
+    from hcbench.terms.impact import Floats, Launch
+    from hcbench.terms.scene import Scene
 
     Step = Callable[[], Sequence[float] | None]
 

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from functools import partial
 
-from hcbench._text import time_step
 from hcbench.engines.mujoco.model.causes import fixes
 from hcbench.engines.mujoco.model.causes.context import Context
 from hcbench.sim.model_under_test import Suspect
+from hcbench.system.text import time_step
 
 _HARDER = 0.1  # of what a fix leaves of 1 - d, by which a contact yields to a weight
 _FINER = 0.25  # of the step

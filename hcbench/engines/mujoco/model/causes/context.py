@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from hcbench.engines.mujoco.model.place import PairAtTouch
-    from hcbench.impact import Floats, Impact
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.terms.impact import Floats, Impact
 
 DEFAULT_SOLREF = (0.02, 1.0)
 _DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)

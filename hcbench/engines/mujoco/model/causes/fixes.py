@@ -8,7 +8,7 @@ from hcbench.engines.mujoco.model.bodies import explicit_pairs, integrator_name
 from hcbench.engines.mujoco.scene.mjcf import numbers_text
 from hcbench.engines.mujoco.scene.rows import STIFF_SOLIMP
 from hcbench.laws.kelvin_voigt import Ending, matched
-from hcbench.resolution import STEPS_OF_AN_EXPLICIT_SPRING
+from hcbench.terms.resolution import STEPS_OF_AN_EXPLICIT_SPRING
 
 numbers = partial(numbers_text, number="{:.10g}".format)  # as an XML attribute has them
 _LEAST_E = 0.01  # that a spring and damper are made for: e = 0 takes a damping without bounds

@@ -11,8 +11,8 @@ from hcbench.engines.mujoco.model.causes import fixes
 from hcbench.engines.mujoco.model.causes.context import Context
 from hcbench.engines.mujoco.scene.mjcf import numbers_text
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.impact import Impact, Tangential
 from hcbench.sim.model_under_test import Suspect
+from hcbench.terms.impact import Impact, Tangential
 
 WEAK = 0.05  # of μ: by how much friction may be short
 _LIFT = 0.02  # of e, over that of the same contact where nothing slides

@@ -10,9 +10,9 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name
 from hcbench.engines.mujoco.model.causes import fixes
 from hcbench.engines.mujoco.model.causes.context import Context
-from hcbench.impact import Status
 from hcbench.measuring import causes
 from hcbench.sim.model_under_test import Suspect
+from hcbench.terms.impact import Status
 
 _SOLVER = {"tolerance": 1e-8, "iterations": 100, "ls_iterations": 50}  # MuJoCo's own
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hcbench._text import time_step
 from hcbench.engines.mujoco.model.causes import fixes
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.sim.model_under_test import Suspect
+from hcbench.system.text import time_step
 
 if TYPE_CHECKING:
-    from hcbench.impact import Impact
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.terms.impact import Impact
 
 # Gravity gives a resting body g h in a step. The plug-in cannot tell an impact of about that speed from rest.
 _SLOW = 3.0  # of g h

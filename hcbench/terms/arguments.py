@@ -17,8 +17,8 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, Unpack, get_args, ge
 
 import numpy as np
 
-from hcbench.errors import UserError
-from hcbench.options import BodyPair, Controller, PintQuantity, Quantity
+from hcbench.system.errors import UserError
+from hcbench.terms.options import BodyPair, Controller, PintQuantity, Quantity
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -24,10 +24,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from hcbench._files import replace_file, user_folder
-from hcbench.errors import CannotRun, UserError
+from hcbench.system.errors import CannotRun, UserError
+from hcbench.system.files import replace_file, user_folder
 
-_HERE = Path(__file__).parent
+_HERE = Path(__file__).parents[1]
 FLAGS = ("-O3", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
 _A_COMPILER = "a C compiler, such as cc, gcc or clang"
 _GET_ONE = "Install one, or: pip install 'hcbench[plugin]'"

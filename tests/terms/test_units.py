@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hcbench import units
-from hcbench.errors import QuantityError
+from hcbench.system.errors import QuantityError
+from hcbench.terms import units
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from hcbench._text import sanitized
+from hcbench.system.text import sanitized
 
 LONGEST = 300  # characters of a message
 

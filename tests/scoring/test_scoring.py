@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hcbench import scoring
-from hcbench.impact import Impact, Launch, Loop, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.terms.impact import Impact, Launch, Loop, Status
 
 LAW = HuntCrossley(stiffness=3.4064e10, alpha=0.315, exponent=1.5)
 MASS = 0.45359237

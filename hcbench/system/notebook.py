@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import hcbench
-from hcbench._text import COLUMNS
+from hcbench.system.text import COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench._bounds import require_bounds
-from hcbench.errors import QuantityError
-from hcbench.options import PintQuantity
+from hcbench.system.errors import QuantityError
+from hcbench.terms.bounds import require_bounds
+from hcbench.terms.options import PintQuantity
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -287,7 +287,7 @@ def _require_bounds(
 
 
 def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:
-    """Angular velocity, rad/s, about the directions of `hcbench.impact.Launch`: three numbers, or one about
+    """Angular velocity, rad/s, about the directions of `Launch`: three numbers, or one about
     that across, with which the body rolls on. Raises QuantityError.
     """
     spin = parse_values(value, "spin", slot).tolist()

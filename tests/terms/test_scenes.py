@@ -16,12 +16,12 @@ import pytest
 
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.pybullet.engine import PybulletEngine
-from hcbench.errors import SceneError
-from hcbench.impact import Launch
 from hcbench.laws.hertz import spheres
-from hcbench.scene import Scene, load_scene, read_scene, scene_names
-from hcbench.setting import Setting
 from hcbench.sim.engine import Engine
+from hcbench.system.errors import SceneError
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import Scene, load_scene, read_scene, scene_names
+from hcbench.terms.setting import Setting
 
 INCH, POUND = 0.0254, 0.45359237
 STOCK = Setting("mujoco", "stock", 2e-3)

@@ -10,7 +10,7 @@ from enum import Enum
 from operator import attrgetter
 from typing import Any
 
-from hcbench.impact import Status
+from hcbench.terms.impact import Status
 
 _SUFFIXES = {
     "": "",

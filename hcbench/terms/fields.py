@@ -20,10 +20,10 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, StrictStr, Va
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError, core_schema
 
-from hcbench import units
-from hcbench._files import read_text
-from hcbench._text import sanitized
-from hcbench.errors import QuantityError, UserError
+from hcbench.system.errors import QuantityError, UserError
+from hcbench.system.files import read_text
+from hcbench.system.text import sanitized
+from hcbench.terms import units
 
 T = TypeVar("T", bound="FileTable")
 

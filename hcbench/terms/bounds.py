@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from hcbench.errors import QuantityError
+from hcbench.system.errors import QuantityError
 
 SMALLEST, LARGEST = 1e-30, 1e30  # of a quantity but 0: the squares of others leave a float's range
 # Quantity -> (smallest, largest) size in SI units. 0 and negative numbers are the caller's to admit.

@@ -10,11 +10,11 @@ from typing import Any, Literal
 
 from pydantic import Field, StrictInt, field_validator
 
-from hcbench import units
-from hcbench._arguments import checked, checked_fields
-from hcbench._text import sanitized
-from hcbench.errors import QuantityError, SceneError
-from hcbench.fields import (
+from hcbench.system.errors import QuantityError, SceneError
+from hcbench.system.text import sanitized
+from hcbench.terms import units
+from hcbench.terms.arguments import checked, checked_fields
+from hcbench.terms.fields import (
     Acceleration,
     Exponent,
     FileTable,
@@ -28,7 +28,7 @@ from hcbench.fields import (
 )
 
 FILE = "scene.toml"
-_PACKAGE = Path(__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 _BUILT_IN = (_PACKAGE.parent / "scenes", _PACKAGE / "data" / "scenes")  # a checkout's, a wheel's
 
 

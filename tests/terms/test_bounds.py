@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hcbench import cli, units
-from hcbench._bounds import BOUNDS, beyond_bounds
-from hcbench._text import time_step
+from hcbench import cli
 from hcbench.benchmark.study import study_from
-from hcbench.errors import HcbenchError, QuantityError, StudyError, UserError
 from hcbench.measuring.measure import measure
+from hcbench.system.errors import HcbenchError, QuantityError, StudyError, UserError
+from hcbench.system.text import time_step
+from hcbench.terms import units
+from hcbench.terms.bounds import BOUNDS, beyond_bounds
 
-GOOD = (Path(__file__).parents[1] / "examples" / "good.xml").read_text(encoding="utf-8")
+GOOD = (Path(__file__).parents[2] / "examples" / "good.xml").read_text(encoding="utf-8")
 MODEL = """<mujoco><option timestep="{timestep}" gravity="0 0 {gravity}"/><worldbody>
 <geom name="plate" type="plane" size="1 1 1" {contact}/>
 <body name="ball" pos="0 0 1"><{joint}/><geom name="ball" size="{size}" mass="{mass}" {contact}/></body>

@@ -21,7 +21,7 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
-from hcbench.errors import HcbenchError, OutputError, UserError
+from hcbench.system.errors import HcbenchError, OutputError, UserError
 
 MANIFEST = "hcbench-files.json"
 MOST_BYTES = 64 << 20  # of a file that is read, unless told

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench import _compile
+from hcbench.system import compiler as _compile
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from hcbench._files import read_bytes, write_bytes
-from hcbench._text import sanitized
-from hcbench.errors import OutputError, UserError
+from hcbench.system.errors import OutputError, UserError
+from hcbench.system.files import read_bytes, write_bytes
+from hcbench.system.text import sanitized
 
 _TAIL = 4096  # bytes at either end that are searched for the mark
 # What marks JSON, which takes no comment, by the option that writes it.

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from hcbench._arguments import checked_fields
+from hcbench.terms.arguments import checked_fields
 
 Pair = tuple[str, str]
 PAIR: Pair = ("ball", "plate")  # the body that moves and the other, as texts to paste name them

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from hcbench.errors import SceneError, SettingError, StudyError
-from hcbench.fields import (
+from hcbench.system.errors import SceneError, SettingError, StudyError
+from hcbench.terms.fields import (
     Alpha,
     FileTable,
     Finite,

@@ -1,0 +1,1 @@
+"""The world outside: errors, files, outputs, text, display, and compiled C."""
