@@ -1,7 +1,7 @@
 """Motion along the plate in an oblique impact: recorded at each step, and evaluated from the
 record.
 
-Directions are those of `hcbench.terms.impact.Launch`: along the way that the body is sent, across it, and along the
+Directions are those of `terms.impact.Launch`: along the way that the body is sent, across it, and along the
 normal away from the plate.
 """
 
