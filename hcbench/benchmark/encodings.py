@@ -36,11 +36,13 @@ def require_parquet() -> None:
 
 def arrays(tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]) -> bytes:
     """Tables below one another, as NumPy's bytes. A column has values, or one text or float for all rows."""
-    content: dict[str, Any] = {_ABOUT + key: np.frombuffer(text, np.uint8) for key, text in metadata.items()}
+    content: dict[str, Any] = {}
+    for key, text in metadata.items():
+        content[_ABOUT + key] = np.frombuffer(text, np.uint8)
     lengths = [_length(table) for table in tables]
     for name in names:
-        values = [_filled(table[name], n) for table, n in zip(tables, lengths, strict=True)]
-        joined = np.concatenate(values) if values else np.empty(0)
+        columns = [_filled(table[name], n) for table, n in zip(tables, lengths, strict=True)]
+        joined = np.concatenate(columns) if columns else np.empty(0)
         if name in _TEXTS:
             content[_WORDS + name], content[name] = _by_number(joined, len(joined))
         else:
@@ -55,9 +57,12 @@ def _length(table: Mapping[str, Any]) -> int:
 
 
 def _filled(values: Any, length: int) -> Any:
+    """A column as an array: its values, or the one text or float that stands for all of its rows."""
     if isinstance(values, str):
         return np.full(length, values, dtype=object)
-    return np.full(length, values) if isinstance(values, float) else np.asarray(values)
+    if isinstance(values, float):
+        return np.full(length, values)
+    return np.asarray(values)
 
 
 def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
@@ -65,8 +70,9 @@ def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
     if isinstance(texts, str):
         return np.array([texts], dtype=str), np.zeros(length, dtype=np.int32)
     values = np.asarray(texts).tolist()
-    numbers = {text: i for i, text in enumerate(dict.fromkeys(values))}
-    return np.array(list(numbers), dtype=str), np.fromiter(map(numbers.__getitem__, values), np.int32, length)
+    number_of = {text: number for number, text in enumerate(dict.fromkeys(values))}
+    numbers = np.fromiter(map(number_of.__getitem__, values), np.int32, length)
+    return np.array(list(number_of), dtype=str), numbers
 
 
 def parquet(
@@ -127,21 +133,28 @@ def metadata_in(content: bytes) -> dict[str, bytes]:
 
 def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str, Any]:
     """The columns of a table of either kind as arrays, with texts as such; or those of some that it has."""
+
+    def is_wanted(name: str) -> bool:
+        return names is None or name in names
+
     if not content.startswith(_PARQUET):
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            there = [name for name in file.files if not name.startswith((_ABOUT, _WORDS))]
-            return {name: _array_column(file, name) for name in there if names is None or name in names}
+            columns = [name for name in file.files if not name.startswith((_ABOUT, _WORDS))]
+            return {name: _array_column(file, name) for name in columns if is_wanted(name)}
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     file = pq.ParquetFile(pa.BufferReader(content))
-    wanted = [name for name in file.schema_arrow.names if names is None or name in names]
+    wanted = [name for name in file.schema_arrow.names if is_wanted(name)]
     table = file.read(wanted, use_threads=False)
     return {name: _parquet_values(table[name].combine_chunks()) for name in wanted}
 
 
 def _array_column(file: Any, name: str) -> Any:
-    return file[_WORDS + name].astype(object)[file[name]] if name in _TEXTS else file[name]
+    numbers_or_values = file[name]
+    if name not in _TEXTS:
+        return numbers_or_values
+    return file[_WORDS + name].astype(object)[numbers_or_values]
 
 
 def _parquet_values(column: Any) -> Any:

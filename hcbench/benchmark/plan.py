@@ -134,37 +134,79 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
     recipes = [_recipe(run) for run in study.runs]
     engines = sorted({run.engine for run in study.runs})
     versions = versions_here(*engines)  # a missing engine is an error before any recipe runs
-    for engine in engines if study.device else ():
-        _require_device(study.device, engine)
-    scenes = {scene.name: scene for scene in (study.scene, *(run.scene for run in study.runs))}
-    inputs = {
-        name: Inputs(scene, {engine: digests_of(scene, engine) for engine in engines}, versions)
-        for name, scene in scenes.items()
-    }
-    targets = [(i, target) for i, run in enumerate(study.runs) for target in _targets(study, run)]
+    if study.device:
+        for engine in engines:
+            _require_device(study.device, engine)
+    inputs = _inputs(study, engines, versions)
+    targets: list[tuple[int, Target]] = []
+    for number, run in enumerate(study.runs):
+        targets += [(number, target) for target in _targets(study, run)]
+
     records = []
     grids: dict[tuple[Any, ...], LaunchGrid] = {}
-    for (i, target), setting in zip(targets, _settings(study, targets, mapper), strict=True):
-        run, alpha = study.runs[i], target.law.alpha
-        about = {"options": setting.options, "summary": recipes[i].summary, "notes": list(recipes[i].notes)}
-        records.append({**run_key(run.scene, setting, alpha), **about})
-        band = speeds_at(study, run, target.timestep)
-        loop_speeds = study.loop_speeds if band == study.speeds else ()
-        speeds = tuple(sorted({*band, *loop_speeds}))
-        if study.all_loops and (loop_speeds or run.dropped):
-            loop_speeds = speeds
-        key = (run.scene, run.dropped, setting.key, speeds, run.angles, run.spin)
-        sent = (speeds, loop_speeds, study.phases, run.angles, run.spin, share_of(setting))
-        new = LaunchGrid(run.scene, run.dropped, setting, (), *sent)
+    settings = _settings(study, targets, mapper)
+    for (number, target), setting in zip(targets, settings, strict=True):
+        run = study.runs[number]
+        alpha = target.law.alpha
+        recipe = recipes[number]
+        records.append(
+            {
+                **run_key(run.scene, setting, alpha),
+                "options": setting.options,
+                "summary": recipe.summary,
+                "notes": list(recipe.notes),
+            }
+        )
+        # One simulation serves every α whose setting is the same.
+        new = _grid(study, run, setting, target.timestep)
+        key = (new.scene, new.dropped, setting.key, new.speeds, new.angles, new.spin)
         grid = grids.get(key, new)
         grids[key] = replace(grid, alphas=tuple(dict.fromkeys((*grid.alphas, alpha))))
+    cuts, starts = _cuts(grids.values())
+    return Plan(study, inputs, records, list(grids.values()), cuts, starts)
+
+
+def _inputs(study: Study, engines: Sequence[str], versions: Mapping[str, str]) -> dict[str, Inputs]:
+    """Inputs of the study's results, by the names of its scenes."""
+    scenes = {scene.name: scene for scene in (study.scene, *(run.scene for run in study.runs))}
+    inputs = {}
+    for name, scene in scenes.items():
+        digests = {engine: digests_of(scene, engine) for engine in engines}
+        inputs[name] = Inputs(scene, digests, versions)
+    return inputs
+
+
+def _grid(study: Study, run: Run, setting: Setting, timestep: float) -> LaunchGrid:
+    """The launches of one setting of a run, not yet compared to any α."""
+    band = speeds_at(study, run, timestep)
+    loop_speeds = study.loop_speeds if band == study.speeds else ()
+    speeds = tuple(sorted({*band, *loop_speeds}))
+    if study.all_loops and (loop_speeds or run.dropped):
+        loop_speeds = speeds
+    return LaunchGrid(
+        scene=run.scene,
+        dropped=run.dropped,
+        setting=setting,
+        alphas=(),
+        speeds=speeds,
+        loop_speeds=loop_speeds,
+        phases=study.phases,
+        angles=run.angles,
+        spin=run.spin,
+        share=share_of(setting),
+    )
+
+
+def _cuts(grids: Iterable[LaunchGrid]) -> tuple[list[tuple[LaunchGrid, range]], list[int]]:
+    """(of each shard its grid and launches; of each grid its first shard, and at the end their number)."""
     cuts: list[tuple[LaunchGrid, range]] = []
     starts = [0]
-    for grid in grids.values():
-        size, total = _shard_size(grid), len(grid)
+    for grid in grids:
+        size = _shard_size(grid)
+        total = len(grid)
         cuts += [(grid, range(begin, min(begin + size, total))) for begin in range(0, total, size)]
         starts.append(len(cuts))
-    return Plan(study, inputs, records, list(grids.values()), cuts, starts)
+    return cuts, starts
 
 
 def _require_device(device: str, name: str) -> None:
@@ -181,16 +223,24 @@ def _recipe(run: Run) -> Recipe:
 
 
 def _targets(study: Study, run: Run) -> list[Target]:
-    scene, targets = run.scene, []
+    """Targets of a run's settings: each α at each step, over the speeds that it meets."""
+    scene = run.scene
     laws = [HuntCrossley(scene.stiffness, alpha, scene.exponent) for alpha in run.alphas]
-    gravity, friction = scene.normal_gravity, scene.friction
+    has_own_band = run.dropped or study.page == "field"
+    targets = []
     for timestep in run.timesteps:
-        of_run = run.dropped or study.page == "field"
-        band = speeds_at(study, run, timestep) if of_run else study.speeds
-        low, high = min(band), max(band)
-        targets += [
-            Target(law, scene.mass, timestep, low, high, gravity=gravity, friction=friction) for law in laws
-        ]
+        band = speeds_at(study, run, timestep) if has_own_band else study.speeds
+        for law in laws:
+            target = Target(
+                law,
+                scene.mass,
+                timestep,
+                min(band),
+                max(band),
+                gravity=scene.normal_gravity,
+                friction=scene.friction,
+            )
+            targets.append(target)
     return targets
 
 
@@ -198,15 +248,25 @@ def _settings(
     study: Study, targets: Sequence[tuple[int, Target]], mapper: Callable[..., Iterable[Any]]
 ) -> list[Setting]:
     """A setting for each (index of a run, target), in order."""
-    runs = [(study.runs[i], target) for i, target in targets]
-    jobs = [(*one, kept.place_of(_recipe(one[0]), one[1], versions_here(one[0].engine))) for one in runs]
-    settings = {k: setting for k, job in enumerate(jobs) if (setting := _kept_setting(job)) is not None}
+    jobs: list[_Job] = []
+    for number, target in targets:
+        run = study.runs[number]
+        jobs.append((run, target, kept.place_of(_recipe(run), target, versions_here(run.engine))))
+    settings: dict[int, Setting] = {}
+    for job_number, job in enumerate(jobs):
+        setting = _kept_setting(job)
+        if setting is not None:
+            settings[job_number] = setting
     # Runs of few settings are made first: that they are few is mostly because each takes a search.
-    count = Counter(i for i, _ in targets)
-    turns = sorted({*range(len(jobs))} - settings.keys(), key=lambda k: count[targets[k][0]])
-    settings.update(zip(turns, mapper(_make_setting, [jobs[k] for k in turns]), strict=True))
-    on = {"device": study.device} if study.device else {}
-    return [replace(s, options={**s.options, **on}) for s in map(settings.__getitem__, range(len(targets)))]
+    count = Counter(number for number, _ in targets)
+    missing = [job_number for job_number in range(len(jobs)) if job_number not in settings]
+    missing.sort(key=lambda job_number: count[targets[job_number][0]])
+    made = mapper(_make_setting, [jobs[job_number] for job_number in missing])
+    settings.update(zip(missing, made, strict=True))
+    in_order = [settings[job_number] for job_number in range(len(jobs))]
+    if not study.device:
+        return in_order
+    return [replace(s, options={**s.options, "device": study.device}) for s in in_order]
 
 
 def _kept_setting(job: _Job) -> Setting | None:
@@ -223,7 +283,8 @@ def _shard_size(grid: LaunchGrid) -> int:
     """Launches in each shard of a grid: as few shards as may be, of one size."""
     if "device" in grid.setting.options:
         return even_size(len(grid), _ON_A_DEVICE)
-    scene, slowest = grid.scene, min(grid.speeds)
+    scene = grid.scene
+    slowest = min(grid.speeds)
     elastic = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, slowest)
     steps = math.ceil(elastic / grid.setting.timestep) + 8  # a scale, no more
     return even_size(len(grid), max(1, min(SHARD_IMPACTS, _STEPS // steps)))
@@ -240,10 +301,10 @@ def versions_here(*engines: str) -> Mapping[str, str]:
 
 def digests_of(scene: Scene, engine: str) -> dict[str, str]:
     """SHA-256 of an engine's model files, each with the files that it names, by role; "" for what is gone."""
-    return {
-        role: _digest(path, path.stat().st_mtime_ns) if path.is_file() else ""
-        for role, path in sorted(scene.models.get(registry.base_name(engine), {}).items())
-    }
+    digests = {}
+    for role, path in sorted(scene.models.get(registry.base_name(engine), {}).items()):
+        digests[role] = _digest(path, path.stat().st_mtime_ns) if path.is_file() else ""
+    return digests
 
 
 @lru_cache(maxsize=256)

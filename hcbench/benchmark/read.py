@@ -66,21 +66,24 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
     about = store.description()
     if about is None:
         raise UserError("folder", f"{store.where} holds no sweep", "what `hcbench sweep` wrote")
-    study, shards = about["study"], list(store.shards(about["parts"]).items())
-    of_settings = dict[Key, list[tuple[int, str]]]()
+    study = about["study"]
+    shards = list(store.shards(about["parts"]).items())
+    shards_of = dict[Key, list[tuple[int, str]]]()  # by _SETTING
     for begin, end in itertools.pairwise(about["parts_of_settings"]):
-        key = next(iter(places_of(store.tables(*shards[begin])[0])))
-        of_settings.setdefault(_setting_of(key), []).extend(shards[begin:end])
-    jobs = [(store, study, own) for own in of_settings.values()]
-    gathered = {one.key: one for some in mapper(gather, jobs) for one in some}
+        impacts, _ = store.tables(*shards[begin])
+        any_key = next(iter(places_of(impacts)))
+        shards_of.setdefault(_setting_of(any_key), []).extend(shards[begin:end])
+    gathered = {}
+    for of_setting in mapper(gather, [(store, study, own) for own in shards_of.values()]):
+        for one in of_setting:
+            gathered[one.key] = one
     results = [gathered[key] for key in _keys(about)]
-    rows = _StoredRows(store, of_settings)
     scores = [(*one.key, *one.score) for one in results]
     return Results(
         study=study,
         settings=about["settings"],
         versions=_versions(about["versions"]),
-        table=ImpactTable({one.key: one.folded for one in results}, rows),
+        table=ImpactTable({one.key: one.folded for one in results}, _StoredRows(store, shards_of)),
         loops=_rounded(_loop_table(results)),
         scores=_rounded(pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS])),
         **{name: _rounded(table) for name, table in _drops(store, study).items()},
@@ -101,17 +104,21 @@ class _StoredRows:
     of_settings: Mapping[Key, Sequence[tuple[int, str]]]
 
     def __call__(self, keys: Collection[Key]) -> Iterator[pd.DataFrame]:
+        """Rows of these keys, in tables of about _PIECE rows."""
         decoded = lru_cache(maxsize=8)(self._decoded)  # for each α of a setting
         pieces: list[dict[str, Any]] = []
         count = 0
-        for key, shard in ((k, shard) for k in keys for shard in self.of_settings[_setting_of(k)]):
-            columns, places = decoded(shard)
-            if key in places:
-                pieces.append({name: values[places[key]] for name, values in columns.items()})
-                count += len(pieces[-1]["status"])
-            if count >= _PIECE:
-                yield _rounded(frame_of(pieces))
-                pieces, count = [], 0
+        for key in keys:
+            for shard in self.of_settings[_setting_of(key)]:
+                columns, places = decoded(shard)
+                if key in places:
+                    rows = places[key]
+                    pieces.append({name: values[rows] for name, values in columns.items()})
+                    count += len(pieces[-1]["status"])
+                if count >= _PIECE:
+                    yield _rounded(frame_of(pieces))
+                    pieces = []
+                    count = 0
         if pieces:
             yield _rounded(frame_of(pieces))
 
@@ -128,8 +135,11 @@ def _setting_of(key: Key) -> Key:
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
     """A table with measured numbers cut to the digits that every processor computes alike."""
     given = {*RUN_KEY, *_LAUNCH, "angle_rad"}
-    measured = {n: c.to_numpy() for n, c in table.items() if n not in given and c.dtype == np.float64}
-    return table.assign(**{str(name): to_digits(values) for name, values in measured.items()})
+    rounded = {}
+    for name, column in table.items():
+        if name not in given and column.dtype == np.float64:
+            rounded[str(name)] = to_digits(column.to_numpy())
+    return table.assign(**rounded)
 
 
 def _versions(versions: Mapping[str, str]) -> dict[str, str]:
@@ -157,11 +167,17 @@ def _loop_table(results: Sequence[Gathered]) -> pd.DataFrame:
     """LOOP_COLUMNS of all kept loops."""
     import pandas as pd
 
-    loops = [((*one.key, *launch), loop) for one in results for launch, loop in one.loops]
+    loops = []
+    for result in results:
+        loops += [((*result.key, *launch), loop) for launch, loop in result.loops]
     if not loops:
         return pd.DataFrame(columns=LOOP_COLUMNS)
     lengths = [len(loop.time) for _, loop in loops]
-    own = (pd.Series(values).repeat(lengths).array for values in zip(*(key for key, _ in loops), strict=True))
-    samples = zip(*((loop.time, loop.penetration, loop.rate, loop.force) for _, loop in loops), strict=True)
-    columns = (*own, *map(np.concatenate, samples))
-    return pd.DataFrame(dict(zip(LOOP_COLUMNS, columns, strict=True)))
+    values_of_keys = zip(*(key for key, _ in loops), strict=True)
+    keys = [pd.Series(values).repeat(lengths).array for values in values_of_keys]
+
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(loop, name) for _, loop in loops])
+
+    samples = [joined("time"), joined("penetration"), joined("rate"), joined("force")]
+    return pd.DataFrame(dict(zip(LOOP_COLUMNS, [*keys, *samples], strict=True)))

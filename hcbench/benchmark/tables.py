@@ -51,22 +51,41 @@ def digest(content: bytes) -> str:
 
 def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) -> ShardFiles:
     """The files of a shard from its batches: the same impacts give the same bytes."""
-    measured = {name: np.concatenate([r.columns[name] for r in results]) for name in results[0].columns}
+    measured = {}
+    for name in results[0].columns:
+        measured[name] = np.concatenate([result.columns[name] for result in results])
     speeds, phases = shard.grid.asked(shard.part)
     asked = {"speed_m_per_s": speeds, "phase": phases}
-    starts = np.cumsum([0, *(len(result.columns["status"]) for result in results)]).tolist()
-    kept = [(begin + i, loop) for begin, r in zip(starts, results, strict=False) for i, loop in r.loops]
-    tables, loops, summaries = [], [], []
+    kept_loops = _loops_of_all(results)
+    tables = []
+    loops = []
+    summaries = []
     for alpha in shard.grid.alphas:
         key = run_key(shard.inputs.scene, shard.grid.setting, alpha)
         columns = {**key, **asked, **measured, **_laws(alpha, measured["speed_in_m_per_s"])}
         tables.append(columns)
-        loops += [_loop_columns(key, (float(speeds[i]), float(phases[i])), loop) for i, loop in kept]
         summaries.append({**key, **_summary(columns)})
-    looped = encode(loops, LOOP_COLUMNS, {}) if loops else b""
-    names = [*IMPACT_COLUMNS, *(OBLIQUE_COLUMNS if shard.oblique else ())]
-    metadata = {_LOOPS: digest(looped).encode() if looped else b"", _SUMMARY: json.dumps(summaries).encode()}
-    return ShardFiles(shard.number, encode(tables, names, metadata), looped, summaries)
+        for i, loop in kept_loops:
+            loops.append(_loop_columns(key, (float(speeds[i]), float(phases[i])), loop))
+    loops_file = encode(loops, LOOP_COLUMNS, {}) if loops else b""
+    names = list(IMPACT_COLUMNS)
+    if shard.oblique:
+        names += OBLIQUE_COLUMNS
+    metadata = {
+        _LOOPS: digest(loops_file).encode() if loops_file else b"",
+        _SUMMARY: json.dumps(summaries).encode(),
+    }
+    return ShardFiles(shard.number, encode(tables, names, metadata), loops_file, summaries)
+
+
+def _loops_of_all(results: Sequence[BatchResult]) -> list[tuple[int, Loop]]:
+    """Kept loops of all batches, each with the number of its impact in the shard."""
+    loops = []
+    begin = 0
+    for result in results:
+        loops += [(begin + number, loop) for number, loop in result.loops]
+        begin += len(result.columns["status"])
+    return loops
 
 
 def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
@@ -85,13 +104,16 @@ def _loop_columns(key: Mapping[str, Any], asked: tuple[float, float], loop: Loop
 def _summary(columns: Mapping[str, Any]) -> Summary:
     """Share of one shard in its setting's line of the summary."""
     status = np.asarray(columns["status"])
-    good = (status == Status.PARTED) | (status == Status.RESTED)
+    parted = status == Status.PARTED
+    rested = status == Status.RESTED
+    good = parted | rested
     e = columns["restitution"][good]
-    off_law, off_linear = e - columns["restitution_law"][good], e - columns["restitution_linear"][good]
+    off_law = e - columns["restitution_law"][good]
+    off_linear = e - columns["restitution_linear"][good]
     return {
         "impacts": len(status),
-        "parted": int((status == Status.PARTED).sum()),
-        "rested": int((status == Status.RESTED).sum()),
+        "parted": int(parted.sum()),
+        "rested": int(rested.sum()),
         "failed": int((~good).sum()),
         "max_error_law": _largest(off_law),
         "sum_square_error_law": math.fsum(off_law**2),
@@ -123,12 +145,7 @@ class Totals:
         """Add the summaries of a shard."""
         for summary in summaries:
             key = tuple(summary[name] for name in RUN_KEY)
-            if (total := self._by_key.get(key)) is None:
-                total = self._by_key[key] = {
-                    **dict.fromkeys(_COUNTS, 0),
-                    **dict.fromkeys(_MOST, 0.0),
-                    _SQUARES: 0,
-                }
+            total = self._by_key.setdefault(key, _no_impacts())
             for name in _COUNTS:
                 total[name] += summary[name]
             for name in _MOST:
@@ -142,9 +159,17 @@ class Totals:
         return {key: _line(total) for key, total in self._by_key.items()}
 
 
+def _no_impacts() -> Summary:
+    return {**dict.fromkeys(_COUNTS, 0), **dict.fromkeys(_MOST, 0.0), _SQUARES: 0}
+
+
 def _line(total: Summary) -> Summary:
+    """A line of the summary; its errors are NaN where no impact has an e."""
     line = {name: total[name] for name in _COUNTS}
-    if not (good := line["parted"] + line["rested"]):
+    good = line["parted"] + line["rested"]
+    if not good:
         return {**line, "max_error_law": math.nan, "rms_error_law": math.nan, "max_error_linear": math.nan}
-    rms = math.sqrt(total[_SQUARES] / _SMALLEST / good)
-    return {**line, "rms_error_law": rms, **{name: total[name] for name in _MOST}}
+    line["rms_error_law"] = math.sqrt(total[_SQUARES] / _SMALLEST / good)
+    for name in _MOST:
+        line[name] = total[name]
+    return line

@@ -78,25 +78,31 @@ def explorer(by_gravity: Views) -> Explorer | None:
     data = explorer_data(by_gravity)
     if not data:
         return None
-    here = [answer for answer in data["answers"] if all(answer[k] == v for k, v in data["start"].items())]
-    return Explorer(as_json(data), TABS, here[0]["choices"][0] if here else _unknown(data["start"]))
+    start = data["start"]
+    for answer in data["answers"]:
+        if all(answer[name] == value for name, value in start.items()):
+            return Explorer(as_json(data), TABS, answer["choices"][0])
+    return Explorer(as_json(data), TABS, _unknown(start))
 
 
 def explorer_data(by_gravity: Views) -> dict[str, Any]:
     """Everything that the explorer knows, JSON-able; {} where no engine ran over a band."""
-    view, loops = by_gravity.main, LoopStore()
-    ran = [
-        (shown.gravity, run.engine, run.timestep, alpha)
-        for shown in by_gravity.shown
-        for run in shown.band_runs
-        for alpha in shown.alphas
-        if run.engine != REFERENCE and shown.score(run, alpha) is not None
-    ]
+    ran = _conditions_run(by_gravity)
     if not ran:
         return {}
-    answers = [_answer(shown, answer) for shown in by_gravity.shown for answer in answered(shown)]
-    study, start = view.study, _start([tuple(a[name] for name in _WHERE) for a in answers] or ran, view)
+    view = by_gravity.main
+    study = view.study
+    without_gravity = by_gravity.without_gravity
+    with_gravity = by_gravity.with_gravity
+    loops = LoopStore()
     texts = tables.PastedTexts(by_gravity)
+    answers: list[dict[str, Any]] = []
+    runs: list[dict[str, Any]] = []
+    for shown in by_gravity.shown:
+        answers += [_answer(shown, answer) for answer in answered(shown)]
+        runs += _runs(shown, loops, texts)
+    of_answers = [tuple(answer[name] for name in _WHERE) for answer in answers]
+    start = _start(of_answers or ran, view)
     return {
         "body": {"k": study["stiffness"], "n": study["exponent"], "m": view.mass},
         "alphas": view.alphas,
@@ -107,18 +113,30 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
         "hues": KIND_COLOURS,
         "answers": answers,
         "errors": _errors({answer["engine"] for answer in answers}),
-        "runs": [run for shown in by_gravity.shown for run in _runs(shown, loops, texts)],
+        "runs": runs,
         "texts": texts.stored,
         "how": texts.settings,
         "ranking": tables.rankings(by_gravity),
         "heads": {shown.gravity: tables.HEADS[shown.gravity > 0] for shown in by_gravity.shown},
         "constants": tables.constants(by_gravity),
         "loops": loops.stored,
-        "scans": _scans(by_gravity.without_gravity) if by_gravity.without_gravity is not None else [],
+        "scans": [] if without_gravity is None else _scans(without_gravity),
         "dropHeight": study.get("train_height"),
-        "dropGravity": by_gravity.with_gravity.gravity if by_gravity.with_gravity else STANDARD_GRAVITY,
-        "drops": _drops(by_gravity.with_gravity or view),
+        "dropGravity": with_gravity.gravity if with_gravity else STANDARD_GRAVITY,
+        "drops": _drops(with_gravity or view),
     }
+
+
+def _conditions_run(by_gravity: Views) -> list[_Where]:
+    """Gravity, engine, step and α of everything that ran over a band."""
+    ran: list[_Where] = []
+    for shown in by_gravity.shown:
+        for run in shown.band_runs:
+            if run.engine == REFERENCE:
+                continue
+            scored = [alpha for alpha in shown.alphas if shown.score(run, alpha) is not None]
+            ran += [(shown.gravity, run.engine, run.timestep, alpha) for alpha in scored]
+    return ran
 
 
 def as_json(content: Any) -> str:
@@ -127,13 +145,17 @@ def as_json(content: Any) -> str:
     return text.replace("<", "\\u003c")
 
 
-def _start(keys: Sequence[_Where], view: View) -> _Where:
+def _start(keys: Sequence[Any], view: View) -> _Where:
     """Conditions that the page opens with: the first engine at the usual step, for the main α."""
-    here = [key for key in keys if key[0] == view.gravity and key[1] == view.engines[0]]
-    return min(
-        here or keys,
-        key=lambda key: (abs(math.log(key[2] / _USUAL_STEP)), abs(key[3] - view.main_alpha)),
-    )
+
+    def distance(key: _Where) -> tuple[float, float]:
+        _, _, step, alpha = key
+        return abs(math.log(step / _USUAL_STEP)), abs(alpha - view.main_alpha)
+
+    main = (view.gravity, view.engines[0])
+    of_main = [key for key in keys if key[:2] == main]
+    nearest: _Where = min(of_main or keys, key=distance)
+    return nearest
 
 
 def _answer(view: View, answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -246,14 +268,24 @@ def _scans(view: View) -> list[dict[str, Any]]:
 def _drops(view: View) -> list[dict[str, Any]]:
     """Touch and parting times (s) and heights (m) of dropped balls for the main α; few, where they rest."""
     drops = []
+    columns = {"touch": "touch_s", "parting": "parting_s", "height": "height_m"}
     for run in dict.fromkeys([*view.bounces, *view.rests]):
         if run.engine == REFERENCE:
             continue
         table = view.bounces.get(run)
-        columns = {"touch": "touch_s", "parting": "parting_s", "height": "height_m"}
-        path = {name: [] if table is None else digits(table[column], 5) for name, column in columns.items()}
-        about = {"engine": run.engine, "setting": run.label, "step": run.timestep, "alpha": view.main_alpha}
-        drops.append({**about, **path, "ended": len(path["touch"]) < 10})
+        path: dict[str, list[float | None]] = {}
+        for name, column in columns.items():
+            path[name] = [] if table is None else digits(table[column], 5)
+        drops.append(
+            {
+                "engine": run.engine,
+                "setting": run.label,
+                "step": run.timestep,
+                "alpha": view.main_alpha,
+                **path,
+                "ended": len(path["touch"]) < 10,
+            }
+        )
     return drops
 
 

@@ -18,11 +18,13 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
     """Build the explorer; None without a law to compare with, or if no contact has steps enough for
     a loop.
     """
-    law, facts = measurement.law, measurement.facts
+    law = measurement.law
+    facts = measurement.facts
     points = [p for p in measurement.curve if not math.isnan(p.restitution) and not p.angle]
     if law is None or not points or not measurement.loops:
         return None
-    loops, gravity = LoopStore(), float(np.linalg.norm(facts.gravity))
+    loops = LoopStore()
+    gravity = float(np.linalg.norm(facts.gravity))
     where = {"engine": facts.engine, "step": facts.timestep, "gravity": gravity, "alpha": law.alpha}
     runs = [{**where, **_measured(measurement, points, loops)}]
     if facts.asked:
@@ -30,7 +32,8 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
         runs.append({**where, **_asked(points, [asked[p.speed] for p in points])})
     for run in runs:
         error = np.abs(np.array(run["e"]) - closed_form.restitution(law.alpha, np.array(run["v"])))
-        run |= {"error": digits(error, 3), "largest": float(f"{error.max():.3g}")}
+        run["error"] = digits(error, 3)
+        run["largest"] = float(f"{error.max():.3g}")
     shown = [f"{facts.engine} {run['setting']}" for run in runs]
     data = {
         "body": {"k": law.stiffness, "n": law.exponent, "m": measurement.effective_mass},
@@ -51,32 +54,59 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
 
 def _measured(measurement: Measurement, points: Sequence[CurvePoint], loops: LoopStore) -> dict[str, Any]:
     """The curve, by the impacts whose loops there are."""
-    kept = {impact.launch.speed: impact for impact in measurement.loops}
-    shown = [kept.get(point.speed) for point in points]
-    e = [p.restitution if i is None else i.restitution for p, i in zip(points, shown, strict=True)]
+    with_loop = {impact.launch.speed: impact for impact in measurement.loops}
+    phases = []
+    e = []
+    samples = []
+    loop_numbers = []
+    for point in points:
+        impact = with_loop.get(point.speed)
+        if impact is None:
+            e.append(point.restitution)
+            samples.append(0)
+            loop_numbers.append(-1)
+        else:
+            phases.append(impact.launch.phase)
+            e.append(impact.restitution)
+            samples.append(impact.samples)
+            loop_numbers.append(_add(loops, impact))
     return {
         **_line("measured", MEASURED.colour, points),
-        "phase": next(impact.launch.phase for impact in shown if impact is not None),
+        "phase": phases[0],
         "e": places(e, 5),
         "low": places([point.lowest for point in points], 5),
         "high": places([point.highest for point in points], 5),
-        "samples": [0 if impact is None else impact.samples for impact in shown],
-        "loops": [-1 if impact is None else _add(loops, impact) for impact in shown],
+        "samples": samples,
+        "loops": loop_numbers,
     }
 
 
 def _asked(points: Sequence[CurvePoint], e: Sequence[float]) -> dict[str, Any]:
     """Curve of e that the model's settings ask for, without loops."""
-    known = {"phase": 0.5, "samples": [0] * len(e), "loops": [-1] * len(e)}
     values = places(e, 5)
-    line = _line("what the model asks for", LIMIT, points)
-    return {**line, **known, "e": values, "low": values, "high": values, "dashes": "6 3"}
+    return {
+        **_line("what the model asks for", LIMIT, points),
+        "phase": 0.5,
+        "samples": [0] * len(e),
+        "loops": [-1] * len(e),
+        "e": values,
+        "low": values,
+        "high": values,
+        "dashes": "6 3",
+    }
 
 
 def _line(name: str, colour: str, points: Sequence[CurvePoint]) -> dict[str, Any]:
-    named = {"setting": name, "label": name, "title": name, "colour": colour, "dashes": ""}
-    speeds = {"asked": digits([p.speed for p in points], 4), "v": digits([p.speed_in for p in points], 5)}
-    return {**named, **speeds}
+    """Names, colour and speeds of a curve."""
+    return {
+        "setting": name,
+        "label": name,
+        "title": name,
+        "colour": colour,
+        "dashes": "",
+        "asked": digits([p.speed for p in points], 4),
+        "v": digits([p.speed_in for p in points], 5),
+    }
 
 
 def _add(loops: LoopStore, impact: Impact) -> int:

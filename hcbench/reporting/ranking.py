@@ -53,7 +53,9 @@ def over_constant(view: View, run: RunKey, alpha: float) -> float:
 
 def grade(view: View, ratio: float) -> str:
     """ "good", "even" or "bad" against the best constant."""
-    return "good" if ratio < 1 - TIE else "even" if ratio <= 1 + tie(view) else "bad"
+    if ratio < 1 - TIE:
+        return "good"
+    return "even" if ratio <= 1 + tie(view) else "bad"
 
 
 def tie(view: View) -> float:
@@ -70,7 +72,7 @@ def error_ratio(view: View, run: RunKey) -> float:
         return math.inf
     alphas = [view.main_alpha] if view.gravity else view.alphas
     ratios = [over_constant(view, run, alpha) for alpha in alphas]
-    return max((ratio for ratio in ratios if math.isfinite(ratio)), default=math.inf)
+    return max(filter(math.isfinite, ratios), default=math.inf)
 
 
 def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
@@ -83,16 +85,21 @@ def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
 
 def lacks(view: View, run: RunKey) -> tuple[str, ...]:
     """Reasons not to use a run under gravity, in words; empty if it ran without gravity."""
-    rest, reasons = view.rests.get(run), []
+    reasons = []
+    rest = view.rests.get(run)
     if rest is not None:
-        advised = choice_of(view, run)
-        if not lies_still(view, run):  # one that `tune` saw at rest after 30 s is slow to
-            reasons += [] if advised is not None and advised["rests"] else ["does not come to rest"]
+        if not lies_still(view, run):
+            advised = choice_of(view, run)
+            # One that `tune` saw at rest after 30 s is slow to come to rest.
+            rests_later = advised is not None and advised["rests"]
+            if not rests_later:
+                reasons.append("does not come to rest")
         elif rest.depth > REST_DEPTH * view.gravity * run.timestep**2:
             reasons.append(f"sinks {wording.length(rest.depth)} at rest")
-    deep = view.depths.get(run, math.nan) / (view.band[1] * run.timestep)
-    if view.gravity and deep > DEEP:
-        reasons.append(f"goes {wording.length(view.depths[run])} deep in a bounce")
+    if view.gravity:
+        depth = view.depths.get(run, math.nan)
+        if depth / (view.band[1] * run.timestep) > DEEP:
+            reasons.append(f"goes {wording.length(depth)} deep in a bounce")
     return tuple(reasons)
 
 
@@ -104,14 +111,17 @@ def lies_still(view: View, run: RunKey) -> bool:
 
 def verdict(view: View, run: RunKey) -> RunVerdict:
     """The words for one run."""
-    scores, ratio, loop = _judged(view, run), error_ratio(view, run), loop_verdict(view, run)
+    scores = _judged(view, run)
+    loop = loop_verdict(view, run)
     wanting = lacks(view, run)
     if any(score["energy_gained"] for score in scores):
         return RunVerdict("gains energy", "bad", loop, wanting)
     if any(score["failed"] for score in scores):
         return RunVerdict("loses impacts", "bad", loop, wanting)
-    words = FOLLOWS_LAW if ratio <= FOLLOWS else _AGAINST_CONSTANT[grade(view, ratio)]
-    return RunVerdict(words, "bad" if wanting else grade(view, ratio), loop, wanting)
+    ratio = error_ratio(view, run)
+    against_constant = grade(view, ratio)
+    words = FOLLOWS_LAW if ratio <= FOLLOWS else _AGAINST_CONSTANT[against_constant]
+    return RunVerdict(words, "bad" if wanting else against_constant, loop, wanting)
 
 
 def loop_verdict(view: View, run: RunKey) -> str:
@@ -119,12 +129,17 @@ def loop_verdict(view: View, run: RunKey) -> str:
     score = view.score(run)
     if score is None or not score["loops"]:
         return "no loop to judge"
-    rms, depth = score["loop_rms"], score["penetration_ratio"]
+    rms = score["loop_rms"]
+    depth = score["penetration_ratio"]
+    if rms <= LOOP_RIGHT:
+        return "loop right"
     if rms <= LOOP_NEAR:
-        return "loop right" if rms <= LOOP_RIGHT else "loop near"
+        return "loop near"
     if depth > _OTHER_SIZE:
         return "loop softer"
-    return "loop harder" if depth < 1 / _OTHER_SIZE else "loop wrong"
+    if depth < 1 / _OTHER_SIZE:
+        return "loop harder"
+    return "loop wrong"
 
 
 def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
@@ -133,11 +148,15 @@ def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
 
     If `tune` has advised a setting for their one step, those with that setting.
     """
-    known = {(run.engine, run.timestep): answer_of(view, run.engine, run.timestep) for run in runs}
-    if len(known) == 1 and (answer := next(iter(known.values()))) is not None:
-        advised = [run for run in runs if run.setting == best_of(answer)["setting"]]
-        if advised:
-            return advised
+    conditions = {(run.engine, run.timestep) for run in runs}
+    if len(conditions) == 1:
+        (condition,) = conditions
+        answer = answer_of(view, *condition)
+        if answer is not None:
+            setting = best_of(answer)["setting"]
+            advised = [run for run in runs if run.setting == setting]
+            if advised:
+                return advised
     usable = [run for run in runs if not lacks(view, run)]
     return _least(usable, lambda run: error_ratio(view, run), ROUND_OFF_SCORE)
 
@@ -146,9 +165,11 @@ def _least(runs: Sequence[RunKey], error: Callable[[RunKey], float], margin: flo
     """Select the runs with the least error, engines with nothing set left out: a user who asks has
     those already.
     """
-    errors = {run: error(run) for run in runs if run.engine != REFERENCE and run.setting != STOCK}
+    is_set = [run for run in runs if run.engine != REFERENCE and run.setting != STOCK]
+    errors = {run: error(run) for run in is_set}
     least = min(errors.values(), default=math.inf)
-    return [run for run, e in errors.items() if math.isfinite(e) and e <= least * (1 + TIE) + margin]
+    tied = least * (1 + TIE) + margin
+    return [run for run, value in errors.items() if math.isfinite(value) and value <= tied]
 
 
 def stock_runs(view: View) -> list[RunKey]:
@@ -158,12 +179,17 @@ def stock_runs(view: View) -> list[RunKey]:
 
 def advised(view: View) -> list[str]:
     """A sentence on engines with nothing set, and one on each engine's best setting at each step."""
+    sentences = []
     wrong = dict.fromkeys(run.engine for run in stock_runs(view) if error_ratio(view, run) > 1 + tie(view))
-    titles = wording.listed([wording.engine_title(engine) for engine in wrong], "nor")
-    sentences = [f"With nothing set {titles} does not bounce like the law."] if titles else []
-    runs = [run for run in view.band_runs if run not in stock_runs(view)]
-    for engine, step in dict.fromkeys((run.engine, run.timestep) for run in runs):
-        for run in best(view, [run for run in runs if (run.engine, run.timestep) == (engine, step)])[:1]:
+    if wrong:
+        titles = wording.listed([wording.engine_title(engine) for engine in wrong], "nor")
+        sentences.append(f"With nothing set {titles} does not bounce like the law.")
+    runs_at: dict[tuple[str, float], list[RunKey]] = {}
+    for run in view.band_runs:
+        if run.setting != STOCK:
+            runs_at.setdefault((run.engine, run.timestep), []).append(run)
+    for runs in runs_at.values():
+        for run in best(view, runs)[:1]:
             error = wording.error(error_of(view, run))
             words = verdict(view, run).restitution
             sentences.append(f"{run.title}, step {run.step}: wrong by at most {error}, {words}.")
@@ -177,14 +203,25 @@ def overview_runs(view: View) -> list[RunKey]:
     """
     picked = stock_runs(view)
     if view.gravity:
-        picked = [run for run in picked if run.timestep == min(o.timestep for o in picked if o[0] == run[0])]
-        groups = [[r for r in view.band_runs if r.timestep == h] for h in {run.timestep for run in picked}]
+        picked = _at_shortest_step(picked)
+        steps = {run.timestep for run in picked}
+        groups = [[run for run in view.band_runs if run.timestep == step] for step in steps]
     else:
         groups = [view.runs_by_resolution(resolved) for resolved in (False, True)]
     for group in groups:
         for engine in view.engines:
-            shown = [run for run in group if run.engine == engine and run not in picked]
-            picked += best(view, [run for run in shown if not view.is_plugin(run)])[:1]
+            others = [run for run in group if run.engine == engine and run not in picked]
+            own = [run for run in others if not view.is_plugin(run)]
+            picked += best(view, own)[:1]
             if view.gravity:
-                picked += best(view, [run for run in shown if view.is_plugin(run)])[:1]
+                plugins = [run for run in others if view.is_plugin(run)]
+                picked += best(view, plugins)[:1]
     return list(dict.fromkeys(picked))
+
+
+def _at_shortest_step(runs: Sequence[RunKey]) -> list[RunKey]:
+    """Those at the shortest step of their engine."""
+    shortest: dict[str, float] = {}
+    for run in runs:
+        shortest[run.engine] = min(run.timestep, shortest.get(run.engine, math.inf))
+    return [run for run in runs if run.timestep == shortest[run.engine]]

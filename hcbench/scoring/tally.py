@@ -101,16 +101,20 @@ class Tally:
 
     def __init__(self, law: HuntCrossley, mass: float) -> None:
         """mass: effective mass, kg."""
-        self._law, self._mass = law, mass
+        self._law = law
+        self._mass = mass
         self._counts = np.zeros(3, dtype=np.int64)  # impacts, parted, rested
         # Of the speeds asked for
         self._ends = np.array([math.inf, -math.inf])
-        self._pairs: list[tuple[Floats, Floats]] = []
-        self._off_law, self._off_linear = _Errors(), _Errors()
+        self._pairs: list[tuple[Floats, Floats]] = []  # speed in, m/s, and e
+        self._off_law = _Errors()
+        self._off_linear = _Errors()
         # Over phases: of e, and of its error
         self._spreads = np.full(2, math.nan)
-        self._loss, self._law_loss = _Slope(), _Slope()
-        self._gained, self._samples = False, 0
+        self._loss = _Slope()
+        self._law_loss = _Slope()
+        self._gained = False
+        self._samples = 0
         self._loops: list[LoopScore] = []
 
     def add_loops(self, loops: Iterable[LoopScore]) -> None:
@@ -120,9 +124,12 @@ class Tally:
     def add(self, some: Measured) -> None:
         """Add one or more impacts; all phases of a launch at once."""
         good = some.parted | some.rested
-        speed_in, e, launch = some.speed_in[good], some.e[good], some.launch[good]
+        speed_in = some.speed_in[good]
+        e = some.e[good]
+        launch = some.launch[good]
         self._counts += [len(good), some.parted.sum(), some.rested.sum()]
-        self._ends = np.array([min(self._ends[0], some.speed.min()), max(self._ends[1], some.speed.max())])
+        lowest, highest = self._ends
+        self._ends = np.array([min(lowest, some.speed.min()), max(highest, some.speed.max())])
         self._gained |= some.gained or bool((some.energy_lost[good] < -2 * _GAIN).any())
         if not len(e):
             return
@@ -134,17 +141,20 @@ class Tally:
         self._spreads = np.fmax(self._spreads, spreads)
         self._loss.add(speed_in, 0.5 * self._mass * speed_in**2 * (1 - e**2))
         self._law_loss.add(speed_in, np.asarray(closed_form.energy_loss(law, self._mass, speed_in)))
-        least = int(some.samples[good].min())
-        self._samples = min(self._samples, least) if self._pairs else least
+        fewest = int(some.samples[good].min())
+        self._samples = min(self._samples, fewest) if self._pairs else fewest
         self._pairs.append((speed_in, e))
 
     def score(self) -> Score:
         """Score all that was added."""
         impacts, parted, rested = self._counts.tolist()
         constant, constant_error = best_constant(self._law.alpha, self._ends)
-        exponent, law_exponent = self._loss.value(), self._law_loss.value()
-        many = parted + rested > 1
-        alpha_fit, alpha_fit_rms = _fitted_alpha(self._pairs) if many else (math.nan, math.nan)
+        exponent = self._loss.value()
+        law_exponent = self._law_loss.value()
+        alpha_fit = math.nan
+        alpha_fit_rms = math.nan
+        if parted + rested > 1:
+            alpha_fit, alpha_fit_rms = _fitted_alpha(self._pairs)
         return Score(
             impacts=impacts,
             parted=parted,
@@ -175,13 +185,17 @@ class _Errors:
     """Adds up errors, NaN as long as there is none. worst_speed: where the first largest is, m/s."""
 
     def __init__(self) -> None:
-        self.largest = self.worst_speed = math.nan
-        self._squares, self._count = 0.0, 0
+        self.largest = math.nan
+        self.worst_speed = math.nan
+        self._squares = 0.0
+        self._count = 0
 
     def add(self, errors: Floats, speeds: Floats) -> None:
         worst = int(np.abs(errors).argmax())
-        if not abs(float(errors[worst])) <= self.largest:
-            self.largest, self.worst_speed = abs(float(errors[worst])), float(speeds[worst])
+        size = abs(float(errors[worst]))
+        if not size <= self.largest:  # also where that is NaN
+            self.largest = size
+            self.worst_speed = float(speeds[worst])
         self._squares += float(np.sum(errors**2))
         self._count += len(errors)
 
@@ -194,7 +208,9 @@ class _Slope:
     """p of ΔE ∝ v_i^p, the least-squares slope in log-log: by sums about the first point."""
 
     def __init__(self) -> None:
-        self._first, self._ends = np.zeros(2), np.array([math.inf, 0.0])
+        self._first = np.zeros(2)  # log v, log ΔE
+        self._slowest = math.inf  # m/s
+        self._fastest = 0.0
         self._sums = np.zeros(5)  # n, x, y, xx, xy
 
     def add(self, speed_in: Floats, loss: Floats) -> None:
@@ -207,25 +223,28 @@ class _Slope:
             self._first = points[:, 0].copy()
         x, y = points - self._first[:, None]
         self._sums += [len(x), x.sum(), y.sum(), (x * x).sum(), (x * y).sum()]
-        self._ends = np.array([min(self._ends[0], speeds.min()), max(self._ends[1], speeds.max())])
+        self._slowest = min(self._slowest, float(speeds.min()))
+        self._fastest = max(self._fastest, float(speeds.max()))
 
     def value(self) -> float:
         """NaN unless the losses span speeds a factor of 1.5 apart."""
         n, x, y, xx, xy = self._sums.tolist()
-        return (
-            (n * xy - x * y) / (n * xx - x * x)
-            if n >= 3 and self._ends[1] >= 1.5 * self._ends[0]
-            else math.nan
-        )
+        if n < 3 or not self._fastest >= 1.5 * self._slowest:
+            return math.nan
+        slope: float = (n * xy - x * y) / (n * xx - x * x)
+        return slope
 
 
 def phase_spread(launch: NDArray[np.int64], values: Floats) -> float:
     """The largest difference between values of one launch; NaN where each has one value."""
     order = np.lexsort((values, launch))
     _, first, count = np.unique(launch[order], return_index=True, return_counts=True)
-    several, ordered = count > 1, values[order]
+    has_several = count > 1
+    if not has_several.any():
+        return math.nan
+    ordered = values[order]
     spans = ordered[first + count - 1] - ordered[first]
-    return float(spans[several].max()) if several.any() else math.nan
+    return float(spans[has_several].max())
 
 
 def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
@@ -276,19 +295,23 @@ def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dic
     """Judge the paper's claims about a sound contact model by the measured loops; None if not
     resolved.
     """
-    seen = bool(loops) and min(s.samples for s in loops) >= STEPS_AT_ITS_ENDS
-    zero = all(s.touch_force < _NEAR_ZERO for s in loops)
-    sharp = zero and all(s.parting_force < _NEAR_ZERO for s in loops)
-    cubic = abs(exponent - law_exponent) < _EXPONENT_SLACK
-    return {
-        "starts_at_zero": zero if seen else None,
-        "no_tension": all(s.tension_share < ROUND_OFF_SUM for s in loops) if seen else None,
-        "sharp_at_origin": sharp if seen else None,
-        "cubic_loss": None if math.isnan(exponent) or math.isnan(law_exponent) else cubic,
-    }
+    claims: dict[str, bool | None] = dict.fromkeys(CLAIMS)
+    if loops and min(s.samples for s in loops) >= STEPS_AT_ITS_ENDS:
+        starts_at_zero = all(s.touch_force < _NEAR_ZERO for s in loops)
+        ends_at_zero = all(s.parting_force < _NEAR_ZERO for s in loops)
+        claims["starts_at_zero"] = starts_at_zero
+        claims["no_tension"] = all(s.tension_share < ROUND_OFF_SUM for s in loops)
+        claims["sharp_at_origin"] = starts_at_zero and ends_at_zero
+    if not math.isnan(exponent) and not math.isnan(law_exponent):
+        claims["cubic_loss"] = abs(exponent - law_exponent) < _EXPONENT_SLACK
+    return claims
 
 
 def _furthest(ratios: list[float]) -> float:
     """The ratio furthest from 1, either way."""
-    known = [r for r in ratios if not math.isnan(r)]
-    return max(known, key=lambda r: abs(math.log(r)) if r > 0 else math.inf, default=math.nan)
+
+    def distance(ratio: float) -> float:
+        return abs(math.log(ratio)) if ratio > 0 else math.inf
+
+    known = [ratio for ratio in ratios if not math.isnan(ratio)]
+    return max(known, key=distance, default=math.nan)

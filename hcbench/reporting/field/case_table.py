@@ -40,14 +40,19 @@ class CaseTable:
 
 def case_table(scores: Sequence[EngineScore]) -> CaseTable:
     """The table of the engines that were measured: those that pass most first, versions in their order."""
-    most = {one.engine: max(other.passed for other in scores if other.engine == one.engine) for one in scores}
+    most: dict[str, int] = {}
+    for one in scores:
+        most[one.engine] = max(one.passed, most.get(one.engine, 0))
     ranked = sorted(scores, key=lambda one: (-most[one.engine], one.engine))
-    verdicts = [(_name(one), verdict) for one in ranked for verdict in one.verdicts]
-    titles = {verdict["case"]: verdict["title"] for _, verdict in verdicts}
-    why = {
-        case: {name: each["why"] for name, each in verdicts if each["case"] == case and each["why"]}
-        for case in titles
-    }
+    titles: dict[str, str] = {}
+    why: dict[str, dict[str, str]] = {}
+    for one in ranked:
+        for verdict in one.verdicts:
+            case = verdict["case"]
+            titles[case] = verdict["title"]
+            reasons = why.setdefault(case, {})
+            if verdict["why"]:
+                reasons[_name(one)] = verdict["why"]
     rows = [(_name(one), list(_cells(one))) for one in ranked]
     return CaseTable(_sentence(ranked), titles, rows, why, regressions(scores))
 

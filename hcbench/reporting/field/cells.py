@@ -58,11 +58,8 @@ class MatrixCell:
 
 def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, MatrixCell]]:
     """Cells by column of each engine that ran so, the nearest to the law by its own settings first."""
-    made = {
-        engine: _row(view, engine, gravity, timestep)
-        for engine in view.engines
-        if view.cases(engine, gravity, timestep, *OWN, PLUGIN, STOCK)
-    }
+    ran = [engine for engine in view.engines if view.cases(engine, gravity, timestep, *OWN, PLUGIN, STOCK)]
+    made = {engine: _row(view, engine, gravity, timestep) for engine in ran}
 
     def order(engine: str) -> list[float]:
         orders = [made[engine][name].order for name in (SETTINGS, CONSTANT, PLUGIN)]
@@ -72,8 +69,11 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
 
 
 def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, MatrixCell]:
+    """One engine's cells by column. gravity: m/s². timestep: s."""
     here = (engine, gravity, timestep)
-    own, plugin = view.best(*here), view.best(*here, PLUGIN)
+    own = view.best(*here)
+    plugin = view.best(*here, PLUGIN)
+    version = view.results.versions.get(engine, "–")
     return {
         STOCK: _stock(view, view.stock(*here), view.stock(engine, view.gravities[0], timestep)),
         **{kind: _error(view, here, kind) for kind in (*OWN, PLUGIN)},
@@ -81,9 +81,7 @@ def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[
         "slow": _slow(view, own, plugin),
         "loop": _loop(view, own or plugin),
         "files": _files(engine),
-        "version": MatrixCell(
-            view.results.versions.get(engine, "–"), note="The version that this run measured."
-        ),
+        "version": MatrixCell(version, note="The version that this run measured."),
     }
 
 
@@ -97,27 +95,34 @@ def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> 
     lost = view.lost(case)
     if lost:
         return MatrixCell(_LOST.get(lost, "never leaves"), below, "bad", case=case)
+    error = view.error(case)
     if high < _SEEN:
-        return MatrixCell("no bounce", below, "bad", view.error(case), case)
-    return MatrixCell(
-        f"e {span(f'{low:.2f}', f'{high:.2f}')}", below, grade(view, case), view.error(case), case
-    )
+        return MatrixCell("no bounce", below, "bad", error, case)
+    e = span(f"{low:.2f}", f"{high:.2f}")
+    return MatrixCell(f"e {e}", below, grade(view, case), error, case)
 
 
 def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> MatrixCell:
-    """The least error of a kind of settings, and which setting has it."""
-    case, tried = view.best(*here, kind), view.cases(*here, kind)
+    """The least error of a kind of settings, and which setting has it.
+
+    here: engine, gravity (m/s²), time step (s).
+    """
+    engine, _, _ = here
+    case = view.best(*here, kind)
+    tried = view.cases(*here, kind)
     if not tried:
-        ran = any(other.engine == here[0] and view.kind(other) == kind for other in view.scores)
+        ran = any(other.engine == engine and view.kind(other) == kind for other in view.scores)
         return MatrixCell("not run", note=_ELSEWHERE) if ran else MatrixCell("–", note=_NO_SETTING)
     least = math.inf if case is None else view.error(case)
-    nearer = [other for other in tried if math.isinf(view.error(other)) and not view.off(other) >= least]
-    note = f"Left out: {listed([left_out(view, other) for other in nearer])}." if nearer else ""
+    failing = [other for other in tried if math.isinf(view.error(other))]
+    nearer = [other for other in failing if not view.off(other) >= least]
+    note = ""
+    if nearer:
+        note = f"Left out: {listed([left_out(view, other) for other in nearer])}."
     if case is None:
-        gains = view.gains(nearer[0])
-        return MatrixCell(
-            "adds energy" if gains else "loses the ball", nearer[0].setting, "bad", None, nearer[0], note
-        )
+        first = nearer[0]
+        text = "adds energy" if view.gains(first) else "loses the ball"
+        return MatrixCell(text, first.setting, "bad", None, first, note)
     return MatrixCell(wording.error(least), case.setting, grade(view, case), least, case, note)
 
 

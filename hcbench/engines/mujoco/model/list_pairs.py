@@ -17,6 +17,7 @@ from hcbench.engines.mujoco.model.bodies import (
 from hcbench.engines.mujoco.model.find_pair import moving_joints, named_pair, only_pair
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
 from hcbench.engines.mujoco.model.start_pose import start_pose
+from hcbench.impact import Floats
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.model_under_test import Request
 
@@ -77,31 +78,50 @@ def _touching(model: Any) -> dict[_Geoms, list[str]]:
 def _described(
     model: Any, data: Any, a: int, b: int, here: set[_Geoms], touching: dict[_Geoms, list[str]]
 ) -> CandidatePair:
-    bodies = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
-    kinds = [backend().mjtGeom(int(model.geom_type[g])).name.removeprefix("mjGEOM_").lower() for g in (a, b)]
-    names = geom_name(model, a), geom_name(model, b)
-    pair = ContactPair(model, NamedGeoms(names[0], bodies[0], (a,)), NamedGeoms(names[1], bodies[1], (b,)))
-    near, mass = pair.nearest(data), math.nan
-    normal, key = near.normal, tuple(sorted((a, b)))
+    """Two geoms as a candidate. here: those that touch in `data`. touching: poses in which others do."""
+    body_a = int(model.geom_bodyid[a])
+    body_b = int(model.geom_bodyid[b])
+    name_a = geom_name(model, a)
+    name_b = geom_name(model, b)
+    pair = ContactPair(model, NamedGeoms(name_a, body_a, (a,)), NamedGeoms(name_b, body_b, (b,)))
+    near = pair.nearest(data)
+    key = tuple(sorted((a, b)))
+    normal = near.normal
     if not normal.any():  # they just touch: either sign will do
         normals = [c.frame[:3] for c in data.contact if tuple(sorted(c.geom.tolist())) == key]
         normal = normals[0] if normals else normal
-    if np.isfinite(near.distance) and normal.any():
-        mass = effective_mass(model, data, approach_row(model, data, *bodies, near.point, normal))
-        mass = mass if mass < _HEAVIEST * float(model.body_mass.sum()) else math.nan  # round-off moves it
-    joints = [joint for body in bodies for joint in moving_joints(model, body)]
+    distance = math.nan
+    mass = math.nan
+    if np.isfinite(near.distance):
+        distance = float(near.distance)
+        if normal.any():
+            mass = _mass_along(model, data, (body_a, body_b), near.point, normal)
+    joints = moving_joints(model, body_a) + moving_joints(model, body_b)
     return CandidatePair(
-        bodies=(body_name(model, bodies[0]), body_name(model, bodies[1])),
-        geoms=names,
-        types=(kinds[0], kinds[1]),
-        pair=",".join(_unmistakable(model, g) for g in (a, b)),
+        bodies=(body_name(model, body_a), body_name(model, body_b)),
+        geoms=(name_a, name_b),
+        types=(_shape(model, a), _shape(model, b)),
+        pair=f"{_unmistakable(model, a)},{_unmistakable(model, b)}",
         joint=joints[0].description if joints else "nothing",
-        effective_mass=mass if math.isfinite(mass) else math.nan,
-        distance=float(near.distance) if np.isfinite(near.distance) else math.nan,
+        effective_mass=mass,
+        distance=distance,
         touching=key in here,
         touching_in=tuple(touching.get(key, ())),
         settings=contact_in_force(model, a, b),
     )
+
+
+def _shape(model: Any, geom: int) -> str:
+    """A geom's type as XML spells it."""
+    return str(backend().mjtGeom(int(model.geom_type[geom])).name).removeprefix("mjGEOM_").lower()
+
+
+def _mass_along(model: Any, data: Any, bodies: tuple[int, int], point: Floats, normal: Floats) -> float:
+    """Effective mass of two bodies along a normal, kg; NaN where no joint moves one along it."""
+    first, second = bodies
+    mass = effective_mass(model, data, approach_row(model, data, first, second, point, normal))
+    heaviest = _HEAVIEST * float(model.body_mass.sum())
+    return mass if mass < heaviest else math.nan  # beyond it, only round-off moves the two
 
 
 def _unmistakable(model: Any, geom: int) -> str:
@@ -114,19 +134,27 @@ def _unmistakable(model: Any, geom: int) -> str:
 def contact_in_force(model: Any, a: int, b: int) -> dict[str, Any]:
     """The parameters of two geoms' contact, after MuJoCo's own mixing (modeling, "Contact parameters")."""
     if pairs := explicit_pairs(model, (a, b)):
-        p = pairs[0]
-        values = [model.pair_solref[p], model.pair_solimp[p], model.pair_friction[p][:3], model.pair_dim[p]]
-    else:
-        one, two = (a, b) if model.geom_priority[a] >= model.geom_priority[b] else (b, a)
-        if model.geom_priority[one] > model.geom_priority[two]:
-            two = one
-        weights = np.maximum(model.geom_solmix[[one, two]], 1e-15)
-        share = float(weights[0] / weights.sum())
-        solrefs, solimps = model.geom_solref[[one, two]], model.geom_solimp[[one, two]]
-        direct = (solrefs[:, 0] <= 0.0).any()
-        solref = solrefs.min(axis=0) if direct else share * solrefs[0] + (1 - share) * solrefs[1]
-        friction = model.geom_friction[[one, two]].max(axis=0)
-        condim = model.geom_condim[[one, two]].max()
-        values = [solref, share * solimps[0] + (1 - share) * solimps[1], friction, condim]
-    solref, solimp, friction, condim = (np.asarray(value).tolist() for value in values)
-    return {"solref": solref, "solimp": solimp, "friction": friction, "condim": condim}
+        number = pairs[0]
+        return {
+            "solref": model.pair_solref[number].tolist(),
+            "solimp": model.pair_solimp[number].tolist(),
+            "friction": model.pair_friction[number][:3].tolist(),
+            "condim": model.pair_dim[number].tolist(),
+        }
+    one, two = (a, b) if model.geom_priority[a] >= model.geom_priority[b] else (b, a)
+    if model.geom_priority[one] > model.geom_priority[two]:
+        two = one  # the one of higher priority alone decides
+    both = [one, two]
+    weights = np.maximum(model.geom_solmix[both], 1e-15)  # mjMINVAL
+    share = float(weights[0] / weights.sum())
+    solrefs = model.geom_solref[both]
+    solimps = model.geom_solimp[both]
+    is_direct = (solrefs[:, 0] <= 0.0).any()
+    solref = solrefs.min(axis=0) if is_direct else share * solrefs[0] + (1 - share) * solrefs[1]
+    solimp = share * solimps[0] + (1 - share) * solimps[1]
+    return {
+        "solref": solref.tolist(),
+        "solimp": solimp.tolist(),
+        "friction": model.geom_friction[both].max(axis=0).tolist(),
+        "condim": model.geom_condim[both].max().tolist(),
+    }

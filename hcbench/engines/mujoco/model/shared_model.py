@@ -44,15 +44,20 @@ class LentModel(ModelUnderTest):
     diverged = NOT_FINITE
 
     def __init__(self, own: MujocoModel, engine: SharedModelEngine, as_given: bool = True) -> None:
-        self._own, self._engine, self._as_given = own, engine, as_given
+        self._own = own
+        self._engine = engine
+        self._as_given = as_given
         self._copies = engine.copies(own.model, own.start)
-        self.places, self.timestep, self.mass = self._copies.places, own.timestep, own.mass
-        self.gravity, self.speed_reading = own.gravity, own.speed_reading
+        self.places = self._copies.places
+        self.timestep = own.timestep
+        self.mass = own.mass
+        self.gravity = own.gravity
+        self.speed_reading = own.speed_reading
         self.energy_by_work = own.energy_by_work
         at_touch = copy.copy(own.start)
         at_touch.qpos[:] = own.place.qpos
         middles = with_kinematics(at_touch, own.model).geom_xpos[list(own.place.pair.geoms)]
-        self._reach = float(np.abs([*middles, own.place.contact.point]).max())
+        self._reach = float(np.abs([*middles, own.place.contact.point]).max())  # largest coordinate, m
         require_motion_at(self._reach, self.timestep, max(own.request.speeds), self._copies.bits)
 
     def release(self, launches: Sequence[Launch]) -> LentSimulation:
@@ -77,41 +82,57 @@ class LentModel(ModelUnderTest):
         own = self._own.suspects(impacts, wanted)
         if not self._as_given:  # what the engine does otherwise concerns the user's own contact
             return own
-        rows = [(solref, solimp) for solref, solimp, _ in self._own.place.contact.rows]
-        geoms = [geom for _, _, both in self._own.place.contact.rows for geom in both]
-        named = differences(self._own.model, self._engine, self._copies.bits, geoms, rows)
-        named += rounded_adhesion(self._own.model, self._engine, self._copies.bits, geoms, impacts)
+        model = self._own.model
+        bits = self._copies.bits
+        rows = []
+        geoms: list[int] = []
+        for point in self._own.place.contact.rows:
+            rows.append((point.solref, point.solimp))
+            geoms += point.geoms
+        named = differences(model, self._engine, bits, geoms, rows)
+        named += rounded_adhesion(model, self._engine, bits, geoms, impacts)
         return [*named, *self._too_fine(impacts), *self._unlike_mujoco(impacts), *own]
 
     def _too_fine(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
         """Steps that move the bodies by few of the coordinates that the numbers have."""
         place = unit_in_last_place(self._reach, self._copies.bits)
         moved = min(impact.launch.speed for impact in impacts) * self.timestep
-        if moved < _SMOOTH * place:
-            yield Suspect(
-                "rounded-positions",
-                f"Positions in float{self._copies.bits} are coarse for such short steps: e scatters.",
-                f"steps of {moved:.2g} m where coordinates of {self._reach:.3g} m are {place:.2g} m apart",
-                "the contact nearer to the origin, or longer steps"
-                + (f"; or {self._engine.exact}" if self._engine.exact else ""),
-                always_reported=True,
-            )
+        if not moved < _SMOOTH * place:
+            return
+        fix = "the contact nearer to the origin, or longer steps"
+        if self._engine.exact:
+            fix += f"; or {self._engine.exact}"
+        yield Suspect(
+            "rounded-positions",
+            f"Positions in float{self._copies.bits} are coarse for such short steps: e scatters.",
+            f"steps of {moved:.2g} m where coordinates of {self._reach:.3g} m are {place:.2g} m apart",
+            fix,
+            always_reported=True,
+        )
 
     def _unlike_mujoco(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
         """Suspect the engine if the same launches bounce otherwise in MuJoCo itself."""
-        sent = {impact.launch.at_any_phase: impact for impact in impacts}.values()
-        theirs = simulate.impacts_in(self._own, [impact.launch for impact in sent])
-        both = [(abs(a.restitution - b.restitution), a, b) for a, b in zip(sent, theirs, strict=True)]
-        differing = [each for each in both if math.isnan(each[0]) or each[0] > TOLERANCE]
-        differing = [each for each in differing if each[1].is_measured or each[2].is_measured]
-        if not differing:
+        # One phase of each speed: the last.
+        mine = list({impact.launch.at_any_phase: impact for impact in impacts}.values())
+        theirs = simulate.impacts_in(self._own, [impact.launch for impact in mine])
+        worst = None
+        largest = TOLERANCE
+        for own, its in zip(mine, theirs, strict=True):
+            if not own.is_measured and not its.is_measured:
+                continue
+            difference = abs(own.restitution - its.restitution)
+            if math.isnan(difference):
+                difference = math.inf  # one of the two has no e
+            if difference > largest:
+                worst = (own, its)
+                largest = difference
+        if worst is None:
             return
-        _, mine, its = max(differing, key=lambda each: (math.isnan(each[0]), each[0]))
-        words = [f"{i.restitution:.4g}" if i.is_measured else i.status.value for i in (mine, its)]
+        own, its = worst
         yield Suspect(
             "unlike-mujoco",
             f"{self._engine.title} does not bounce as MuJoCo does.",
-            f"e at {mine.launch.speed:.4g} m/s: {words[0]}, where MuJoCo has {words[1]}",
+            f"e at {own.launch.speed:.4g} m/s: {_e_or_end(own)}, where MuJoCo has {_e_or_end(its)}",
             f"`hcbench tune {self._engine.name}` finds a contact that bounces as it should",
             always_reported=True,
         )
@@ -119,6 +140,11 @@ class LentModel(ModelUnderTest):
     def fixed(self, suspects: Sequence[Suspect]) -> LentModel:
         """The same pair with some fixes made, in copies of their own."""
         return LentModel(self._own.fixed(suspects), self._engine, as_given=False)
+
+
+def _e_or_end(impact: Impact) -> str:
+    """e of an impact, or else the status that it ended with."""
+    return f"{impact.restitution:.4g}" if impact.is_measured else impact.status.value
 
 
 class LentFlight(MujocoFlight):
@@ -140,31 +166,38 @@ class LentFlight(MujocoFlight):
     def hand_in(self, states: Floats) -> int:
         """Take more states of the engine, shape (n, nq + nv); return how many steps can now be read."""
         self._states.extend(states)
+        is_first = self._staged and self._last is None
         # Under RK4 a step is read once the one after it is.
-        return len(self._states) - (1 if self._staged and self._last is None else 0)
+        return len(self._states) - 1 if is_first else len(self._states)
 
     def _take_step(self, data: Any) -> None:
         """Take MuJoCo's own step, for its forces, and then set the engine's state."""
         before = np.abs(data.qvel)
         super()._take_step(data)
-        its = data.qvel.copy()
+        velocity_of_mujoco = data.qvel.copy()
         self._set(data, self._states.popleft())
         if not np.isfinite(data.qvel).all():
             data.time = -math.inf  # as where MuJoCo resets a state
-        self._changed = data.qvel - its
-        self._speeds = before + np.abs(its) + np.abs(data.qvel)
+        self._changed = data.qvel - velocity_of_mujoco
+        self._speeds = before + np.abs(velocity_of_mujoco) + np.abs(data.qvel)
 
     def _set(self, data: Any, state: Floats) -> None:
-        data.qpos[:], data.qvel[:] = state[: self._model.nq], state[self._model.nq :]
+        nq = self._model.nq
+        data.qpos[:] = state[:nq]
+        data.qvel[:] = state[nq:]
 
     def _force(self, solved: float, seen: Any) -> float:
         """Force of the pair: MuJoCo's own, and the engine's other changes of the momentum."""
         row = self._reader.row(seen)
         slowed = -float(row @ self._changed)
         noise = self._round_off * float(np.abs(row) @ self._speeds)
-        mass, h = self._place.effective_mass, self._h
-        force = solved + mass * slowed / h if abs(slowed) > noise else solved
-        return force if abs(force) * h > mass * noise else 0.0
+        mass = self._place.effective_mass
+        force = solved
+        if abs(slowed) > noise:
+            force = solved + mass * slowed / self._h
+        if abs(force) * self._h > mass * noise:
+            return force
+        return 0.0  # round-off alone would make as much
 
 
 class LentSimulation(Flights[LentFlight]):
@@ -172,7 +205,8 @@ class LentSimulation(Flights[LentFlight]):
 
     def __init__(self, copies: Copies, flights: Sequence[LentFlight]) -> None:
         super().__init__(flights)
-        self._copies, self._which = copies, np.arange(len(flights))
+        self._copies = copies
+        self._which = np.arange(len(flights))  # those that are still read
         started = copies.place_first(np.array([flight.state for flight in flights]))
         for flight, state in zip(flights, started, strict=True):
             flight.start_from(state, copies.bits)

@@ -39,31 +39,50 @@ class MujocoFlight:
     """
 
     def __init__(self, opened: MujocoModel, launch: Launch, space: LaunchWorkspace) -> None:
-        self._mujoco = mujoco = backend()
-        self._opened, self._space, self._place = opened, space, opened.place
-        self._model, self._data, self._seen = opened.model, space.data, space.seen
-        model, data, place, gravity = opened.model, space.data, opened.place, opened.gravity
-        self._h = h = float(model.opt.timestep)
+        mujoco = backend()
+        model = opened.model
+        data = space.data
+        place = opened.place
+        self._mujoco = mujoco
+        self._opened = opened
+        self._space = space
+        self._place = place
+        self._model = model
+        self._data = data
+        self._seen = space.seen
+        self._h = float(model.opt.timestep)
         mujoco.mj_copyData(data, model, opened.start)
-        clearance = launch.clearance_in_phase(h, gravity)
+        clearance = launch.clearance_in_phase(self._h, opened.gravity)
         data.qpos[:] = place.qpos
         mujoco.mj_integratePos(model, data.qpos, place.direction, -clearance)
         data.qvel[:] = launch.speed * place.direction
         data.time = 0.0
         forget_resets(data)
-        self._along = MujocoAlongPlate(place, launch, opened.request.along) if launch.is_oblique else None
-        if self._along is not None:
-            self._along.send(data, launch.flight_time(h, gravity))
-        self._before, self._velocity = np.empty(model.nv), data.qvel
+
+        self._along = None
+        if launch.is_oblique:
+            self._along = MujocoAlongPlate(place, launch, opened.request.along)
+            self._along.send(data, launch.flight_time(self._h, opened.gravity))
+        self._before = np.empty(model.nv)
+        self._velocity = data.qvel
         self._reader = PairReader(model, place, with_kinematics(data, model), self._along)
-        self._beside, self._staged = space.beside, space.free is not None
-        self._x, self._rate, self._touched, self._steps = -clearance, launch.speed, False, 0
+        self._beside = space.beside
+        self._staged = space.free is not None
         self._last: _Step | None = None  # RK4 only: waits for the one after it
         self._noise = _STAGE_NOISE
-        tells = not self._staged and place.pair.more_than_contacts
-        self._causes = SpeedShares(model, place.pair.sides) if tells else None
+
+        # After the last step: penetration, rate, and how far the launch has come.
+        self._x = -clearance
+        self._rate = launch.speed
+        self._touched = False
+        self._steps = 0
+
+        self._causes = None
+        if place.pair.more_than_contacts and not self._staged:
+            self._causes = SpeedShares(model, place.pair.sides)
         self._looks_further = self._staged or self._along is not None or self._causes is not None
-        self._touch_speed, self._apart = math.nan, False  # apart: what follows does not belong to the impact
+        self._touch_speed = math.nan
+        self._apart = False  # what follows does not belong to the impact
         self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
         self._state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
 
@@ -94,7 +113,8 @@ class MujocoFlight:
             while len(rows) < steps:
                 row = self._step()
                 if self._staged:
-                    last, self._last = self._last, row
+                    last = self._last
+                    self._last = row
                     if last is None:
                         continue
                     row = self._with_hidden_force(last, row)
@@ -107,9 +127,10 @@ class MujocoFlight:
                 if not self._touched:
                     break
                 if x <= 0.0:
-                    steps, after = min(steps, len(rows) + after), None
-        *seen, _, along = zip(*rows, strict=True)
-        x, v, f = np.array(seen)[:, None]
+                    steps = min(steps, len(rows) + after)
+                    after = None
+        depths, rates, forces, _, along = zip(*rows, strict=True)
+        x, v, f = np.array([depths, rates, forces])[:, None]
         return Record(x, v, f, np.array(along).T[:, None] if self.is_oblique else None)
 
     def note(self, steps: int) -> str:
@@ -124,24 +145,36 @@ class MujocoFlight:
             if not self._touched:
                 name = max(taken, key=taken.__getitem__)
                 return f"what slowed it most: {name}" if taken[name] > 0 else ""
-            shares = {name: speed / self._touch_speed for name, speed in taken.items()}
-            most = self._opened.shares
-            if self._touch_speed > 0 and (not most or strange_share(shares) > strange_share(most)):
-                most |= shares
-        names = ", ".join(sorted(geom_name(self._model, geom) for geom in touched)[:4])
-        return f"other contacts acted: {names}" if names else ""
+            self._keep_shares({name: speed / self._touch_speed for name, speed in taken.items()})
+        names = sorted(geom_name(self._model, geom) for geom in touched)
+        if not names:
+            return ""
+        return f"other contacts acted: {', '.join(names[:4])}"
+
+    def _keep_shares(self, shares: dict[str, float]) -> None:
+        """Keep a launch's shares of the speed if joints and actuators took more than in other launches."""
+        most = self._opened.shares
+        if not self._touch_speed > 0:
+            return
+        if not most or strange_share(shares) > strange_share(most):
+            most |= shares
 
     def _step(self) -> _Step:
-        data, seen, before, reader = self._data, self._seen, self._before, self._reader
+        """Take one step, and read the pair in the state before it and the rate after it."""
+        data = self._data
+        seen = self._seen
+        before = self._before
+        reader = self._reader
         if self._staged:
             copy_state(self._model, data, seen)
             self._mujoco.mj_forward(self._model, seen)
-        before[:], then = self._velocity, data.time
+        before[:] = self._velocity
+        time_before = data.time
         if self._beside is not None:
             copy_state(self._model, data, self._beside.data)
         self._take_step(data)
         self._steps += 1
-        if data.time <= then or (self._steps == 1 and resets(data)):
+        if data.time <= time_before or (self._steps == 1 and resets(data)):  # MuJoCo reset the state
             unknown = None if self._along is None else np.full(TANGENTIAL_ROWS, math.nan)
             return math.nan, math.nan, math.nan, math.nan, unknown
         x, force, rate = reader.read(seen, before)
@@ -149,21 +182,29 @@ class MujocoFlight:
             force = self._force(force, seen)
         else:
             x = self._depth_in_flight(rate, seen)
-        free, along = self._look_further(x, rate, force) if self._looks_further else (math.nan, None)
+        free = math.nan
+        along = None
+        if self._looks_further:
+            free, along = self._look_further(x, rate, force)
         if force != 0.0:
             self._touched = True
         if reader.others:
             for geom in reader.other_geoms(seen):
                 self._first_touch.setdefault(geom, self._steps - 1)
-        self._x, self._rate = x, rate
+        self._x = x
+        self._rate = rate
         return x, rate, force, free, along
 
     def _look_further(self, x: float, rate: float, force: float) -> tuple[float, Floats | None]:
         """Read (approach speed without contact, row along the plate) of a step, and add up the
         causes of the change of speed until the two are apart.
         """
-        seen, free, along = self._seen, math.nan, None
-        if self._staged and force == 0.0 and x + _STAGE_REACH * self._h * max(rate, 0.0) > 0.0:
+        seen = self._seen
+        free = math.nan
+        along = None
+        # A contact may hide in a stage of RK4 where a step's approach nearly leads to the touch plane.
+        may_hide = self._staged and force == 0.0 and x + _STAGE_REACH * self._h * max(rate, 0.0) > 0.0
+        if may_hide:
             free = self._rate_without_contact()
         if self._along is not None:
             along = self._along.row(seen, self._before, self._reader.contact_point(seen), rate)
@@ -182,10 +223,13 @@ class MujocoFlight:
         """
         if self._steps == 1:
             return self._x
-        x = self._x + self._h * (0.5 * (self._rate + rate) if self._staged else rate)
+        moved_at = 0.5 * (self._rate + rate) if self._staged else rate
+        x = self._x + self._h * moved_at
         if abs(x) < _NEAR * self._h * max(abs(rate), abs(self._rate)):
             x = self._reader.depth(seen, x)
-        return min(x, 0.0) if self._touched else x
+        if self._touched:
+            return min(x, 0.0)  # no force: it has left the touch plane
+        return x
 
     def _take_step(self, data: Any) -> None:
         """Move `data` on by a step, with the constraints and forces of the state before it left in it."""
@@ -214,10 +258,11 @@ class MujocoFlight:
     def _with_hidden_force(self, step: _Step, after: _Step) -> _Step:
         """A step with its mean force, where a stage of RK4 had one but the state before had none."""
         x, rate, force, free, along = step
+        _, rate_after, _, _, _ = after
         if force != 0.0 or math.isnan(free):
             return step
-        mean = (free - after[1]) / self._h
-        noise = self._noise * max(abs(rate), abs(after[1])) / self._h
+        mean = (free - rate_after) / self._h
+        noise = self._noise * max(abs(rate), abs(rate_after)) / self._h
         if not abs(mean) > noise:
             return step
         self._touched = True

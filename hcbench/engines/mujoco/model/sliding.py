@@ -20,17 +20,25 @@ class MujocoAlongPlate:
     """One launch along the plate. friction: on the moving body in the step that is read, N, in the world."""
 
     def __init__(self, place: PairAtTouch, launch: Launch, along: Vector | None) -> None:
-        self.place, self.pair, self.launch = place, place.pair, launch
+        self.place = place
+        self.pair = place.pair
+        self.launch = launch
         self.axes = plate_frame(place.contact.normal, along)
-        self.body, self.friction, self._origin = self.pair.first.body, np.zeros(3), np.zeros(3)
+        self.body = self.pair.first.body
+        self.friction = np.zeros(3)
+        self._origin = np.zeros(3)  # of the moving body's centre, where the contact point was seen last
         self._alone = not self.pair.more_than_contacts
-        launched = (self.pair.first, self.pair.second) if self._alone else (self.pair.first,)
-        root = self.pair.model.body_rootid
-        self._moving = np.isin(root[self.pair.model.dof_bodyid], [root[part.body] for part in launched])
+        model = self.pair.model
+        moving = [model.body_rootid[self.pair.first.body]]
+        if self._alone:
+            moving.append(model.body_rootid[self.pair.second.body])
+        self._moving = np.isin(model.body_rootid[model.dof_bodyid], moving)
 
     def send(self, data: Any, flight_time: float) -> None:
         """Add slip and spin to the motion, and put the body back by what they move it in the flight, s."""
-        mujoco, model, launch = backend(), self.pair.model, self.launch
+        mujoco = backend()
+        model = self.pair.model
+        launch = self.launch
         start = data.qpos.copy()
         data.qpos[:] = self.place.qpos
         mujoco.mj_kinematics(model, data)
@@ -38,12 +46,16 @@ class MujocoAlongPlate:
         data.qpos[:] = start
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        asked = np.concatenate([np.array([*launch.slip, 0.0]) @ self.axes, np.array(launch.spin) @ self.axes])
-        jacobian, centre = np.zeros((6, model.nv)), data.xipos[self.body].copy()
+        slip = np.array([*launch.slip, 0.0]) @ self.axes
+        spin = np.array(launch.spin) @ self.axes
+        asked = np.concatenate([slip, spin])
+        jacobian = np.zeros((6, model.nv))
+        centre = data.xipos[self.body].copy()
         mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], centre, self.body)
         dofs = self._dofs()
         motion = np.linalg.lstsq(jacobian[:, dofs], asked, rcond=None)[0]
-        if np.abs(jacobian[:, dofs] @ motion - asked).max() > _MISSED * np.abs(asked).max():
+        missed = np.abs(jacobian[:, dofs] @ motion - asked).max()
+        if missed > _MISSED * np.abs(asked).max():
             slot, what = ("spin", "turn") if any(launch.spin) else ("angle", "move along the plate")
             got = f"{self.place.joint.description} cannot {what} as launched"
             raise UserError(slot, got, "a free joint, or slides along the plate")
@@ -54,10 +66,12 @@ class MujocoAlongPlate:
 
     def _dofs(self) -> list[int]:
         """Degrees of freedom of the launched joint, the turns of a free joint included."""
-        model, dofs = self.pair.model, list(self.place.joint.dofs)
+        model = self.pair.model
+        dofs = list(self.place.joint.dofs)
         joint = int(model.dof_jntid[dofs[0]])
-        free = int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE)
-        return list(range(dofs[0], dofs[0] + 6)) if free else dofs
+        if int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE):
+            return list(range(dofs[0], dofs[0] + 6))
+        return dofs
 
     def moved_with(self, data: Any, point: Floats) -> Floats:
         """A contact point as the moving body's centre has carried it along since it was seen."""
@@ -74,27 +88,34 @@ class MujocoAlongPlate:
 
     def row(self, data: Any, velocity: Floats, point: Floats, rate: float) -> Floats:
         """Motion along the plate, see `Record.tangential`, shape (8,). rate: of approach, m/s."""
-        model, pair, mujoco = self.pair.model, self.pair, backend()
-        rows = [pair.approach_row(data, point, axis) for axis in self.axes[:2]]
+        model = self.pair.model
+        slip = [self.pair.approach_row(data, point, axis) @ velocity for axis in self.axes[:2]]
         spin = np.zeros(3)
-        for sign, body in ((1.0, pair.first.body), (-1.0, pair.second.body)):
+        for sign, body in ((1.0, self.pair.first.body), (-1.0, self.pair.second.body)):
             turns = np.zeros((3, model.nv))
-            mujoco.mj_jacBody(model, data, None, turns, body)
+            backend().mj_jacBody(model, data, None, turns, body)
             spin += sign * (turns @ velocity)
         energy = self._kinetic_energy(data, velocity, point) - 0.5 * self.place.effective_mass * rate**2
-        friction, self.friction = self.axes[:2] @ self.friction, np.zeros(3)
-        return np.array([*(row @ velocity for row in rows), *(self.axes @ spin), *friction, energy])
+        friction = self.axes[:2] @ self.friction
+        self.friction = np.zeros(3)
+        return np.array([*slip, *(self.axes @ spin), *friction, energy])
 
     def _kinetic_energy(self, data: Any, velocity: Floats, point: Floats) -> float:
         """Kinetic energy of the two bodies, J; where joints act, of the launched one against the other."""
-        model, mujoco, centre = self.pair.model, backend(), np.zeros((3, self.pair.model.nv))
-        own, momentum = np.where(self._moving, velocity, 0.0), np.zeros(model.nv)
+        mujoco = backend()
+        model = self.pair.model
+        own = np.where(self._moving, velocity, 0.0)
+        momentum = np.zeros(model.nv)
         mujoco.mj_mulM(model, data, momentum, own)
         energy = 0.5 * float(own @ momentum)
         if self._alone:
             return energy
-        root, seen_from = int(model.body_rootid[self.body]), np.zeros((3, model.nv))
-        mujoco.mj_jacSubtreeCom(model, data, centre, root)
-        mujoco.mj_jac(model, data, seen_from, None, point, self.pair.second.body)
-        frame = seen_from @ velocity
-        return energy + float(model.body_subtreemass[root]) * float(frame @ (0.5 * frame - centre @ own))
+        # Seen from the other body, which moves by `frame`: E - m v_c · frame + m frame² / 2.
+        root = int(model.body_rootid[self.body])
+        of_centre = np.zeros((3, model.nv))
+        of_other = np.zeros((3, model.nv))
+        mujoco.mj_jacSubtreeCom(model, data, of_centre, root)
+        mujoco.mj_jac(model, data, of_other, None, point, self.pair.second.body)
+        frame = of_other @ velocity
+        mass = float(model.body_subtreemass[root])
+        return energy + mass * float(frame @ (0.5 * frame - of_centre @ own))

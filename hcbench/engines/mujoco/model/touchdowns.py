@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,6 +21,7 @@ from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats
 
 _Geoms = tuple[int, int]  # the one that moves first
+_Bodies = tuple[int, int]  # of two rigid parts, in the same order
 _ANY_SPEED = (0.0, float("inf"))
 
 
@@ -34,13 +36,18 @@ def touchdowns(
     kept = None
     if request.pair is not None:
         pair = named_pair(model, request.pair)
-        kept = {tuple(sorted((a, b))) for a in pair.first.geoms for b in pair.second.geoms}
+        kept = {_in_order(both) for both in itertools.product(pair.first.geoms, pair.second.geoms)}
     with captured_warnings():
         events = _events(model, qpos, qvel, time, kept)
     feet = [_foot(model, geoms, np.array(rows)) for geoms, rows in events.items()]
     feet.sort(key=lambda foot: (-len(foot.time), foot.part))
     interval = float(np.median(np.diff(time)))
     return TrajectoryTouchdowns("mujoco", backend().__version__, label, len(qpos), interval, tuple(feet))
+
+
+def _in_order(geoms: _Geoms) -> _Geoms:
+    first, second = geoms
+    return (first, second) if first <= second else (second, first)
 
 
 def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
@@ -65,58 +72,72 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
 
 
 def _events(
-    model: Any, qpos: Floats, qvel: Floats, time: Floats, kept: set[tuple[int, ...]] | None
+    model: Any, qpos: Floats, qvel: Floats, time: Floats, kept: set[_Geoms] | None
 ) -> dict[_Geoms, list[tuple[float, float, float]]]:
     """(time, speed, slide) of each touchdown, by the two geoms of its rigid parts that touched first.
 
     The speeds are those of the state before, or of the first in contact, the faster of the two: a contact
     slows, and free flight may speed up, within the time between two states.
     """
-    data, before = backend().MjData(model), backend().MjData(model)
-    events: dict[tuple[int, int], list[tuple[float, float, float]]] = {}
-    names: dict[tuple[int, int], _Geoms] = {}
-    last: dict[tuple[int, int], float] = {}
+    data = backend().MjData(model)
+    before = backend().MjData(model)
+    # All by the bodies of two rigid parts.
+    events: dict[_Bodies, list[tuple[float, float, float]]] = {}
+    geoms_of: dict[_Bodies, _Geoms] = {}
+    last_seen: dict[_Bodies, float] = {}
     for i in range(len(qpos)):
-        data.qpos[:], data.qvel[:] = qpos[i], qvel[i]
+        data.qpos[:] = qpos[i]
+        data.qvel[:] = qvel[i]
         backend().mj_fwdPosition(model, data)
-        if i:
-            before.qpos[:], before.qvel[:] = qpos[i - 1], qvel[i - 1]
-        new: dict[tuple[int, int], int] = {}
-        for c, geoms in enumerate(_moving_first(model, data, kept)):
+        began: dict[_Bodies, int] = {}
+        for contact, geoms in enumerate(_moving_first(model, data, kept)):
             if geoms is None:
                 continue
             one, two = model.body_weldid[model.geom_bodyid[list(geoms)]].tolist()
-            names.setdefault((one, two), geoms)
-            if i and time[i] - last.get((one, two), -np.inf) > max(PARTED_S, 1.5 * (time[i] - time[i - 1])):
-                new[one, two] = c
-            last[one, two] = float(time[i])
-        if new:
+            parts = (one, two)
+            geoms_of.setdefault(parts, geoms)
+            if i:
+                apart = time[i] - last_seen.get(parts, -np.inf)
+                # One state without contact may be a gap between two recorded states only.
+                if apart > max(PARTED_S, 1.5 * (time[i] - time[i - 1])):
+                    began[parts] = contact
+            last_seen[parts] = float(time[i])
+        if began:
+            before.qpos[:] = qpos[i - 1]
+            before.qvel[:] = qvel[i - 1]
             backend().mj_fwdPosition(model, before)
-        for parts, c in new.items():
-            speed, slide = max(_speeds(model, state, data, c, names[parts]) for state in (before, data))
+        for parts, contact in began.items():
+            speeds = [_speeds(model, state, data, contact, geoms_of[parts]) for state in (before, data)]
+            speed, slide = max(speeds)
             if speed > 0.0:
                 events.setdefault(parts, []).append((float(time[i]), speed, slide))
-    return {names[parts]: rows for parts, rows in events.items()}
+    return {geoms_of[parts]: rows for parts, rows in events.items()}
 
 
-def _moving_first(model: Any, data: Any, kept: set[tuple[int, ...]] | None) -> list[_Geoms | None]:
+def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geoms | None]:
     """The two geoms of each contact that acts, the body that moves first; None for other contacts."""
+    contacts = data.contact
     pairs: list[_Geoms | None] = []
     for (a, b), distance, excluded in zip(
-        data.contact.geom.tolist(), data.contact.dist, data.contact.exclude, strict=True
+        contacts.geom.tolist(), contacts.dist, contacts.exclude, strict=True
     ):
-        moves = [bool(model.body_weldid[model.geom_bodyid[geom]]) if geom >= 0 else False for geom in (a, b)]
-        meets = distance <= 0.0 and not excluded and min(a, b) >= 0
-        asked = moves[0] != moves[1] if kept is None else tuple(sorted((a, b))) in kept
-        pairs.append(((a, b) if moves[0] else (b, a)) if meets and asked else None)
+        pairs.append(None)
+        if excluded or distance > 0.0 or min(a, b) < 0:  # -1: no geom, but a flex
+            continue
+        a_moves, b_moves = (bool(model.body_weldid[model.geom_bodyid[geom]]) for geom in (a, b))
+        is_asked = a_moves != b_moves if kept is None else _in_order((a, b)) in kept
+        if is_asked:
+            pairs[-1] = (a, b) if a_moves else (b, a)
     return pairs
 
 
 def _speeds(model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms) -> tuple[float, float]:
     """(approach, sliding) speed of the two at a contact of `touching`, m/s, by the velocities of `state`."""
-    point, normal = touching.contact.pos[contact], touching.contact.frame[contact][:3]
+    point = touching.contact.pos[contact]
+    normal = touching.contact.frame[contact][:3]  # from the contact's first geom to its second
     sign = 1.0 if int(touching.contact.geom[contact][0]) == geoms[0] else -1.0
-    velocity, jacobian = np.zeros(3), np.zeros((3, model.nv))
+    velocity = np.zeros(3)
+    jacobian = np.zeros((3, model.nv))
     for geom, share in zip(geoms, (1.0, -1.0), strict=True):
         backend().mj_jac(model, state, jacobian, None, point, int(model.geom_bodyid[geom]))
         velocity += share * (jacobian @ state.qvel)
@@ -125,17 +146,24 @@ def _speeds(model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms) 
 
 
 def _foot(model: Any, geoms: _Geoms, rows: Floats) -> Touchdowns:
-    promise, band = promise_in(model, geoms), None
+    """Touchdowns of two parts. rows: (n, 3), time s, speed and slide m/s."""
+    promise = promise_in(model, geoms)
+    band = None
     if restitution_law(model, geoms) is not None:
-        band, words = _ANY_SPEED, "plug-in hcbench.restitution"
+        band = _ANY_SPEED
+        words = "plug-in hcbench.restitution"
     elif promise is not None:
-        band, words = promise.speeds, f"{promise.setting} by hcbench: {promise.curve.description}"
+        band = promise.speeds
+        words = f"{promise.setting} by hcbench: {promise.curve.description}"
     else:
-        solref = " ".join(f"{x:.4g}" for x in contact_in_force(model, *geoms)["solref"])
-        words = f"solref {solref}"
-    names = [
-        geom_name(model, g) if model.geom(g).name else body_name(model, int(model.geom_bodyid[g]))
-        for g in geoms
-    ]
+        solref = contact_in_force(model, *geoms)["solref"]
+        words = "solref " + " ".join(f"{x:.4g}" for x in solref)
+    part, other = (_geom_or_body_name(model, geom) for geom in geoms)
     time, speed, slide = rows.T
-    return Touchdowns(names[0], names[1], time, speed, slide, band, words)
+    return Touchdowns(part, other, time, speed, slide, band, words)
+
+
+def _geom_or_body_name(model: Any, geom: int) -> str:
+    if model.geom(geom).name:
+        return geom_name(model, geom)
+    return body_name(model, int(model.geom_bodyid[geom]))
