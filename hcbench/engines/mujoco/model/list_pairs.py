@@ -17,9 +17,9 @@ from hcbench.engines.mujoco.model.bodies import (
 from hcbench.engines.mujoco.model.find_pair import moving_joints, named_pair, only_pair
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
 from hcbench.engines.mujoco.model.start_pose import start_pose
-from hcbench.impact import Floats
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.model_under_test import Request
+from hcbench.terms.impact import Floats
 
 _Geoms = tuple[int, ...]  # two, in order
 _HEAVIEST = 1e4  # of the whole model's mass
