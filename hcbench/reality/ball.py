@@ -113,8 +113,12 @@ def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float |
     """Time at which the parabolas of both sides meet, s; None if they do not near the lowest frame."""
     difference = np.poly1d(np.polyfit(time[before], height[before], 2))
     difference -= np.poly1d(np.polyfit(time[later], height[later], 2))
-    near = [root.real for root in difference.roots if abs(root.imag) < 1e-9 and abs(root.real) < 0.012]
-    return min(near, key=abs) if near else None
+    near = []
+    for root in difference.roots:
+        is_real = abs(root.imag) < 1e-9
+        if is_real and abs(root.real) < 0.012:  # s, of the lowest frame
+            near.append(root.real)
+    return min(near, key=abs, default=None)
 
 
 def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, float]:

@@ -84,16 +84,20 @@ def _after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Fl
 
     One that has not left at the end has the velocity along the plate of the last step, and none upwards.
     """
-    velocities, spins = [], []
+    velocities = []
+    spins = []
     for states in simulated:
         height = lowest(body, states[:, POSITION], states[:, QUATERNION])
         clear = (height > 0.0) & (states[:, VELOCITY][:, 2] > 0.0)
         clear[0] = False
-        k = int(np.argmax(clear)) if clear.any() else len(states) - 1
-        rise = height[k] - height[k - 1]
-        # How much of a step ago it was at the plate: gravity has slowed it since.
-        since = timestep * float(np.clip(height[k] / rise, 0.0, 1.0)) if clear.any() and rise > 0.0 else 0.0
-        velocity = states[k, VELOCITY] + [0.0, 0.0, GRAVITY * since]
-        velocities.append(velocity if clear.any() else velocity * [1.0, 1.0, 0.0])
+        if clear.any():
+            k = int(np.argmax(clear))
+            rise = height[k] - height[k - 1]
+            # How much of a step ago it was at the plate: gravity has slowed it since.
+            share = float(np.clip(height[k] / rise, 0.0, 1.0)) if rise > 0.0 else 0.0
+            velocities.append(states[k, VELOCITY] + [0.0, 0.0, GRAVITY * (timestep * share)])
+        else:
+            k = len(states) - 1
+            velocities.append(states[k, VELOCITY] * [1.0, 1.0, 0.0])
         spins.append(states[k, SPIN])
     return np.array(velocities), np.array(spins)

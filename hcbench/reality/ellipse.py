@@ -142,10 +142,13 @@ def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
     nn = np.einsum("ij,jk,ik->i", normal, _INVERSE, normal)
     tt = np.einsum("ij,jk,ik->i", tangent, _INVERSE, tangent)
     nt = np.einsum("ij,jk,ik->i", normal, _INVERSE, tangent)
-    parting, determinant = -(1.0 + e) * inward, nn * tt - nt**2
+    parting = -(1.0 + e) * inward
+    determinant = nn * tt - nt**2
+    # Impulses that stop the slip; where friction cannot, it slides.
     push = (parting * tt + nt * slip) / determinant
     pull = (-nn * slip - nt * parting) / determinant
-    sliding, way = np.abs(pull) > friction * push, np.sign(pull)
+    sliding = np.abs(pull) > friction * push
+    way = np.sign(pull)
     push = np.where(sliding, parting / (nn + nt * friction * way), push)
     pull = np.where(sliding, friction * way * push, pull)
     moved: Floats = before + (normal * push[:, None] + tangent * pull[:, None]) @ _INVERSE

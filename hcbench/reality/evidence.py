@@ -50,7 +50,8 @@ def good(impacts: Sequence[ImpactRead]) -> list[ImpactRead]:
 def speeds_and_e(impacts: Sequence[ImpactRead]) -> tuple[Floats, Floats]:
     """Impact speeds, m/s, and e of the good impacts."""
     kept = good(impacts)
-    return np.array([each.speed_in for each in kept]), np.array([each.e for each in kept])
+    speeds = np.array([each.speed_in for each in kept])
+    return speeds, np.array([each.e for each in kept])
 
 
 def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
@@ -65,12 +66,14 @@ def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
 
 def cube_slopes(impacts: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]) -> list[Slope]:
     """Slopes of e of the cube's tosses and of their twins."""
-    read = {law: slope_of(f"cube, synthetic: {law}", *speeds_and_e(each), "") for law, each in twins.items()}
-    constant = read.get("constant e")
-    words = (
-        f"{constant.slope:.3f} ({constant.low:.3f} to {constant.high:.3f})" if constant else "not simulated"
-    )
-    return [slope_of("cube, measured", *speeds_and_e(impacts), words), *read.values()]
+    of_twins = {}
+    for law, each in twins.items():
+        of_twins[law] = slope_of(f"cube, synthetic: {law}", *speeds_and_e(each), "")
+    words = "not simulated"
+    constant = of_twins.get("constant e")
+    if constant is not None:
+        words = f"{constant.slope:.3f} ({constant.low:.3f} to {constant.high:.3f})"
+    return [slope_of("cube, measured", *speeds_and_e(impacts), words), *of_twins.values()]
 
 
 def ellipse_slope(impacts: Any) -> Slope:

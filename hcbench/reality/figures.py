@@ -31,7 +31,9 @@ _BINS = 6
 
 def name_of(score: SettingScore) -> str:
     """A setting as figures and tables call it."""
-    words = score.setting if score.engine == NO_ENGINE else f"{engine_title(score.engine)}, {score.setting}"
+    words = score.setting
+    if score.engine != NO_ENGINE:
+        words = f"{engine_title(score.engine)}, {score.setting}"
     return f"{words}, {score.cone} cone" if score.cone else words
 
 
@@ -57,9 +59,14 @@ def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
 
 
 def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
-    """Round numbers of a log axis."""
+    """Round numbers of a log axis, and their labels."""
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    values = [float(f * p) for p in powers for f in (1, 2, 5) if 0.8 * low <= f * p <= 1.3 * high]
+    values = []
+    for power in powers:
+        for digit in (1, 2, 5):
+            value = float(digit * power)
+            if 0.8 * low <= value <= 1.3 * high:
+                values.append(value)
     return values, [f"{value:g}" for value in values]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -37,9 +37,12 @@ def committed() -> Parameters:
 
 def values_of(parameters: Parameters, data: str, cell: Cell) -> tuple[float, ...] | None:
     """A cell's values; None where they are not known."""
-    known = dict(parameters.get(data, {}).get(cell.engine, {}).get(cell.setting, {})) | SETS[data].FIXED
-    names = [p.name for p in cell.contact.parameters]
-    return tuple(known[name] for name in names) if all(name in known for name in names) else None
+    searched = parameters.get(data, {}).get(cell.engine, {}).get(cell.setting, {})
+    known = {**searched, **SETS[data].FIXED}
+    names = [parameter.name for parameter in cell.contact.parameters]
+    if not all(name in known for name in names):
+        return None
+    return tuple(known[name] for name in names)
 
 
 def identify(
@@ -50,23 +53,30 @@ def identify(
     A mean error over a hundred tosses is rough in its parameters, as a corner may land or miss. The
     result is the minimum of a parabola fitted to the best third of all tries, not the luckiest try.
     """
-    cells = [
-        Cell(data, engine, setting.key, start, SETS[data].TRAINING, folders.get(data))
-        for data in sets
-        for engine, setting in settings_of(data)
-        if any(p.name not in SETS[data].FIXED for p in setting.parameters)
-        for start in (tuple(p.starts[i] for p in setting.parameters) for i in range(STARTS))
-    ]
-    longest = sorted(cells, key=lambda cell: -len(cell.values))
+    cells = [cell for data in sets for cell in _starts(data, folders.get(data))]
+    longest = sorted(cells, key=lambda cell: -len(cell.values))  # first, so that no worker is left with it
     tries = dict(zip(longest, run_each(pool, search, longest, tick), strict=True))
     parameters: dict[str, Any] = {}
     for (data, engine, key), group in groupby(cells, lambda cell: cell.key):
-        first, *others = group
-        best = best_values(first, [each for cell in (first, *others) for each in tries[cell]])
-        names = (p.name for p in first.contact.parameters)
-        rounded = {name: float(f"{value:.4g}") for name, value in zip(names, best, strict=True)}
+        of_setting = list(group)
+        first = of_setting[0]
+        best = best_values(first, [each for cell in of_setting for each in tries[cell]])
+        rounded = {}
+        for parameter, value in zip(first.contact.parameters, best, strict=True):
+            rounded[parameter.name] = float(f"{value:.4g}")
         parameters.setdefault(data, {}).setdefault(engine, {})[key] = rounded
     return parameters
+
+
+def _starts(data: str, folder: Path | None) -> Iterator[Cell]:
+    """A cell for each start of each setting that has parameters to search, on the training part."""
+    module = SETS[data]
+    for engine, setting in settings_of(data):
+        if all(parameter.name in module.FIXED for parameter in setting.parameters):
+            continue
+        for i in range(STARTS):
+            start = tuple(parameter.starts[i] for parameter in setting.parameters)
+            yield Cell(data, engine, setting.key, start, module.TRAINING, folder)
 
 
 def search(cell: Cell) -> list[tuple[Floats, float]]:

@@ -69,7 +69,10 @@ COLUMNS = tuple(field.name for field in fields(ImpactRead))
 
 def read_impacts(body: Body, motions: Iterable[Motion]) -> list[ImpactRead]:
     """All impacts of a box that two flights bracket."""
-    return [impact for each in motions for impact in _of_motion(body, each)]
+    impacts: list[ImpactRead] = []
+    for motion in motions:
+        impacts.extend(_of_motion(body, motion))
+    return impacts
 
 
 def vertices(body: Body) -> Floats:
@@ -112,10 +115,15 @@ class _ImpactFit:
     def __init__(
         self, body: Body, corners: Floats, vertex: int, motion: Motion, frames: Floats, before: int
     ) -> None:
-        self.body, self.corners, self.vertex = body, corners, vertex
-        self.time, self.place = motion.time[frames], motion.position[frames]
+        """frames: of both flights. before: how many of them are of the first."""
+        self.body = body
+        self.corners = corners
+        self.vertex = vertex
+        self.time = motion.time[frames]
+        self.place = motion.position[frames]
         self.turns = rotation(motion.quaternion[frames])
-        self.before, self.began = before, motion.time[0]
+        self.before = before
+        self.began = motion.time[0]
         self.touch, self.start, self.base = self._touch()
         self.since = self.time - self.touch
         self.later = self.since > 0.0

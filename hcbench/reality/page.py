@@ -129,11 +129,13 @@ def verdicts(results: RealityResults) -> Iterator[str]:
 
 def _comparable(scores: Sequence[SettingScore]) -> list[SettingScore]:
     """Identified settings of the cube that are near the best."""
-    tried = [
-        s for s in scores
-        if s.set == "cube" and s.engine != NO_ENGINE and s.setting != NOTHING and s.cone != "pyramidal"
-    ]  # fmt: skip
-    return [s for s in tried if s.error < _NEAR * min(t.error for t in tried)]
+    tried = []
+    for score in scores:
+        is_identified = score.engine != NO_ENGINE and score.setting != NOTHING
+        if score.set == "cube" and is_identified and score.cone != "pyramidal":
+            tried.append(score)
+    best = min((score.error for score in tried), default=0.0)
+    return [score for score in tried if score.error < _NEAR * best]
 
 
 def _with_interval(score: SettingScore) -> str:
@@ -186,6 +188,12 @@ def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore
     """Scores with all corrections, then with parts of the data as published."""
     if not results.changed:
         return []
-    names = {(s.engine, s.setting, s.cone) for each in results.changed.values() for s in each}
-    own = [s for s in results.scores if s.set == "cube" and (s.engine, s.setting, s.cone) in names]
-    return [("", own), *((variant, list(each)) for variant, each in results.changed.items())]
+
+    def setting_of(score: SettingScore) -> tuple[str, str, str]:
+        return score.engine, score.setting, score.cone
+
+    changed: set[tuple[str, str, str]] = set()
+    for scores in results.changed.values():
+        changed.update(setting_of(score) for score in scores)
+    own = [score for score in results.scores if score.set == "cube" and setting_of(score) in changed]
+    return [("", own), *((variant, list(scores)) for variant, scores in results.changed.items())]

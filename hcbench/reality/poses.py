@@ -116,9 +116,10 @@ def read(paths: Sequence[Path], body: Body) -> Tosses:
 
 
 def _rows(path: Path) -> Floats:
+    """The frames of a CSV file, shape (n, columns): time, s, position, m, and quaternion."""
     try:
-        table = list(csv.DictReader(read_text(path, "utf-8-sig").splitlines(), skipinitialspace=True))
-        rows = np.array([[float(row[name]) for name in COLUMNS] for row in table])
+        reader = csv.DictReader(read_text(path, "utf-8-sig").splitlines(), skipinitialspace=True)
+        rows = np.array([[float(row[name]) for name in COLUMNS] for row in list(reader)])
     except (OSError, UnicodeDecodeError) as error:
         raise UserError("--poses", f"{path}: {error}", "a CSV file") from None
     except (KeyError, TypeError, ValueError):
@@ -137,19 +138,20 @@ def judge(tosses: Tosses, pool: WorkerPool, identify: bool = False, tick: Tick |
     known = read_values(impacts)
     cells = []
     for engine, setting in settings_of("cube"):
-        names = [p.name for p in setting.parameters]
-        if identify or all(name in known for name in names):
+        if identify or all(parameter.name in known for parameter in setting.parameters):
             start = tuple(known.get(p.name, p.starts[0]) for p in setting.parameters)
             cells.append(OwnCell("cube", engine, setting.key, start, (), tosses=tosses))
     if identify:
-        tries = run_each(pool, search, moving := [cell for cell in cells if cell.values], tick)
-        best = {each.key: best_values(each, of) for each, of in zip(moving, tries, strict=True)}
+        searched = [cell for cell in cells if cell.values]
+        best = {}
+        for cell, tries in zip(searched, run_each(pool, search, searched, tick), strict=True):
+            best[cell.key] = best_values(cell, tries)
         cells = [replace(cell, values=best.get(cell.key, ())) for cell in cells]
-    outcomes = run_each(pool, outcome_of, cells, tick)
     scores = []
-    for cell, outcome in zip(cells, outcomes, strict=True):
-        names = [p.name for p in cell.contact.parameters]
-        scores.append((of_cell(cell, outcome), dict(zip(names, cell.values, strict=True))))
+    for cell, outcome in zip(cells, run_each(pool, outcome_of, cells, tick), strict=True):
+        names = [parameter.name for parameter in cell.contact.parameters]
+        values = dict(zip(names, cell.values, strict=True))
+        scores.append((of_cell(cell, outcome), values))
     return Own(tosses, impacts, scores)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,21 +73,30 @@ class RealityResults:
 
 def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> RealityResults:
     """Run the whole study. EngineMissing where no engine that can simulate a toss is installed."""
-    parameters = identify(pool, request.sets, request.folders, tick) if request.identify else committed()
-    cells = [cell for data in request.sets for cell in _cells(request, parameters, data)]
-    variants = [cell for cell in cells if cell.data == "cube" and _is_in_switches(cell)]
-    changed = [
-        Cell(c.data, c.engine, c.setting, c.values, c.parts, c.folder, variant)
-        for variant in VARIANTS if variant for c in variants
-    ]  # fmt: skip
+    parameters = committed()
+    if request.identify:
+        parameters = identify(pool, request.sets, request.folders, tick)
+    cells: list[Cell] = []
+    for data in request.sets:
+        cells.extend(_cells(request, parameters, data))
+    in_switches = [cell for cell in cells if cell.data == "cube" and _is_in_switches(cell)]
+    changed = []
+    for variant in filter(None, VARIANTS):
+        changed += [replace(cell, variant=variant) for cell in in_switches]
+    # All in one go: no worker waits for the last cell of another part.
     outcomes = run_each(pool, outcome_of, [*cells, *changed], tick)
     scores = [of_cell(cell, outcome) for cell, outcome in zip(cells, outcomes, strict=False)]
-    other: dict[str, list[SettingScore]] = {}
+    by_variant: dict[str, list[SettingScore]] = {}
     for cell, outcome in zip(changed, outcomes[len(cells) :], strict=True):
-        other.setdefault(cell.variant, []).append(of_cell(cell, outcome))
-    scores += [score for data in request.sets for score in _floors(request, parameters, pool, data)]
-    impacts, twins = _impacts(request, parameters, pool) if "cube" in request.sets else ([], {})
-    drawn = drawn_toss(pool, cells) if "cube" in request.sets else {}
+        by_variant.setdefault(cell.variant, []).append(of_cell(cell, outcome))
+    for data in request.sets:
+        scores += _floors(request, parameters, pool, data)
+    impacts: Sequence[ImpactRead] = []
+    twins: Mapping[str, Sequence[ImpactRead]] = {}
+    drawn: Mapping[str, Floats] = {}
+    if "cube" in request.sets:
+        impacts, twins = _impacts(request, parameters, pool)
+        drawn = drawn_toss(pool, cells)
     slopes = evidence.cube_slopes(impacts, twins) if impacts else []
     switches: list[Switch] = []
     if "ellipse" in request.sets:
@@ -95,8 +104,19 @@ def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> 
         slopes.append(evidence.ellipse_slope(judged))
         switches = evidence.ellipse_switches(training, judged)
     if "ball" in request.sets:
-        slopes.append(evidence.ball_slope(_both_parts(request, "ball")[1]))
-    return RealityResults(request, parameters, scores, other, impacts, twins, slopes, switches, drawn)
+        _, judged = _both_parts(request, "ball")
+        slopes.append(evidence.ball_slope(judged))
+    return RealityResults(
+        request=request,
+        parameters=parameters,
+        scores=scores,
+        changed=by_variant,
+        impacts=impacts,
+        twins=twins,
+        slopes=slopes,
+        switches=switches,
+        drawn=drawn,
+    )
 
 
 def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
@@ -114,9 +134,11 @@ def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
     plugged = {cell.engine for cell in cells if cell.contact.name == PLUGIN_E}
     engine = next((cell.engine for cell in cells if cell.engine in plugged), "")
     shown = [cell for cell in cells if cell.engine == engine and cell.data == "cube"]
-    poses = run_each(pool, _poses, shown)
-    drawn = {cell.setting: each for cell, (_, each) in zip(shown, poses, strict=True)}
-    return {"measured": poses[0][0], **drawn} if poses else {}
+    drawn: dict[str, Floats] = {}
+    for cell, (measured, simulated) in zip(shown, run_each(pool, _poses, shown), strict=True):
+        drawn.setdefault("measured", measured)
+        drawn[cell.setting] = simulated
+    return drawn
 
 
 def _poses(cell: Cell) -> tuple[Floats, Floats]:

@@ -170,9 +170,11 @@ def published_law_options(target: Target, law: TouchSpeedLaw) -> dict[str, float
 
 
 def _any_of(names: Sequence[str]) -> str:
-    """ "`two-pair`, `soft` or `impulse`"."""
-    *others, last = [f"`{name}`" for name in names] or [""]
-    return f"{', '.join(others)} or {last}" if others else last
+    """ "`two-pair`, `soft` or `impulse`"; "" for no name."""
+    quoted = [f"`{name}`" for name in names]
+    if len(quoted) < 2:
+        return "".join(quoted)
+    return f"{', '.join(quoted[:-1])} or {quoted[-1]}"
 
 
 def _require_resolved(target: Target, law: HuntCrossley, advice: str) -> None:

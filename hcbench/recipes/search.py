@@ -30,7 +30,10 @@ class SearchInterrupted(KeyboardInterrupt):
 
     def __init__(self, best: Any, error: float, done: int, budget: int) -> None:
         super().__init__(f"the search was cut short after {done} of at most {budget} evaluations")
-        self.best, self.error, self.done, self.budget = best, error, done, budget
+        self.best = best
+        self.error = error
+        self.done = done
+        self.budget = budget
 
     def __reduce__(self) -> tuple[Any, ...]:
         # KeyboardInterrupt's own pickling calls __init__ with the message alone.

@@ -75,8 +75,11 @@ class Target:
     @property
     def is_constant(self) -> bool:
         """True if the target is one e for all speeds of its band."""
-        one_e = len({e for _, e in self.points}) == 1 if self.points else self.law.alpha == 0
-        return one_e or self.speed_min == self.speed_max
+        if self.speed_min == self.speed_max:
+            return True
+        if self.points:
+            return len({e for _, e in self.points}) == 1
+        return self.law.alpha == 0
 
     @property
     def kind(self) -> TargetKind:
@@ -129,6 +132,10 @@ def require_kind(target: Target, recipe: str, kinds: Sequence[TargetKind], inste
         return
     slot, given = target.described()
     expected = " or ".join(_WORDS[kind] for kind in kinds)
-    advice = [f"Use {instead} for another restitution"] if instead else []
-    advice += [fit] if (fit := target.fitting_law()) else []
+    advice = []
+    if instead:
+        advice.append(f"Use {instead} for another restitution")
+    fit = target.fitting_law()
+    if fit:
+        advice.append(fit)
     raise SettingError(slot, f"{given}, which {recipe!r} does not serve", expected, ". ".join(advice))

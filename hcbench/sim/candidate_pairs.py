@@ -89,7 +89,10 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _text(value: Any) -> str:
-    return " ".join(f"{x:.4g}" for x in value) if isinstance(value, list | tuple) else f"{value:.4g}"
+    """A number or several in four digits."""
+    if isinstance(value, list | tuple):
+        return " ".join(f"{x:.4g}" for x in value)
+    return f"{value:.4g}"
 
 
 def in_order(pairs: Sequence[CandidatePair]) -> list[CandidatePair]:

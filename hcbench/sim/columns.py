@@ -57,7 +57,10 @@ class Columns(Sequence[One]):
 
 
 def _joined(values: Sequence[Any]) -> Any:
-    return np.concatenate(values) if isinstance(values[0], np.ndarray) else type(values[0]).joined(values)
+    """Arrays, or columns of one kind, end to end."""
+    if isinstance(values[0], np.ndarray):
+        return np.concatenate(values)
+    return type(values[0]).joined(values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -55,7 +55,9 @@ def add(
 def _own_python(backend: Backend) -> str:
     """The Python of this process, or the newest that an engine has wheels for."""
     newest = tuple(int(part) for part in backend.newest_python.split(".") if part)
-    return backend.newest_python if newest and sys.version_info[:2] > newest else sys.executable
+    if newest and sys.version_info[:2] > newest:
+        return backend.newest_python
+    return sys.executable
 
 
 def add_commands(names: Iterable[str]) -> list[str]:
@@ -77,12 +79,16 @@ def names() -> list[str]:
 
 def files_of(name: str) -> tuple[int, str]:
     """(bytes, folder) of the package of an engine that is installed beside hcbench; (0, "") for none."""
-    backend, size, where = registry.engine(name).backend, 0, ""
-    for package in (backend.package, backend.instead) if backend else ():
-        for distribution in metadata.Distribution.discover(name=package) if package else ():
+    backend = registry.engine(name).backend
+    if backend is None:
+        return 0, ""
+    size = 0
+    folder = ""
+    for package in filter(None, (backend.package, backend.instead)):
+        for distribution in metadata.Distribution.discover(name=package):
             size += sum(file.size or 0 for file in distribution.files or ())
-            where = str(distribution.locate_file(""))
-    return size, where
+            folder = str(distribution.locate_file(""))
+    return size, folder
 
 
 def _backend(name: str) -> Backend:
@@ -97,19 +103,25 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
     it needs.
     """
     adapter = entry_points.entry_point(name).dist
-    lines, own = list(worker_requirements()), adapter is not None and adapter.name == "hcbench"
+    declared = (adapter.requires or ()) if adapter else ()
+    is_own = adapter is not None and adapter.name == "hcbench"
+    lines = list(worker_requirements())
     asked = backend.package  # with the extras of its own that it goes with
-    for line in (adapter.requires or ()) if adapter else ():
+    for line in declared:
         needed, _, marker = line.partition(";")
-        marker, extra = re.subn(rf"(and\s+)?extra\s*==\s*['\"]{name}['\"]", "", marker)
-        package = re.split(r"[^\w.-]", needed.strip(), maxsplit=1)[0]
-        if package == "hcbench" or not (extra or not (own or "extra" in marker)):
+        needed = needed.strip()
+        marker, of_extra = re.subn(rf"(and\s+)?extra\s*==\s*['\"]{name}['\"]", "", marker)
+        # What an adapter needs in any case counts for those of others: hcbench's own are the worker's.
+        is_needed = of_extra or not (is_own or "extra" in marker)
+        package = re.split(r"[^\w.-]", needed, maxsplit=1)[0]
+        if package == "hcbench" or not is_needed:
             continue
         if package == backend.package:
-            asked = re.split(r"[^\w.\[\],-]", needed.strip(), maxsplit=1)[0]
-            continue
-        lines.append("; ".join(part for part in (needed.strip(), marker.strip()) if part))
-    return [*lines, f"{asked}=={version}" if version else f"{asked}>={backend.oldest}"]
+            asked = re.split(r"[^\w.\[\],-]", needed, maxsplit=1)[0]
+        else:
+            lines.append("; ".join(filter(None, (needed, marker.strip()))))
+    lines.append(f"{asked}=={version}" if version else f"{asked}>={backend.oldest}")
+    return lines
 
 
 def _try(made: Environment) -> None:

@@ -149,8 +149,13 @@ class FootfallLog:
     """Adds up what one part does on the floor, step by step."""
 
     def __init__(self, touch: float, speed: float, slide: float, *, by_impulses: bool = False) -> None:
-        self.touch, self.speed, self.slide = touch, speed, slide
-        self.contact, self.bounces, self.slip, self.penetration = 0.0, 0, 0.0, 0.0
+        self.touch = touch
+        self.speed = speed
+        self.slide = slide
+        self.contact = 0.0
+        self.bounces = 0
+        self.slip = 0.0
+        self.penetration = 0.0
         self.force_max = math.nan if by_impulses else 0.0
         self._last = touch
 

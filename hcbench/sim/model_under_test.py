@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -143,16 +143,23 @@ class Facts:
     @property
     def more_than_contact(self) -> float:
         """Approach speed lost to joints and actuators, over that at touch; NaN where unknown."""
-        own = (CONTACT, WEIGHT)
-        return sum(abs(s) for name, s in self.shares.items() if name not in own) if self.shares else math.nan
+        if not self.shares:
+            return math.nan
+        return sum(abs(share) for name, share in self.shares.items() if name not in (CONTACT, WEIGHT))
 
     @property
     def meeting(self) -> str:
         """Describe the contact point and the side from which the moving body approaches."""
-        axis = max(range(3), key=lambda i: abs(self.normal[i]))
-        side = ["from the side", "from the side", "from below" if self.normal[2] > 0 else "from above"][axis]
-        way, point = (" ".join(f"{x + 0.0:.3g}" for x in vector) for vector in (self.normal, self.point))
-        return f"at {point} m; {self.pair[0]} approaches {side}, along {way}"
+        along_z = max(range(3), key=lambda axis: abs(self.normal[axis])) == 2
+        side = "from the side"
+        if along_z:
+            side = "from below" if self.normal[2] > 0 else "from above"
+        way = _three_digits(self.normal)
+        return f"at {_three_digits(self.point)} m; {self.pair[0]} approaches {side}, along {way}"
+
+
+def _three_digits(vector: Iterable[float]) -> str:
+    return " ".join(f"{x + 0.0:.3g}" for x in vector)  # + 0.0: no "-0"
 
 
 @dataclass(frozen=True, slots=True)

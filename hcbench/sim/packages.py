@@ -28,27 +28,31 @@ def read_packages(given: str | Mapping[str, str]) -> Packages:
 
 
 def named_folders(given: str | Mapping[str, str]) -> Packages:
-    """(name, folder) as given; "" for what is missing."""
+    """(name, folder) of each package, from a mapping or "NAME=FOLDER,..."; "" for what is missing."""
     if not isinstance(given, str):
         return tuple((str(name), str(folder)) for name, folder in given.items())
-    parts = (part.partition("=") for part in given.split(","))
-    return tuple((name.strip(), folder.strip()) for name, _, folder in parts)
+    pairs = []
+    for part in given.split(","):
+        name, _, folder = part.partition("=")
+        pairs.append((name.strip(), folder.strip()))
+    return tuple(pairs)
 
 
 def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
     """Folder of each package that a model file names: as given, else the nearest above the file that has what
     is named. Packages that are in neither are left out.
     """
-    given, folders = dict(packages), dict[str, Path]()
+    given = dict(packages)
+    folders: dict[str, Path] = {}
     for match in _NAMED.finditer(read_text(path)):
-        name, rest = match["name"], match["rest"]
+        name = match["name"]
         if name in given:
             folders[name] = Path(given[name])
         elif name not in folders:
-            above = (folder / name for folder in path.absolute().parents)
-            matching = (folder for folder in above if (folder / rest).is_file())
-            if (folder := next(matching, None)) is not None:
-                folders[name] = folder
+            for above in path.absolute().parents:
+                if (above / name / match["rest"]).is_file():
+                    folders[name] = above / name
+                    break
     return folders
 
 

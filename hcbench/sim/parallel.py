@@ -73,8 +73,11 @@ class BatchWorld(World):
     bits: int = 32
 
     def __init__(self, scene: Scene, timestep: float) -> None:
-        self.scene, self.timestep, self.gravity = scene, timestep, scene.normal_gravity
-        self.mass, self.deepest = scene.mass, scene.touch_radius
+        self.scene = scene
+        self.timestep = timestep
+        self.gravity = scene.normal_gravity
+        self.mass = scene.mass
+        self.deepest = scene.touch_radius
 
     @abstractmethod
     def place(self, heights: Floats, velocities: Floats) -> Floats:
@@ -88,7 +91,9 @@ class BatchWorld(World):
 
     def release(self, launches: Sequence[Launch]) -> BatchSimulation:
         """A ball for each launch."""
-        padded = [*launches, *[launches[-1]] * (self.places - len(launches))]
+        # The batch has a size that was compiled: places left over have the last launch again.
+        spare = self.places - len(launches)
+        padded = [*launches, *[launches[-1]] * spare]
         clear = np.array([launch.clearance(self.timestep) for launch in padded])
         speeds = np.array([launch.speed for launch in padded])
         start = self.place(self.scene.touch_radius + clear, -speeds)
@@ -135,7 +140,9 @@ class BatchSimulation(Simulation):
     """Balls under way; state: heights and velocities upwards, shape (2, places)."""
 
     def __init__(self, world: BatchWorld, state: Floats, launches: int) -> None:
-        self._world, self._state, self._which = world, state, np.arange(launches)
+        self._world = world
+        self._state = state
+        self._which = np.arange(launches)  # places of the launches that have not ended
 
     def advance(self, steps: int) -> Record:
         """Up to `steps` steps; the force is what each did to the momentum."""

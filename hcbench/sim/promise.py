@@ -40,18 +40,21 @@ class Promise:
     @property
     def text(self) -> str:
         """The promise as a model keeps it; "" for a target that is neither one α nor one e."""
-        low, high = self.speeds
         if isinstance(self.curve, Restitution):
-            goal = f"{'alpha' if self.curve.reading == 'law' else 'linear'} {self.curve.alpha:.6g} s/m"
+            name = "alpha" if self.curve.reading == "law" else "linear"
+            goal = f"{name} {self.curve.alpha:.6g} s/m"
         elif isinstance(self.curve, ConstantRestitution):
             goal = f"restitution {self.curve.restitution:.6g}"
         else:
             return ""
-        rows = f"{self.rows} pair{'s' if self.rows > 1 else ''}"
-        head = f"{self.setting.replace(' ', '-')} by hcbench: {rows}"
+        low, high = self.speeds
+        plural = "s" if self.rows > 1 else ""
+        head = f"{self.setting.replace(' ', '-')} by hcbench: {self.rows} pair{plural}"
         text = f"{head}; {goal}; error {self.error:.3g}; speeds {low:.4g} {high:.4g} m/s"
+        if not self.option:
+            return text
         option = " ".join(f"{name}={value}" for name, value in self.option)
-        return f"{text}; option {option}" if option else text
+        return f"{text}; option {option}"
 
     @classmethod
     def read(cls, text: str) -> Promise | None:
@@ -59,14 +62,24 @@ class Promise:
         match = _TEXT.fullmatch(text)
         if match is None:
             return None
-        value, curve = float(match["value"]), ConstantRestitution
-        goal: RestitutionCurve = curve(value)
-        if match["goal"] != "restitution":
+        value = float(match["value"])
+        goal: RestitutionCurve
+        if match["goal"] == "restitution":
+            goal = ConstantRestitution(value)
+        else:
             goal = Restitution(value, "law" if match["goal"] == "alpha" else "linear")
-        band = float(match["low"]), float(match["high"])
-        option = [each.split("=") for each in (match["option"] or "").split()]
-        pairs = tuple((name, value) for name, value in option)
-        return cls(match["setting"], int(match["rows"]), goal, float(match["error"]), band, pairs)
+        option = []
+        for assignment in (match["option"] or "").split():
+            name, number = assignment.split("=")
+            option.append((name, number))
+        return cls(
+            setting=match["setting"],
+            rows=int(match["rows"]),
+            curve=goal,
+            error=float(match["error"]),
+            speeds=(float(match["low"]), float(match["high"])),
+            option=tuple(option),
+        )
 
     def measured(self, impacts: Sequence[Impact]) -> float:
         """The largest error of e over the band; 0 where no impact lies in it."""

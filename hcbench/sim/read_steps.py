@@ -131,8 +131,11 @@ def begun(heights: Floats, rising: Floats, kind: type) -> Reading:
 
 
 def _typed(numbers: Any, kind: type) -> list[Any]:
-    named = zip(numbers._fields, numbers, strict=True)
-    return [np.asarray(value, np.int32 if name in WHOLE else kind) for name, value in named]
+    """The fields of a named tuple as arrays: whole numbers of 32 bits, the others of this kind."""
+    arrays: list[Any] = []
+    for name, value in zip(numbers._fields, numbers, strict=True):
+        arrays.append(np.asarray(value, np.int32 if name in WHOLE else kind))
+    return arrays
 
 
 def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:

@@ -52,11 +52,16 @@ class Wrapped(HasPlugin, TunesModels):
     """An engine under a name that states a version: its adapter answers what needs no backend."""
 
     def __init__(self, adapter: Engine, name: str) -> None:
-        self.adapter, self.name, self.title = adapter, name, versioned_title(adapter, name)
-        self.backend, self.bits, self.oblique = adapter.backend, adapter.bits, adapter.oblique
+        self.adapter = adapter
+        self.name = name
+        self.title = versioned_title(adapter, name)
+        self.backend = adapter.backend
+        self.bits = adapter.bits
+        self.oblique = adapter.oblique
         self.devices = adapter.devices
         if isinstance(adapter, OpensModels):
-            self.suffixes, self.opens = adapter.suffixes, adapter.opens
+            self.suffixes = adapter.suffixes
+            self.opens = adapter.opens
 
     def recipes(self) -> Sequence[Recipe]:
         """Return the adapter's recipes."""
@@ -135,8 +140,11 @@ class RemoteEngine(Wrapped):
         return options
 
     def _call(self, method: str, *args: Any, launches: int = 0, steps: float = 0.0) -> Any:
+        """Call a method of the adapter in its environment, within the time that launches may take."""
+        limit = None
         # An engine that never hangs has all the time that it takes, as beside hcbench.
-        limit = launches * self.limit + steps * STEP_S if self._hangs and launches else None
+        if self._hangs and launches:
+            limit = launches * self.limit + steps * STEP_S
         return call(_call_there, self.name, method, *args, limit=limit, at=self.interpreter)
 
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
@@ -235,10 +243,12 @@ def interpreter(environment: Environment) -> Interpreter:
     """
     values = {name: entry_points.entry_point(name).value for name in entry_points.names()}
     tops = {name: value.partition(":")[0].partition(".")[0] for name, value in values.items()}
+    wanted = dict.fromkeys(("hcbench", tops[environment.engine]))  # packages, each once
     modules = []
-    for top in dict.fromkeys(("hcbench", tops[environment.engine])):
+    for top in wanted:
         module = sys.modules[top]
-        modules.append((top, module.__file__, list(module.__path__) if hasattr(module, "__path__") else None))
-    known = {n: v for n, v in values.items() if tops[n] in ("hcbench", tops[environment.engine])}
+        folders = list(module.__path__) if hasattr(module, "__path__") else None
+        modules.append((top, module.__file__, folders))
+    known = {name: value for name, value in values.items() if tops[name] in wanted}
     setup = _SETUP.format(modules=modules, values=known)
     return Interpreter(environment.name, str(environment.executable), setup)

@@ -105,7 +105,9 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
     @final
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """Return the lines of the script that a setting adds; "" if it has no options."""
-        return self.paste(self.read(setting), shortest(setting.timestep)) if setting.options else ""
+        if not setting.options:
+            return ""
+        return self.paste(self.read(setting), shortest(setting.timestep))
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """The script, which prints restitution against speed when run."""
@@ -146,14 +148,19 @@ class ScriptWorld(World):
 
     def __init__(self, engine: ScriptedEngine[Any], scene: Scene, setting: Setting, script: str) -> None:
         assert engine.backend is not None
-        self.timestep, self.gravity, self.mass = setting.timestep, scene.normal_gravity, scene.mass
-        self.radius = self.deepest = scene.touch_radius
-        self.bits, self.speed_reading = engine.bits, engine.speed_reading(setting)
+        self.timestep = setting.timestep
+        self.gravity = scene.normal_gravity
+        self.mass = scene.mass
+        self.radius = scene.touch_radius
+        self.deepest = scene.touch_radius
+        self.bits = engine.bits
+        self.speed_reading = engine.speed_reading(setting)
         self.names: dict[str, Any] = {"__name__": f"hcbench_{engine.name}"}
         try:
             exec(compile(script, f"<{engine.name} script>", "exec"), self.names)
         except ImportError as error:  # of an installed package
-            got, advice = f"cannot be imported: {error}", f"Try: {engine.backend.command}"
+            got = f"cannot be imported: {error}"
+            advice = f"Try: {engine.backend.command}"
             raise EngineMissing(f"engine {engine.name!r}", got, "", advice) from None
 
     def release(self, launches: Sequence[Launch]) -> BallSimulation:

@@ -90,8 +90,12 @@ class CopiesWorld(BatchWorld):
         self, scene: Scene, timestep: float, copies: Copies, rest: Floats, reading: SpeedReading
     ) -> None:
         super().__init__(scene, timestep)
-        self._copies, self._rest, self.speed_reading = copies, rest, reading
-        self.places, self.bits, self.room = copies.places, copies.bits, copies.room
+        self._copies = copies
+        self._rest = rest
+        self.speed_reading = reading
+        self.places = copies.places
+        self.bits = copies.bits
+        self.room = copies.room
         self._at = [_HEIGHT, _RISING]
 
     def place(self, heights: Floats, velocities: Floats) -> Floats:
@@ -102,16 +106,19 @@ class CopiesWorld(BatchWorld):
 
     def read(self, launches: Launches) -> Impacts:
         """Read launches together until few have not ended; those few begin again in a batch of their own."""
-        left, parts, order = np.arange(len(launches)), list[Impacts](), list[Any]()
+        left = np.arange(len(launches))
+        parts: list[Impacts] = []
+        order: list[Any] = []  # of the parts' launches
         while left.size:
             reading = self._read(launches.take(left))
-            ended = reading.end > 0
-            seen = contacts_of(Reading(*(column[ended] for column in reading)))
-            order.append(left[ended])
-            h, g = self.timestep, self.gravity
-            speeds = self.speed_reading.speeds(seen.came, seen.left, g * h, g)
-            parts.append(seen.impacts(launches.take(order[-1]), speeds, h, self.diverged))
-            left = left[~ended]
+            has_ended = reading.end > 0
+            contacts = contacts_of(Reading(*(column[has_ended] for column in reading)))
+            ended = left[has_ended]
+            order.append(ended)
+            gained = self.gravity * self.timestep  # speed in a step of free fall, m/s
+            speeds = self.speed_reading.speeds(contacts.came, contacts.left, gained, self.gravity)
+            parts.append(contacts.impacts(launches.take(ended), speeds, self.timestep, self.diverged))
+            left = left[~has_ended]
         return Impacts.joined(parts).take(np.argsort(np.concatenate(order)))
 
     def _read(self, launches: Launches) -> Reading:

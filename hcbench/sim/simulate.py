@@ -101,7 +101,10 @@ def trajectory(
 
 def impacts_in(world: World, launches: Sequence[Launch]) -> list[Impact]:
     """One impact for each launch in a loaded world, in order."""
-    return [impact for group in run_launches(world, Launches.of(launches)) for impact in group]
+    impacts: list[Impact] = []
+    for group in run_launches(world, Launches.of(launches)):
+        impacts.extend(group)
+    return impacts
 
 
 def run_launches(world: World, launches: Launches, places: int = 0, expected: int = 0) -> Iterator[Impacts]:
@@ -203,12 +206,20 @@ def _read(
 ) -> Impacts:
     """The impacts of launches that have ended. rows: of `Record.rows`, shape (3 or 11, b, n)."""
     time = np.arange(rows.shape[2], dtype=np.float64) * world.timestep
-    sent = world.gravity, world.speed_reading, world.diverged
-    read = impacts_of(launches, time, rows[:3], counts, ends, *sent)
-    for i in np.flatnonzero(read.is_measured & launches.is_oblique) if len(rows) > 3 else ():
-        speeds, by = (float(read.speed_in[i]), float(read.speed_out[i])), (world.timestep, world.mass)
-        seen = rows[:, i, : counts[i]], int(read.samples[i]), speeds
-        read.tangential[i] = tangential_of(*seen, *by, world.energy_by_work)
+    read = impacts_of(
+        launches, time, rows[:3], counts, ends, world.gravity, world.speed_reading, world.diverged
+    )
+    if len(rows) == 3:  # nothing is recorded along the plate
+        return read
+    for i in np.flatnonzero(read.is_measured & launches.is_oblique):
+        read.tangential[i] = tangential_of(
+            rows[:, i, : counts[i]],
+            int(read.samples[i]),
+            (float(read.speed_in[i]), float(read.speed_out[i])),
+            world.timestep,
+            world.mass,
+            world.energy_by_work,
+        )
     return read
 
 

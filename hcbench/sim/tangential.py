@@ -43,9 +43,11 @@ def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
     if along is None:
         along = (1.0, 0.0, 0.0) if abs(deeper[0]) < _ACROSS else (0.0, 1.0, 0.0)
     length = float(np.linalg.norm(along))
-    if not length > 0 or abs(float(deeper @ np.asarray(along))) > _NORMAL * length:
-        got = f"{tuple(along)!r}, normal to the plate" if length > 0 else f"{tuple(along)!r}"
-        raise UserError("along", got, "a direction along the plate")
+    expected = "a direction along the plate"
+    if not length > 0:
+        raise UserError("along", f"{tuple(along)!r}", expected)
+    if abs(float(deeper @ np.asarray(along))) > _NORMAL * length:
+        raise UserError("along", f"{tuple(along)!r}, normal to the plate", expected)
     return frame(deeper, along)
 
 

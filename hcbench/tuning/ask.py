@@ -296,17 +296,28 @@ def _listed(pair: BodyPair | Sequence[BodyPair] | None) -> list[BodyPair]:
     """The pairs of one pair, of a list of pairs, or of None."""
     if pair is None:
         return []
-    is_list = isinstance(pair, list | tuple) and (len(pair) != 2 or any("," in str(name) for name in pair))
-    return list(cast("Sequence[BodyPair]", pair)) if is_list else [cast("BodyPair", pair)]
+    if not isinstance(pair, list | tuple):
+        return [cast("BodyPair", pair)]
+    # Two names are one pair; two texts such as "foot,floor" are two.
+    is_one_pair = len(pair) == 2 and not any("," in str(name) for name in pair)
+    if is_one_pair:
+        return [cast("BodyPair", pair)]
+    return list(cast("Sequence[BodyPair]", pair))
 
 
 def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
-    match = _VERSION.fullmatch(version) if version else None
-    if version and match is None:
-        raise UserError("for", repr(version), "an engine and its version, as ENGINE@3.5")
-    numbers = tuple(int(part) for part in match[1].split(".")) if match else ()
+    """The files to write and the version that has to load them. version: "ENGINE@3.5"."""
+    numbers: tuple[int, ...] = ()
+    if version:
+        match = _VERSION.fullmatch(version)
+        if match is None:
+            raise UserError("for", repr(version), "an engine and its version, as ENGINE@3.5")
+        numbers = tuple(int(part) for part in match[1].split("."))
     folder = None if model is None else model.absolute().parent
-    name = "" if include is None else os.path.relpath(include.absolute(), folder or include.absolute().parent)
+    name = ""
+    if include is not None:
+        # A model names the file that it includes as seen from its own folder.
+        name = os.path.relpath(include.absolute(), folder or include.absolute().parent)
     return Output(folder, name, numbers)
 
 

@@ -36,14 +36,17 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
         if target.reading == "law":
             as_law = "restitution that falls with speed as the law's does"
             promises |= {Role.LAW: as_law, Role.LAW_AND_LOOP: as_law}
-    chosen = [
-        (recipe, f"{promise}; {contact}")
-        for role, promise in promises.items()
-        for recipe in recipes
-        if recipe.native and recipe.role is role and recipe.by_auto
-        if form in recipe.forms and recipe.steps_min <= steps
-        if not target.gravity or recipe.steps_min_with_gravity <= steps
-    ]
+
+    def serves(recipe: Recipe, role: Role) -> bool:
+        if not (recipe.native and recipe.role is role and recipe.by_auto and form in recipe.forms):
+            return False
+        if target.gravity and recipe.steps_min_with_gravity > steps:
+            return False
+        return recipe.steps_min <= steps
+
+    chosen = []
+    for role, promise in promises.items():
+        chosen += [(recipe, f"{promise}; {contact}") for recipe in recipes if serves(recipe, role)]
     if not chosen:
         names = ", ".join(registry.recipes(engine))
         got = f"'auto' has no recipe for {engine!r} here"

@@ -146,33 +146,42 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
     """Compare impacts with the target: of `held_out_launches`, and any others after them."""
     good = [i for i in impacts if i.is_measured]
     failed = [i for i in impacts if not i.is_measured]
-    error = np.nan_to_num(_errors(good, target, scene)) if good else np.array([math.nan])
+    error = np.array([math.nan])
+    if good:
+        error = np.nan_to_num(_errors(good, target, scene))
     worst = int(error.argmax())
     constant, constant_error = minimax_constant(target)
     oblique = [i for i in impacts if i.launch.is_oblique]
-    one_phase = [i for i in impacts[: _SPEEDS * _PHASES : _PHASES] if i.is_measured]
-    loops = [scoring.score_loop(i, target.law, target.mass) for i in one_phase]
-    e = np.array([i.restitution for i in impacts[: _SPEEDS * _PHASES]])
-    spread = np.ptp(e.reshape(_SPEEDS, _PHASES), axis=1).max() if e.size == _SPEEDS * _PHASES else math.nan
+
+    grid = impacts[: _SPEEDS * _PHASES]  # the phases of a speed follow one another
+    one_phase = [i for i in grid[::_PHASES] if i.is_measured]
+    scores = [scoring.score_loop(i, target.law, target.mass) for i in one_phase]
+    rms = [score.rms for score in scores if score is not None]
+    spread = math.nan
+    if len(grid) == _SPEEDS * _PHASES:
+        e = np.array([i.restitution for i in grid]).reshape(_SPEEDS, _PHASES)
+        spread = float(np.ptp(e, axis=1).max())
+
     deepest = max((i.penetration_max for i in good), default=math.nan)
     law_depth = float(closed_form.penetration_max(target.law, target.mass, target.speed_max))
+    allowed_depth = max(DEEPEST_STEPS * target.speed_max * target.timestep, _AS_LAW * law_depth)
     return Evaluation(
         max_error=float(error[worst]),
         at_speed=good[worst].speed_in if good else math.nan,
         constant=constant,
         constant_error=constant_error,
-        phase_spread=float(spread),
+        phase_spread=spread,
         steps_min=min((i.samples for i in good), default=0),
         steps_max=max((i.samples for i in good), default=0),
         penetration_max=deepest,
         force_max=max((i.force_max for i in good), default=math.nan),
-        loop_rms=max((score.rms for score in loops if score is not None), default=math.nan),
+        loop_rms=max(rms, default=math.nan),
         failed=len(failed),
         reason=failed[0].reason if failed else "",
         launches=len(impacts),
         friction_error=friction_error(oblique, scene),
         max_e=max((i.restitution for i in good), default=math.nan),
-        deep=deepest > max(DEEPEST_STEPS * target.speed_max * target.timestep, _AS_LAW * law_depth),
+        deep=deepest > allowed_depth,
     )
 
 

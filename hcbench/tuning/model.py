@@ -187,10 +187,14 @@ def _measured(
 
 def _speeds(request: Request, held_out: bool) -> list[float]:
     """Speeds over the band of a request, m/s; held out: its ends, and those that lie between others."""
-    low, high = min(request.speeds), max(request.speeds)
+    low = min(request.speeds)
+    high = max(request.speeds)
     speeds = np.geomspace(low, high, 2 * _HELD_OUT_SPEEDS + 1 if held_out else _TRIED_SPEEDS)
-    speeds[0], speeds[-1] = low, high
-    return [float(v) for v in dict.fromkeys([low, *speeds[1::2], high] if held_out else speeds)]
+    # Its ends may be off in the last digit.
+    speeds[0] = low
+    speeds[-1] = high
+    kept = [low, *speeds[1::2], high] if held_out else list(speeds)
+    return [float(v) for v in dict.fromkeys(kept)]  # one speed is a band, too
 
 
 def _measured_pair(
@@ -206,25 +210,32 @@ def _measured_pair(
     halvings: how often speeds between the worst one and its neighbours are added, to look for a larger error;
     each speed is then launched at the phases between which e differs, too, as `measure` does.
     """
-    each = tuple((i + 0.4) / phases for i in range(phases))
-    at: dict[float, list[Impact]] = {}
+    shares = tuple((i + 0.4) / phases for i in range(phases))  # of a step
+    by_speed: dict[float, list[Impact]] = {}
     with opened(request) as model:
         for halving in range(halvings + 1):
-            new = tuple(_about_worst(at, wanted) if halving else speeds)
-            sent = dataclasses.replace(request, speeds=new, phases=each, adapt_phases=halvings > 0)
+            new = tuple(_about_worst(by_speed, wanted) if halving else speeds)
+            sent = dataclasses.replace(request, speeds=new, phases=shares, adapt_phases=halvings > 0)
             impacts = impacts_of(model, sent)
-            at |= {v: [i for i in impacts if i.launch.speed == v] for v in new}
-        every = [impact for speed in sorted(at) for impact in at[speed]]
-        lost = [i.restitution_after_force - i.restitution for i in every if i.restitution > 0.0]
-        taken = max([0.0, *(share for share in lost if math.isfinite(share))], key=abs)
+            for speed in new:
+                by_speed[speed] = [i for i in impacts if i.launch.speed == speed]
+        every = [impact for speed in sorted(by_speed) for impact in by_speed[speed]]
+        taken = 0.0  # of e, by what acts after the contact's force
+        for impact in every:
+            share = impact.restitution_after_force - impact.restitution
+            if impact.restitution > 0.0 and math.isfinite(share) and abs(share) > abs(taken):
+                taken = share
         curve = curve_of(every, lambda impact: float(wanted.at(impact.speed_in)))
         return TunedPair(model.facts(), curve, taken=taken)
 
 
 def _error(impacts: Sequence[Impact], wanted: RestitutionCurve) -> float:
     """The largest error of e; infinite where an impact has none."""
-    errors = [abs(i.restitution - float(wanted.at(i.speed_in))) for i in impacts]
-    return max(math.inf if math.isnan(error) else error for error in errors)
+    errors = []
+    for impact in impacts:
+        error = abs(impact.restitution - float(wanted.at(impact.speed_in)))
+        errors.append(math.inf if math.isnan(error) else error)
+    return max(errors)
 
 
 def _about_worst(at: dict[float, list[Impact]], wanted: RestitutionCurve) -> list[float]:

@@ -42,10 +42,13 @@ def oblique_launches(target: Target) -> list[Launch]:
 
 def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:
     """Largest distance of friction's impulse from Coulomb's law over μ J_n, sliding's; NaN for none."""
-    off = [
-        math.dist(t.impulse, friction_impulse(t.slip_in, t.normal_impulse, scene))
-        / (scene.friction * t.normal_impulse)
-        for t in (i.tangential for i in impacts if i.is_measured)
-        if t is not None and scene.friction * t.normal_impulse > 0.0
-    ]
-    return max(off, default=math.nan)
+    errors = []
+    for impact in impacts:
+        along = impact.tangential if impact.is_measured else None
+        if along is None:
+            continue
+        sliding = scene.friction * along.normal_impulse  # the impulse of a contact that slides, N s
+        if sliding > 0.0:
+            by_law = friction_impulse(along.slip_in, along.normal_impulse, scene)
+            errors.append(math.dist(along.impulse, by_law) / sliding)
+    return max(errors, default=math.nan)

@@ -76,12 +76,16 @@ class Tuned(Drawn):
     @property
     def flaws(self) -> str:
         """Reasons against the setting, however well it bounces; "" without any."""
-        deep = "deep" if self.evaluation.deep else ""
-        rests = "" if not self.rest_failures else "does not rest"
-        lost = f"{self.evaluation.failed} impacts gave no restitution" if self.evaluation.failed else ""
-        gains = self._gain
-        flat = "a flat face gains energy" if self.target.corners > 1 and self.passivity.flat is False else ""
-        return ", ".join(filter(None, [self.passivity.warning, gains, flat, deep, rests, lost]))
+        reasons = [self.passivity.warning, self._gain]
+        if self.target.corners > 1 and self.passivity.flat is False:
+            reasons.append("a flat face gains energy")
+        if self.evaluation.deep:
+            reasons.append("deep")
+        if self.rest_failures:
+            reasons.append("does not rest")
+        if self.evaluation.failed:
+            reasons.append(f"{self.evaluation.failed} impacts gave no restitution")
+        return ", ".join(filter(None, reasons))
 
     @property
     def _gain(self) -> str:
@@ -117,16 +121,20 @@ def _advice(
     recipes: Sequence[Recipe],
 ) -> Iterator[str]:
     """Yield sentences that a user of the setting must know. recipes: all of its engine's."""
-    depth, radius = evaluation.penetration_max, scene.relative_radius
+    depth = evaluation.penetration_max
+    radius = scene.relative_radius
     if not evaluation.max_error < _BETTER * evaluation.constant_error and evaluation.constant_error > 0:
         better = _better(target, scene, recipes) if recipe.native else ""
         yield f"no better than the best constant e = {evaluation.constant:.6g}{better}"
     if depth > _DEEP * radius:
         share = f"{100 * depth / radius:.2g} % of the radius"
         yield f"the contact is soft: {depth:.2g} m deep at the highest speed, {share}"
-    if failures := rest.failures(radius, target.timestep):
+    failures = rest.failures(radius, target.timestep)
+    if failures:
         shallow = first(recipes, Role.CONSTANT_E, scene.form)
-        other = f"; --recipe {shallow.name} rests shallow" if shallow and shallow is not recipe else ""
+        other = ""
+        if shallow and shallow is not recipe:
+            other = f"; --recipe {shallow.name} rests shallow"
         yield f"under gravity {', and '.join(failures)}{other}"
     if not math.isnan(evaluation.loop_rms) and evaluation.loop_rms > _SAME_LOOP:
         yield "forces are not the law's: only the restitution is"

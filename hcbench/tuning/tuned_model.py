@@ -36,7 +36,9 @@ class TunedPair:
     @property
     def max_error(self) -> float:
         """The largest error of e in any phase; infinite where an impact has no e."""
-        return max(math.inf if point.failed else abs(point.worst_phase) for point in self.curve)
+        if any(point.failed for point in self.curve):
+            return math.inf
+        return max(abs(point.worst_phase) for point in self.curve)
 
     @property
     def band(self) -> tuple[float, float]:
@@ -109,8 +111,13 @@ class TunedModel(Shown):
     @property
     def flat(self) -> bool | None:
         """True if a body that meets on faces never gains energy; None without such a body."""
-        flat = [pair for pair in self.pairs if pair.attitude or pair.facts.settings.get(_POINTS, 1) > 1]
-        return all(point.highest <= MOST_E for pair in flat for point in pair.curve) if flat else None
+        highest = []
+        for pair in self.pairs:
+            if pair.attitude or pair.facts.settings.get(_POINTS, 1) > 1:
+                highest += [point.highest for point in pair.curve]
+        if not highest:
+            return None
+        return all(e <= MOST_E for e in highest)
 
     @property
     def taken(self) -> float:

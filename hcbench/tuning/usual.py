@@ -53,14 +53,16 @@ def usual_answers(study: Mapping[str, Any], versions: Mapping[str, str]) -> list
     study: as JSON; none where its ball is another. Each has the keys of `Question` and of `Answer.record`.
     """
     known = file_content()
-    if any(not math.isclose(study[name], known["scene"][name], rel_tol=1e-9) for name in _PLACE):
-        return []
-    return [
-        answer
-        for answer in known["answers"]
-        if versions.get(answer["engine"]) == known["versions"][answer["engine"]]
-        and any(math.isclose(answer["alpha"], alpha, rel_tol=1e-9) for alpha in study["alphas"])
-    ]
+    for name in _PLACE:
+        if not math.isclose(study[name], known["scene"][name], rel_tol=1e-9):
+            return []
+    answers = []
+    for answer in known["answers"]:
+        engine = answer["engine"]
+        is_asked = any(math.isclose(answer["alpha"], alpha, rel_tol=1e-9) for alpha in study["alphas"])
+        if is_asked and versions.get(engine) == known["versions"][engine]:
+            answers.append(answer)
+    return answers
 
 
 def record_of(question: Question) -> dict[str, Any]:

@@ -65,8 +65,11 @@ def row(condition: Condition, alpha: float) -> Row:
         answer = find_answer(condition.engine, target, scene)
     except SettingError:
         return [alpha, None, None]
-    choices = [answer.of(kind) for kind in ("settings", "constant")]
-    return [alpha, *(None if one is None else [one.setting.name, one.max_error] for one in choices)]
+    cells: Row = [alpha]
+    for kind in ("settings", "constant"):
+        choice = answer.of(kind)
+        cells.append(None if choice is None else [choice.setting.name, choice.max_error])
+    return cells
 
 
 def lows(condition: Condition) -> list[list[float]]:
@@ -103,15 +106,21 @@ def line(table: Sequence[Row], i: int) -> list[Any] | None:
     """
     first = max(0, min(i + 1 - AROUND // 2, len(table) - AROUND))
     around = table[first : first + AROUND]
-    if any(constant is None for _, _, constant in around):
+    names = set()
+    errors = []
+    for _alpha_of_row, _settings, constant in around:
+        if constant is None:
+            return None
+        name, error = constant
+        names.add(name)
+        errors.append(error)
+    log_alphas = np.log([_alpha(each) for each in around])
+    log_errors = np.log(errors)
+    fitted = np.polynomial.Polynomial.fit(log_alphas, log_errors, 1)
+    if np.abs(np.expm1(log_errors - fitted(log_alphas))).max() > NEAR:
         return None
-    alphas = np.log([_alpha(each) for each in around])
-    errors = np.log([error for _, _, (_, error) in around])
-    fitted = np.polynomial.Polynomial.fit(alphas, errors, 1)
-    if np.abs(np.expm1(errors - fitted(alphas))).max() > NEAR:
-        return None
-    names = " or ".join(sorted({name for _, _, (name, _) in around}))
-    return [names, *(_shortened(math.exp(fitted(math.log(_alpha(each))))) for each in table[i : i + 2])]
+    ends = [_shortened(math.exp(fitted(math.log(_alpha(each))))) for each in table[i : i + 2]]
+    return [" or ".join(sorted(names)), *ends]
 
 
 def _alpha(one: Row) -> float:
@@ -141,13 +150,21 @@ def errors_of(engines: Collection[str]) -> list[dict[str, Any]]:
 
 
 def _for_page(condition: dict[str, Any]) -> dict[str, Any]:
-    table, names = condition["rows"], dict[str, int]()
-    lines = [*(line(table, i) for i in range(len(table) - 1)), None]
-    numbered = [
-        [alpha, *(one and [names.setdefault(one[0], len(names)), *one[1:]] for one in (*choices, onward))]
-        for (alpha, *choices), onward in zip(table, lines, strict=True)
-    ]
-    return {**condition, "names": list(names), "rows": numbered}
+    """A condition as the page has it: names of settings once, and rows with the numbers of the names."""
+    table = condition["rows"]
+    numbers: dict[str, int] = {}
+
+    def numbered(cell: Sequence[Any] | None) -> Any:
+        if cell is None:
+            return None
+        name, *errors = cell
+        return [numbers.setdefault(name, len(numbers)), *errors]
+
+    rows = []
+    for i, (alpha, *choices) in enumerate(table):
+        onward = line(table, i) if i + 1 < len(table) else None
+        rows.append([alpha, *map(numbered, choices), numbered(onward)])
+    return {**condition, "names": list(numbers), "rows": rows}
 
 
 @lru_cache(maxsize=1)
@@ -160,7 +177,14 @@ def file_content() -> list[dict[str, Any]]:
 def _asked_row(question: tuple[Condition, float]) -> Row:
     """A row as the file has it: α in nine digits, errors in four."""
     alpha, *choices = row(*question)
-    return [float(f"{alpha:.9g}"), *(each and [each[0], _shortened(each[1])] for each in choices)]
+    cells: Row = [float(f"{alpha:.9g}")]
+    for choice in choices:
+        if choice is None:
+            cells.append(None)
+        else:
+            name, error = choice
+            cells.append([name, _shortened(error)])
+    return cells
 
 
 def _shortened(error: float) -> float:
