@@ -69,7 +69,7 @@ def run_engines(
 
 
 def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
-    """The results of one of an engine's variants, from a process of its own."""
+    """Results of the cases in one engine of an adapter, from a process of its own."""
     engine = registry.engine(name)
     python = Path(sys.executable)
     if isinstance(engine, RemoteEngine):

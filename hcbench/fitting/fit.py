@@ -222,7 +222,7 @@ def _own_alpha(
 
 
 def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
-    """The doubts of several files, each with its file's name; empty where at least one file can be used."""
+    """Doubts of several files, each with the name of its file; empty where at least one can be used."""
     if any(not drop.doubts for drop in drops):
         return ()
     return tuple(f"{drop.name}: {doubt}" for drop in drops for doubt in drop.doubts)

@@ -174,20 +174,22 @@ def text(own: Own, folder: Path) -> Iterator[str]:
     if own.impacts:
         yield f"{'time, s':>9} {'speed, m/s':>11} {'e':>15} {'friction':>15} {'contact, ms':>12}"
     for each in own.impacts:
+        e = f"{each.e:.3f} ± {each.u_e:.3f}"
+        friction = f"{each.friction:.3f} ± {each.u_friction:.3f}"
         contact = f"{1e3 * each.duration:12.1f}"
-        e, friction = f"{each.e:.3f} ± {each.u_e:.3f}", f"{each.friction:.3f} ± {each.u_friction:.3f}"
         note = "" if each.good else "  not sure, or more than one corner"
         yield f"{each.time:9.3f} {each.speed_in:11.3f} {e:>15} {friction:>15} {contact}{note}"
     yield ""
     yield f"{'engine':<10} {'setting':<34} {'error, % of a width':>20} {'rotation, °':>12}"
     for score, values in sorted(own.scores, key=lambda pair: pair[0].error):
-        name = f"{score.setting}{', ' if score.cone else ''}{score.cone}"
-        given = ", ".join(f"{name} {value:.3g}" for name, value in values.items())
-        yield f"{score.engine:<10} {name:<34} {score.error:20.1f} {score.rotation_deg or 0.0:12.1f}  {given}"
+        name = f"{score.setting}, {score.cone}" if score.cone else score.setting
+        given = ", ".join(f"{parameter} {value:.3g}" for parameter, value in values.items())
+        rotation = score.rotation_deg or 0.0
+        yield f"{score.engine:<10} {name:<34} {score.error:20.1f} {rotation:12.1f}  {given}"
     known = read_values(own.impacts)
     if known:
+        target = f"--restitution {known['restitution']:.3g} --friction {known['friction']:.3g}"
         yield ""
         yield "next:"
         yield f"  hcbench fit {folder / PAIRS}"
-        target = f"--restitution {known['restitution']:.3g} --friction {known['friction']:.3g}"
         yield f"  hcbench tune MODEL --pair BODY,FLOOR {target}"

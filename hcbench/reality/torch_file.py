@@ -58,22 +58,27 @@ class _Tensor:
     def array(self) -> Floats:
         """The numbers; ValueError for a description that leads outside the storage."""
         numbers = self.storage()
-        shape, strides = _whole_numbers(self.shape), _whole_numbers(self.strides)
+        shape = _whole_numbers(self.shape)
+        strides = _whole_numbers(self.strides)
         (offset,) = _whole_numbers((self.offset,))
-        if len(shape) != len(strides) or not 0 < math.prod(shape) <= len(numbers):
+        has_size = 0 < math.prod(shape) <= len(numbers)
+        if len(shape) != len(strides) or not has_size:
             raise ValueError(f"shape {shape}, strides {strides} and {len(numbers)} numbers do not agree")
-        last = offset + sum((n - 1) * stride for n, stride in zip(shape, strides, strict=True))
+        last = offset
+        for count, stride in zip(shape, strides, strict=True):
+            last += (count - 1) * stride
         if last >= len(numbers):
             raise ValueError("a tensor that is larger than its storage")
-        steps = [stride * numbers.itemsize for stride in strides]
+        steps = [stride * numbers.itemsize for stride in strides]  # bytes
         return np.array(np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps), dtype=np.float64)
 
 
 def _whole_numbers(values: Any) -> tuple[int, ...]:
     """Sizes of a tensor; ValueError where they are not numbers of 0 or more."""
-    if not isinstance(values, tuple) or not all(type(value) is int and value >= 0 for value in values):
-        raise ValueError("sizes or strides that are not whole numbers of 0 or more")
-    return values
+    # A pickle may hold anything, True among it.
+    if isinstance(values, tuple) and all(type(value) is int and value >= 0 for value in values):
+        return values
+    raise ValueError("sizes or strides that are not whole numbers of 0 or more")
 
 
 class _Unpickler(pickle.Unpickler):

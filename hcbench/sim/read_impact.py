@@ -93,7 +93,8 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
     """Speed, m/s, shape (b,), at which x, m, shape (b, n), passes 0 near a step: of the parabola through this
     state and the ones before and after it. No contact force may act between the three.
     """
-    each, middle = np.arange(len(x)), np.clip(at, 1, max(1, x.shape[1] - 2))
+    each = np.arange(len(x))
+    middle = np.clip(at, 1, max(1, x.shape[1] - 2))
     before, here, after = (x[each, np.minimum(middle + i, x.shape[1] - 1)] for i in (-1, 0, 1))
     with np.errstate(all="ignore"):
         squared = (0.5 * (after - before)) ** 2 - 2.0 * (after - 2.0 * here + before) * here
@@ -214,11 +215,15 @@ def _crossing_speeds(states: Floats, seen: EndedContacts, h: float, last: NDArra
     """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the plane.
     last: the middle one of three free states after the contact.
     """
-    deep, first = states[0] > 0.0, seen.first
-    entered = np.where(deep.any(axis=1), np.minimum(first, deep.argmax(axis=1)), first)
-    v_in, v_out = (_crossing_speed(states[0], at, h) for at in (entered - 1, last))
-    early = _early_crossing_speed(states[:2, :, :2], h)
-    v_in = np.where(entered < 2, np.where(entered < 1, seen.came[1], early), v_in)
+    x = states[0]
+    is_deep = x > 0.0
+    # The surfaces may meet before the force acts.
+    entered = np.where(is_deep.any(axis=1), np.minimum(seen.first, is_deep.argmax(axis=1)), seen.first)
+    v_in = _crossing_speed(x, entered - 1, h)
+    v_out = _crossing_speed(x, last, h)
+    # Fewer than three states before the touch: what the first two or the first one tell.
+    v_in = np.where(entered < 2, _early_crossing_speed(states[:2, :, :2], h), v_in)
+    v_in = np.where(entered < 1, seen.came[1], v_in)
     return v_in, v_out, np.where(seen.ends == End.RESTED, 0.0, -seen.left[1])
 
 

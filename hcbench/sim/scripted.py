@@ -178,9 +178,12 @@ class BallSimulation(Simulation):
 
     def advance(self, steps: int) -> Record:
         """`steps` steps."""
-        world, states, reported = self.world, [self.state], []
+        world = self.world
         step: Any = world.names["step"]
-        force, law = world.names.get("force"), world.names.get("law")
+        force = world.names.get("force")
+        law = world.names.get("law")
+        states = [self.state]  # height of the centre, m, and velocity upwards, m/s
+        reported = []  # force in each step, N; None where the script gives none
         for _ in range(steps):
             z, v = states[-1]
             at_start = law(world.radius - z, -v) if law and z < world.radius else None
@@ -196,9 +199,8 @@ class BallSimulation(Simulation):
         speeds = np.abs(v[:-1]) + np.abs(v[1:]) + fall
         by_momentum = momentum_force(world.mass, world.timestep, np.diff(v) + fall, speeds, world.bits)
         read = np.array([math.nan if f is None else f for f in reported])
-        return Record(
-            (world.radius - z[:-1])[None], -v[None, :-1], np.where(np.isnan(read), by_momentum, read)[None]
-        )
+        forces = np.where(np.isnan(read), by_momentum, read)
+        return Record((world.radius - z[:-1])[None], -v[None, :-1], forces[None])
 
     def keep(self, which: Flags) -> None:
         """Keep the one launch that there is."""

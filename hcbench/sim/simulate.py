@@ -115,7 +115,9 @@ def run_launches(world: World, launches: Launches, places: int = 0, expected: in
     Raises SettingError for a launch that cannot arrive.
     """
     _require_arrival(world, launches)
-    most, first, whole = places or world.places, round(_GUESS_SHARE * expected), expected
+    most = places or world.places
+    first = round(_GUESS_SHARE * expected)
+    whole = expected
 
     def run(group: Launches) -> Impacts:
         nonlocal first, whole
@@ -168,7 +170,8 @@ def _until_ended(
 ) -> tuple[Impacts, int]:
     after = world.speed_reading.steps_after
     rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest, after)
-    left, longest = np.arange(len(launches)), 0
+    left = np.arange(len(launches))
+    longest = 0
     history: list[Floats] = []  # of shape (3 or 11, b, n) each
     parts: list[Impacts] = []
     order: list[NDArray[np.int64]] = []  # of the parts' launches
@@ -183,7 +186,8 @@ def _until_ended(
         steps = int(min(most, _steps_to_part(chunk[:2, ~ended, -1], world.timestep)))
         if not ended.any():
             continue
-        longest, all_ended = int(counts.max()), bool(ended.all())
+        longest = int(counts.max())
+        all_ended = bool(ended.all())
         if not all_ended:
             rows = np.concatenate([part[:, ended] for part in history], axis=2)
         else:
@@ -195,7 +199,8 @@ def _until_ended(
         if all_ended:
             break
         going = ~ended
-        left, history = left[going], [part[:, going] for part in history]
+        left = left[going]
+        history = [part[:, going] for part in history]
         rule.keep(going)
         simulation.keep(going)
     return Impacts.joined(parts).take(np.argsort(np.concatenate(order))), longest

@@ -145,17 +145,21 @@ class StopRule:
 
         How many of all steps belong to each launch, 0 where it has not ended, and why it has (`End`).
         """
-        start, end = self.steps, self.steps + x.shape[1]
-        acting, leaving = f != 0.0, v < 0.0
+        start = self.steps
+        end = start + x.shape[1]
+        acting = f != 0.0
+        leaving = v < 0.0
         self.touch = np.minimum(self.touch, _first(acting, start))
-        turned, waited = _first(leaving, start), np.maximum(self.flight_steps - 1, start)
+        turned = _first(leaving, start)
+        waited = np.maximum(self.flight_steps - 1, start)
         over = np.maximum(self.touch + self.contact_steps, start)
         untouched = turned < self.touch
         parted = leaving & ~acting
         parted &= x <= 0.0
         self.parted = np.minimum(self.parted, np.where(untouched, _NEVER, _first(parted, start)))
         whole = self.parted + self.after
-        bad, never = not_finite(x, v, f), np.full(len(x), _NEVER)
+        bad = not_finite(x, v, f)
+        never = np.full(len(x), _NEVER)
         whens = {
             End.NOT_FINITE: _first(bad, start) if bad.any() else never,
             End.TOO_DEEP: _first(x > self.deepest, start) if self.deepest < math.inf else never,
