@@ -88,7 +88,7 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
 
 
 def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
-    """The fit of some data sets. law: a law's name, or "auto" for the one that the evidence chooses."""
+    """Fit of some data sets. law: a law's name, or "auto" for the one that the evidence chooses."""
     speeds = np.concatenate([s.pairs()[0] for s in sets])
     reference = float(np.exp(np.log(speeds).mean()))
     each = [_fitted([s], reference) for s in sets]
