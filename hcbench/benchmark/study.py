@@ -51,12 +51,19 @@ class Run:
 
     def described(self) -> dict[str, Any]:
         """This part of the study as JSON."""
-        left_out = {"scene"} if self.is_oblique else {"scene", "angles", "spin"}
-        names = [f.name for f in dataclasses.fields(self) if f.name not in left_out]
-        scene = self.scene
-        place = {"scene": scene.name, "gravity": scene.gravity, "off_axis": scene.off_axis}
-        place |= {"friction": scene.friction} if scene.friction else {}
-        return {name: getattr(self, name) for name in names} | place
+        left_out = {"scene"}
+        if not self.is_oblique:
+            left_out |= {"angles", "spin"}
+        described: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            if field.name not in left_out:
+                described[field.name] = getattr(self, field.name)
+        described["scene"] = self.scene.name
+        described["gravity"] = self.scene.gravity
+        described["off_axis"] = self.scene.off_axis
+        if self.scene.friction:
+            described["friction"] = self.scene.friction
+        return described
 
 
 @checked_fields
@@ -230,6 +237,7 @@ def _runs(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pa
 
 
 def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Run:
+    """A run of a study's file; what it leaves out is the study's. where: the line, for errors."""
     own = scene
     if table.scene is not None:
         own = load_scene(table.scene, folder)
@@ -244,9 +252,17 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
             given = "given with speeds" if table.speeds is not None else "given without gravity"
             raise StudyError(f"{where}: heights", given, 'heights alone, with gravity = "9.81 m/s^2"')
         speeds = tuple(math.sqrt(2.0 * own.gravity * height) for height in table.heights)
-    alphas, dropped = table.alphas or file.alphas, table.heights is not None
-    angles, spin = table.angles or file.angles or (0.0,), table.spin or file.spin or (0.0, 0.0, 0.0)
-    return Run(table.engine, table.recipe, table.timesteps, alphas, speeds, own, dropped, angles, spin)
+    return Run(
+        engine=table.engine,
+        recipe=table.recipe,
+        timesteps=table.timesteps,
+        alphas=table.alphas or file.alphas,
+        speeds=speeds,
+        scene=own,
+        dropped=table.heights is not None,
+        angles=table.angles or file.angles or (0.0,),
+        spin=table.spin or file.spin or (0.0, 0.0, 0.0),
+    )
 
 
 def _stated(table: SentTable) -> dict[str, Any]:

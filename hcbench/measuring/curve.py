@@ -114,9 +114,13 @@ def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None
     wanted: e that an impact should have; NaN for an impact that is held against nothing.
     """
     every = list(impacts)
-    groups: dict[Launch, int] = {}
-    group = [groups.setdefault(impact.launch.at_any_phase, len(groups)) for impact in every]
-    target = [math.nan if wanted is None or not i.is_measured else wanted(i) for i in every]
+    number_of: dict[Launch, int] = {}
+    group = [number_of.setdefault(impact.launch.at_any_phase, len(number_of)) for impact in every]
+    target = np.full(len(every), math.nan)
+    if wanted is not None:
+        for i, impact in enumerate(every):
+            if impact.is_measured:
+                target[i] = wanted(impact)
     return curve_of_columns(
         np.array(group, dtype=np.int64),
         speed=np.array([impact.launch.speed for impact in every]),
@@ -124,7 +128,7 @@ def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None
         phase=np.array([impact.launch.phase for impact in every]),
         speed_in=np.array([impact.speed_in for impact in every]),
         restitution=np.array([impact.restitution for impact in every]),
-        target=np.array(target),
+        target=target,
         samples=np.array([impact.samples for impact in every], dtype=np.int64),
         after_force=np.array([impact.restitution_after_force for impact in every]),
         along=np.array([along_plate(impact) for impact in every]).reshape(-1, len(ALONG)),

@@ -14,7 +14,7 @@ from typing import Any, TypeGuard, TypeVar, Unpack
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import diagnose, goal_of
-from hcbench.measuring.measurement import TOLERANCE, Measurement, Wanted
+from hcbench.measuring.measurement import TOLERANCE, Cause, Measurement, Wanted
 from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.python_file import call_python, is_python
 from hcbench.measuring.request import make_request, read_limit
@@ -138,9 +138,16 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
     source = _as_files(job.source)
     if source is None:
         return work(job)
-    engine = None if job.engine is None and is_python(source) else _engine_for(source, job.engine)
-    name, where = (job.engine, None) if engine is None else (engine.name, interpreter_of(engine))
-    limit = max(LIMIT_S, getattr(engine, "limit", 0.0)) if limit is None else limit
+    name = job.engine
+    engine = None
+    where = None
+    # The function of a Python file is called in the worker: only there is the model known.
+    if name is not None or not is_python(source):
+        engine = _engine_for(source, name)
+        name = engine.name
+        where = interpreter_of(engine)
+    if limit is None:
+        limit = max(LIMIT_S, getattr(engine, "limit", 0.0))
     try:
         job = dataclasses.replace(job, source=source, engine=name, beyond_bounds=admits_beyond_bounds())
         answer: Answer = call(_in_worker, work, job, limit=limit, at=where)
@@ -197,23 +204,27 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
 
 
 def _measured(job: Job) -> Measurement:
+    """Launch the pair, lay it down, and look for causes of what is not as wanted."""
     request = job.request
+    causes: tuple[Cause, ...] = ()
+    remedy = ""
     with _open(job) as model:
         impacts = impacts_of(model, request)
         facts = model.facts()
-        chosen = False
-        if (promise := facts.promise) is not None:
+        promise = facts.promise
+        is_as_chosen = False  # hcbench wrote this contact, and it keeps its promise
+        if promise is not None:
             facts = dataclasses.replace(facts, notes=(promise.note(impacts), *facts.notes))
-            as_tuned = promise.is_kept(impacts) and not facts.changed
-            chosen = as_tuned and job.wanted in (None, promise.curve)
+            is_as_tuned = promise.is_kept(impacts) and not facts.changed
+            is_as_chosen = is_as_tuned and job.wanted in (None, promise.curve)
         rest, suspects = at_rest(model, job.rest, impacts)  # before trials end what a user's function made
-        goal = goal_of(facts.asked, request.speeds, job.wanted)
-        searched = job.diagnose and not chosen
-        diagnosis = diagnose(model, impacts, goal, job.wanted, job.tolerance) if searched else ((), "")
+        if job.diagnose and not is_as_chosen:
+            goal = goal_of(facts.asked, request.speeds, job.wanted)
+            causes, remedy = diagnose(model, impacts, goal, job.wanted, job.tolerance)
         lacking = rest_causes(model, rest, job.rest, suspects)
-    if not diagnosis[0]:
+    if not causes:
         _require_touch(impacts, facts)
-    return Measurement(facts, request, tuple(impacts), job.wanted, *diagnosis, rest, lacking)
+    return Measurement(facts, request, tuple(impacts), job.wanted, causes, remedy, rest, lacking)
 
 
 def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:
@@ -261,7 +272,8 @@ def _open(job: Job) -> ModelUnderTest:
 
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
     """(engine, model, function that makes the model again, or None)."""
-    source, rebuild = job.source, None
+    source = job.source
+    rebuild = None
     if isinstance(source, str) and is_python(source):
         rebuild = partial(call_python, source)
         for engine in _openers():
@@ -273,20 +285,31 @@ def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
 def _engine_for(source: Any, name: str | None) -> OpensModels:
     """The engine of that name, or the first that opens such a model."""
     if name is not None:
-        if registry.base_name(name) in registry.names() and _opens(opener := registry.engine(name)):
-            return opener
+        if registry.base_name(name) in registry.names():
+            opener = registry.engine(name)
+            if _opens(opener):
+                return opener
         raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in _openers())}")
     for each in registry.names():  # versions are read of those that open such a model only
         adapter = registry.adapter(each)
-        if _opens(adapter) and adapter.accepts(source) and _opens(engine := registry.engine(each)):
-            return engine
+        if _opens(adapter) and adapter.accepts(source):
+            engine = registry.engine(each)
+            if _opens(engine):
+                return engine
     if isinstance(source, str | Path):
-        files = ", ".join(dict.fromkeys(suffix for engine in _openers() for suffix in engine.suffixes))
-        reason = "is not the name of a model file" if Path(source).exists() else "is not there"
-        advice = _FROM_USD if Path(source).suffix.lower().startswith(".usd") else ""
-        raise SceneError("model", f"{source} {reason}", f"a model file: {files}", advice)
+        raise _model_file_error(source)
     got = "a function that returned None" if source is None else f"a {type(source).__name__}"
     raise UserError("model", got, f"a path, {_objects()}")
+
+
+def _model_file_error(source: str | Path) -> SceneError:
+    """The error for a path that no engine opens."""
+    suffixes: dict[str, None] = {}  # each once, in order
+    for engine in _openers():
+        suffixes |= dict.fromkeys(engine.suffixes)
+    reason = "is not the name of a model file" if Path(source).exists() else "is not there"
+    advice = _FROM_USD if Path(source).suffix.lower().startswith(".usd") else ""
+    return SceneError("model", f"{source} {reason}", f"a model file: {', '.join(suffixes)}", advice)
 
 
 def _openers() -> Iterator[OpensModels]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Impact
 
 _OTHER_WEIGHT = ("gravity",)  # whose fix takes the weight away
+_UNITS = {"penetration": "m", "vibration": "m/s"}
 _HELPS = 0.5  # of what is too much: a fix that helps leaves less
 
 
@@ -37,16 +38,24 @@ class RestLimits:
     @property
     def text(self) -> str:
         """The limits as a phrase."""
-        depth = [] if math.isinf(self.penetration) else [f"penetration of {1e3 * self.penetration:g} mm"]
-        shaking = [] if math.isinf(self.vibration) else [f"vibration of {self.vibration:g} m/s"]
-        return f"at most a {' and a '.join([*depth, *shaking])} at rest"
+        phrases = []
+        if not math.isinf(self.penetration):
+            phrases.append(f"penetration of {1e3 * self.penetration:g} mm")
+        if not math.isinf(self.vibration):
+            phrases.append(f"vibration of {self.vibration:g} m/s")
+        return f"at most a {' and a '.join(phrases)} at rest"
 
     def beyond(self, rest: Rest | None) -> dict[str, tuple[float, float]]:
         """(value, limit) of what is above its limit, by name; NaN is above any."""
         calms = rest is not None and rest.dies_away and not self.of_user
         names = ("penetration",) if calms else ("penetration", "vibration")
-        each = {name: (getattr(rest, name, math.nan), getattr(self, name)) for name in names}
-        return {name: (value, most) for name, (value, most) in each.items() if not value <= most}
+        beyond = {}
+        for name in names:
+            value = getattr(rest, name, math.nan)
+            most = getattr(self, name)
+            if not value <= most:
+                beyond[name] = (value, most)
+        return beyond
 
 
 ANY_REST = RestLimits(math.inf, math.inf)
@@ -69,20 +78,25 @@ def rest_causes(
     """Find causes that keep the pair from resting within the limits: fixes that alone halve an
     excess, best first.
     """
-    every = {} if limits is None else limits.beyond(rest)
-    beyond = {name: value for name, (value, _) in every.items() if math.isfinite(value)}
+    if limits is None:
+        return ()
+    excess = {name: value for name, (value, _) in limits.beyond(rest).items() if math.isfinite(value)}
+    if not excess:
+        return ()
     causes: dict[str, tuple[float, Cause]] = {}
-    for suspect in suspects if beyond else ():
-        if (after := _fixed_rest(model, suspect)) is None:
+    for suspect in suspects:
+        after = _fixed_rest(model, suspect)
+        if after is None:
             continue
-        left, name = min((getattr(after, name) / before, name) for name, before in beyond.items())
+        left, name = min((getattr(after, name) / before, name) for name, before in excess.items())
         if left < _HELPS:
-            unit = {"penetration": "m", "vibration": "m/s"}[name]
-            before = beyond[name]
+            before = excess[name]
+            unit = _UNITS[name]
             change = f"{name} at rest {before:.2g} {unit}, with this fix {left * before:.2g} {unit}"
             cause = Cause(suspect.code, suspect.title, f"{suspect.evidence}; {change}", suspect.fix)
             causes.setdefault(suspect.code, (left, cause))
-    return tuple(cause for _, cause in sorted(causes.values(), key=lambda each: each[0]))
+    best_first = sorted(causes.values(), key=lambda left_and_cause: left_and_cause[0])
+    return tuple(cause for _, cause in best_first)
 
 
 def _fixed_rest(model: ModelUnderTest, suspect: Suspect) -> Rest | None:

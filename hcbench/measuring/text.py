@@ -85,37 +85,15 @@ def _loop(impact: Impact) -> dict[str, Any]:
 
 def as_text(measurement: Measurement) -> str:
     """The measurement as lines for a terminal."""
+    facts = measurement.facts
     lines = list(measurement.headline)
-    lines += [
-        f"{name}: {sanitized(setting_text(value))}" for name, value in measurement.facts.settings.items()
-    ]
-    if measurement.facts.asked_description:
-        lines.append(f"the model asks for: {sanitized(measurement.facts.asked_description)}")
+    lines += [f"{name}: {sanitized(setting_text(value))}" for name, value in facts.settings.items()]
+    if facts.asked_description:
+        lines.append(f"the model asks for: {sanitized(facts.asked_description)}")
     if measurement.rest is not None:
         lines.append(f"at rest: {measurement.rest.text}")
-    lines += [f"note: {sanitized(note)}" for note in (*measurement.facts.notes, *motion_notes(measurement))]
-    speeds = measurement.request.speeds
-    asked = dict(zip(speeds, measurement.facts.asked or (math.nan,) * len(speeds), strict=True))
-    rows = [
-        (
-            f"{p.speed:.4g}",
-            f"{math.degrees(p.angle):.4g}" if measurement.request.is_oblique else "",
-            number(p.speed_in, ".4g"),
-            number(p.restitution),
-            number(p.restitution_after_force) if _acts_on(measurement, p) else "",
-            number(p.spread, ".1e"),
-            number(asked[p.speed]),
-            str(p.samples),
-            str(p.failed or ""),
-        )
-        for p in measurement.curve
-    ]
-    header = (
-        *("launch m/s", "deg", "impact m/s", "e", "after force"),
-        *("varies by", "model asks", "steps", "failed"),
-    )
-    shown = without_empty(*without_empty(*without_empty(header, rows, "deg"), "after force"), "failed")
-    lines += ["", *table(*shown), *_along_lines(measurement), ""]
+    lines += [f"note: {sanitized(note)}" for note in (*facts.notes, *motion_notes(measurement))]
+    lines += ["", *_curve_lines(measurement), *_along_lines(measurement), ""]
     for impact in measurement.failed[:_FAILURES]:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
         lines.append(f"{impact.status.value} at {where}: {sanitized(impact.reason)}")
@@ -123,6 +101,48 @@ def as_text(measurement: Measurement) -> str:
     lines += cause_lines(measurement.causes, measurement.remedy)
     lines += cause_lines(measurement.rest_causes, "")
     return re.sub("\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"  # one empty line between parts
+
+
+def _curve_lines(measurement: Measurement) -> list[str]:
+    """Table of e over speed, without the columns that say nothing."""
+    speeds = measurement.request.speeds
+    asked_e = measurement.facts.asked or (math.nan,) * len(speeds)
+    asked = dict(zip(speeds, asked_e, strict=True))
+    rows = []
+    for point in measurement.curve:
+        angle = ""
+        if measurement.request.is_oblique:
+            angle = f"{math.degrees(point.angle):.4g}"
+        after_force = ""
+        if _acts_on(measurement, point):
+            after_force = number(point.restitution_after_force)
+        row = (
+            f"{point.speed:.4g}",
+            angle,
+            number(point.speed_in, ".4g"),
+            number(point.restitution),
+            after_force,
+            number(point.spread, ".1e"),
+            number(asked[point.speed]),
+            str(point.samples),
+            str(point.failed or ""),
+        )
+        rows.append(row)
+    header = (
+        "launch m/s",
+        "deg",
+        "impact m/s",
+        "e",
+        "after force",
+        "varies by",
+        "model asks",
+        "steps",
+        "failed",
+    )
+    shown = without_empty(header, rows, "deg")
+    shown = without_empty(*shown, "after force")
+    shown = without_empty(*shown, "failed")
+    return list(table(*shown))
 
 
 def motion_notes(measurement: Measurement) -> list[str]:
