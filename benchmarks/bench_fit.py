@@ -21,7 +21,6 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "support"))
 import noisy_rooms
 import synthesise as synth
 
-from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import Dataset, TouchTimes
 from hcbench.fitting.estimate import LawFit, fit_law
 from hcbench.fitting.fit import fit
@@ -31,6 +30,7 @@ from hcbench.fitting.pairs import SpeedPairs
 from hcbench.fitting.recording import Recording
 from hcbench.fitting.setup import Known, MeasurementSetup
 from hcbench.fitting.track import track_of
+from hcbench.fitting.which_law import LAWS
 from hcbench.system.errors import UserError
 
 EXACT = MeasurementSetup(gravity=Known(synth.GRAVITY))

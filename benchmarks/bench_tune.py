@@ -26,7 +26,7 @@ from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.scene import load_scene
-from hcbench.tuning.snippet import snippet
+from hcbench.tuning.model import snippet
 from hcbench.tuning.tune import Tuned, tune
 
 SCENE = load_scene("steel-plane")

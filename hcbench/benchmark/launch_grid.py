@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.recipes.band import default_band
+from hcbench.recipes.target import default_band
 from hcbench.sim import registry
 from hcbench.sim.columns import Launches
 from hcbench.sim.engine import SteppedEngine

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from hcbench.checking.judge import judge_results, run_checks
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, plan, read_max_error
-from hcbench.checking.table import checks_of, find_table
-from hcbench.checking.text import as_junit, as_markdown
+from hcbench.checking.text import as_junit, as_markdown, checks_of, find_table
 from hcbench.measuring.request import read_limit
 from hcbench.system.errors import OutputError, UserError
 from hcbench.system.outputs import require_output, write_output

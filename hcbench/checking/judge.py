@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
-from hcbench.checking.limits import judge_landings, judge_touchdowns
-from hcbench.checking.outcome import Outcome, Report, Verdict
+from hcbench.checking.outcome import Outcome, Report, Verdict, judge_landings, judge_touchdowns
 from hcbench.laws.restitution import Reading, Restitution
 from hcbench.measuring.curve import Curve, CurvePoint, curve_of, curve_of_columns, worst_of
 from hcbench.measuring.landing import land_job

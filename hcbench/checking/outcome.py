@@ -1,6 +1,9 @@
 """Results of checks."""
 
+from __future__ import annotations
+
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -8,9 +11,12 @@ from typing import Any
 
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Measurement
+from hcbench.sim.landing import Landings
+from hcbench.sim.touch import TrajectoryTouchdowns
 from hcbench.system.errors import CannotRun, HcbenchError, LimitPassed, UserError
 from hcbench.system.notebook import Shown
 from hcbench.system.text import sanitized
+from hcbench.terms import units
 
 
 class Verdict(StrEnum):
@@ -90,3 +96,106 @@ class Report(Shown):
     def exit_code(self) -> int:
         """0 all within limits, 1 a limit exceeded, 2 a mistake, 3 something could not run: the gravest."""
         return max((outcome.exit_code for outcome in self.outcomes), default=0)
+
+
+# Name -> (attribute of a `Landing`, quantity).
+LANDING = {
+    "e": ("restitution", "number"),
+    "peak": ("peak", "number"),
+    "contact": ("contact", "time"),
+    "slip": ("slip", "length"),
+    "penetration": ("penetration", "length"),
+    "bouncing": ("bouncing", "number"),
+}
+# Name -> quantity, of each foot of a recorded motion.
+TRAJECTORY = {"outside": "number", "normal": "speed", "slide": "speed"}
+_LIMIT = re.compile(r"\s*(?P<name>[a-z]+)\s*(?P<way>[<>])=?\s*(?P<value>.+?)\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One bound. most: whether `value` (SI) is the largest allowed; else the smallest. text: as given."""
+
+    name: str
+    value: float
+    most: bool
+    text: str
+
+    def excess(self, value: float) -> float:
+        """By how much a value is beyond it, over the bound's own size; above 0 where it is exceeded."""
+        if math.isnan(value):
+            return math.inf
+        beyond = value - self.value if self.most else self.value - value
+        return beyond / (abs(self.value) or 1.0)
+
+
+def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
+    """Limits, separated by commas. Raises UserError and QuantityError."""
+    if of_landing:
+        quantities = {name: quantity for name, (_, quantity) in LANDING.items()}
+        example = "e < 0.3, slip < 5 mm"
+    else:
+        quantities = TRAJECTORY
+        example = "outside < 5 %"
+    limits = []
+    for part in text.split(","):
+        match = _LIMIT.fullmatch(part)
+        if match is None or match["name"] not in quantities:
+            expected = f"limits on {', '.join(quantities)}, such as {example!r}"
+            raise UserError("require", repr(sanitized(part.strip(), 40)), expected)
+        name = match["name"]
+        value = match["value"]
+        number = units.parse(value.rstrip("% "), quantities[name], f"require: {name}")
+        if value.endswith("%"):
+            number = number / 100
+        words = " ".join(part.split())
+        limits.append(Limit(name, number, match["way"] == "<", words))
+    return tuple(limits)
+
+
+def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict, str]:
+    """Compare each limit with each drop; the message names the worst."""
+    values = []
+    for limit in limits:
+        attribute, _ = LANDING[limit.name]
+        for drop in landings.drops:
+            where = f"a drop of {drop.height:.4g} m{_tilt(drop.tilt)}"
+            values.append((limit, getattr(drop, attribute), where))
+    return _judge(values, f"{len(landings.drops)} drops")
+
+
+def judge_touchdowns(motion: TrajectoryTouchdowns, limits: Sequence[Limit]) -> tuple[Verdict, str]:
+    """Compare each limit with each foot; the message names the worst."""
+    values = []
+    count = 0
+    for foot in motion.feet:
+        count += len(foot.time)
+        where = f"{foot.part} on {foot.other}"
+        numbers = {
+            "outside": foot.outside,
+            "normal": foot.speed.max(),
+            "slide": foot.slide.max(),
+        }
+        values += [(limit, float(numbers[limit.name]), where) for limit in limits]
+    return _judge(values, f"{count} touchdowns")
+
+
+def _tilt(tilt: float) -> str:
+    return f" at {math.degrees(tilt):.3g} deg" if tilt else ""
+
+
+def _judge(values: Sequence[tuple[Limit, float, str]], count: str) -> tuple[Verdict, str]:
+    """The verdict, and the worst value in words. values: (limit, value in SI, where it was found)."""
+    if not values:
+        return Verdict.FAILED, f"nothing that a limit could hold of: {count}"
+    excesses = [limit.excess(value) for limit, value, _ in values]
+    exceeded = sum(excess > 0 for excess in excesses)
+    limit, value, where = values[excesses.index(max(excesses))]
+    verdict = Verdict.FAILED if exceeded else Verdict.PASSED
+    value_text = f"{value:.4g} (SI)"
+    if math.isnan(value):
+        value_text = "without a band that hcbench wrote"
+    more = ""
+    if exceeded > 1:
+        more = f"; {exceeded} limits exceeded in {count}"
+    return verdict, f"{limit.name} {value_text}, limit {limit.text!r}, in {sanitized(where)}{more}"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from pydantic import BeforeValidator, ConfigDict, create_model
 
-from hcbench.checking.limits import Limit, read_limits
-from hcbench.checking.measured_pairs import read_pairs
+from hcbench.checking.baseline import read_pairs
+from hcbench.checking.outcome import Limit, read_limits
 from hcbench.laws.restitution import (
     MeasuredRestitution,
     RestitutionCurve,

@@ -51,7 +51,7 @@ def land(
     with status("dropping the robot"):
         robots = [land_job(Job(s, engine, request, None, TOLERANCE, False), drops, seconds) for s in sources]
     if page is not None:
-        from hcbench.reporting.landing_page import landing_page
+        from hcbench.reporting.measurement_page import landing_page
 
         write_output(page, landing_page(robots), "--page", force)
     if as_json:

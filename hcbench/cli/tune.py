@@ -138,7 +138,7 @@ def tune(engine: str, points: str | None, max_error: float | None, **options: An
 
 
 def _parsed(points: str) -> tuple[tuple[float, float], ...]:
-    from hcbench.checking.measured_pairs import parse_points
+    from hcbench.checking.baseline import parse_points
 
     return parse_points(points)
 

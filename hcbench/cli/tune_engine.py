@@ -237,7 +237,7 @@ def _percent(share: float) -> str:  # three digits, and no power of ten above 1 
 def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) -> None:
     """The best setting when a search was interrupted; it has not been simulated."""
     from hcbench.terms.scene import load_scene
-    from hcbench.tuning.snippet import snippet
+    from hcbench.tuning.model import snippet
 
     best = interrupt.best
     text = snippet(best, load_scene(scene).form)

@@ -6,8 +6,8 @@ import dataclasses
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from hcbench.fitting.drops import ratio
-from hcbench.fitting.estimates import Estimate
+from hcbench.fitting.estimate import Estimate
+from hcbench.fitting.heights import ratio
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:

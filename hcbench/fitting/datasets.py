@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Self
 
-    from hcbench.fitting.candidates import FittedCurve
     from hcbench.fitting.clicks import Indices
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.flight import Ballistics
     from hcbench.fitting.picks import Picks
     from hcbench.fitting.recording import Recording
     from hcbench.fitting.setup import Known, MeasurementSetup
+    from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
 
 # Width of intervals over the posterior's: without it, 0.93 of them held in disturbed rooms

@@ -9,26 +9,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.budget import error_budget
-from hcbench.fitting.candidates import LAWS
-from hcbench.fitting.drops import odd_drops, shared_value
-from hcbench.fitting.estimate import fit_law
-from hcbench.fitting.estimates import ODDS_TO_DROP, alpha_of, estimate_of, widened
+from hcbench.fitting.estimate import ODDS_TO_DROP, alpha_of, estimate_of, fit_law, widened
 from hcbench.fitting.flags import flagged_touches
+from hcbench.fitting.heights import odd_drops, shared_value
 from hcbench.fitting.lack_of_fit import PRIOR_OF_ADHESION, LackOfFit, adhesion, smooth_change
 from hcbench.fitting.noise import MOST_SCATTER
 from hcbench.fitting.outliers import MOST_OUTLIERS, doubted_impacts, scatter_widths
 from hcbench.fitting.result import DropResult, FitResult
 from hcbench.fitting.table import computed
 from hcbench.fitting.track import scale_warnings
-from hcbench.fitting.which_law import FAMILY, PLAIN, WITH_E0, chosen_law, laws_left, odds_of
+from hcbench.fitting.which_law import FAMILY, LAWS, PLAIN, WITH_E0, chosen_law, laws_left, odds_of
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.fitting.datasets import Dataset
-    from hcbench.fitting.estimate import LawFit
-    from hcbench.fitting.estimates import Estimate
+    from hcbench.fitting.estimate import Estimate, LawFit
     from hcbench.fitting.flags import Flag
     from hcbench.terms.impact import Floats
 

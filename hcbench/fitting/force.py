@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
-from hcbench.fitting.candidates import dissipation_of
+from hcbench.fitting.which_law import dissipation_of
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.system.errors import UserError

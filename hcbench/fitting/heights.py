@@ -7,13 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from scipy.special import ndtr
 
 from hcbench.fitting.datasets import Dataset, bounce_train, drop_prior, pairs_of_launches
+from hcbench.fitting.estimate import ENDS, Estimate
 from hcbench.fitting.linear import LinearModel
+from hcbench.terms.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
-    from hcbench.fitting.candidates import FittedCurve
+    from collections.abc import Sequence
+
     from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
 
 
@@ -87,3 +92,107 @@ class Heights(Dataset):
     def rows(self) -> list[str]:
         """Labels for the rows of the residual."""
         return [f"height {i + 1}" for i in range(len(self.heights))]
+
+
+# Grid of the scatter between drops
+_BETWEEN = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 60)])
+_SCALE = 0.05  # of its half-Cauchy prior
+_ODD = 4.0  # standard deviations from the others at which a file is named
+_LEAST_OTHERS = 2
+_LOWEST = 1e-2  # of a value: the lower end of an interval that reaches 0
+
+
+@dataclass(frozen=True, slots=True)
+class Drops:
+    """Value shared by all drops, over a grid of the scatter between drops τ, (t,). share: posterior
+    of τ.
+
+    mean, sd: (t,), of ln of the shared value at each τ.
+    """
+
+    share: Floats
+    mean: Floats
+    sd: Floats
+
+    @property
+    def between(self) -> float:
+        """Share of the value by which the drops differ, its posterior mean."""
+        return float(self.share @ _BETWEEN)
+
+    def estimate(self, inputs: float = 0.0) -> Estimate:
+        """The shared value. inputs: relative standard uncertainty that all drops have in common."""
+        low, middle, high = np.exp(_quantiles(self.share, self.mean, np.hypot(self.sd, inputs)))
+        mean = float(self.share @ self.mean)
+        spread = float(self.share @ (self.sd**2 + (self.mean - mean) ** 2)) + inputs**2
+        return Estimate(float(middle), float(middle * np.sqrt(spread)), float(low), float(high))
+
+
+def shared_value(each: Sequence[Estimate]) -> Drops:
+    """The value that several drops share, and by how much they differ, from a random-effects model."""
+    x, s = _logs(each)
+    log_likelihood, mean, sd = _over_between(x, s)
+    return Drops(_shares(log_likelihood + _prior()), mean, sd)
+
+
+def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
+    """Drops that do not go with the others: their place, and how many standard deviations they are off."""
+    x, s = _logs(each)
+    doubtful = []
+    for k in range(len(each)):
+        others = np.arange(len(each)) != k
+        if others.sum() < _LEAST_OTHERS:
+            break
+        log_likelihood, mean, sd = _over_between(x[others], s[others])
+        share = _shares(log_likelihood + _prior())
+        middle, between = float(share @ mean), float(share @ _BETWEEN)
+        variance = float(share @ (sd**2 + (mean - middle) ** 2))
+        off = float((x[k] - middle) / np.sqrt(s[k] ** 2 + between**2 + variance))
+        if abs(off) > _ODD:
+            doubtful.append((k, off))
+    return sorted(doubtful, key=lambda one: -abs(one[1]))[:1]
+
+
+def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:
+    """The ratio of two materials' values, each from its drops; both have the same scatter between drops."""
+    (log_one, mean_one, sd_one), (log_other, mean_other, sd_other) = (
+        _over_between(*_logs(each)) for each in (one, other)
+    )
+    share = _shares(log_one + log_other + _prior())
+    low, middle, high = np.exp(_quantiles(share, mean_one - mean_other, np.hypot(sd_one, sd_other)))
+    return Estimate(float(middle), float((high - low) / (2.0 * SIGMAS_95)), float(low), float(high))
+
+
+def _logs(each: Sequence[Estimate]) -> tuple[Floats, Floats]:
+    """ln of each drop's value and its standard deviation, from the value and its interval."""
+    logs = np.log([e.value for e in each])
+    deviations = []
+    for e in each:
+        low = max(e.low, _LOWEST * e.value)  # an interval may begin at 0, which has no logarithm
+        deviations.append(np.log(e.high / low) / (2.0 * SIGMAS_95))
+    return logs, np.maximum(np.array(deviations), 1e-9)
+
+
+def _over_between(x: Floats, s: Floats) -> tuple[Floats, Floats, Floats]:
+    """ln of the likelihood of each τ with μ integrated out, and mean and standard deviation of μ there."""
+    weight = 1.0 / (s**2 + _BETWEEN[:, None] ** 2)
+    total = weight.sum(axis=1)
+    mean = (weight * x).sum(axis=1) / total
+    log_likelihood = 0.5 * np.log(weight).sum(axis=1) - 0.5 * np.log(total)
+    log_likelihood -= 0.5 * (weight * (x - mean[:, None]) ** 2).sum(axis=1)
+    return log_likelihood, mean, total**-0.5
+
+
+def _prior() -> Floats:
+    return np.asarray(np.log(np.gradient(_BETWEEN)) - np.log1p((_BETWEEN / _SCALE) ** 2))
+
+
+def _shares(log_density: Floats) -> Floats:
+    density = np.exp(log_density - log_density.max())
+    return np.asarray(density / density.sum())
+
+
+def _quantiles(share: Floats, mean: Floats, sd: Floats) -> Floats:
+    """2.5 %, 50 % and 97.5 % of a mixture of normal distributions."""
+    at = np.linspace((mean - 8 * sd).min(), (mean + 8 * sd).max(), 4001)
+    below = (share[:, None] * ndtr((at - mean[:, None]) / sd[:, None])).sum(axis=0)
+    return np.interp(ENDS, below, at)

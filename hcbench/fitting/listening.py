@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.bounce_search import likeliest_trains
-from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.clicks import Timer, bands
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.fitting.estimate import fit_law
-from hcbench.fitting.estimates import alpha_of
+from hcbench.fitting.estimate import alpha_of, fit_law
 from hcbench.fitting.flags import flagged_touches, gains_by_moving
 from hcbench.fitting.picks import Picks
-from hcbench.fitting.which_law import PLAIN, WITH_E0
+from hcbench.fitting.which_law import LAWS, PLAIN, WITH_E0
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:

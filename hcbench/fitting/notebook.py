@@ -5,8 +5,8 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.text import band, headline, odds_text
+from hcbench.fitting.which_law import LAWS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

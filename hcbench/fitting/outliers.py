@@ -11,8 +11,8 @@ from hcbench.fitting.estimate import fit_law
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.fitting.candidates import CandidateLaw
     from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.which_law import CandidateLaw
     from hcbench.terms.impact import Floats
 
 LOW_WEIGHT = 0.3  # below which an impact is named

@@ -11,8 +11,8 @@ from hcbench.fitting.datasets import Dataset
 from hcbench.fitting.linear import LinearModel
 
 if TYPE_CHECKING:
-    from hcbench.fitting.candidates import FittedCurve
     from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.fitting.clicks import Indices
-    from hcbench.fitting.estimates import Estimate
+    from hcbench.fitting.estimate import Estimate
     from hcbench.terms.impact import Floats
 
 # A rival has five touches, and an α that is wrong by 3 standard deviations and 2 %.

@@ -9,10 +9,10 @@ import numpy as np
 
 from hcbench.fitting.columns import EXPECTED_COLUMNS, DataColumns, columns_of
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.fitting.exports import phyphox_times, tracker_table
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights
 from hcbench.fitting.listening import listen, quick_score
+from hcbench.fitting.next_lines import phyphox_times, tracker_table
 from hcbench.fitting.pairs import SpeedPairs
 from hcbench.fitting.plausible import require_a_ball
 from hcbench.fitting.recording import is_sound, read_recording

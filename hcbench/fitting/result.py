@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.budget import Budget
     from hcbench.fitting.comparison import Comparison
     from hcbench.fitting.datasets import Dataset
-    from hcbench.fitting.estimate import LawFit
-    from hcbench.fitting.estimates import Estimate
+    from hcbench.fitting.estimate import Estimate, LawFit
     from hcbench.fitting.flags import Flag
     from hcbench.fitting.lack_of_fit import LackOfFit
     from hcbench.fitting.replay import Replay

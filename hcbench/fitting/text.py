@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.fitting import comparison
-from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.fitting.estimate import quantiles
-from hcbench.fitting.estimates import ENDS, estimate_of
-from hcbench.fitting.which_law import FAMILY, WITH_E0
+from hcbench.fitting.estimate import ENDS, estimate_of, quantiles
+from hcbench.fitting.which_law import FAMILY, LAWS, WITH_E0
 from hcbench.system.text import table
 
 if TYPE_CHECKING:
-    from hcbench.fitting.estimate import LawFit
-    from hcbench.fitting.estimates import Estimate
+    from hcbench.fitting.estimate import Estimate, LawFit
     from hcbench.fitting.result import FitResult
     from hcbench.terms.impact import Floats
 

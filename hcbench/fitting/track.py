@@ -17,10 +17,10 @@ from hcbench.system.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.fitting.candidates import FittedCurve
     from hcbench.fitting.clicks import Indices
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
 
 # Of the noise, that flights must be higher than to be looked for

@@ -13,9 +13,9 @@ from typing import Any, TypeGuard, TypeVar, Unpack
 
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
+from hcbench.measuring.curve import impacts_of
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.measurement import TOLERANCE, Cause, Measurement, Wanted
-from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.python_file import call_python, is_python
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.measuring.rest import ANY_REST, RestLimits, at_rest, rest_causes

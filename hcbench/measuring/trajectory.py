@@ -17,7 +17,7 @@ from hcbench.measuring.pose import read_named
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import PARTED_S
-from hcbench.sim.touchdowns import Touchdowns, TrajectoryTouchdowns
+from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized, table, without_empty
 from hcbench.terms.arguments import checked

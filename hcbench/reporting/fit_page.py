@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.io import wavfile
 
-from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.notebook import draw_curve
 from hcbench.fitting.text import headline, odds_text, trains_of, with_uncertainty
+from hcbench.fitting.which_law import LAWS
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import COLOURS, INK, LIMIT, MEASURED, SLATE, new_figure, speed_axis
 

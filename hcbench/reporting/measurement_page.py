@@ -1,16 +1,22 @@
 """One page on one measurement: self-contained HTML that works offline and prints."""
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from hcbench.laws import closed_form
+from hcbench.measuring.curve import CurvePoint
+from hcbench.measuring.landing import by_drop, headline, labels
 from hcbench.measuring.measurement import Measurement
 from hcbench.measuring.text import motion_notes, setting_text
-from hcbench.reporting.explorer import explorer_script
-from hcbench.reporting.measurement_explorer import explorer_of
+from hcbench.reporting.explorer import TABS, Explorer, LoopStore, as_json, digits, explorer_script, places
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import (
+    COLOURS,
+    DASHES,
     INK,
     LAW,
     LIMIT,
@@ -20,6 +26,8 @@ from hcbench.reporting.plot_style import (
     new_figure,
     speed_axis,
 )
+from hcbench.sim.landing import Landings
+from hcbench.terms.impact import LOOP_TOLERANCE, Impact
 
 
 def measurement_page(measurement: Measurement) -> str:
@@ -91,3 +99,144 @@ def _loops_figure(measurement: Measurement) -> Figure:
     axes.set_ylabel("force, N")
     axes.legend(loc="best", title="impact speed")
     return figure
+
+
+_PANEL = 3.4, 2.4  # inches
+
+
+def landing_page(robots: Sequence[Landings]) -> str:
+    """The page as HTML text. robots: dropped in the same way."""
+    names = labels(robots)
+    return render(
+        "landing.html",
+        title=" and ".join(names),
+        headlines=[line for landings in robots for line in headline(landings)],
+        several=len(robots) > 1,
+        drops=list(by_drop(robots, names)),
+        forces=draw(Drawing("forces", lambda: force_figure(robots))),
+    )
+
+
+def force_figure(robots: Sequence[Landings]) -> Figure:
+    """Force of the floor over weight, over time: a column a robot, a row a tilt, a line a height."""
+    tilts = list(dict.fromkeys(drop.tilt for drop in robots[0].drops))
+    width = max(6.4, _PANEL[0] * len(robots))
+    figure = new_figure(width, 0.9 + _PANEL[1] * len(tilts))
+    grid = figure.subplots(len(tilts), len(robots), squeeze=False, sharex=True, sharey=True)
+    for row, tilt in zip(grid, tilts, strict=True):
+        for axes, landings, name in zip(row, robots, labels(robots), strict=True):
+            drops = [drop for drop in landings.drops if drop.tilt == tilt]
+            for i, drop in enumerate(drops):
+                style = {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)]}
+                axes.plot(
+                    1e3 * drop.time, drop.force / drop.weight, label=f"{100 * drop.height:.3g} cm", **style
+                )
+            words = [name] * (len(robots) > 1) + [f"tilt {np.degrees(tilt):.3g}°"] * (len(tilts) > 1)
+            axes.set_title(", ".join(words), fontsize=9)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("force / weight")
+    for axes in grid[-1]:
+        axes.set_xlabel("time from touch, ms")
+    grid[0, -1].legend(loc="best", title="drop")
+    return figure
+
+
+def explorer_of(measurement: Measurement) -> Explorer | None:
+    """Build the explorer; None without a law to compare with, or if no contact has steps enough for
+    a loop.
+    """
+    law = measurement.law
+    facts = measurement.facts
+    points = [p for p in measurement.curve if not math.isnan(p.restitution) and not p.angle]
+    if law is None or not points or not measurement.loops:
+        return None
+    loops = LoopStore()
+    gravity = float(np.linalg.norm(facts.gravity))
+    where = {"engine": facts.engine, "step": facts.timestep, "gravity": gravity, "alpha": law.alpha}
+    runs = [{**where, **_measured(measurement, points, loops)}]
+    if facts.asked:
+        asked = dict(zip(measurement.request.speeds, facts.asked, strict=True))
+        runs.append({**where, **_asked(points, [asked[p.speed] for p in points])})
+    for run in runs:
+        error = np.abs(np.array(run["e"]) - closed_form.restitution(law.alpha, np.array(run["v"])))
+        run["error"] = digits(error, 3)
+        run["largest"] = float(f"{error.max():.3g}")
+    shown = [f"{facts.engine} {run['setting']}" for run in runs]
+    data = {
+        "body": {"k": law.stiffness, "n": law.exponent, "m": measurement.effective_mass},
+        "alphas": [law.alpha],
+        "gravities": [gravity],
+        "band": [0.0, 1.02 * max(p.speed_in for p in points)],
+        "engines": [[facts.engine, facts.engine]],
+        "start": where,
+        "answers": [{**where, "choices": [{"kind": "", "shown": shown}]}],
+        "runs": runs,
+        "loops": loops.stored,
+        "scans": [],
+        "dropHeight": None,
+        "drops": [],
+    }
+    return Explorer(as_json(data), {name: TABS[name] for name in ("loop", "numbers")})
+
+
+def _measured(measurement: Measurement, points: Sequence[CurvePoint], loops: LoopStore) -> dict[str, Any]:
+    """The curve, by the impacts whose loops there are."""
+    with_loop = {impact.launch.speed: impact for impact in measurement.loops}
+    phases = []
+    e = []
+    samples = []
+    loop_numbers = []
+    for point in points:
+        impact = with_loop.get(point.speed)
+        if impact is None:
+            e.append(point.restitution)
+            samples.append(0)
+            loop_numbers.append(-1)
+        else:
+            phases.append(impact.launch.phase)
+            e.append(impact.restitution)
+            samples.append(impact.samples)
+            loop_numbers.append(_add(loops, impact))
+    return {
+        **_line("measured", MEASURED.colour, points),
+        "phase": phases[0],
+        "e": places(e, 5),
+        "low": places([point.lowest for point in points], 5),
+        "high": places([point.highest for point in points], 5),
+        "samples": samples,
+        "loops": loop_numbers,
+    }
+
+
+def _asked(points: Sequence[CurvePoint], e: Sequence[float]) -> dict[str, Any]:
+    """Curve of e that the model's settings ask for, without loops."""
+    values = places(e, 5)
+    return {
+        **_line("what the model asks for", LIMIT, points),
+        "phase": 0.5,
+        "samples": [0] * len(e),
+        "loops": [-1] * len(e),
+        "e": values,
+        "low": values,
+        "high": values,
+        "dashes": "6 3",
+    }
+
+
+def _line(name: str, colour: str, points: Sequence[CurvePoint]) -> dict[str, Any]:
+    """Names, colour and speeds of a curve."""
+    return {
+        "setting": name,
+        "label": name,
+        "title": name,
+        "colour": colour,
+        "dashes": "",
+        "asked": digits([p.speed for p in points], 4),
+        "v": digits([p.speed_in for p in points], 5),
+    }
+
+
+def _add(loops: LoopStore, impact: Impact) -> int:
+    assert impact.loop is not None
+    loop = impact.loop.simplified(LOOP_TOLERANCE)
+    return loops.add((loop.time.tolist(), loop.penetration.tolist(), loop.force.tolist()))

@@ -32,7 +32,7 @@ from hcbench.sim import registry
 from hcbench.system import text as _text
 from hcbench.tuning.answer import Answer
 from hcbench.tuning.evaluate import held_out_launches
-from hcbench.tuning.snippet import snippet
+from hcbench.tuning.model import snippet
 from hcbench.tuning.tuned import Tuned
 
 

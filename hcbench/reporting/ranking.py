@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hcbench.reporting import wording
-from hcbench.reporting.advised import answer_of, best_of, choice_of, error_of
+from hcbench.reporting.answers import answer_of, best_of, choice_of, error_of
 from hcbench.reporting.view import REFERENCE, STOCK, RunKey, View
 from hcbench.terms.resolution import FOLLOWS, ROUND_OFF_SCORE
 

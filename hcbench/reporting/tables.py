@@ -8,12 +8,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hcbench.reporting import wording
-from hcbench.reporting.advised import error_of
+from hcbench.reporting.answers import error_of
 from hcbench.reporting.conditions import Views
 from hcbench.reporting.ranking import error_ratio, grade, lacks, lies_still, over_constant, verdict
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.terms.setting import Setting
-from hcbench.tuning.snippet import snippet
+from hcbench.tuning.model import snippet
 
 Cells: TypeAlias = dict[str, Any]
 _MARKS = {"good": "✓", "even": "=", "bad": "✗", "none": ""}

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
-    from hcbench.sim.touchdowns import TrajectoryTouchdowns
+    from hcbench.sim.touch import TrajectoryTouchdowns
     from hcbench.terms.impact import Floats
 
 

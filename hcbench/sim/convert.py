@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from hcbench.laws.conventions import contact_of, said
 from hcbench.laws.restitution import Reading
-from hcbench.laws.spring_text import read_adams, read_newton
+from hcbench.laws.summary import read_adams, read_newton
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.system.errors import UserError
@@ -17,7 +17,7 @@ from hcbench.terms.options import Quantity
 
 if TYPE_CHECKING:
     from hcbench.laws.conventions import Conversion
-    from hcbench.laws.spring_text import Adams, Newton
+    from hcbench.laws.summary import Adams, Newton
 
 _QUANTITIES = {
     "alpha": "alpha",

@@ -67,10 +67,11 @@ class Engine(ABC):
         return self.backend.version()
 
     def recipes(self) -> Sequence[Recipe]:
-        """Return the engine's recipes, the preferred one of each role first: `recipes.RECIPES` in
-        its folder.
+        """Return the engine's recipes, the preferred one of each role first: RECIPES of its module, or of
+        `recipes` in its folder.
         """
-        recipes = module_of(self, "recipes")
+        own = import_module(type(self).__module__)
+        recipes = own if hasattr(own, "RECIPES") else module_of(self, "recipes")
         return recipes.RECIPES if recipes else ()
 
     @abstractmethod

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, cast
 
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Reading
-from hcbench.laws.spring_text import read_adams, read_newton
+from hcbench.laws.summary import read_adams, read_newton
 from hcbench.measuring.measurement import Wanted, read_points
 from hcbench.measuring.request import make_request, read_limit, read_pair
-from hcbench.recipes.band import default_band
 from hcbench.recipes.search import report_progress
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, default_band
 from hcbench.sim import registry
 from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output
 from hcbench.system.errors import UserError
@@ -43,7 +42,7 @@ from hcbench.tuning.tuned_model import TunedModel
 
 if TYPE_CHECKING:
     from hcbench.laws.penalty import AdamsImpact, NewtonSpring
-    from hcbench.laws.spring_text import Adams, Newton
+    from hcbench.laws.summary import Adams, Newton
     from hcbench.terms.scene import Scene
 
     Points = Sequence[tuple[float, float]]

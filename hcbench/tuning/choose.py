@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
+from hcbench.recipes.constant import steps_per_contact
 from hcbench.recipes.recipe import Recipe, Role, first
-from hcbench.recipes.softening import steps_per_contact
 from hcbench.sim import registry
 from hcbench.system.errors import SettingError
 from hcbench.system.text import time_step

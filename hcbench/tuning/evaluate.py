@@ -6,11 +6,13 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench import scoring
 from hcbench.laws import closed_form
+from hcbench.laws.coulomb import friction_impulse
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
 from hcbench.sim.engine import Engine, SteppedEngine
@@ -21,7 +23,14 @@ from hcbench.terms.impact import Floats, Impact, Launch
 from hcbench.terms.scene import Scene
 from hcbench.terms.setting import Setting
 from hcbench.terms.units import STANDARD_GRAVITY
-from hcbench.tuning.oblique import friction_error, oblique_launches
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.recipes.target import Target
+    from hcbench.terms.impact import Impact
+    from hcbench.terms.scene import Scene
+
 
 _SPEEDS, _PHASES = 9, 8  # of the grid that tells the spread over phases
 _RANDOM, _NEAR, _ROUNDS = 400, 24, 3  # launches at random; about the worst one, so many times
@@ -196,3 +205,39 @@ def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     path = engine.trajectory(with_gravity, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
     return rest_of(*map(last_half, (path.time, path.penetration, path.rate, path.force)))
+
+
+SPEEDS, PHASES = 4, (0.12, 0.37, 0.62, 0.87)
+# (slip m/s, spin rad/s): slow to fast sliding, backspin and topspin, and all at once out of the plane.
+MOTIONS = (
+    ((0.1, 0.0), (0.0, 0.0, 0.0)),
+    ((0.5, 0.0), (0.0, 0.0, 0.0)),
+    ((2.0, 0.0), (0.0, 0.0, 0.0)),
+    ((3.0, 0.0), (0.0, 0.0, 0.0)),
+    ((0.0, 0.0), (0.0, 40.0, 0.0)),
+    ((1.0, 0.0), (0.0, -40.0, 0.0)),
+    ((0.7, -0.4), (25.0, 10.0, 30.0)),
+)
+
+
+def oblique_launches(target: Target) -> list[Launch]:
+    """Launches over the target's band: each speed and phase with each of MOTIONS."""
+    speeds = np.geomspace(target.speed_min, target.speed_max, SPEEDS).tolist()
+    return [
+        Launch(v, phase, slip=slip, spin=spin)
+        for v, phase, (slip, spin) in itertools.product(speeds, PHASES, MOTIONS)
+    ]
+
+
+def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:
+    """Largest distance of friction's impulse from Coulomb's law over μ J_n, sliding's; NaN for none."""
+    errors = []
+    for impact in impacts:
+        along = impact.tangential if impact.is_measured else None
+        if along is None:
+            continue
+        sliding = scene.friction * along.normal_impulse  # the impulse of a contact that slides, N s
+        if sliding > 0.0:
+            by_law = friction_impulse(along.slip_in, along.normal_impulse, scene)
+            errors.append(math.dist(along.impulse, by_law) / sliding)
+    return max(errors, default=math.nan)

@@ -8,9 +8,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hcbench.laws.restitution import ConstantRestitution
-from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.constant import minimax_constant, require_end
 from hcbench.recipes.recipe import Recipe, Role, first
-from hcbench.recipes.softening import require_end
 from hcbench.recipes.target import require_kind
 from hcbench.sim import registry
 from hcbench.sim.passivity import LongestTrain

@@ -1,21 +1,23 @@
 """Tunes pairs of a user's own model: settings of its engine tried in it, under its own step and gravity."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.laws.require import require
 from hcbench.laws.restitution import MeasuredRestitution, RestitutionCurve
-from hcbench.measuring.curve import curve_of
+from hcbench.measuring.curve import curve_of, impacts_of
 from hcbench.measuring.measure import Job, run_job, source_of
-from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.request import LONGEST_LIMIT_S
+from hcbench.sim import registry
 from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.model_under_test import (
     BESIDE,
@@ -31,6 +33,10 @@ from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Impact
 from hcbench.tuning.tune import MAX_ERROR
 from hcbench.tuning.tuned_model import TunedModel, TunedPair, largest_error
+
+if TYPE_CHECKING:
+    from hcbench.terms.setting import Setting
+
 
 LIMIT_S = 600.0  # for one model, which takes some seconds on an idle machine
 _TRIED_SPEEDS, _TRIED_PHASES = 6, 4
@@ -244,3 +250,14 @@ def _about_worst(at: dict[float, list[Impact]], wanted: RestitutionCurve) -> lis
     worst = max(range(len(speeds)), key=lambda i: _error(at[speeds[i]], wanted))
     near = speeds[max(0, worst - 1) : worst + 2]
     return [math.sqrt(a * b) for a, b in pairwise(near)]
+
+
+def snippet(setting: Setting, form: str) -> str:
+    """Return the text of a setting to paste; "" if nothing is set. Options of an unknown engine
+    come as JSON.
+
+    form: the scene's, "plane" or "cup".
+    """
+    if registry.base_name(setting.engine) not in registry.names():
+        return setting.options_text
+    return registry.engine(setting.engine).snippet(setting, form)

@@ -20,7 +20,7 @@ from hcbench.benchmark.plan import make_plan
 from hcbench.benchmark.results import RUN_KEY, Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import Study, find_study, load_study, name_of, study_from
-from hcbench.recipes.band import default_band
+from hcbench.recipes.target import default_band
 from hcbench.sim import registry
 from hcbench.system.errors import StudyError
 from hcbench.system.files import atomic_folder

@@ -9,8 +9,7 @@ import pytest
 from checks import EXAMPLES, ask
 
 from hcbench.checking import CheckSpec, Outputs, Verdict, check, plan
-from hcbench.checking.table import checks_of
-from hcbench.checking.text import as_text
+from hcbench.checking.text import as_text, checks_of
 from hcbench.system.errors import OutputError, UserError
 
 

@@ -9,7 +9,7 @@ import pytest
 from checks import ask
 
 from hcbench.checking import CheckSpec, check
-from hcbench.checking.measured_pairs import read_pairs
+from hcbench.checking.baseline import read_pairs
 from hcbench.system.errors import UserError
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import hcbench
 from hcbench.checking import CheckSpec, plan
-from hcbench.checking.table import checks_of
+from hcbench.checking.text import checks_of
 from hcbench.cli.check import check, measure
 from hcbench.cli.tune import tune
 from hcbench.measuring.request import make_request

@@ -25,7 +25,7 @@ from hcbench.laws.published import LAWS, Exact, Flores, LankaraniNikravesh, Publ
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.setting import Setting
-from hcbench.tuning.snippet import snippet
+from hcbench.tuning.model import snippet
 
 try:
     import pybullet as bullet

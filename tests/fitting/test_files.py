@@ -11,9 +11,9 @@ import pytest
 from measured_bounces import synthesise, times_of, write
 
 import hcbench as hb
-from hcbench.checking.measured_pairs import parse_points
+from hcbench.checking.baseline import parse_points
 from hcbench.cli import run
-from hcbench.fitting.candidates import LAWS
+from hcbench.fitting.which_law import LAWS
 from hcbench.system.errors import UserError
 from hcbench.terms.units import parse_uncertain
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from measured_bounces import synthesise
 
-from hcbench.fitting.candidates import LAWS, dissipation_of, hunt_crossley
 from hcbench.fitting.flight import Ballistics, in_air
+from hcbench.fitting.which_law import LAWS, dissipation_of, hunt_crossley
 from hcbench.laws import closed_form
 
 

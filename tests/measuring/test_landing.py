@@ -12,7 +12,7 @@ import hcbench
 from hcbench.checking import CheckSpec, check
 from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
 from hcbench.measuring.landing import as_record, as_text
-from hcbench.reporting.landing_page import landing_page
+from hcbench.reporting.measurement_page import landing_page
 from hcbench.sim.landing import Landings
 from hcbench.system.errors import UserError
 

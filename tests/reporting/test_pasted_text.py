@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hcbench.terms.setting import Setting
-from hcbench.tuning.snippet import snippet
+from hcbench.tuning.model import snippet
 
 
 def text_of(engine: str, options: dict[str, Any], form: str = "plane") -> str:

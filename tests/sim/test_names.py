@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hcbench.sim.names import find_part, suggest_names
+from hcbench.sim.packages import find_part, suggest_names
 from hcbench.system.errors import UserError
 
 PARTS = [("body", "ball", 1), ("geom", "ball", 0), ("geom", "plate", 2), ("geom", "geom:3", 3)]

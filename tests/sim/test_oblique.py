@@ -22,7 +22,7 @@ from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats, Impact, Launch
 from hcbench.terms.scene import Scene, load_scene
 from hcbench.terms.setting import Setting
-from hcbench.tuning.oblique import friction_error, oblique_launches
+from hcbench.tuning.evaluate import friction_error, oblique_launches
 from hcbench.workers import call
 
 # A solid ball, so that its slip meets 2/7 of its mass, with Coulomb's friction on a plane under gravity.

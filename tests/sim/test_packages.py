@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.checking.table import checks_of
+from hcbench.checking.text import checks_of
 from hcbench.measuring.measure import Job
 from hcbench.measuring.pairs import list_pairs
 from hcbench.measuring.request import make_request

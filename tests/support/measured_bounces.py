@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.io import wavfile
 
-from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.estimate import fit_law
 from hcbench.fitting.setup import Known, MeasurementSetup
+from hcbench.fitting.which_law import LAWS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "recording"))
 import synthesise

@@ -18,7 +18,7 @@ from hcbench.laws.conventions import Conversion
 from hcbench.measuring.pairs import CandidatePairs
 from hcbench.reporting.ask import StudyReport
 from hcbench.sim.engine import Engine
-from hcbench.sim.touchdowns import TrajectoryTouchdowns
+from hcbench.sim.touch import TrajectoryTouchdowns
 from hcbench.tuning.answer import Choice
 from hcbench.tuning.tuned_model import TunedModel
 

@@ -20,7 +20,7 @@ import hcbench
 from hcbench.cli import run
 from hcbench.contact.mujoco import load
 from hcbench.laws import closed_form
-from hcbench.recipes.band import default_band
+from hcbench.recipes.target import default_band
 from hcbench.tuning.answer import Answer, Choice
 
 G, ALPHA, STEP = 9.81, 0.3, 2e-3

@@ -22,7 +22,7 @@ from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.scene import load_scene
 from hcbench.tuning.choose import Match, candidates
 from hcbench.tuning.evaluate import held_out_launches
-from hcbench.tuning.snippet import snippet
+from hcbench.tuning.model import snippet
 from hcbench.tuning.tune import tune
 
 SCENE = load_scene("steel-plane")

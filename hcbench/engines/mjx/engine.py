@@ -12,17 +12,20 @@ A user's model is simulated in JAX's own precision, or that of the environment v
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Integrators
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu
 from hcbench.sim.read_steps import Reading, reader
-from hcbench.sim.shared_model import Copies, SharedModelEngine
+from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import SceneError, SettingError
 from hcbench.system.files import user_folder
 from hcbench.workers import in_worker
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from hcbench.sim.scripted import PythonLaw
     from hcbench.terms.impact import Floats
     from hcbench.terms.setting import Setting
+
 
 _PLACES = 32
 # Of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for a third.
@@ -224,3 +228,62 @@ def step(model, data):  # the pair's solref is that of `impulse`
     share = jnp.where(touch > 0, jnp.maximum(leaves, 0), 0) / v
     damping = (1 + share) / h + rest * g / v
     return mjx.step(model.replace(pair_solref=model.pair_solref.at[0, 1].set(-damping)), data)"""
+
+
+_STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have this integrator")
+# Of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
+_SCATTER = 4e-3
+_ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")
+_SOFT = "The numbers hold at this step and gravity only. e varies with the phase of the step."
+_FLOAT = "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
+_PUSHES = "`two-pair` and `staggered` are refused: MJX ignores a pair's adhesion without a warning."
+
+
+def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options with an impedance d so far below 1 that float32 resolves 1 - d."""
+    rows = [{**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]]
+    return {**options, "rows": rows}
+
+
+_NATIVE = shared_recipes(
+    "mjx",
+    "mujoco",
+    {
+        "stock": {"notes": (_FLOAT,)},
+        "impulse": {
+            "function": changed("mujoco.impulse", _coarser),
+            "notes": (
+                "solimp is 0.9: with MuJoCo's 0.9999, float32 rounding makes e wrong by 0.0024.",
+                "Under gravity the contact carries only 0.9 of the weight: e is wrong by 0.1 g h / v more.",
+            ),
+            "integrators": _ONE_FORCE,
+            "within": 3e-6,
+        },
+        "spring-damper": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": 6e-3},
+        "compliant": {"notes": (_SOFT, _FLOAT), "integrators": _ONE_FORCE, "within": 0.01},
+        "compliant-pairs": {
+            "function": changed("mujoco.compliant-pairs", dict, adhesive=False),
+            "summary": "Two pairs of the same two geoms that only push: e falls with speed, near the target.",
+            "notes": (_SOFT, _PUSHES),
+            "integrators": _ONE_FORCE,
+        },
+        "soft": {
+            "function": changed("mujoco.soft", lambda options: {**options, "precision": "float64"}),
+            "notes": ("Needs float64: in float32 the power of solimp underflows, and nothing bounces.",),
+            "integrators": _STEPS,
+            "within": 0.01,
+        },
+        "staggered-push": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": _SCATTER},
+    },
+)
+RECIPES = (
+    *_NATIVE,
+    *python_law_recipes(
+        "mjx",
+        _NATIVE,
+        "Runs in the step function, for jit and vmap. precision = 'float64' sets jax_enable_x64 globally.",
+        force=1e-3,
+        common={"precision": "float64"},
+    ),
+    *python_law_recipes("mjx", _NATIVE, "Runs in the step function, for jit and vmap.", each_impact=5e-6),
+)

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
-    from hcbench.sim.touchdowns import TrajectoryTouchdowns
+    from hcbench.sim.touch import TrajectoryTouchdowns
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting

@@ -16,7 +16,7 @@ from hcbench.reporting.wording import engine_title, error, number, time
 from hcbench.sim import registry
 from hcbench.system.text import time_step
 from hcbench.terms.setting import Setting
-from hcbench.tuning.snippet import snippet
+from hcbench.tuning.model import snippet
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

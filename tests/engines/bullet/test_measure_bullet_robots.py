@@ -129,7 +129,7 @@ def placed(script: str) -> tuple[list[float], list[float]]:
     import runpy
 
     from hcbench.engines.pybullet.backend import end_clients
-    from hcbench.engines.pybullet.model.movers import SwingingLink
+    from hcbench.engines.pybullet.model.bodies import SwingingLink
     from hcbench.engines.pybullet.model.under_test import open_world
     from hcbench.measuring.request import make_request
 

@@ -47,8 +47,7 @@ def readers(folder: Path) -> dict[str, Reader]:
     import hcbench as hb
     from hcbench.benchmark.study import load_study
     from hcbench.cases.score import read_scores
-    from hcbench.checking.baseline import read_baseline
-    from hcbench.checking.measured_pairs import read_pairs
+    from hcbench.checking.baseline import read_baseline, read_pairs
     from hcbench.fitting.recording import read_recording
     from hcbench.measuring.pose import read_state
     from hcbench.reality.torch_file import read_tensor

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.sim.names import suggest_names
+from hcbench.sim.packages import suggest_names
 from hcbench.sim.touch import LEAST_APPROACH, require_apart
 from hcbench.system.errors import UserError
 

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hcbench.sim.names import find_part
-from hcbench.sim.packages import Packages, folders_of
+from hcbench.sim.packages import Packages, find_part, folders_of
 from hcbench.system.errors import SceneError, UserError
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from hcbench.engines.mujoco.model.bodies import (
 )
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
 from hcbench.engines.mujoco.model.plugin_contact import has_force_law
-from hcbench.sim.names import find_part, suggest_names
+from hcbench.sim.packages import find_part, suggest_names
 from hcbench.system.errors import UserError
 
 _FREE_DOFS = 6

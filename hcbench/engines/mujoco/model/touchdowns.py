@@ -16,7 +16,7 @@ from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.scene.promises import promise_in
 from hcbench.sim.landing import PARTED_S
 from hcbench.sim.model_under_test import Request
-from hcbench.sim.touchdowns import Touchdowns, TrajectoryTouchdowns
+from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats
 

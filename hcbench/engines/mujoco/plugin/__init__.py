@@ -23,7 +23,7 @@ from hcbench.laws import hertz
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law
 from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
-from hcbench.sim.names import suggest_names
+from hcbench.sim.packages import suggest_names
 from hcbench.system import compiler as _compile
 from hcbench.system.errors import CannotRun, EngineMissing, OutputError, SettingError
 from hcbench.terms.arguments import checked

@@ -24,8 +24,8 @@ from hcbench.engines.mujoco.recipes.common import (
 from hcbench.engines.mujoco.recipes.sensitivity import restitution_sensitivity
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
 from hcbench.laws.force import HuntCrossley
+from hcbench.recipes.constant import resolvable_law
 from hcbench.recipes.recipe import Recipe, Role
-from hcbench.recipes.softening import resolvable_law
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats

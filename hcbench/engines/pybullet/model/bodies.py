@@ -7,17 +7,20 @@ joints nor for axes that are not unit vectors, and need link frames, which it re
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.vectors import Vector, add_scaled, cross, rotate, rotate_inverse, vector
+from hcbench.terms.impact import Floats
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.terms.impact import Floats
+
 
 # pybullet.JOINT_...: places in getJointInfo follow
 REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED = range(5)
@@ -221,3 +224,58 @@ def contact_row(
     """The row of two (body, link) that touch at `point`, for forces along `direction`."""
     (one, _), (two, _) = sides = (first, second)
     return ContactRow((one, two), tuple(body.response(link, point, direction) for body, link in sides))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, slots=True)
+class FreeBase:
+    """A body that is moved as a whole. position (m), quaternion: where it starts. direction: unit vector."""
+
+    body: int
+    description: str
+    position: Floats
+    quaternion: Sequence[float]
+    direction: Floats
+
+    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
+        """Put it `travel` m nearer than it starts, at `speed` m/s towards the other."""
+        position = self.position + self.direction * travel
+        bullet.resetBasePositionAndOrientation(self.body, position.tolist(), self.quaternion)
+        bullet.resetBaseVelocity(self.body, (self.direction * speed).tolist(), [0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class SlidingJoint:
+    """A prismatic joint that moves a link. start: its position. approach: m towards the other for 1 of it."""
+
+    body: int
+    description: str
+    joint: int
+    start: float
+    approach: float
+
+    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
+        """Put the link `travel` m nearer than it starts, at `speed` m/s towards the other."""
+        bullet.resetJointState(
+            self.body, self.joint, self.start + travel / self.approach, speed / self.approach
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SwingingLink:
+    """Joints that together move a link as a push at its contact would. starts: their positions at touch.
+    rates: their velocities for an approach at 1 m/s.
+    """
+
+    body: int
+    description: str
+    starts: Mapping[int, float]
+    rates: Mapping[int, float]
+
+    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
+        """Put the link `travel` m nearer than it starts, at `speed` m/s towards the other."""
+        for joint, start in self.starts.items():
+            rate = self.rates[joint]
+            bullet.resetJointState(self.body, joint, start + rate * travel, rate * speed)
+
+
+Mover = FreeBase | SlidingJoint | SwingingLink

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, UNCLIPPED, BulletClient
-from hcbench.engines.pybullet.model.movers import SlidingJoint
+from hcbench.engines.pybullet.model.bodies import SlidingJoint
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.laws.restitution import RestitutionCurve

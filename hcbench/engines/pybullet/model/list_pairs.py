@@ -23,7 +23,7 @@ from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.place import DISTANCE, NORMAL
 from hcbench.engines.pybullet.vectors import vector
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
-from hcbench.sim.names import find_part
+from hcbench.sim.packages import find_part
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
 

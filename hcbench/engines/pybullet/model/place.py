@@ -16,9 +16,12 @@ from hcbench.engines.pybullet.model.bodies import (
     PRISMATIC,
     REVOLUTE,
     BulletBody,
+    FreeBase,
+    Mover,
+    SlidingJoint,
+    SwingingLink,
     contact_row,
 )
-from hcbench.engines.pybullet.model.movers import FreeBase, Mover, SlidingJoint, SwingingLink
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
 from hcbench.engines.pybullet.vectors import vector

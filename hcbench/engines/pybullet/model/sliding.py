@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.pybullet.backend import BulletClient
-from hcbench.engines.pybullet.model.bodies import BulletBody
-from hcbench.engines.pybullet.model.movers import FreeBase
+from hcbench.engines.pybullet.model.bodies import BulletBody, FreeBase
 from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.engines.pybullet.vectors import rotate_inverse
 from hcbench.sim.model_under_test import Vector

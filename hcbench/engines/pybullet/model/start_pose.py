@@ -7,7 +7,7 @@ from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_NAME, JOINT_TYPE, PRISMATIC, REVOLUTE
 from hcbench.engines.pybullet.model.open import LoadedWorld
 from hcbench.sim.model_under_test import Request
-from hcbench.sim.names import suggest_names
+from hcbench.sim.packages import suggest_names
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
 

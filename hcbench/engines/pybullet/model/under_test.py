@@ -16,6 +16,7 @@ import numpy as np
 
 from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.backend import BACKEND
+from hcbench.engines.pybullet.model.bodies import FreeBase
 from hcbench.engines.pybullet.model.causes import (
     BulletContext,
     find_suspects,
@@ -24,7 +25,6 @@ from hcbench.engines.pybullet.model.causes import (
 )
 from hcbench.engines.pybullet.model.in_child import release_aside, run_aside
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
-from hcbench.engines.pybullet.model.movers import FreeBase
 from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
 from hcbench.engines.pybullet.model.place import place
 from hcbench.engines.pybullet.model.plausible import require_plausible

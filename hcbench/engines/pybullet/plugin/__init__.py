@@ -25,7 +25,7 @@ from hcbench.engines.pybullet.model.bodies import LINK_NAME
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law, require_resolved
 from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution, RestitutionCurve
-from hcbench.sim.names import suggest_names
+from hcbench.sim.packages import suggest_names
 from hcbench.system import compiler as _compile
 from hcbench.system.errors import EngineFailed, HcbenchError, SettingError
 from hcbench.system.text import shortest

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from hcbench.engines.pybullet.recipes.restitution import BALL, WORLD
 from hcbench.engines.pybullet.recipes.spring_damper import RIGID
 from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, fit_contacts
+from hcbench.recipes.constant import resolvable_law
 from hcbench.recipes.recipe import Recipe, Role
-from hcbench.recipes.softening import resolvable_law
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
 if TYPE_CHECKING:
