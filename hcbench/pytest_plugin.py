@@ -33,7 +33,7 @@ from hcbench.terms.options import (
 pytest.register_assert_rewrite("hcbench.testing")  # so that a failure shows both numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from hcbench.checking.outcome import Outcome
     from hcbench.measuring.measurement import Measurement
@@ -45,6 +45,10 @@ _INI = {
     "restitution_timeout": "seconds after which an engine counts as hung (default 60)",
 }
 _KEYS = (*LIMITS, *LAUNCHES, "engine", "timeout")
+_EXPECTED = (
+    "expected .matches(e), .follows(alpha=...) or (pairs=...), .equals(baseline), .rests(max_depth=...) "
+    "or (max_vibration=...), or .measured()"
+)
 _MARKER = f"restitution({'=..., '.join(_KEYS)}=...): defaults of the restitution fixture for this test"
 
 
@@ -62,7 +66,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture
-def restitution(request: pytest.FixtureRequest) -> RestitutionFixture:
+def restitution(request: pytest.FixtureRequest) -> Iterator[RestitutionFixture]:
     """Measures a model: `restitution(model, pair=...)`, then `.matches(e)`, `.follows(alpha=...)`, ...."""
     defaults: dict[str, Any] = {}
     for name in _INI:
@@ -76,7 +80,11 @@ def restitution(request: pytest.FixtureRequest) -> RestitutionFixture:
             pytest.fail(f"@pytest.mark.restitution: {wrong}; expected {', '.join(_KEYS)}", pytrace=False)
         defaults.update(marker.kwargs)
     folder = request.path.parent
-    return RestitutionFixture(defaults, folder if folder.is_dir() else Path.cwd())
+    fixture = RestitutionFixture(defaults, folder if folder.is_dir() else Path.cwd())
+    yield fixture
+    for bounce in fixture.bounces:
+        if not bounce.is_measured:
+            pytest.fail(f"restitution({bounce.name!r}): not measured; {_EXPECTED}", pytrace=False)
 
 
 class FixtureOptions(LaunchOptions, LimitOptions, total=False):
@@ -90,7 +98,9 @@ class RestitutionFixture:
     """The fixture: call it with a model and a pair."""
 
     def __init__(self, defaults: Mapping[str, Any], folder: Path) -> None:
-        self._defaults, self._folder = dict(defaults), folder
+        self._defaults = dict(defaults)
+        self._folder = folder
+        self.bounces: list[ModelBounce] = []
 
     def __call__(
         self, model: ModelSource, pair: BodyPair | None = None, **options: Unpack[FixtureOptions]
@@ -104,7 +114,9 @@ class RestitutionFixture:
         unknown = sorted(set(options) - set(_KEYS))
         if unknown:
             raise TypeError(f"restitution(): unknown {', '.join(unknown)}; there are {', '.join(_KEYS)}")
-        return ModelBounce(self._resolve(model), pair, {**self._defaults, **options})
+        bounce = ModelBounce(self._resolve(model), pair, {**self._defaults, **options})
+        self.bounces.append(bounce)
+        return bounce
 
     def _resolve(self, model: Any) -> Any:
         """Paths from the test's own folder, where there is such a file."""
@@ -122,10 +134,15 @@ class ModelBounce:
     """One model, measured when it is held against something."""
 
     def __init__(self, model: Any, pair: Any, options: Mapping[str, Any]) -> None:
-        self._model, self._pair, self._options = model, pair, dict(options)
+        self._model = model
+        self._pair = pair
+        self._options = dict(options)
+        self.name = _name(model)
+        self.is_measured = False
 
     def matches(self, restitution: float, max_error: float | None = None) -> Measurement:
         """Assert one e at all speeds."""
+        self._require_target("matches", restitution)
         return self._hold(restitution=restitution, max_error=max_error)
 
     def follows(
@@ -137,6 +154,7 @@ class ModelBounce:
         max_error: float | None = None,
     ) -> Measurement:
         """Assert the law of eq. (16) with α ("0.008 s/in"; target "linear": 1 - α v), or a CSV of (v, e)."""
+        self._require_target("follows", alpha, pairs)
         return self._hold(alpha=alpha, pairs=pairs, target=target, max_error=max_error)
 
     def equals(self, baseline: str | Path, max_error: float | None = None) -> Measurement:
@@ -147,14 +165,25 @@ class ModelBounce:
         self, max_depth: float | str | None = None, max_vibration: float | str | None = None
     ) -> Measurement:
         """Assert most of the penetration ("1 mm") and of the vibration ("1e-4 m/s", rms) at rest."""
-        return self._hold(max_depth=max_depth, max_vibration=max_vibration)
+        asked = {"max_depth": max_depth, "max_vibration": max_vibration}
+        limits = {name: self._options.get(name) if value is None else value for name, value in asked.items()}
+        self._require_target("rests", *limits.values())
+        return self._hold(None, **limits)
 
     def measured(self) -> Measurement:
         """Measurement of the pair, compared with no target."""
         return self._hold()
 
+    def _require_target(self, verb: str, *targets: object) -> None:
+        """Fail a test whose target is None: it would hold the pair to nothing, and pass."""
+        __tracebackhide__ = True
+        if all(target is None for target in targets):
+            self.is_measured = True  # this failure says enough
+            pytest.fail(f"restitution({self.name!r}).{verb}(): no target; {_EXPECTED}", pytrace=False)
+
     def _hold(self, max_error: float | None = None, **against: Any) -> Measurement:
         __tracebackhide__ = True
+        self.is_measured = True
         outcome = self._check(max_error, against)
         if outcome.exit_code == 1:
             from hcbench.checking.text import outcome_text
@@ -169,7 +198,7 @@ class ModelBounce:
         from hcbench.system.errors import HcbenchError, UserError
         from hcbench.terms.fields import validate
 
-        options = {**self._options, **against, "name": _name(self._model), "pair": self._pair, "model": ()}
+        options = {**self._options, **against, "name": self.name, "pair": self._pair, "model": ()}
         options["limit"] = options.pop("timeout", None)
         if max_error is not None:
             options["max_error"] = max_error

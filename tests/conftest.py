@@ -101,8 +101,9 @@ def _needed_engine(item: pytest.Item) -> str:
     if marker is None:
         callspec = getattr(item, "callspec", None)
         params = callspec.params.values() if callspec else ()
-        told = " ".join([item.name, *(each for each in params if isinstance(each, str))])
-        return "pybullet" if re.search(r"[\[ ].*\bpybullet\b", told) else ""
+        _, _, of_name = item.name.partition("[")
+        told = [of_name, *(each for each in params if isinstance(each, str))]
+        return "pybullet" if any(re.search(r"\bpybullet\b", text) for text in told) else ""
     if marker.args:
         return str(marker.args[0])
     params = item.callspec.params  # type: ignore[attr-defined]

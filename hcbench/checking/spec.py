@@ -20,7 +20,7 @@ from hcbench.measuring.request import make_request, read_limit
 from hcbench.measuring.rest import RestLimits
 from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
-from hcbench.system.errors import QuantityError, UserError
+from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.fields import FileTable, mistake
@@ -253,10 +253,7 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
     """The largest error allowed. Raises QuantityError outside 0 ... 1."""
     if value is None:
         return default
-    max_error = units.parse(value, "number", "max-error")
-    if not 0 <= max_error <= 1:
-        raise QuantityError("max-error", f"{max_error:g}", "0 ... 1, a difference in e")
-    return max_error
+    return units.parse_max_error(value)
 
 
 def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> RestLimits | None:

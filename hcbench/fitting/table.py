@@ -30,6 +30,10 @@ _LARGEST = 16 << 20  # bytes
 _SMALLEST = 1e-12
 # Of a picture, though of some length in print
 _NO_LENGTHS = ("px", "pixel", "pixels", "dot", "pt")
+# Of a column that is a ratio, such as e
+NO_UNIT = ("", "1", "-", "–")
+# After a number: a "#" in a header may be part of a name, as in "bounce #"
+_COMMENT = re.compile(r"(?<=[\d.])\s+#.*")
 _NAMED = re.compile(
     r"\s*(?P<name>[^\[\]{}]*?)\s*"
     r"(?:\[\s*(?P<square>[^\]]*?)\s*\]|\(\s*(?P<round>[^()]*?)\s*\)|\{\s*(?P<curly>[^{}]*?)\s*\})\s*"
@@ -51,6 +55,8 @@ class Table:
 
     def number(self, text: str) -> float:
         """A cell as a number; NaN for what is none."""
+        if "_" in text:  # which Python takes for a sign between digits
+            return math.nan
         try:
             return float(text.strip().replace(self.decimal, "."))
         except ValueError:
@@ -94,7 +100,10 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
     not fit.
     """
     example = units.QUANTITIES[quantity].example.split()[-1]
-    if not unit and units.QUANTITIES[quantity].unit:
+    si_unit = units.QUANTITIES[quantity].unit
+    if not si_unit and unit in NO_UNIT:
+        return 1.0
+    if not unit and si_unit:
         advice = f"Write it with one, such as: {name} [{example}]"
         raise UserError(file, f"the header {name!r} names no unit", "one in brackets", advice)
     try:
@@ -104,7 +113,8 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
             return units.parse(f"1 {unit}", quantity, file) if unit else 1.0
     except QuantityError:
         got = f"{unit!r} under {name!r} is not such a unit"
-        raise UserError(file, got, f"one that converts to {units.QUANTITIES[quantity].unit}") from None
+        expected = f"one that converts to {si_unit}" if si_unit else "none: it is a ratio"
+        raise UserError(file, got, expected) from None
 
 
 def read_lines(path: Path) -> list[tuple[int, str]]:
@@ -150,7 +160,9 @@ def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
 
     Raises UserError with the file, the line, what it has and what was expected.
     """
-    return table_of(path, [(n, line) for n, line in lines if not line.lstrip().startswith("#")])
+    return table_of(
+        path, [(n, _COMMENT.sub("", line)) for n, line in lines if not line.lstrip().startswith("#")]
+    )
 
 
 def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
@@ -163,7 +175,7 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
     numbers = [n for n, _ in lines]
     texts = [text for _, text in lines]
     separator = _separator(texts)
-    rows = [tuple(next(csv.reader(io.StringIO(text), delimiter=separator))) for text in texts]
+    rows = [_cells(name, number, text, separator) for number, text in lines]
     joined = joined_header(rows)
     if joined is not None:
         begin, header = joined
@@ -189,6 +201,14 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
         if any(cell.strip() for cell in beyond):
             raise UserError(f"{name}, line {line}", f"{len(row)} cells", f"{width}, as the header has")
     return plain(table)
+
+
+def _cells(name: str, number: int, text: str, separator: str) -> tuple[str, ...]:
+    """Cells of one line. Raises UserError where one of them is too long to be a number or a name."""
+    try:
+        return tuple(next(csv.reader(io.StringIO(text), delimiter=separator)))
+    except csv.Error as error:
+        raise UserError(f"{name}, line {number}", str(error), "cells of numbers") from None
 
 
 def _separator(texts: list[str]) -> str:
@@ -333,7 +353,7 @@ def joined_header(rows: list[tuple[str, ...]]) -> tuple[int, tuple[str, ...]] | 
             continue
         names = rows[0]
         below = [cell.strip().strip("()[]").lower() for cell in rows[count - 1]]
-        has_units = all(_is_unit(cell) for cell in below)
+        has_units = all(_is_unit(cell) or cell in NO_UNIT for cell in below) and any(map(_is_unit, below))
         if has_units and not any(_looks_numeric(cell) for cell in names):
             pairs = zip(names, below, strict=True)
             return count, tuple(f"{name.strip()} [{unit}]" for name, unit in pairs)

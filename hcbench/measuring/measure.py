@@ -177,6 +177,8 @@ def _as_files(model: Any) -> str | tuple[str, ...] | None:
     """Return the paths or text of a model, which can be sent to the worker; None for an object of
     an engine.
     """
+    if isinstance(model, list | tuple) and len(model) == 1:
+        model = model[0]  # opened by the engine of its kind, not by one that opens several files
     if isinstance(model, str | Path):
         return str(model)
     if isinstance(model, list | tuple) and model and all(isinstance(part, str | Path) for part in model):

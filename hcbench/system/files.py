@@ -47,6 +47,8 @@ def json_text(content: Any) -> str:
 
 def parse_json(text: str | bytes) -> Any:
     """Parse JSON. ValueError for invalid text and for text nested too deeply for Python."""
+    if isinstance(text, str):
+        text = text.removeprefix("\ufeff")  # the mark that editors in Windows begin a file with
     try:
         return json.loads(text)
     except RecursionError:
@@ -70,8 +72,8 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     return content
 
 
-def read_text(path: Path, encoding: str = "utf-8", most: int = MOST_BYTES) -> str:
-    """The text of a file, by `read_bytes`."""
+def read_text(path: Path, encoding: str = "utf-8-sig", most: int = MOST_BYTES) -> str:
+    """The text of a file, by `read_bytes`, without the mark that editors in Windows begin it with."""
     return read_bytes(path, most).decode(encoding)
 
 

@@ -219,6 +219,14 @@ def parse_uncertain(
     return number, parse(texts[1], quantity, slot, least=0.0)
 
 
+def parse_max_error(value: object) -> float:
+    """Largest error of e that is allowed, 0 ... 1, from a number or its text. Raises QuantityError."""
+    max_error = parse(value, "number", "max-error")
+    if not 0 <= max_error <= 1:  # and so for NaN, which no error is larger than
+        raise QuantityError("max-error", f"{max_error:g}", "0 ... 1, a difference in e")
+    return max_error
+
+
 def parse_values(
     value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
 ) -> Floats:

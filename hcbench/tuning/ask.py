@@ -161,6 +161,7 @@ def tune(
         corners=corners,
     )
     names = names_of(pair)
+    max_error = units.parse_max_error(max_error)
     with report_progress(progress):
         return find_answer(engine, wanted, setting, recipe, match, integrator, max_error, names, kind)
 
@@ -241,6 +242,7 @@ def tune_model(
 
     """
     pairs = _listed(pair)
+    max_error = units.parse_max_error(max_error)
     if not pairs:
         advice = f"`hcbench pairs {sanitized(model)}` lists them"
         raise UserError("pair", "missing", "two bodies or geoms", advice)

@@ -187,3 +187,30 @@ def test_marker_and_options_are_listed(pytester: pytest.Pytester) -> None:
     options = pytester.runpytest_inprocess("--help").stdout.str()
     for name in ("max_error", "speeds", "phases", "timeout"):
         assert f"restitution_{name}" in options
+
+
+def test_a_test_without_a_target_fails(models: pytest.Pytester) -> None:
+    models.makepyfile(
+        """
+        import pytest
+
+        @pytest.mark.parametrize("hold", [
+            lambda bounce: bounce.follows(),
+            lambda bounce: bounce.matches(None),
+            lambda bounce: bounce.rests(),
+        ])
+        def test_nothing_to_hold_it_to(restitution, hold):
+            hold(restitution("good.xml", pair="ball,plate", speeds="0.5 m/s"))
+
+        def test_the_verdict_is_forgotten(restitution):
+            restitution("good.xml", pair="ball,plate", speeds="0.5 m/s")
+
+        @pytest.mark.restitution(max_depth="1 m", max_vibration="1 m/s")
+        def test_the_marker_has_the_limits(restitution):
+            restitution("good.xml", pair="ball,plate", speeds="0.5 m/s", phases=1).rests()
+        """
+    )
+    result = models.runpytest_inprocess()
+    result.assert_outcomes(failed=3, passed=2, errors=1)
+    result.stdout.fnmatch_lines(["*follows(): no target; expected .matches(e), *"])
+    result.stdout.fnmatch_lines(["*not measured; expected .matches(e), *"])

@@ -79,6 +79,10 @@ PAIRS: dict[str, str | bytes] = {
     "drop and rebound": "drop height [cm],rebound height [cm]\n"
     + rows(100 * V**2 / 19.6133, 100 * (V * E) ** 2 / 19.6133),
     "impact velocity": "impact velocity (m/s);coefficient of restitution\n" + rows(V, E, sep=";"),
+    "units in a line, none for e": "speed,restitution\nm/s,\n" + rows(V, E),
+    "units in a line, a dash for e": "speed;e\n[m/s];[-]\n" + rows(V, E, sep=";"),
+    "a dash for e": "speed [m/s],e [-]\n" + rows(V, E),
+    "comments after numbers": "speed [m/s],e\n" + rows(V, [f"{e:.5f}  # trial {i}" for i, e in enumerate(E)]),
     "semicolons and commas": "v/(m/s);e\n" + rows(V, E, sep=";", comma=True),
 }
 TRACKS: dict[str, str | bytes] = {
@@ -127,6 +131,8 @@ def test_a_table_is_read_as_it_says(tmp_path: Path, kind: str, name: str, conten
         "time [s],temperature [K]\n0,1\n0.3,1\n0.5,1\n0.6,1\n",  # a log of something else
         "frame,y [px]\n" + rows(N, H * 1e3),
         "time,height\n" + rows(*FILM),
+        "speed [m/s],e\n" + rows(V, E) + "1_0,0.5\n",
+        "speed [m/s],e\n" + rows(V, E) + f"{'1' * 140_000},0.5\n",
     ],
 )
 def test_what_may_be_something_else_is_refused(tmp_path: Path, text: str) -> None:

@@ -138,3 +138,13 @@ def test_a_printed_row_adds_up() -> None:
         e, _, _, target, error, worst = map(float, row.split()[2:])
         assert e - target == pytest.approx(error, abs=1e-9)
         assert abs(worst) >= abs(error)
+
+
+def test_a_list_of_one_file_is_that_file() -> None:
+    """The same engine and numbers, not those of an engine that opens lists."""
+    model = str(GOOD)
+    alone, listed = (
+        hb.measure(source, "ball,plate", speeds="0.5 m/s", phases=1) for source in (model, [model])
+    )
+    assert listed.facts.engine == alone.facts.engine
+    assert listed.curve[0].restitution == alone.curve[0].restitution

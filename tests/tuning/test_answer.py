@@ -225,3 +225,12 @@ def test_a_flat_face_that_gains_energy_is_named_in_the_first_line(
     passive = {c["kind"]: c["passive"] for c in json.loads(capsys.readouterr().out)["choices"]}
     assert passive["settings"] == {"sphere": True, "flat": False}
     assert passive["exact"] == {"sphere": True, "flat": True}
+
+
+@pytest.mark.parametrize("limit", [float("nan"), -1.0, 2.0])
+def test_a_limit_that_no_error_can_pass_or_meet_is_refused(limit: float) -> None:
+    model = Path(__file__).parents[2] / "examples" / "good.xml"
+    with pytest.raises(hcbench.HcbenchError, match="max-error"):
+        hcbench.tune("mujoco", alpha=0.3, timestep="2 ms", max_error=limit)
+    with pytest.raises(hcbench.HcbenchError, match="max-error"):
+        hcbench.tune_model(model, "ball,plate", alpha=0.3, max_error=limit)
