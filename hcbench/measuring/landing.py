@@ -161,12 +161,13 @@ def as_text(robots: Sequence[Landings]) -> str:
 
 
 def headline(landings: Landings) -> list[str]:
-    """Two lines: the model, its floor and start; the engine, its step, gravity and controller."""
+    """Lines of the model, its floor and start; the engine, its step, gravity and controller; notes."""
     return [
         f"{sanitized(landings.model)}: {sanitized(landings.robot)} ({landings.mass:.4g} kg), from"
         f" {sanitized(landings.start)}, on {sanitized(landings.floor)}",
         f"{landings.engine} {landings.version}, step {time_step(landings.timestep)} s, gravity"
         f" {landings.gravity:.4g} m/s^2; {sanitized(landings.controller)}",
+        *(f"note: {sanitized(note)}" for note in landings.notes),
     ]
 
 

@@ -119,6 +119,7 @@ class Landings(Shown):
 
     model: what to call it. robot, floor: names of its base and of what it lands on. controller: what holds
     the joints, in words. mass: kg. drops: heights in order, tilts in order for each.
+    notes: sentences a reader must know.
     """
 
     engine: str
@@ -132,6 +133,7 @@ class Landings(Shown):
     timestep: float
     gravity: float
     drops: tuple[Landing, ...]
+    notes: tuple[str, ...] = ()
 
     def _lines(self) -> Iterator[str]:
         yield f"{self.model}: {self.robot} ({self.mass:.4g} kg) on {self.floor}, {self.engine} {self.version}"

@@ -1,7 +1,7 @@
 """The mujoco package: importing it, what an older version lacks, its warnings and its fatal errors."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from hcbench.sim.backend import Backend
@@ -71,6 +71,18 @@ def captured_warnings() -> Iterator[list[str]]:
             yield collected
     finally:
         mujoco.set_mju_user_warning(before)
+
+
+def plugin_warnings(warned: Iterable[str]) -> tuple[str, ...]:
+    """First warning of each kind that hcbench's plug-ins gave, each a line, in order.
+
+    The plug-in repeats a warning with other numbers for every MjData.
+    """
+    kinds: dict[str, str] = {}
+    for words in warned:
+        if "plugin hcbench." in words:
+            kinds.setdefault(words.partition(" turns by ")[0], " ".join(words.split()))
+    return tuple(kinds.values())
 
 
 def forget_resets(data: Any) -> None:

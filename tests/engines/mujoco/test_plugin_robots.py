@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 from contact_scenes import require_plugins_in_specs
 
+import hcbench
+from hcbench.checking.text import outcome_text
 from hcbench.contact.mujoco import ConstantRestitution, Restitution, add_to_spec
+from hcbench.measuring.landing import as_text as landing_text
 
 if TYPE_CHECKING:
     Law = ConstantRestitution | Restitution
@@ -193,3 +196,46 @@ def test_a_solver_that_stops_early_is_named_once_where_robots_stand(iterations: 
         mujoco.set_mju_user_warning(None)
     assert len(warned) == bool(words)
     assert re.search(words, "".join(warned))
+
+
+WHEEL = """
+<mujoco>
+  <option timestep="0.005" iterations="1"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1"/>
+    <body name="leg" pos="0 0 .2">
+      <freejoint/><geom type="box" size=".05 .05 .02"/>
+      <body name="wheel" pos="0 .1 -.1">
+        <joint name="axle" axis="0 1 0"/><geom name="tyre" type="cylinder" euler="90 0 0" size=".05 .02"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><general joint="axle" biastype="affine" biasprm="1 0 -.01"/></actuator>
+</mujoco>"""
+STOPS = 'the solver stops after iterations="1"'
+TURNS = "rad in a step of 0.005 s"
+
+
+def driven_wheel() -> str:
+    """A motor turns a wheel by more than 0.1 rad a step, and the solver stops early, as MJCF."""
+    require_plugins_in_specs()
+    spec = mujoco.MjSpec.from_string(WHEEL)
+    add_to_spec(spec, ConstantRestitution(0.5), geoms=("tyre", "floor"))
+    return str(spec.to_xml())
+
+
+def test_a_landing_shows_each_warning_of_the_plugin_once() -> None:
+    landings = hcbench.land(driven_wheel(), heights="5, 10 cm")
+    assert len(landings.notes) == 2
+    assert [words for note in landings.notes for words in (STOPS, TURNS) if words in note] == [STOPS, TURNS]
+    shown = landing_text([landings])
+    assert all(shown.count(f"note: {note}\n") == 1 for note in landings.notes)
+
+
+def test_measure_and_check_show_the_plugins_warning_once(tmp_path: Path) -> None:
+    file = tmp_path / "wheel.xml"
+    file.write_text(driven_wheel(), encoding="utf-8")
+    measured = hcbench.measure(file, "tyre,floor", speeds=(0.5, 1.0), phases=2, diagnose=False)
+    assert sum(STOPS in note for note in measured.facts.notes) == 1
+    (outcome,) = hcbench.check(file, "tyre,floor", restitution=0.5, speeds=(0.5, 1.0), phases=2).outcomes
+    assert outcome_text(outcome).count(STOPS) == 1

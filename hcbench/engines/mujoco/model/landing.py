@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
+from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, plugin_warnings, resets
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name
 from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.place import start_pose
@@ -29,7 +29,7 @@ _FALL_SHARE, _SLACK_S = 1.5, 0.2  # of the time of a free fall, and more: how lo
 
 def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) -> Landings:
     """Drop the robot of a model. Raises UserError where it has none, or nothing to land on."""
-    with captured_warnings():
+    with captured_warnings() as warned:
         start, name = start_pose(model, request, state)
         bench = _Bench(model, start)
         drive, words = drive_of(drops.controller, model, start, bench.root)
@@ -46,6 +46,7 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
         bench.h,
         bench.g,
         tuple(landings),
+        plugin_warnings(warned),
     )
 
 

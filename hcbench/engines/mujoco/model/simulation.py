@@ -109,7 +109,7 @@ class MujocoFlight:
         rows: list[_Step] = []
         if self._causes is not None:
             self._causes.settle()
-        with captured_warnings():
+        with captured_warnings() as warned:
             while len(rows) < steps:
                 row = self._step()
                 if self._staged:
@@ -129,6 +129,7 @@ class MujocoFlight:
                 if x <= 0.0:
                     steps = min(steps, len(rows) + after)
                     after = None
+        self._opened.warned.extend(warned)
         depths, rates, forces, _, along = zip(*rows, strict=True)
         x, v, f = np.array([depths, rates, forces])[:, None]
         return Record(x, v, f, np.array(along).T[:, None] if self.is_oblique else None)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.backend import backend, captured_warnings, require_feature
+from hcbench.engines.mujoco.backend import backend, captured_warnings, plugin_warnings, require_feature
 from hcbench.engines.mujoco.model.bodies import (
     geom_friction,
     geom_name,
@@ -78,6 +78,7 @@ class MujocoModel(ModelUnderTest):
             self.speed_reading = SpeedReading.STAGED_CROSSING if staged else SpeedReading.CROSSING
         self.places = _PLACES if is_whole_state(model) else 1
         self.others: set[int] = set()  # geoms that touched the two during an impact
+        self.warned: list[str] = []  # by MuJoCo and its plug-ins, while it stepped launches
         self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
 
     def _falls_freely(self) -> bool:
@@ -170,6 +171,7 @@ class MujocoModel(ModelUnderTest):
                 f"MuJoCo's distance of the two falls by {1.0 + slope:.3g} m in a metre of approach:"
                 " it is rough for these shapes, and so is e."
             )
+        notes += plugin_warnings(self.warned)
         if self.others:
             notes.append(f"Other contacts acted during the impact: {', '.join(self._others())}.")
         return notes
