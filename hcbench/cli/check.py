@@ -20,7 +20,7 @@ from hcbench.cli.help import command
 from hcbench.cli.outputs import force_option, output_option
 from hcbench.cli.terminal import progress, show, status
 from hcbench.system.errors import EngineFailed, UserError
-from hcbench.system.text import sanitized
+from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def _next_line(measurement: Measurement, models: tuple[str, ...], python: str | 
     from hcbench.sim.capabilities import TunesModels
 
     source = " ".join(map(quote, models)) if python is None else f"--python {quote(python)}"
-    pair = quote(options["pair"] or ",".join(measurement.facts.pair))
+    pair = quote(options["pair"] or joined_names(measurement.facts.pair))
     targets = [name for name in ("alpha", "restitution") if options[name] is not None]
     target = " ".join(f"--{name} {quote(str(options[name]))}" for name in targets)
     impacts = measurement.measured
@@ -168,7 +168,7 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
         raise UserError("all", "no two parts touch at the start", "a pose in which some do", advice)
     records: list[object] = []
     for pair in pairs:
-        one, two = pair.pair.split(",")
+        one, two = split_names(pair.pair)
         request = dataclasses.replace(job.request, pair=(one, two))
         try:
             with status(f"measuring {sanitized(pair.pair)}"):

@@ -59,7 +59,11 @@ def require_outputs(context: click.Context) -> None:
             outputs[parameter.opts[0]] = value
     seen: dict[Path, str] = {}
     for option, path in outputs.items():
-        if (other := seen.setdefault(path.resolve(), option)) != option and not _is_stream(path):
+        try:
+            real = path.resolve()
+        except RuntimeError:
+            raise UserError(option, f"{path} is a link that leads back to itself", "a file") from None
+        if (other := seen.setdefault(real, option)) != option and not _is_stream(path):
             raise UserError(option, f"{path} is the file of {other} too", "a file of its own")
         require_output(path, option, inputs, context.params.get("force", False))
 

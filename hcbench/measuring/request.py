@@ -9,6 +9,7 @@ from hcbench.measuring.pose import read_direction, read_joints, read_state
 from hcbench.sim.model_under_test import Request, Vector
 from hcbench.sim.packages import read_packages
 from hcbench.system.errors import QuantityError, UserError
+from hcbench.system.text import split_names
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import BodyPair, LaunchOptions, Quantity
@@ -74,7 +75,7 @@ def read_pair(pair: BodyPair | None) -> tuple[str, str] | None:
 
 def _pair_parts(pair: Any) -> list[Any]:
     if isinstance(pair, str):
-        return list(pair.split(","))
+        return list(split_names(pair))
     if isinstance(pair, list | tuple):
         return list(pair)
     return []

@@ -118,6 +118,8 @@ def _compile(command: list[str], target: Path) -> None:
             raise NotCompiled(f"{command[0]} could not be run: {error}", _WORKING, _ANOTHER) from error
         if status:
             raise _failure(command[0], said, target.parent)
+        if not built.is_file():
+            raise NotCompiled(f"{command[0]} ended without an error and wrote no library", _WORKING, _ANOTHER)
         built.chmod(0o755)  # regardless of the umask: a file that others may write is not loaded
         digest = _digest(built).encode()
         with built.open("rb+") as file:  # or a machine that stops now has a name without content

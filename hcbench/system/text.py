@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -26,6 +28,23 @@ def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]
     widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
     gap = "  " if sum(widths) + 2 * len(widths) - 2 <= COLUMNS else " "
     return [gap.join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in [header, *rows]]
+
+
+def joined_names(names: Sequence[str]) -> str:
+    """Names with commas between them, as --pair takes them; a name that holds one is quoted."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="").writerow(names)
+    return line.getvalue()
+
+
+def split_names(text: str) -> list[str]:
+    """Names of "a,b"; one with a comma in it is quoted, as in '"a, left",b'."""
+    if '"' not in text:
+        return text.split(",")
+    try:
+        return next(csv.reader([text], skipinitialspace=True), [])
+    except csv.Error:  # longer than any name
+        return []
 
 
 def without_empty(

@@ -12,6 +12,7 @@ from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.standing import Standing
 from hcbench.system.notebook import Shown
+from hcbench.system.text import joined_names
 from hcbench.tuning.tune import MAX_ERROR
 
 _POINTS = "points of contact"  # among `Facts.settings`
@@ -76,7 +77,7 @@ class TunedModel(Shown):
         for pair in self.pairs:
             for point in pair.curve:
                 record = point.record(is_oblique=False)
-                yield {"pair": ",".join(pair.facts.pair), "attitude": pair.attitude, **record}
+                yield {"pair": joined_names(pair.facts.pair), "attitude": pair.attitude, **record}
 
     @property
     def text(self) -> str:

@@ -145,6 +145,12 @@ def test_two_outputs_are_two_files(folder: Path, capsys: pytest.CaptureFixture[s
     assert not Path("out").exists()
 
 
+def test_a_link_to_itself_is_no_place_for_an_output(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("loop").symlink_to("loop")
+    assert cli.run(["fit", "h.csv", "--page=loop"]) == 2
+    assert "--page: loop is a link that leads back to itself" in capsys.readouterr().err
+
+
 def test_a_bad_place_is_refused_before_the_search(folder: Path) -> None:
     with pytest.raises(OutputError, match="in a folder that does not exist"):
         require_output(Path("no/model.xml"), "--write-model")

@@ -41,6 +41,12 @@ def test_what_asks_for_the_plug_in_exits_with_3(words: list[str], capsys: Any) -
     assert "/nonexistent could not be run" in capsys.readouterr().err
 
 
+def test_a_compiler_that_writes_nothing_is_named(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.setenv("CC", "true")
+    assert run(["plugin", "mujoco"]) == 3
+    assert "true ended without an error and wrote no library" in capsys.readouterr().err
+
+
 def test_a_report_leaves_out_the_runs_of_the_plug_in() -> None:
     warned: list[str] = []
     _, study = find_plan("steel-1lb", warned.append)

@@ -148,3 +148,11 @@ def test_a_list_of_one_file_is_that_file() -> None:
     )
     assert listed.facts.engine == alone.facts.engine
     assert listed.curve[0].restitution == alone.curve[0].restitution
+
+
+def test_a_pair_is_measured_by_the_text_that_lists_it() -> None:
+    """Whatever the names: one with a comma is quoted."""
+    model = Path(GOOD).read_text(encoding="utf-8").replace('"ball"', '"ball, left"')
+    (listed,) = hb.pairs(model)
+    assert '"' in listed.pair
+    assert hb.measure(model, listed.pair, speeds="0.5 m/s", phases=1).facts.pair == ("ball, left", "plate")

@@ -13,6 +13,7 @@ from hcbench.sim.backend import Backend
 from hcbench.sim.candidate_pairs import CandidatePair, in_order
 from hcbench.sim.capabilities import OpensModels
 from hcbench.system.errors import UserError
+from hcbench.system.text import joined_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,7 +79,7 @@ def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> 
         bodies=(first.body.name(), second.body.name()),
         geoms=(first.name, second.name),
         types=(kinds[0], kinds[1]),
-        pair=f"geom:{first.name},geom:{second.name}",
+        pair=joined_names([f"geom:{first.name}", f"geom:{second.name}"]),
         joint=moved[0] if moved else "nothing",
         effective_mass=mass,
         distance=distance,

@@ -19,6 +19,7 @@ from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
 from hcbench.engines.mujoco.model.place import start_pose
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.model_under_test import Request
+from hcbench.system.text import joined_names
 from hcbench.terms.impact import Floats
 
 _Geoms = tuple[int, ...]  # two, in order
@@ -101,7 +102,7 @@ def _described(
         bodies=(body_name(model, body_a), body_name(model, body_b)),
         geoms=(name_a, name_b),
         types=(_shape(model, a), _shape(model, b)),
-        pair=f"{_unmistakable(model, a)},{_unmistakable(model, b)}",
+        pair=joined_names([_unmistakable(model, a), _unmistakable(model, b)]),
         joint=joints[0].description if joints else "nothing",
         effective_mass=mass,
         distance=distance,

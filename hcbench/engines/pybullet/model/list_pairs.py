@@ -25,7 +25,7 @@ from hcbench.engines.pybullet.vectors import vector
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.packages import find_part
 from hcbench.system.errors import UserError
-from hcbench.system.text import sanitized
+from hcbench.system.text import joined_names, sanitized
 
 _REACH = 1e4  # m
 _TYPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 8: "height field"}
@@ -82,7 +82,7 @@ def _described(
         bodies=(_body(world, first), _body(world, second)),
         geoms=(_link(bodies, first), _link(bodies, second)),
         types=(_type(bullet, first), _type(bullet, second)),
-        pair=",".join(f"body:{link[0]}/{_link(bodies, link)}" for link in (first, second)),
+        pair=joined_names([f"body:{link[0]}/{_link(bodies, link)}" for link in (first, second)]),
         joint=_joint(bodies[first[0]], first[1]),
         effective_mass=mass,
         distance=distance,
