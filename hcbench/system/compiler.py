@@ -128,6 +128,15 @@ def _compile(command: list[str], target: Path) -> None:
     replace_file(target.with_suffix(".sha256"), digest, sync=True)
 
 
+def environment(folder: str) -> dict[str, str]:
+    """Environment of a compiler's process whose temporary files go to `folder`."""
+    kept = {**os.environ, "TMPDIR": folder}
+    if not kept.get("HOME") and not kept.get("XDG_CACHE_HOME"):
+        # zig refuses to run without a place for its cache; where there is a home, it finds its own.
+        kept.setdefault("ZIG_GLOBAL_CACHE_DIR", folder)
+    return kept
+
+
 def _run(command: list[str], folder: str) -> tuple[int, str]:
     """Exit status of a compiler and what it said; however this ends, none of its processes is left.
 
@@ -140,7 +149,7 @@ def _run(command: list[str], folder: str) -> tuple[int, str]:
         stderr=subprocess.PIPE,
         text=True,
         errors="replace",
-        env={**os.environ, "TMPDIR": folder},
+        env=environment(folder),
         start_new_session=True,  # a group of its own: gcc starts cc1, as and ld
     ) as process:
         try:

@@ -38,7 +38,8 @@ def _name(command: list[str]) -> str:
 
 def _compiled(command: list[str], source: str, out: Path, flags: list[str], link: list[str]) -> str:
     words = [*command, *_compile.FLAGS, *STRICT, *flags, "-o", str(out), str(PACKAGE / source), *link, "-lm"]
-    return subprocess.run(words, capture_output=True, text=True, check=False).stderr
+    environment = _compile.environment(str(out.parent))
+    return subprocess.run(words, capture_output=True, text=True, check=False, env=environment).stderr
 
 
 @pytest.mark.parametrize("command", _compilers(), ids=_name)
