@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from hcbench.system.errors import SceneError, SettingError, StudyError
+from hcbench.system.errors import SceneError, SettingError, StudyError, UserError
+from hcbench.system.files import parse_json
 from hcbench.terms.fields import (
     Alpha,
     FileTable,
@@ -97,3 +98,10 @@ def test_a_file_that_is_no_toml_is_refused_as_such(tmp_path: Path) -> None:
     file.write_text("a == 1")
     with pytest.raises(SceneError, match="is not TOML"):
         read_toml(file, SceneError, "scene")
+
+
+def test_the_mark_that_editors_in_windows_write_is_no_part_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "marked.toml"
+    path.write_bytes("\ufeffmass = 1\n".encode())
+    assert read_toml(path, UserError, "study") == {"mass": 1}
+    assert parse_json("\ufeff[1]") == [1]
