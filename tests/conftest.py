@@ -102,7 +102,11 @@ def _needed_engine(item: pytest.Item) -> str:
         callspec = getattr(item, "callspec", None)
         params = callspec.params.values() if callspec else ()
         _, _, of_name = item.name.partition("[")
-        told = [of_name, *(each for each in params if isinstance(each, str))]
+        told = [of_name]
+        for each in params:
+            told += [
+                part for part in (each if isinstance(each, list | tuple) else [each]) if isinstance(part, str)
+            ]
         return "pybullet" if any(re.search(r"\bpybullet\b", text) for text in told) else ""
     if marker.args:
         return str(marker.args[0])

@@ -78,12 +78,21 @@ def _wrap(stream: Any, required: bool) -> Any:
 
 
 def flush_stdio() -> None:
-    """Write the rest of standard output. Errors no longer matter here: the interpreter tries again
-    when it exits.
+    """Write the rest of standard output; what cannot be written is dropped.
+
+    Errors no longer matter here. But the interpreter tries again when it exits, and from Python 3.13 on
+    prints what went wrong.
     """
-    if isinstance(sys.stdout, _Stream):
-        sys.stdout.required = False
-        sys.stdout.flush()
+    if not isinstance(sys.stdout, _Stream):
+        return
+    try:
+        io.TextIOWrapper.flush(sys.stdout)
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+    sys.stdout.required = False
+    sys.stdout.flush()
 
 
 class _Interrupts:

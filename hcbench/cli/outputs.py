@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -59,13 +60,19 @@ def require_outputs(context: click.Context) -> None:
             outputs[parameter.opts[0]] = value
     seen: dict[Path, str] = {}
     for option, path in outputs.items():
-        try:
-            real = path.resolve()
-        except RuntimeError:
-            raise UserError(option, f"{path} is a link that leads back to itself", "a file") from None
-        if (other := seen.setdefault(real, option)) != option and not _is_stream(path):
+        if _leads_to_itself(path):
+            raise UserError(option, f"{path} is a link that leads back to itself", "a file")
+        if (other := seen.setdefault(path.resolve(), option)) != option and not _is_stream(path):
             raise UserError(option, f"{path} is the file of {other} too", "a file of its own")
         require_output(path, option, inputs, context.params.get("force", False))
+
+
+def _leads_to_itself(path: Path) -> bool:
+    try:
+        path.stat()
+    except OSError as error:
+        return error.errno == errno.ELOOP
+    return False
 
 
 def _is_stream(path: Path) -> bool:

@@ -11,6 +11,7 @@ from hcbench.cli import run
 from hcbench.engines.mujoco import plugin as mujoco_plugin
 from hcbench.engines.pybullet import plugin as pybullet_plugin
 from hcbench.reporting.ask import find_plan
+from hcbench.sim import registry
 
 TUNE = ["tune", "mujoco", "--alpha", "0.3 s/m", "--timestep", "2 ms", "--speeds", "0.1:2 m/s"]
 
@@ -54,6 +55,7 @@ def test_a_report_leaves_out_the_runs_of_the_plug_in() -> None:
     assert not recipes & {"hunt-crossley", "restitution-law"}
     assert {"impulse", "restitution"} & recipes
     assert [line.partition(". ")[0] for line in warned if "compiled" in line] == [
-        "left out, not compiled: the plug-in of mujoco",
-        "left out, not compiled: the plug-in of pybullet",
+        f"left out, not compiled: the plug-in of {engine}"
+        for engine in ("mujoco", "pybullet")
+        if registry.is_there(engine)
     ]
