@@ -104,9 +104,8 @@ def _needed_engine(item: pytest.Item) -> str:
         _, _, of_name = item.name.partition("[")
         told = [of_name]
         for each in params:
-            told += [
-                part for part in (each if isinstance(each, list | tuple) else [each]) if isinstance(part, str)
-            ]
+            parts = each if isinstance(each, list | tuple) else [each]
+            told += [part for part in parts if isinstance(part, str)]
         return "pybullet" if any(re.search(r"\bpybullet\b", text) for text in told) else ""
     if marker.args:
         return str(marker.args[0])
