@@ -159,6 +159,7 @@ class ModelBounce:
 
     def equals(self, baseline: str | Path, max_error: float | None = None) -> Measurement:
         """Assert the same bounce as a baseline that `hcbench check --write-baseline` wrote."""
+        self._require_target("equals", baseline)
         return self._hold(baseline=baseline, max_error=max_error)
 
     def rests(

@@ -45,8 +45,7 @@ def outcome_text(outcome: Outcome) -> str:
     if outcome.measurement is not None:
         lines += outcome.measurement.headline
         # Of the notes that `measure` prints, a check needs those by which its numbers may be wrong.
-        warned = [note for note in outcome.measurement.facts.notes if note.startswith("plugin hcbench.")]
-        lines += [f"note: {sanitized(note)}" for note in warned]
+        lines += [f"note: {sanitized(note)}" for note in outcome.measurement.facts.warnings]
     if outcome.against:
         limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"
         lines.append(f"against {outcome.against}{limit}")

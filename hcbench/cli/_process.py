@@ -85,14 +85,13 @@ def flush_stdio() -> None:
     """
     if not isinstance(sys.stdout, _Stream):
         return
+    sys.stdout.required = False
     try:
         io.TextIOWrapper.flush(sys.stdout)
     except OSError:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
-    sys.stdout.required = False
-    sys.stdout.flush()
 
 
 class _Interrupts:

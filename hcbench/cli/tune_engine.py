@@ -13,7 +13,7 @@ import click
 from hcbench.cli.console import print_json
 from hcbench.cli.terminal import progress, show, show_code
 from hcbench.system.errors import LimitPassed, UserError
-from hcbench.system.text import time_step, two_digits
+from hcbench.system.text import joined_names, time_step, two_digits
 
 if TYPE_CHECKING:
     from hcbench.recipes.search import SearchInterrupted
@@ -93,7 +93,7 @@ def _next_line(answer: Answer, script: Path | None) -> str:
     asked = f'--alpha "{target.law.alpha:.10g} s/m"'
     if target.reading == "points":
         asked = f"--restitution {target.points[0][1]:g}" if target.is_constant else ""
-    line = f"hcbench measure {model} --pair {','.join(pair)} {asked}".rstrip()
+    line = f"hcbench measure {model} --pair {quote(joined_names(pair))} {asked}".rstrip()
     return f'{line} --speeds "{low:.3g}:{high:.3g}:5 m/s"'
 
 

@@ -26,8 +26,6 @@ from hcbench.terms.resolution import STEPS_BY_CHANCE, STEPS_WITHOUT_CHANCE
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from hcbench.terms.impact import Impact, Launch
-
 
 _UNKNOWN = AlongPlate(*(math.nan,) * len(ALONG))
 
@@ -239,7 +237,7 @@ _PHASES_MAX = 32  # a speed
 
 
 def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """One for each launch of the request, in order; without given phases, the phases that matter.
+    """Impacts, one for each launch of the request, in order; without given phases, the phases that matter.
 
     A long contact is launched at one phase, others at those of the request. Where few steps decide, the gap
     between two neighbours that differ is halved until the scatter of e is found.

@@ -161,7 +161,7 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
     """Let a worker process import what measuring these files takes, while its parent reads what is asked."""
     with suppress(HcbenchError):  # it is raised again where the model is needed
-        opener = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
+        opener = _engine_for(_as_files(tuple(models)), engine)
         if interpreter_of(opener) is None:
             begin(__name__, "prepare", opener.name)
 

@@ -112,7 +112,8 @@ class Facts:
     effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the moving
     body towards the other. settings: the engine's own words for what decides the bounce.
     asked: e that the model asks for at each speed of the request; () where it cannot be said.
-    asked_description: what in the model asks for it. notes: sentences a reader must know. friction: Coulomb's
+    asked_description: what in the model asks for it. notes: sentences a reader must know. warnings: those of
+    the notes by which the numbers may be wrong, so that a verdict has them too. friction: Coulomb's
     μ of the pair, NaN where it cannot be said.
     point: where the two meet, m. shares: what took how much off the approach speed during the contact, over
     the speed at touch, by cause, in the launch in which joints and actuators took most; empty where there are
@@ -134,6 +135,7 @@ class Facts:
     asked: tuple[float, ...] = ()
     asked_description: str = ""
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     friction: float = math.nan
     point: Vector = (math.nan, math.nan, math.nan)
     shares: Mapping[str, float] = field(default_factory=dict)

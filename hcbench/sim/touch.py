@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +25,8 @@ _SEEN = 1e-9  # m: an overlap that is more than rounding
 # Times the smallest distance: two that are so far apart again will not meet
 _PASSED = 4.0
 _SCAN_STEPS = 200
+# Joints that an error names: the pose that cures it, with all of them, needs the room
+_SHOWN = 2
 # Of the smaller one's size: a distance that counts as touching
 _CLOSE = 1e-12
 
@@ -72,6 +74,40 @@ def overlap_notes(overlap: float) -> list[str]:
     """
     said = f"The two overlap by {overlap:.3g} m at the start: moved apart to touch."
     return [said] if overlap > _SEEN else []
+
+
+@dataclass(frozen=True, slots=True)
+class JointBeyondLimit:
+    """A joint that is beyond its limit at the start.
+
+    beyond: how far, rad if it turns, else m. nearest: the nearest value allowed, rad or m.
+    """
+
+    name: str
+    beyond: float
+    turns: bool
+    nearest: float
+
+    @property
+    def description(self) -> str:
+        """Name of the joint, and how far it is beyond its limit."""
+        far = f"{math.degrees(self.beyond):.3g} deg" if self.turns else f"{self.beyond:.3g} m"
+        return f"{self.name} by {far}"
+
+
+def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> None:
+    """Refuse a pose with such joints. start: what to start from instead, before the pose that cures it."""
+    if not joints:
+        return
+    named = ", ".join(joint.description for joint in joints[:_SHOWN])
+    more = f" and {len(joints) - _SHOWN} more" if len(joints) > _SHOWN else ""
+    cure = ", ".join(f"{joint.name}={joint.nearest:.4g}" for joint in joints)
+    raise UserError(
+        "model",
+        f"joints start outside their limits, which push them back: {named}{more}",
+        "a pose that the joints allow",
+        f'Start from {start}--qpos "{cure}"',
+    )
 
 
 def require_apart(

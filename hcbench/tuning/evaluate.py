@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,14 +22,6 @@ from hcbench.terms.impact import Floats, Impact, Launch
 from hcbench.terms.scene import Scene
 from hcbench.terms.setting import Setting
 from hcbench.terms.units import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hcbench.recipes.target import Target
-    from hcbench.terms.impact import Impact
-    from hcbench.terms.scene import Scene
-
 
 _SPEEDS, _PHASES = 9, 8  # of the grid that tells the spread over phases
 _RANDOM, _NEAR, _ROUNDS = 400, 24, 3  # launches at random; about the worst one, so many times

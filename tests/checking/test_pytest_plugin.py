@@ -198,6 +198,7 @@ def test_a_test_without_a_target_fails(models: pytest.Pytester) -> None:
             lambda bounce: bounce.follows(),
             lambda bounce: bounce.matches(None),
             lambda bounce: bounce.rests(),
+            lambda bounce: bounce.equals(None),
         ])
         def test_nothing_to_hold_it_to(restitution, hold):
             hold(restitution("good.xml", pair="ball,plate", speeds="0.5 m/s"))
@@ -211,6 +212,6 @@ def test_a_test_without_a_target_fails(models: pytest.Pytester) -> None:
         """
     )
     result = models.runpytest_inprocess()
-    result.assert_outcomes(failed=3, passed=2, errors=1)
+    result.assert_outcomes(failed=4, passed=2, errors=1)
     result.stdout.fnmatch_lines(["*follows(): no target; expected .matches(e), *"])
     result.stdout.fnmatch_lines(["*not measured; expected .matches(e), *"])

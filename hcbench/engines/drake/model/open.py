@@ -18,7 +18,6 @@ from hcbench.system.text import joined_names
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelUnderTest, Request
 
 

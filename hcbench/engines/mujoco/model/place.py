@@ -22,7 +22,13 @@ from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_
 from hcbench.measuring.pose import STATE_FIELDS
 from hcbench.sim.model_under_test import Request, Vector
 from hcbench.sim.packages import suggest_names
-from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
+from hcbench.sim.touch import (
+    LEAST_APPROACH,
+    JointBeyondLimit,
+    require_apart,
+    require_no_joint_beyond,
+    require_reachable,
+)
 from hcbench.system.errors import QuantityError, SceneError, UserError
 from hcbench.system.text import sanitized
 from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds, require_bounds
@@ -313,7 +319,6 @@ def _require_room(pair: ContactPair, data: Any) -> None:
 
 _IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")  # everything starts at rest
 # Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
-_SHOWN = 2  # joints that an error names: the pose that cures it, with all of them, needs the room
 TURNED, MOVED = math.radians(5.01), 1e-3
 
 
@@ -391,23 +396,15 @@ def _free_joint(model: Any, name: str) -> int | None:
 def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
     """Refuse a pose in which joints of the robots that these bodies are of are far outside their limits."""
     roots = {int(model.body_rootid[body]) for body in bodies if body}
-    outside, cure = [], []
+    outside = []
     for joint in range(model.njnt):
         if not model.jnt_limited[joint] or int(model.body_rootid[model.jnt_bodyid[joint]]) not in roots:
             continue
         beyond, allowed, nearest = beyond_limit(model, data, joint)
         if beyond > allowed:
-            unit = f"{math.degrees(beyond):.3g} deg" if allowed == TURNED else f"{beyond:.3g} m"
-            outside.append(f"{joint_name(model, joint)} by {unit}")
-            cure.append(f"{joint_name(model, joint)}={nearest:.4g}")
-    if outside:
-        more = f" and {len(outside) - _SHOWN} more" if len(outside) > _SHOWN else ""
-        raise UserError(
-            "model",
-            f"joints start outside their limits, which push them back: {', '.join(outside[:_SHOWN])}{more}",
-            "a pose that the joints allow",
-            f'Start from another --key, or from --qpos "{", ".join(cure)}"',
-        )
+            name = joint_name(model, joint)
+            outside.append(JointBeyondLimit(name, beyond, allowed == TURNED, nearest))
+    require_no_joint_beyond(outside, "another --key, or from ")
 
 
 def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:

@@ -143,6 +143,7 @@ class MujocoModel(ModelUnderTest):
             asked=asked,
             asked_description=words,
             notes=tuple(self._notes()),
+            warnings=plugin_warnings(self.warned),
             point=tuple(float(x) for x in place.contact.point),  # type: ignore[arg-type]
             shares=dict(self.shares),
             friction=geom_friction(model, geoms),

@@ -9,18 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.vectors import Vector, add_scaled, cross, rotate, rotate_inverse, vector
 from hcbench.terms.impact import Floats
-
-if TYPE_CHECKING:
-    from hcbench.engines.pybullet.backend import BulletClient
-    from hcbench.terms.impact import Floats
-
 
 # pybullet.JOINT_...: places in getJointInfo follow
 REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED = range(5)

@@ -8,12 +8,11 @@ from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_NAME, JOINT_TYPE,
 from hcbench.engines.pybullet.model.open import LoadedWorld
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.packages import suggest_names
+from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
 
 _LOWER, _UPPER = 8, 9  # in getJointInfo
-# Joints that an error names: the pose that cures it, with all of them, needs the room
-_SHOWN = 2
 # Beyond a limit by more: not a pose that the model can hold
 _TURNED, _MOVED = math.radians(5.0), 1e-3
 _Joint = tuple[int, int]
@@ -92,7 +91,7 @@ def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
 
 def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
     """Refuse a pose in which joints of a body are far outside their limits."""
-    outside, cure = [], []
+    outside = []
     for joint in range(bullet.getNumJoints(body)):
         info = bullet.getJointInfo(body, joint)
         if info[JOINT_TYPE] not in (REVOLUTE, PRISMATIC) or info[_LOWER] > info[_UPPER]:
@@ -105,16 +104,5 @@ def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
         turns = info[JOINT_TYPE] == REVOLUTE
         if abs(position - nearest) > (_TURNED if turns else _MOVED):
             name = sanitized(info[JOINT_NAME].decode(errors="replace"))
-            beyond = abs(position - nearest)
-            outside.append(
-                f"{name} by {math.degrees(beyond):.3g} deg" if turns else f"{name} by {beyond:.3g} m"
-            )
-            cure.append(f"{name}={nearest:.4g}")
-    if outside:
-        more = f" and {len(outside) - _SHOWN} more" if len(outside) > _SHOWN else ""
-        raise UserError(
-            "model",
-            f"joints start outside their limits, which push them back: {', '.join(outside[:_SHOWN])}{more}",
-            "a pose that the joints allow",
-            f'Start from --qpos "{", ".join(cure)}"',
-        )
+            outside.append(JointBeyondLimit(name, abs(position - nearest), turns, nearest))
+    require_no_joint_beyond(outside, "")
