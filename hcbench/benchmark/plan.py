@@ -24,6 +24,7 @@ from hcbench.recipes.target import Target
 from hcbench.sim import registry
 from hcbench.sim.columns import even_size
 from hcbench.system.errors import UserError
+from hcbench.system.files import is_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -314,6 +315,6 @@ def _digest(path: Path, _: int) -> str:
     if path.suffix in (".xml", ".urdf"):
         for name in sorted(set(_NAMED.findall(content.decode("utf-8", "replace")))):
             named = path.parent / name
-            if named.is_file():
+            if is_file(named):
                 digest.update(_digest(named, named.stat().st_mtime_ns).encode())
     return digest.hexdigest()

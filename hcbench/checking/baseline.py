@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -22,7 +21,7 @@ from pydantic import (
 from hcbench.measuring.measurement import Measurement
 from hcbench.sim.model_under_test import Request
 from hcbench.system.errors import UserError
-from hcbench.system.files import json_text, parse_json, read_text
+from hcbench.system.files import is_file, json_text, parse_json, read_text
 from hcbench.system.outputs import write_output
 from hcbench.terms import units
 from hcbench.terms.bounds import BOUNDS
@@ -185,10 +184,7 @@ def read_pairs(path: Path) -> Pairs:
 
 def parse_points(text: str) -> Pairs:
     """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
-    is_file = False
-    with suppress(OSError):  # pairs are not the name of a file, and may be longer than one can be
-        is_file = Path(text).is_file()
-    if is_file:
+    if is_file(text):
         return read_pairs(Path(text))
     points = []
     unit = text.rsplit(":", 1)[-1].strip().partition(" ")[2]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from hcbench.system.errors import UserError
-from hcbench.system.files import read_text
+from hcbench.system.files import is_file, read_text
 
 Id = TypeVar("Id")
 
@@ -88,7 +88,7 @@ def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
             folders[name] = Path(given[name])
         elif name not in folders:
             for above in path.absolute().parents:
-                if (above / name / match["rest"]).is_file():
+                if is_file(above / name / match["rest"]):
                     folders[name] = above / name
                     break
     return folders
@@ -105,7 +105,7 @@ def with_absolute_files(path: Path, packages: Packages) -> str:
             file = None if folder is None else folder / named["rest"]
         else:
             file = path.absolute().parent / name
-        shown = name if file is None or not file.is_file() else str(file.resolve())
+        shown = name if file is None or not is_file(file) else str(file.resolve())
         return f"{match['before']}{match['quote']}{shown}{match['quote']}"
 
     return _FILE.sub(absolute, read_text(path))

@@ -63,6 +63,14 @@ def _no_nan(content: Any) -> Any:
     return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
+def is_file(path: str | Path) -> bool:
+    """True for a file, or a link to one; False also for a name that no file can have."""
+    try:
+        return Path(path).is_file()
+    except OSError:  # as for a name that is too long
+        return False
+
+
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """A file of at most `most` bytes; OSError for a longer one, regardless of the size that it states."""
     with path.open("rb") as file:

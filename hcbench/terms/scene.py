@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pydantic import Field, StrictInt, field_validator
 
 from hcbench.system.errors import QuantityError, SceneError
+from hcbench.system.files import is_file
 from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.arguments import checked, checked_fields
@@ -269,5 +270,10 @@ def _scene(file: _File, folder: Path) -> Scene:
 
 def _model(folder: Path, engine: str, role: str, name: str) -> Path:
     path = folder / name
-    _require(f"models.{engine}.{role}", path.is_file(), f"{name!r} is not there", f"a file in {folder}")
+    _require(
+        f"models.{engine}.{role}",
+        is_file(path),
+        f"{sanitized(name, 60)!r} is not there",
+        f"a file in {folder}",
+    )
     return path

@@ -403,3 +403,10 @@ def test_includes_and_asset_folders_work_from_anywhere(
 def test_a_name_that_no_folder_can_have_is_refused(name: str, reason: str) -> None:
     with pytest.raises(SceneError, match=reason):
         load_scene(name)
+
+
+def test_a_model_whose_name_no_file_can_have_is_refused(copied: Path) -> None:
+    text = (copied / "scene.toml").read_text(encoding="utf-8")
+    (copied / "scene.toml").write_text(text.replace("ball.urdf", "b" * 5000 + ".urdf"), encoding="utf-8")
+    with pytest.raises(SceneError, match="is not there"):
+        load_scene(copied)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hcbench.system.errors import SceneError
+from hcbench.system.files import is_file
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
         _check_number(path, "mass", text, "0 kg (fixed) or more", lambda mass: 0 <= mass < math.inf)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename")
-        if name and "://" not in name and not (path.parent / name).is_file() and not Path(name).is_absolute():
+        if name and "://" not in name and not is_file(path.parent / name) and not Path(name).is_absolute():
             raise SceneError("model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF")
     return _foreign_restitution(root)
 
