@@ -23,7 +23,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check test-plugins test-answers answers test-searches test-lowest test-newest versions test-models test-reality test-engines bench site check format lock clean
+.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check mutants test-plugins test-answers answers test-searches test-lowest test-newest versions test-models test-reality test-engines bench site check format lock clean
 
 DIGESTS := reports/steel-1lb/hcbench-files.json
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
@@ -119,6 +119,9 @@ sessions: $(INSTALLED)  ## the outputs that pages show, written again: the block
 
 release-check: $(INSTALLED)  ## build, check the files with the package index's tools, and say what a release still lacks
 	PYTHONPATH=tests/support $(BIN)/python -m release_check
+
+mutants: $(INSTALLED)  ## small changes of the physics in a copy, one by one: the tests of the room must notice each
+	PYTHONPATH=tests/support $(BIN)/python -m mutants $(WORDS)
 
 site: docs  ## the documentation and the reports in one folder, site/, that any static host takes
 	$(BIN)/python docs/site_folder.py docs/_build/html site

@@ -76,7 +76,17 @@ class WithoutRestitution(Ideal):
         super().make({**world, "restitution": 0.6})
 
 
-@pytest.mark.parametrize(("make", "word"), [(WithThreshold, "threshold"), (WithoutRestitution, "ignored")])
+class WithLittleRestitution(Ideal):
+    """Parts at 0.5 to 0.6, by a tenth of what is asked for: wrong, but no number that makes no difference."""
+
+    def make(self, world: dict[str, Any]) -> None:
+        super().make({**world, "restitution": 0.5 + 0.1 * world["restitution"]})
+
+
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [(WithThreshold, "threshold"), (WithoutRestitution, "ignored"), (WithLittleRestitution, "mixed")],
+)
 def test_how_restitution_is_obeyed_has_a_word(spoilt: dict[str, Any], make: type[Ideal], word: str) -> None:
     found = scored(replace_runs(spoilt, make))
     assert found.restitution == word

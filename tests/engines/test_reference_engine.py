@@ -12,6 +12,7 @@ import pytest
 from hcbench.laws import closed_form, kelvin_voigt, ode
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.published import LAWS, Flores, PublishedLaw, TouchSpeedLaw
+from hcbench.recipes.target import Target
 from hcbench.sim import registry
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.impact import Impact, Launch, Status
@@ -51,6 +52,18 @@ def test_reference_is_the_closed_form_at_every_phase() -> None:
         assert impact.force_max == closed_form.force_max(law, SCENE.mass, v)
         assert impact.penetration_max == closed_form.penetration_max(law, SCENE.mass, v)
         assert impact.duration == closed_form.duration(law, SCENE.mass, v)
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.315, 2.0])
+def test_the_spring_and_damper_has_the_best_constant_e_and_the_laws_contact_time(alpha: float) -> None:
+    """At the geometric middle of the band; the contact ends where the surfaces part."""
+    law = HuntCrossley(SCENE.stiffness, alpha)
+    target = Target(law, SCENE.mass, 1e-3, 0.1, 0.9)
+    contact = KelvinVoigt(**registry.recipe("reference.kelvin-voigt")(target).options)
+    found = kelvin_voigt.bounce(contact, SCENE.mass, 0.3, kelvin_voigt.Ending.SURFACE)
+    ends = closed_form.restitution(alpha, np.array([0.1, 0.9]))
+    assert found.restitution == pytest.approx(float(ends.mean()), rel=1e-9)
+    assert found.duration == pytest.approx(float(closed_form.duration(law, SCENE.mass, 0.3)), rel=1e-9)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)

@@ -134,6 +134,40 @@ def test_what_gravity_does_in_the_step_adds_no_energy_either() -> None:
         assert energy(M, collide(M, J, v, contacts).v) <= energy(M, v) * (1 + 1e-9)
 
 
+def under_gravity(contact: Contact, x: float, v: float, gain: float, h: float) -> float:
+    """Prepare a contact for a step h of semi-implicit Euler, which gains `gain` m/s² of gravity.
+
+    Returned is the rate at which the body leaves the step that begins at depth x with approach rate v, m/s:
+    impacts are between rates that have half of the step's gravity, which then take the other half.
+    """
+    lib = _compile.law_library()
+    lib.hcb_under_gravity(ctypes.byref(contact), *map(ctypes.c_double, (x, v, gain, h)), 0)
+    after = collide(np.eye(1), np.array([[1.0], [0.0], [0.0]]), np.array([-v - gain * h / 2]), [contact])
+    return float(after.u[0]) - gain * h / 2
+
+
+def test_a_body_leaves_the_step_with_e_squared_of_what_its_flight_keeps() -> None:
+    """(v + g h/2)² - 2 g x is 1.05² - 0.1 before: the square of the speed at the touch plane."""
+    leaves = under_gravity(Contact(CONSTANT, 0.5, 0.0, 1e-9), 0.005, 1.0, 10.0, 0.01)
+    kept = (leaves + 0.05) ** 2 - 2 * 10.0 * 0.005
+    assert kept == pytest.approx(0.25 * (1.05**2 - 0.1), rel=1e-12)
+
+
+def test_a_body_that_touched_before_leaves_at_e_times_its_rate() -> None:
+    """Deeper than a step of its own brings it: the impact is at the step's start, then gravity takes g h."""
+    leaves = under_gravity(Contact(CONSTANT, 0.5, 0.0, 1e-9), 0.1, 1.0, 10.0, 0.01)
+    assert leaves == pytest.approx(0.5 * 1.0 - 10.0 * 0.01, rel=1e-12)
+
+
+@pytest.mark.parametrize("x", [0.0, 0.1])
+def test_gravity_within_the_step_makes_no_impact_of_rest(x: float) -> None:
+    """Rates up to `still` at the step's start are no impact, before gravity adds to them."""
+    for rate, is_impact in ((0.29, False), (0.31, True)):
+        contact = Contact(CONSTANT, 0.5, 0.0, 0.3)
+        under_gravity(contact, x, rate, 10.0, 0.01)
+        assert (rate + 10.0 * 0.01 / 2 > contact.still) == is_impact
+
+
 def test_a_single_contact_gets_its_restitution_whatever_the_friction() -> None:
     rng = np.random.default_rng(3)
     worst = 0.0

@@ -57,6 +57,15 @@ def test_the_error_is_that_of_the_mean_and_the_worst_phase_has_its_own() -> None
     assert worst_of(curve_of(impacts({0.5: 0.7}))) is None
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_the_worst_point_is_as_wrong_above_the_target_as_below(sign: float) -> None:
+    near, far = impacts({0.5: 0.7 - sign * 0.1}, 1.0), impacts({0.5: 0.7 + sign * 0.2}, 2.0)
+    worst = worst_of(curve_of([*near, *far], lambda _: 0.7))
+    assert worst is not None
+    assert worst.speed == 2.0
+    assert worst.worst_phase == pytest.approx(sign * 0.2)
+
+
 def test_e_and_target_are_means_over_the_same_phases() -> None:
     """A baseline may lack a phase: the row still adds up."""
     before = {0.25: 0.7, 0.75: 0.9, 0.5: float("nan")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,28 @@ from hcbench.reality.twin import twins
 from hcbench.sim.toss import engines
 
 WHOLE = pytest.mark.skipif("HCBENCH_REALITY" not in os.environ, reason="make test-reality: all tosses")
+
+
+@pytest.mark.parametrize(
+    ("changes", "good"),
+    [
+        ({"u_e": 0.049}, True),
+        ({"u_e": 0.051}, False),
+        ({"second": 0.0051}, True),
+        ({"second": 0.0049}, False),
+        ({"frames_after": 3}, True),
+        ({"frames_after": 2}, False),
+    ],
+)
+def test_an_impact_is_good_if_its_e_is_known_and_one_vertex_was_struck(
+    changes: dict[str, float], good: bool
+) -> None:
+    """Known to 0.05, from three frames after it, with the next vertex 5 mm above the plate."""
+    read = ImpactRead(
+        number=0, order=0, time=0.1, speed_in=1.0, speed_out=0.3, e=0.3, u_e=0.01, friction=0.2,
+        u_friction=0.01, slip=0.5, duration=0.01, second=0.02, frames_after=8, chi_square=1.0, energy_lost=0.5,
+    )  # fmt: skip
+    assert replace(read, **changes).good == good  # type: ignore[arg-type]
 
 
 def first(tosses: Tosses) -> list[ImpactRead]:

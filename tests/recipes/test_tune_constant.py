@@ -13,8 +13,9 @@ from hcbench.engines.mujoco.recipes.impulse import IMPULSE
 from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
 from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
 from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER as BULLET_SPRING_DAMPER
+from hcbench.laws.closed_form import duration
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import contact_time, minimax_constant, spring_damper
+from hcbench.recipes.constant import contact_time, minimax_constant, resolvable_law, spring_damper
 from hcbench.recipes.recipe import Recipe
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
@@ -35,6 +36,19 @@ def test_the_best_constant_and_what_it_leaves(alpha: float, constant: float, res
     e, left = minimax_constant(target_of(alpha, 1e-3))
     assert e == pytest.approx(constant, abs=1e-5)
     assert left == pytest.approx(residual, abs=5e-5)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 3.0])
+def test_a_law_that_steps_do_not_resolve_is_softened_until_they_do(exponent: float) -> None:
+    """Its shortest contact, at the highest speed of a band, then lasts as many steps as were asked for."""
+    stiff = Target(HuntCrossley(STEEL_STIFFNESS, 0.3, exponent), STEEL_MASS, 1e-3, 0.1, 0.5)
+    for steps in (24.0, 60.0):
+        soft = resolvable_law(stiff, steps)
+        ends = duration(soft, STEEL_MASS, np.array([0.1, 0.5]))
+        assert float(ends.min()) == pytest.approx(steps * 1e-3, rel=1e-9)
+        assert soft.alpha == 0.3
+    resolved = Target(HuntCrossley(1e4, 0.3, exponent), STEEL_MASS, 1e-4, 0.1, 0.5)
+    assert resolvable_law(resolved) == resolved.law
 
 
 @pytest.mark.parametrize("timestep", [5e-4, 1e-3, 2e-3, 4e-3])

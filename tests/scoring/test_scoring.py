@@ -50,6 +50,18 @@ def test_the_law_scored_against_itself_is_perfect(law_score: scoring.Score) -> N
         assert getattr(law_score, ratio) == pytest.approx(1, abs=1e-4), ratio
 
 
+@pytest.mark.parametrize("begins", [0.1, 0.5, 0.8])
+def test_a_spring_that_loses_nothing_encloses_no_area_however_few_samples(begins: float) -> None:
+    """x = sin t from a share of a step on, six samples to π: the last lies inside the surface."""
+    step = math.pi / 6.0
+    time = step * (begins + np.arange(6.0))
+    x = np.sin(time)
+    spring = Loop(time=time, penetration=x, rate=np.cos(time), force=3.0 * x)
+    assert x[-1] > 0.1
+    assert x[-1] + spring.rate[-1] * step < 0.0
+    assert scoring.loop_area(spring) == pytest.approx(0.0, abs=1e-12)
+
+
 def test_the_law_keeps_all_of_the_papers_claims(law_score: scoring.Score) -> None:
     assert [getattr(law_score, claim) for claim in scoring.CLAIMS] == [True] * 4
 

@@ -34,6 +34,17 @@ def test_a_scan_finds_where_contact_begins_to_the_last_bit() -> None:
     assert travel_by_scan(lambda x: False, -1.0, 1.0) is None
 
 
+def test_a_tenth_of_the_smaller_one_is_the_deepest_start() -> None:
+    """Two that overlap by less are moved apart; deeper ones were meant otherwise."""
+    for size in (0.02, 1.0):
+        require_apart(-0.0999 * size, size, "ball", "plate")
+        require_reachable(0.0999 * size, size, ("ball", "plate"), ("'tail'", "'wall'"))
+        with pytest.raises(SceneError, match="inside 'plate'"):
+            require_apart(-0.1001 * size, size, "ball", "plate")
+        with pytest.raises(UserError, match="inside 'wall'"):
+            require_reachable(0.1001 * size, size, ("ball", "plate"), ("'tail'", "'wall'"))
+
+
 def test_a_deep_start_and_a_blocked_way_are_refused() -> None:
     require_apart(-0.009, 0.1, "ball", "plate")
     with pytest.raises(SceneError, match=r"'ball' starts 0.02 m inside 'plate'.*Move one away"):

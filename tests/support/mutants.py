@@ -1,9 +1,9 @@
 """Mutants: small changes of the physics, each of which the tests of its own room must notice.
 
 `python -m mutants [WORDS]` copies the checkout and runs there the tests that the table names. Then it makes
-one change after another in the copy, and runs the tests of each. With words, it takes the mutants whose file has
-one of them. It prints for each mutant the test that killed it, or SURVIVED. The exit code is 1 where a mutant
-survives, where a text to change is gone, and where the tests fail without any change.
+one change after another in the copy, and runs the tests of each. With words, it takes the mutants whose file
+has one of them. It prints for each mutant the test that killed it, or SURVIVED. The exit code is 1 where a
+mutant survives, where a text to change is gone, and where the tests fail without any change.
 
 A survivor is a gap in the tests of its room: write the statement that is missing, and keep the mutant.
 
@@ -61,7 +61,7 @@ MUTANTS = (
         "speed - gain * (steps + phase + share)",
         "speed - gain * (steps + phase - share)",
         "a launch under gravity touches at its speed",
-        ("tests/terms",),
+        ("tests/terms/test_launches.py",),
     ),
     Mutant(
         "laws/coulomb.py",
@@ -69,7 +69,7 @@ MUTANTS = (
         "impact.speed_out + scene.gravity * impact.duration",
         "impact.speed_out - scene.gravity * impact.duration",
         "the contact carries the weight as well, for as long as it lasts",
-        ("tests/laws/test_simultaneous_impacts.py",),
+        ("tests/laws/test_coulomb.py",),
     ),
     Mutant(
         "laws/restitution.py",
@@ -101,7 +101,7 @@ MUTANTS = (
         "SLOWEST = 1.6",
         "SLOWEST = 1.3",
         "a band begins where a body can leave the plate within a step",
-        ("tests/recipes",),
+        ("tests/recipes/test_band.py",),
     ),
     Mutant(
         "recipes/constant.py",
@@ -109,7 +109,7 @@ MUTANTS = (
         "** (target.law.exponent + 1.0)",
         "** (target.law.exponent - 1.0)",
         "a softened contact lasts the steps that it was softened for",
-        ("tests/recipes",),
+        ("tests/recipes/test_tune_constant.py",),
     ),
     Mutant(
         "sim/touch.py",
@@ -141,7 +141,7 @@ MUTANTS = (
         "(1.0 - e) / 2.0",
         "(1.0 - e) * 2.0",
         "an impact takes at least half of the loss that the target has",
-        ("tests/sim/test_contract.py", "tests/sim/test_speed_reading.py"),
+        ("tests/sim/test_passivity.py",),
     ),
     Mutant(
         "measuring/curve.py",
@@ -172,7 +172,7 @@ MUTANTS = (
         "DEEPEST_STEPS = 2.5",
         "DEEPEST_STEPS = 4.0",
         "a contact deeper than 2.5 steps of the fastest impact is a flaw",
-        ("tests/tuning/test_tuning.py", "tests/tuning/test_answer.py"),
+        ("tests/tuning/test_evaluate.py",),
     ),
     Mutant(
         "tuning/choose.py",
@@ -204,7 +204,7 @@ MUTANTS = (
         "2.0 * self.rest_count * np.log(noise)",
         "1.0 * self.rest_count * np.log(noise)",
         "the likelihood of n readings has the determinant of their covariance",
-        ("tests/fitting/test_laws_and_flights.py", "tests/fitting/test_alpha.py"),
+        ("tests/fitting/test_linear.py",),
     ),
     Mutant(
         "benchmark/bounce_sequence.py",
@@ -212,7 +212,7 @@ MUTANTS = (
         "(8 * bend)",
         "(4 * bend)",
         "the top of a flight lies on the parabola through three samples",
-        ("tests/benchmark/test_study.py",),
+        ("tests/benchmark/test_bounce_sequence.py",),
     ),
     Mutant(
         "benchmark/launch_grid.py",
@@ -220,7 +220,7 @@ MUTANTS = (
         "low + stretch * (speed - first)",
         "low + stretch * (speed + first)",
         "speeds of a field page are moved into the band, end to end",
-        ("tests/benchmark/test_study.py",),
+        ("tests/benchmark/test_launch_grid.py",),
     ),
     Mutant(
         "reporting/ranking.py",
@@ -228,7 +228,7 @@ MUTANTS = (
         "DEEP = 2.5",
         "DEEP = 5.0",
         "a run that goes deeper than 2.5 v h lacks something",
-        ("tests/reporting/test_report_gravity.py", "tests/reporting/test_report_advice.py"),
+        ("tests/reporting/test_report_gravity.py",),
     ),
     Mutant(
         "checking/judge.py",
@@ -243,7 +243,7 @@ MUTANTS = (
         "curve_of_columns",
         *_EVENLY,
         "the e that `check` prints weighs each phase by its share of the time step",
-        ("tests/checking/test_check_verdicts.py", "tests/checking/test_check_baseline.py"),
+        ("tests/checking/test_judge.py",),
     ),
     Mutant(
         "checking/outcome.py",
@@ -251,7 +251,7 @@ MUTANTS = (
         "beyond / (abs(self.value) or 1.0)",
         "beyond * (abs(self.value) or 1.0)",
         "of several limits the one that is exceeded by the largest share is named",
-        ("tests/checking/test_action.py", "tests/checking/test_check_verdicts.py"),
+        ("tests/checking/test_limits.py",),
     ),
     Mutant(
         "paper/vibroimpact/system.py",
@@ -275,7 +275,7 @@ MUTANTS = (
         "_ALIKE = 0.02",
         "_ALIKE = 0.2",
         "an engine ignores restitution if e varies by less than 0.02",
-        ("tests/cases/test_results_files.py",),
+        ("tests/cases/test_true_values.py",),
     ),
     Mutant(
         "engines/mujoco/scene/rows.py",
@@ -299,7 +299,7 @@ MUTANTS = (
         "self.timestep + self.gravity)",
         "self.timestep - self.gravity)",
         "the contact's force is the change of momentum and the weight",
-        ("tests/engines/bullet/test_measure_pybullet.py", "tests/engines/bullet/test_pybullet_model.py"),
+        ("tests/engines/bullet/test_measure_pybullet.py",),
     ),
     Mutant(
         "engines/pybullet/plugin/restitution.c",
@@ -323,7 +323,7 @@ MUTANTS = (
         "time_step(facts.timestep / 4)",
         "time_step(facts.timestep * 4)",
         "the step that is advised is smaller than the model's",
-        ("tests/cli/test_texts.py", "tests/cli/test_cli.py"),
+        ("tests/cli/test_advice.py",),
     ),
     Mutant(
         "workers/__init__.py",
@@ -347,7 +347,7 @@ MUTANTS = (
         "2 if error >= 1e-5 else 1",
         "2 if error >= 1e-4 else 1",
         "an error of 1e-5 and more is printed in two digits",
-        ("tests/system",),
+        ("tests/system/test_text.py",),
     ),
 )
 

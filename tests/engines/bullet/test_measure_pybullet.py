@@ -190,6 +190,15 @@ def test_one_file_after_another_leaks_nothing(files: tuple[Path, Path]) -> None:
     assert e() == first
 
 
+def test_gravity_in_substeps_is_no_contact_force(files: tuple[Path, Path]) -> None:
+    """A ball in free flight gains g h a step and feels nothing; Bullet reverses it within one step."""
+    fine = RIGHT_WORLD + "; p.setPhysicsEngineParameter(numSubSteps=4, physicsClientId=c)"
+    world = setup(files, fine, RIGHT_BALL)
+    found = measure(world, speeds=[0.5, 1.0], phases=3, gravity=9.81, diagnose=False, rest=False)
+    assert [impact.status for impact in found.impacts] == [Status.PARTED] * 6
+    assert [impact.samples for impact in found.impacts] == [1] * 6
+
+
 def measured_live(ball: str, plate: str) -> dict[str, Any]:
     """A live client, before and after; in the worker."""
     import pybullet as p

@@ -1,0 +1,44 @@
+"""Launches under gravity: a body that an engine steps reaches the plate at the speed and phase asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hcbench.terms.impact import Floats, Launch
+
+G, H = 9.8, 0.01  # m/s², s
+
+
+def positions(launch: Launch, substeps: int) -> Floats:
+    """Penetration at the ends of steps, each of semi-implicit substeps: the new speed moves the body."""
+    x, v = -launch.clearance(H), launch.speed
+    path = [x]
+    for _ in range(6):
+        for _ in range(substeps):
+            v += G * H / substeps
+            x += v * H / substeps
+        path.append(x)
+    return np.array(path)
+
+
+@pytest.mark.parametrize("phase", [0.05, 0.5, 0.95])
+@pytest.mark.parametrize(("substeps", "share"), [(1, 0.5), (4, 0.125)])
+@pytest.mark.parametrize("speed", [0.5, 2.0])
+def test_a_launch_under_gravity_touches_at_its_speed_and_phase(
+    speed: float, substeps: int, share: float, phase: float
+) -> None:
+    """The states of a flight at constant acceleration lie on one parabola, which tells both."""
+    launch = Launch.touching(speed, phase, H, G, share=share)
+    path = np.polynomial.Polynomial.fit(H * np.arange(7), positions(launch, substeps), 2)
+    touch = min(time for time in path.roots().real if time > 0.0)
+    assert touch == pytest.approx((2.0 + phase) * H, rel=1e-9)
+    assert path.deriv()(touch) == pytest.approx(speed, rel=1e-9)
+
+
+def test_a_body_too_slow_for_a_whole_step_falls_from_rest() -> None:
+    """0.5 g h of its speed is gained by the first step's move: the height has the rest of the energy."""
+    slow = 0.8 * G * H
+    launch = Launch.touching(slow, 0.9, H, G)
+    assert launch.speed == 0.0
+    assert launch.height == pytest.approx((0.64 - 0.25) * G * H * H / 2.0)
