@@ -14,7 +14,7 @@ G, STEP = 10.0, 0.01  # m/s², s
 def flights(*speeds: float) -> tuple[Trajectory, list[Bounce]]:
     """A body that leaves the plate at these speeds, m/s, touching it for one step before each; exact arcs.
 
-    Times of flight are no whole steps, so no sample is at the top.
+    No flight lasts whole steps, so no sample is at the top.
     """
     time, height, rate, acts, expected = [0.0], [0.0], [-3.0], [True], []
     for speed in speeds:

@@ -53,7 +53,7 @@ def test_without_own_parameters_it_is_the_density_of_the_readings(impacts: int, 
 
 @pytest.mark.parametrize("impacts", [3, 12])
 def test_own_parameters_that_are_known_before_widen_the_density(impacts: int) -> None:
-    """One law and noise against others: a factor that all have in common is no matter."""
+    """One law and noise against others: a factor that all have in common cancels."""
     made = model(impacts, 2, 0.5)
     first = log_density(made, 0.4, 0.2, 0.1, 0.5)
     for law, noise in ((0.4, 0.5), (-0.3, 0.2)):

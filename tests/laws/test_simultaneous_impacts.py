@@ -135,10 +135,10 @@ def test_what_gravity_does_in_the_step_adds_no_energy_either() -> None:
 
 
 def under_gravity(contact: Contact, x: float, v: float, gain: float, h: float) -> float:
-    """Prepare a contact for a step h of semi-implicit Euler, which gains `gain` m/s² of gravity.
+    """Return the rate, m/s, at which a body leaves a step h of semi-implicit Euler with an impact in it.
 
-    Returned is the rate at which the body leaves the step that begins at depth x with approach rate v, m/s:
-    impacts are between rates that have half of the step's gravity, which then take the other half.
+    x, v: depth and approach rate as the step begins. gain: gravity towards the contact, m/s². Impacts
+    are between rates that have half of the step's gravity; the body then gains the other half.
     """
     lib = _compile.law_library()
     lib.hcb_under_gravity(ctypes.byref(contact), *map(ctypes.c_double, (x, v, gain, h)), 0)
@@ -161,7 +161,7 @@ def test_a_body_that_touched_before_leaves_at_e_times_its_rate() -> None:
 
 @pytest.mark.parametrize("x", [0.0, 0.1])
 def test_gravity_within_the_step_makes_no_impact_of_rest(x: float) -> None:
-    """Rates up to `still` at the step's start are no impact, before gravity adds to them."""
+    """Rates up to `still` at the step's start count as rest, before gravity adds to them."""
     for rate, is_impact in ((0.29, False), (0.31, True)):
         contact = Contact(CONSTANT, 0.5, 0.0, 0.3)
         under_gravity(contact, x, rate, 10.0, 0.01)

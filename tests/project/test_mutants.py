@@ -1,4 +1,4 @@
-"""The table of `make mutants` stays true of the files that it changes; the run itself is no test."""
+"""The table of `make mutants` stays true of the files that it changes."""
 
 from __future__ import annotations
 

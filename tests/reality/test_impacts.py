@@ -34,7 +34,8 @@ def test_an_impact_is_good_if_its_e_is_known_and_one_vertex_was_struck(
     """Known to 0.05, from three frames after it, with the next vertex 5 mm above the plate."""
     read = ImpactRead(
         number=0, order=0, time=0.1, speed_in=1.0, speed_out=0.3, e=0.3, u_e=0.01, friction=0.2,
-        u_friction=0.01, slip=0.5, duration=0.01, second=0.02, frames_after=8, chi_square=1.0, energy_lost=0.5,
+        u_friction=0.01, slip=0.5, duration=0.01, second=0.02, frames_after=8,
+        chi_square=1.0, energy_lost=0.5,
     )  # fmt: skip
     assert replace(read, **changes).good == good  # type: ignore[arg-type]
 

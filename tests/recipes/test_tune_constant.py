@@ -40,7 +40,7 @@ def test_the_best_constant_and_what_it_leaves(alpha: float, constant: float, res
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 3.0])
 def test_a_law_that_steps_do_not_resolve_is_softened_until_they_do(exponent: float) -> None:
-    """Its shortest contact, at the highest speed of a band, then lasts as many steps as were asked for."""
+    """The shortest contact, at the highest speed of a band, then lasts as many steps as were asked for."""
     stiff = Target(HuntCrossley(STEEL_STIFFNESS, 0.3, exponent), STEEL_MASS, 1e-3, 0.1, 0.5)
     for steps in (24.0, 60.0):
         soft = resolvable_law(stiff, steps)
