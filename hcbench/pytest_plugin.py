@@ -74,10 +74,9 @@ def restitution(request: pytest.FixtureRequest) -> Iterator[RestitutionFixture]:
         if value not in (None, "", []):
             defaults[name.removeprefix("restitution_")] = value
     for marker in reversed(list(request.node.iter_markers("restitution"))):  # the nearest has the last word
-        unknown = sorted(set(marker.kwargs) - set(_KEYS))
-        if marker.args or unknown:
-            wrong = ", ".join(unknown) or "positional arguments"
-            pytest.fail(f"@pytest.mark.restitution: {wrong}; expected {', '.join(_KEYS)}", pytrace=False)
+        if marker.args:
+            pytest.fail("@pytest.mark.restitution: positional arguments; expected keywords", pytrace=False)
+        _require_known("@pytest.mark.restitution", marker.kwargs)
         defaults.update(marker.kwargs)
     folder = request.path.parent
     fixture = RestitutionFixture(defaults, folder if folder.is_dir() else Path.cwd())
@@ -111,9 +110,8 @@ class RestitutionFixture:
         pair: names, the body that moves first. options: those of launches (`hcbench.terms.options`), engine,
         max_error, timeout.
         """
-        unknown = sorted(set(options) - set(_KEYS))
-        if unknown:
-            raise TypeError(f"restitution(): unknown {', '.join(unknown)}; there are {', '.join(_KEYS)}")
+        __tracebackhide__ = True
+        _require_known("restitution()", options)
         bounce = ModelBounce(self._resolve(model), pair, {**self._defaults, **options})
         self.bounces.append(bounce)
         return bounce
@@ -197,6 +195,7 @@ class ModelBounce:
     def _check(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
         from hcbench.checking import CheckSpec, plan, run_check
         from hcbench.system.errors import HcbenchError, UserError
+        from hcbench.terms.arguments import name_parameters
         from hcbench.terms.fields import validate
 
         options = {**self._options, **against, "name": self.name, "pair": self._pair, "model": ()}
@@ -207,7 +206,17 @@ class ModelBounce:
             spec = validate(CheckSpec, options, UserError, "restitution: {}")
             return run_check(dataclasses.replace(plan(spec), source=self._model))
         except HcbenchError as error:
+            name_parameters(error, (*CheckSpec.model_fields, "timeout"))
             pytest.fail(str(error), pytrace=False)
+
+
+def _require_known(slot: str, options: Mapping[str, Any]) -> None:
+    """Fail a test with an option that the fixture does not have."""
+    __tracebackhide__ = True
+    unknown = sorted(set(options) - set(_KEYS))
+    if unknown:
+        names = f"unknown {', '.join(unknown)}; expected one of: {', '.join(_KEYS)}"
+        pytest.fail(f"{slot}: {names}", pytrace=False)
 
 
 def _name(model: Any) -> str:

@@ -27,6 +27,7 @@ from hcbench.benchmark.study import Study
 from hcbench.benchmark.tables import Totals
 from hcbench.system.errors import CannotRun, HcbenchError
 from hcbench.terms.arguments import checked
+from hcbench.terms.options import Jobs
 from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class Workers:
 
 
 @checked
-def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] | None = None) -> Results:
+def run_study(study: Study, jobs: Jobs = 1, progress: Callable[[int, int], None] | None = None) -> Results:
     """Run all of a study and score it.
 
     progress: called with (impacts done, impacts in all) while it runs.

@@ -67,7 +67,7 @@ class Run:
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Study:
     """Runs of a study, SI. `loop_speeds` are launched too; their loops (at the middle phase) are
     kept and scored.

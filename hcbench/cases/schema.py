@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired
 
@@ -118,6 +119,12 @@ def validated(content: Any, kind: Literal["results", "scores"], source: str) -> 
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"][:4])) or "all of it"
+        if "states" in first["loc"][:-1]:
+            row = first["loc"].index("states") + 1
+            state = reduce(getitem, first["loc"][: row + 1], content)
+            got = f"{place}[{first['loc'][row]}] is {state!r:.80}"
+            expected = "[step, 9 numbers of a body, ...], each 9 in a list of their own"
+            raise UserError(source, got, expected, HELP) from None
         raise UserError(source, f"{place}: {first['msg']}", f"the {kind} of an engine", HELP) from None
 
 

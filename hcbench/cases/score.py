@@ -12,10 +12,12 @@ from hcbench.cases.hcbench_cases import CASES, Json, judge, restitution
 from hcbench.cases.schema import Obedience, validated
 from hcbench.system.errors import UserError
 from hcbench.system.files import parse_json, read_text
+from hcbench.system.text import sanitized
 
 KNOWN = Path(__file__).with_name("known.json")
 MEASURED = Path(__file__).with_name("measured.json")
 _HALF = 0.5  # of the restitution asked for: less does not count as a bounce
+_LONGEST_WHY = 1000  # characters of a reason that an engine's file gives
 _ALIKE = 0.02  # range of mean e over all restitutions asked for: less takes no notice of them
 
 
@@ -83,7 +85,9 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
     except (ArithmeticError, ValueError) as error:
         raise UserError(source, f"a ball at rest before an impact: {error}", "states of the cases") from None
     cpu_s = float(results.get("cpu_s", 0.0))
-    return EngineScore(engine["name"], engine["version"], tuple(verdicts), obeyed, threshold, cpu_s)
+    printable = [{**verdict, "why": sanitized(verdict["why"], _LONGEST_WHY)} for verdict in verdicts]
+    name, version = sanitized(engine["name"]), sanitized(engine["version"])
+    return EngineScore(name, version, tuple(printable), obeyed, threshold, cpu_s)
 
 
 def _require_runs(case: Json, done: Sequence[Json], source: str) -> None:

@@ -12,7 +12,7 @@ from hcbench.measuring.request import read_pair
 from hcbench.system.errors import UserError
 from hcbench.terms.arguments import checked
 from hcbench.terms.fields import validate
-from hcbench.terms.options import BodyPair, CheckOptions, PintQuantity
+from hcbench.terms.options import BodyPair, CheckOptions, Jobs, PintQuantity
 
 if TYPE_CHECKING:
     from hcbench.checking.outcome import Report
@@ -24,7 +24,7 @@ def check(
     pair: BodyPair | None = None,
     *,
     name: str | None = None,
-    jobs: int = 1,
+    jobs: Jobs = 1,
     measure_only: bool = False,
     **options: Unpack[CheckOptions],
 ) -> Report:

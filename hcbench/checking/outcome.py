@@ -36,7 +36,7 @@ _ERRORS: dict[Verdict, type[HcbenchError]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Outcome:
     """The result of one check.
 
@@ -71,7 +71,7 @@ class Outcome:
         return _ERRORS[self.verdict].exit_code if self.verdict in _ERRORS else 0
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class Report(Shown):
     """All checks of a run, in order."""
 

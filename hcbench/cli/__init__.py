@@ -35,7 +35,7 @@ from hcbench.cli.land import land
 from hcbench.cli.law import law
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
-from hcbench.system.command import IS_COMMAND
+from hcbench.system.command import IS_COMMAND, NAMES_OPTIONS
 from hcbench.system.errors import LONGEST, HcbenchError, UserError
 from hcbench.system.text import sanitized
 from hcbench.terms.bounds import beyond_bounds
@@ -87,8 +87,12 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes."""
-    with beyond_bounds(False):
-        return _run(arguments)
+    token = NAMES_OPTIONS.set(True)
+    try:
+        with beyond_bounds(False):
+            return _run(arguments)
+    finally:
+        NAMES_OPTIONS.reset(token)
 
 
 def _run(arguments: list[str]) -> int:

@@ -23,7 +23,6 @@ _AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02  # None on Windows
 _DEFERRED_S = 0.5  # that an interrupt waits for the end of an import, at most
 # Slots that belong to options of another name.
 _OPTIONS = {
-    "restitution": ("--restitution", "--points"),
     "lowest speed": ("--speeds",),
     "coming-from": ("--from",),
 }
@@ -60,8 +59,9 @@ def wrap_stdio() -> None:
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:  # closed: the next file opened would be taken for it
         os.set_inheritable(fd, True)
     os.close(fd)
-    null = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - for good
-    sys.stderr = _wrap(sys.stderr or null, required=False)
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - for good
+    sys.stderr = _wrap(sys.stderr, required=False)
     if sys.stdout is None:
         raise OutputError("standard output", "closed", "one that can be written to")
     sys.stdout = _wrap(sys.stdout, required=True)

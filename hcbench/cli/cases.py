@@ -86,7 +86,10 @@ def run_cases(
 @click.option("--markdown", is_flag=True, help="Print a Markdown table.")
 @as_json
 def score_cases(results: tuple[Path, ...], only: tuple[str, ...], markdown: bool, as_json: bool) -> None:
-    """Judge files of results, from any engine in any language."""
+    """Judge files of results, from any engine in any language.
+
+    Exit 0 also where cases fail: the verdicts are the result. `hcbench cases run` exits 1.
+    """
     from hcbench.cases.score import read_scores
 
     _print([each for path in results for each in read_scores(path, only)], as_json, markdown)

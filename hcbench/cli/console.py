@@ -4,20 +4,24 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 
 from hcbench.cli.outputs import PathType
 from hcbench.system.files import json_text
 from hcbench.terms.bounds import admit_beyond_bounds
-from hcbench.terms.options import OPTIONS, Option
+from hcbench.terms.options import OPTIONS, Jobs, Option
 
 CORES = os.cpu_count() or 1
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 jobs_option = click.option(
-    "--jobs", "-j", type=click.IntRange(min=1), default=CORES, help="Worker processes.  [default: one a core]"
+    "--jobs",
+    "-j",
+    type=click.IntRange(min=get_args(Jobs)[1].least),
+    default=CORES,
+    help="Worker processes.  [default: one a core]",
 )
 
 

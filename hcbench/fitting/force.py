@@ -28,7 +28,7 @@ _LEAST_POINTS = 20
 _OFF_LAW = 0.05
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class ForceFit(Shown):
     """value: k in N/m^n, n, α in s/m. covariance: (3, 3), of ln k, n and α; n's is 0 where it was given.
 

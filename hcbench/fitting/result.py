@@ -30,7 +30,7 @@ class DropResult:
     doubts: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class FitResult(Drawn):
     """law: the one that the data support; None where several are left. asked: the one of --law, or "auto".
 

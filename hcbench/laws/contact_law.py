@@ -28,7 +28,7 @@ _AS_STATIC = -1e-300  # no coefficient; what a user gives is another number
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Friction:
     """Coulomb friction regularised around rest, as continuous multibody plants do it.
 

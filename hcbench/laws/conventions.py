@@ -89,7 +89,7 @@ class OneContact:
         return f"matches at {self.speed:.6g} m/s only"
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class Conversion(Shown):
     """One contact in all conventions.
 

@@ -27,7 +27,7 @@ class ForceLaw(Protocol):
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class HuntCrossley:
     """F = k x^n (1 + (3/2) α v), eq. (16).
 
@@ -56,7 +56,7 @@ class HuntCrossley:
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class KelvinVoigt:
     """F = k x + c v, eq. (4): jumps to c v_i at touch, pulls before parting.
 

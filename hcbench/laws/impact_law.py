@@ -26,7 +26,7 @@ PAPER_MASS, PAPER_STIFFNESS = "1 lb", "3.1e7 lbf/in^1.5"
 _SHOWN = (0.1, 0.2, 0.5, 1.0, 2.0)  # m/s
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class ImpactLaw(Drawn):
     """The Hunt-Crossley law of one pair of bodies.
 

@@ -197,7 +197,7 @@ def law_named(name: str) -> PublishedLaw:
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class TouchSpeedLaw:
     """One of these laws as it is published: v_i is the touch speed of each impact.
 

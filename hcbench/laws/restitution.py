@@ -39,7 +39,7 @@ class RestitutionCurve(ABC):
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Restitution(RestitutionCurve):
     """e of a contact with the parameter α: it falls as the impact speed grows.
 
@@ -96,7 +96,7 @@ class Restitution(RestitutionCurve):
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ConstantRestitution(RestitutionCurve):
     """The same e at all impact speeds.
 
@@ -132,9 +132,10 @@ class MeasuredRestitution(RestitutionCurve):
 
     def __post_init__(self) -> None:
         if not self.points:
-            raise SettingError("restitution", "no points", "at least one pair of v and e")
-        good = all(0 <= e <= 1 for _, e in self.points)
-        require("restitution", self.values.tolist(), good, "0 ... 1", error=SettingError)
+            raise SettingError("points", "none", "at least one pair of v and e")
+        for v, e in self.points:
+            if not 0 <= e <= 1:
+                raise SettingError("points", f"e = {e:g} at {v:g} m/s", "e of 0 ... 1")
 
     @property
     def speeds(self) -> Floats:

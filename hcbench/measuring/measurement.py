@@ -87,7 +87,7 @@ class Cause:
     without: float = math.nan
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class Measurement(Drawn):
     """One pair of one model, measured.
 

@@ -15,7 +15,7 @@ from hcbench.terms.arguments import checked
 from hcbench.terms.options import Folders, Joints, ModelSource, PoseState, Quantity
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class CandidatePairs(Shown):
     """The parts of a model that can meet: those that touch first, then the nearest."""
 

@@ -55,7 +55,7 @@ _WORDS |= {"constant": "one e, by --restitution"}
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Target:
     """The bounce to match.
 

@@ -16,6 +16,7 @@ from hcbench.system.errors import UserError
 from hcbench.system.files import atomic_folder, read_text
 from hcbench.system.notebook import Drawn
 from hcbench.terms.arguments import checked
+from hcbench.terms.options import Jobs
 from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ Tick = Callable[[int, int], None]
 Stage = Callable[[str], AbstractContextManager[Tick]]
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class StudyReport(Drawn):
     """A report that was written: `page` is its HTML, `results` its tables."""
 
@@ -52,7 +53,7 @@ class StudyReport(Drawn):
 
 @checked
 def report(
-    study: str | Path = "steel-1lb", *, out: str | Path | None = None, quick: bool = False, jobs: int = 1
+    study: str | Path = "steel-1lb", *, out: str | Path | None = None, quick: bool = False, jobs: Jobs = 1
 ) -> StudyReport:
     """Run a study and write its page, with tables and figures, as `hcbench report` does.
 

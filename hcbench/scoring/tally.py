@@ -22,7 +22,7 @@ _GAIN = 1e-9  # relative: restitution above 1 by more than round-off
 _Flags = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Score:
     """Errors of one setting at one step over a band of speeds and phases, against one α.
 

@@ -14,7 +14,7 @@ from hcbench.system.text import number, sanitized, table
 _NAMED = 6  # pairs that an error names
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CandidatePair:
     """Two geoms of a model that its engine lets collide.
 

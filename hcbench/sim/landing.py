@@ -113,7 +113,7 @@ class Landing:
         return sum(foot.bounces > 0 for foot in self.feet)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class Landings(Shown):
     """All drops of one robot.
 

@@ -137,7 +137,7 @@ def require_reachable(
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Touchdowns:
     """The touchdowns of one part of the model on one other.
 

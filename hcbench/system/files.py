@@ -37,7 +37,8 @@ def user_folder(kind: Literal["cache", "data"]) -> Path:
     base = os.environ.get(f"HCBENCH_{kind.upper()}") or os.environ.get(f"XDG_{kind.upper()}_HOME")
     if not base and sys.platform == "darwin":
         base = Path.home() / "Library" / {"cache": "Caches", "data": "Application Support"}[kind]
-    return Path(base or Path.home() / {"cache": ".cache", "data": ".local/share"}[kind]) / "hcbench"
+    folder = Path(base or Path.home() / {"cache": ".cache", "data": ".local/share"}[kind]) / "hcbench"
+    return folder.absolute()
 
 
 def json_text(content: Any) -> str:

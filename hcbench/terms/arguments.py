@@ -9,16 +9,30 @@ Verbs that read no files of settings, such as `law` and `fit`, would import it f
 import functools
 import inspect
 import operator
+import re
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar, Union, Unpack, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    ParamSpec,
+    TypeVar,
+    Union,
+    Unpack,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 
-from hcbench.system.errors import UserError
+from hcbench.system.command import NAMES_OPTIONS
+from hcbench.system.errors import HcbenchError, UserError
 from hcbench.terms.options import BodyPair, Controller, PintQuantity, Quantity
+from hcbench.terms.units import is_real
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -38,6 +52,16 @@ _WORDS = {
     Quantity: "a number, or text with a unit",
     BodyPair: "two names, first the one that moves",
     Controller: "pd, ctrl, file.py:function, or a function",
+}
+
+_OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
+_BEYOND_BOUNDS = "`with hcbench.terms.bounds.beyond_bounds():`"
+_PARAMETERS = {  # of options that have another name in Python
+    "as": ("kind",),
+    "for": ("version",),
+    "from": ("coming_from", "begin"),
+    "no-actuators": ("actuators=False",),
+    "to": ("end",),
 }
 
 
@@ -61,10 +85,35 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             if name not in names and not takes_others:
                 raise UserError(name, "unknown argument", f"one of: {', '.join(names)}")
         plain = {name: _plain(value) for name, value in kwargs.items()}
-        return function(*map(_plain, args), **plain)
+        try:
+            return function(*map(_plain, args), **plain)
+        except HcbenchError as error:
+            name_parameters(error, names)
+            raise
 
     outer.__signature__ = signature  # type: ignore[attr-defined]  # which `help` and notebooks show
     return outer
+
+
+def name_parameters(error: HcbenchError, names: Collection[str]) -> None:
+    """Let an error that leaves a function of Python name its parameters, not options of the command line.
+
+    names: of the parameters. Messages are written for the command line, which has an option for nearly
+    every parameter; an option without a parameter, such as one of another program, stays.
+    """
+    if NAMES_OPTIONS.get():
+        return
+
+    def parameter(option: str) -> str:
+        candidates = (option.replace("-", "_"), *_PARAMETERS.get(option, ()))
+        return next((name for name in candidates if name.partition("=")[0] in names), "")
+
+    def named(text: str) -> str:
+        text = text.replace("--beyond-bounds", _BEYOND_BOUNDS)
+        return _OPTION.sub(lambda match: parameter(match[1]) or match[0], text)
+
+    slot = parameter(error.slot.removeprefix("--")) or error.slot
+    HcbenchError.__init__(error, *map(named, (slot, error.got, error.expected, error.advice)))
 
 
 def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
@@ -129,13 +178,11 @@ def _fits(value: Any, hint: Any) -> bool:
 def _is_number(value: Any, _: _Parts) -> bool:
     if isinstance(value, float):
         return True
-    if isinstance(value, np.number):
-        return not isinstance(value, np.complexfloating)
-    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= _LARGEST_FLOAT
+    return is_real(value) and (isinstance(value, np.generic) or abs(value) <= _LARGEST_FLOAT)
 
 
 def _is_whole(value: Any, _: _Parts) -> bool:
-    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    is_whole = is_real(value) and isinstance(value, int | np.integer)
     return is_whole and bool(abs(value) <= _LARGEST_INT)
 
 
@@ -171,6 +218,7 @@ _TESTS: dict[Any, Callable[[Any, _Parts], bool]] = {
     int: _is_whole,
     None: lambda value, _: value is None,
     Callable: lambda value, _: callable(value),
+    Annotated: lambda value, parts: _fits(value, parts[0]) and value >= parts[1].least,
 }
 _GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {  # in this order: the first that the type is one of
     np.ndarray: _is_array,
@@ -188,6 +236,8 @@ def _words(hint: Any) -> str:
         return _WORDS.get(functools.reduce(operator.or_, given)) or " or ".join(
             _words(part) for part in parts
         )
+    if origin is Annotated:
+        return f"{_words(parts[0])}, {parts[1].least} or more"
     if origin is Literal:
         return " or ".join(repr(part) for part in parts)
     if origin is np.ndarray:

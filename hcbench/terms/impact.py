@@ -32,7 +32,7 @@ class Status(StrEnum):
     CRASHED = "crashed"  # the engine died or hung on it
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Launch:
     """Initial state of a body that is launched at the plate.
 

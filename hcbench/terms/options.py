@@ -50,6 +50,13 @@ class PintQuantity(Protocol):
         """Unit of the magnitude."""
 
 
+class AtLeast(NamedTuple):
+    """Least value of a whole number, for `Annotated`."""
+
+    least: int
+
+
+Jobs = Annotated[int, AtLeast(1)]  # worker processes
 Quantity = float | str | PintQuantity  # SI, or with a unit
 Quantities = float | str | PintQuantity | Iterable[float | str]  # also "1:20:8 in/s", and arrays
 ModelSource = (

@@ -53,7 +53,7 @@ class Material:
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Scene:
     """The truth about a drop, SI, and the engine files that say the same.
 

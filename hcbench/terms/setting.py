@@ -12,7 +12,7 @@ PAIR: Pair = ("ball", "plate")  # the body that moves and the other, as texts to
 
 
 @checked_fields
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Setting:
     """One way to set an engine up.
 

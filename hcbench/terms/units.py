@@ -165,15 +165,22 @@ def parse(
             advice = f"Write {near!r} if that is meant" if near else "Plain numbers are SI"
             raise QuantityError(slot, f"{value!r} is not a number", f"one like {kind.example!r}", advice)
         number = _fraction(match[1]) * _scale(match[2].strip(), kind, slot, value, exponent)
-    elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
+    elif is_real(value):
         try:
-            number = float(value)
+            number = float(value)  # type: ignore[arg-type]
         except OverflowError:  # a whole number of more than 308 digits
             number = math.inf
     else:
         raise QuantityError(slot, f"{value!r}", f"a number or text like {kind.example!r}")
     _require_bounds([number], value, kind, slot, least, above)
     return number
+
+
+def is_real(value: object) -> bool:
+    """Say whether a value is a number of Python or NumPy: no bool, no complex number, no duration."""
+    if isinstance(value, bool | np.timedelta64):  # the latter is an integer to NumPy
+        return False
+    return isinstance(value, int | float | np.integer | np.floating)
 
 
 def _without_pint(value: object, kind: QuantityKind, slot: str, exponent: float = 1.5) -> object:

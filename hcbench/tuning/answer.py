@@ -125,7 +125,7 @@ class Never:
     why: str
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class Answer(Drawn):
     """Choices in the order exact, settings, constant, where they exist; `best` is what was asked for.
 

@@ -26,7 +26,7 @@ _DEEP = 0.02  # of the radius: a deeper contact is called soft
 _BETTER = 0.9  # of the best constant's error: what an e that falls with speed should be below
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class Tuned(Drawn):
     """A setting, what the engine does with it, why it was chosen, and advice that follows."""
 

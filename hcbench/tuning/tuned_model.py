@@ -47,7 +47,7 @@ class TunedPair:
         return self.curve[0].speed_in, self.curve[-1].speed_in
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class TunedModel(Shown):
     """A setting for pairs in their own model, and how it does there.
 

@@ -68,7 +68,9 @@ def changed(results: list[dict[str, Any]], states: Any) -> dict[str, Any]:
         ("C09, run 7: states after other steps", lambda states: []),
         ("C09, run 7: states after other steps", lambda states: states[1:]),
         ("C09, run 7, step 3: 2 bodies", lambda s: [*s[:3], s[3] + s[3][1:], *s[4:]]),
-        ("runs.C09.7.states", lambda s: [*s[:3], [3, [0.0] * 8], *s[4:]]),
+        ("runs.C09.7.states[3] is [3, [0.0, 0.0", lambda s: [*s[:3], [3, [0.0] * 8], *s[4:]]),
+        ("runs.C09.7.states[2] is [0.1, 0.2, 0.3, 0.4, 0.5]", lambda s: [*s[:2], [0.1, 0.2, 0.3, 0.4, 0.5]]),
+        ("runs.C09.7.states[0] is 'up'", lambda s: ["up", *s[1:]]),
     ],
 )
 def test_states_that_the_case_does_not_ask_for_are_refused(
@@ -87,6 +89,18 @@ def test_missing_runs_are_refused_and_a_state_that_is_not_finite_fails(
     verdicts = {v["case"]: v for v in score(blown, only=["C07", "C09"]).verdicts}
     assert verdicts["C07"]["verdict"] == "pass"
     assert (verdicts["C09"]["verdict"], verdicts["C09"]["why"]) == ("fail", "a state is not finite (run 7)")
+
+
+def test_texts_of_a_results_file_cannot_move_the_cursor_nor_break_a_line(
+    results: list[dict[str, Any]],
+) -> None:
+    runs = copy.deepcopy(results[0]["runs"])
+    runs["C09"][0] = {"error": "lost\n\x1b[2Jthe ball"}
+    engine = {"name": "my\x1b[31m\nengine", "version": "1\r2", "combine": None}
+    found = score({**results[0], "runs": runs, "engine": engine}, only=["C07", "C09"])
+    texts = [found.name, *(verdict["why"] for verdict in found.verdicts)]
+    assert all(text.isprintable() for text in texts)
+    assert any("the ball" in text for text in texts)
 
 
 def test_the_matrix_has_a_word_for_each_case_of_each_engine() -> None:

@@ -131,7 +131,9 @@ def test_a_marker_with_a_mistake_says_what_there_is(models: pytest.Pytester) -> 
     )
     result = models.runpytest_inprocess()
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["*mark.restitution: speed; expected max_error, max_depth, *"])
+    result.stdout.fnmatch_lines(
+        ["*mark.restitution: unknown speed; expected one of: max_error, max_depth, *"]
+    )
 
 
 def test_the_fixture_and_the_marker_take_every_option_of_launches(models: pytest.Pytester) -> None:
@@ -187,6 +189,28 @@ def test_marker_and_options_are_listed(pytester: pytest.Pytester) -> None:
     options = pytester.runpytest_inprocess("--help").stdout.str()
     for name in ("max_error", "speeds", "phases", "timeout"):
         assert f"restitution_{name}" in options
+
+
+def test_an_unknown_option_fails_with_all_that_there_are(models: pytest.Pytester) -> None:
+    models.makepyfile(
+        """
+        import pytest
+
+        def test_call(restitution):
+            restitution("good.xml", pair="ball,plate", sped="1 m/s").matches(0.9)
+
+        @pytest.mark.restitution(sped="1 m/s")
+        def test_marker(restitution):
+            restitution("good.xml", pair="ball,plate").matches(0.9)
+        """
+    )
+    result = models.runpytest_inprocess("-rfE")
+    assert result.ret == 1
+    text = result.stdout.str()
+    assert "TypeError" not in text
+    for what in ("restitution()", "@pytest.mark.restitution"):
+        assert f"{what}: unknown sped; expected one of: max_error, max_depth" in text
+    assert text.count("engine, timeout") >= 2
 
 
 def test_a_test_without_a_target_fails(models: pytest.Pytester) -> None:

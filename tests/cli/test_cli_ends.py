@@ -79,9 +79,11 @@ def test_other_streams_may_be_closed(redirection: str) -> None:
     assert in_a_shell(["law"], redirection).returncode == 2
 
 
-def test_a_reader_that_goes_away_is_no_failure() -> None:
+@pytest.mark.parametrize("warnings", [[], ["-W", "error"]])
+def test_a_reader_that_goes_away_is_no_failure(warnings: list[str]) -> None:
     many = ["law", "--alpha", "0.1", "--speed", "1:2:3000", "--json"]
-    with subprocess.Popen([*HCBENCH, *many], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    command = [HCBENCH[0], *warnings, *HCBENCH[1:], *many]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.readline()
         process.stdout.close()
