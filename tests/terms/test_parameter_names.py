@@ -95,7 +95,7 @@ def results() -> Iterator[type]:
 
 @pytest.mark.parametrize("result", list(results()), ids=lambda each: each.__name__)
 def test_a_result_cannot_be_changed_and_says_so(result: type) -> None:
-    """Python's frozen dataclasses with slots raise a TypeError about `super` for other names than those of fields."""
+    """Frozen dataclasses with slots raise a TypeError about `super` for names other than fields."""
     first = dataclasses.fields(result)[0].name
     for name in (first, "alpha", "no_such_name"):
         with pytest.raises(AttributeError, match=name):
