@@ -26,7 +26,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 400.0  # of the tests of one mutant, which take half a minute on an idle machine
-_CULPRIT = re.compile(r"^(?:FAILED|ERROR) (tests/\S+)", re.MULTILINE)
+_CULPRIT = re.compile(r"^(?:FAILED|ERROR) (tests/.+?)(?: - .*)?$", re.MULTILINE)
 _EVENLY = ("share = step_shares(phase[rows], starts)", "share = np.repeat(1.0 / sizes, sizes)")
 
 
@@ -414,6 +414,9 @@ def _fate(mutant: Mutant, folder: Path) -> str:
 def main(words: list[str]) -> int:
     """Run the mutants, and print the table. 1 where one survives, or where that could not be told."""
     mutants = [each for each in MUTANTS if not words or any(word in each.file for word in words)]
+    if not mutants:
+        print(f"No mutant's file has one of these words: {' '.join(words)}")
+        return 1
     with tempfile.TemporaryDirectory(prefix="hcbench-mutants-", ignore_cleanup_errors=True) as above:
         folder = Path(above) / "checkout"
         _copy_checkout(folder)
@@ -425,14 +428,14 @@ def main(words: list[str]) -> int:
         for mutant in mutants:
             fates.append(_fate(mutant, folder))
             print(f"{mutant.file}: {mutant.after} | {fates[-1]}", flush=True)
-    survivors = []
+    alive = []
     for mutant, fate in zip(mutants, fates, strict=True):
         if fate.startswith(("SURVIVED", "NOT RUN", "GONE")):
-            survivors.append(mutant)
-    print(f"\n{len(mutants) - len(survivors)} of {len(mutants)} mutants are killed.")
-    for each in survivors:
-        print(f"{each.file}, {each.function}: none of {', '.join(each.tests)} says that {each.why}.")
-    return 1 if survivors else 0
+            alive.append(
+                f"{mutant.file}, {mutant.function}: {', '.join(mutant.tests)} must say: {mutant.why}"
+            )
+    print(f"\n{len(mutants) - len(alive)} of {len(mutants)} mutants are killed.", *alive, sep="\n")
+    return 1 if alive else 0
 
 
 if __name__ == "__main__":
