@@ -141,7 +141,7 @@ MUTANTS = (
         "(1.0 - e) / 2.0",
         "(1.0 - e) * 2.0",
         "an impact takes at least half of the loss that the target has",
-        ("tests/sim/test_passivity.py",),
+        ("tests/sim/test_longest_train.py",),
     ),
     Mutant(
         "measuring/curve.py",
