@@ -212,7 +212,7 @@ MUTANTS = (
         "(8 * bend)",
         "(4 * bend)",
         "the top of a flight lies on the parabola through three samples",
-        ("tests/benchmark/test_bounce_sequence.py",),
+        ("tests/benchmark/test_followed_drops.py",),
     ),
     Mutant(
         "benchmark/launch_grid.py",
