@@ -62,6 +62,19 @@ def test_a_spring_that_loses_nothing_encloses_no_area_however_few_samples(begins
     assert scoring.loop_area(spring) == pytest.approx(0.0, abs=1e-12)
 
 
+def test_of_several_loops_the_one_farthest_from_the_law_counts_by_its_factor() -> None:
+    """Half of the law's force is farther from it than 1.5 times: a factor of 2."""
+    impacts = []
+    for speed, factor in ((0.1, 0.5), (0.2, 1.5), (0.4, 1.0)):
+        impact = law_impact(speed)
+        assert impact.loop is not None
+        loop = dataclasses.replace(impact.loop, force=factor * impact.loop.force)
+        impacts.append(dataclasses.replace(impact, loop=loop))
+    found = scoring.score(impacts, LAW, MASS)
+    assert found.force_ratio == pytest.approx(0.5, rel=1e-3)
+    assert found.area_ratio == pytest.approx(0.5, rel=1e-3)
+
+
 def test_the_law_keeps_all_of_the_papers_claims(law_score: scoring.Score) -> None:
     assert [getattr(law_score, claim) for claim in scoring.CLAIMS] == [True] * 4
 

@@ -96,6 +96,14 @@ MUTANTS = (
         ("tests/scoring",),
     ),
     Mutant(
+        "scoring/tally.py",
+        "_furthest",
+        "return abs(math.log(ratio)) if",
+        "return math.log(ratio) if",
+        "half of the law is as far from it as twice the law",
+        ("tests/scoring",),
+    ),
+    Mutant(
         "recipes/target.py",
         "SLOWEST",
         "SLOWEST = 1.6",
@@ -144,6 +152,14 @@ MUTANTS = (
         ("tests/sim/test_longest_train.py",),
     ),
     Mutant(
+        "sim/landing.py",
+        "PARTED_S",
+        "PARTED_S = 0.005",
+        "PARTED_S = 0.01",
+        "a foot that is off the floor for more than 5 ms has left it",
+        ("tests/sim/test_footfalls.py",),
+    ),
+    Mutant(
         "measuring/curve.py",
         "curve_of_columns",
         *_EVENLY,
@@ -165,6 +181,14 @@ MUTANTS = (
         "if after > before + notable:",
         "fixes that together cure nothing are not named as causes",
         ("tests/measuring/test_diagnose.py",),
+    ),
+    Mutant(
+        "measuring/rest.py",
+        "_HELPS",
+        "_HELPS = 0.5",
+        "_HELPS = 0.9",
+        "a fix that alone leaves less than half is a cause",
+        ("tests/measuring/test_rest_causes.py",),
     ),
     Mutant(
         "tuning/evaluate.py",
@@ -286,6 +310,14 @@ MUTANTS = (
         ("tests/engines/mujoco/test_passivity.py", "tests/engines/mujoco/test_tune_soft.py"),
     ),
     Mutant(
+        "engines/mujoco/model/speed_shares.py",
+        "_sum",
+        "parts[:, -1] *= -1.0",
+        "parts[:, -1] *= 1.0",
+        "the weight of a falling body adds to its approach speed",
+        ("tests/engines/mujoco/test_speed_shares.py",),
+    ),
+    Mutant(
         "engines/mujoco/plugin/restitution.c",
         "collide",
         "u[i] += within * gains[i]",
@@ -300,6 +332,14 @@ MUTANTS = (
         "self.timestep - self.gravity)",
         "the contact's force is the change of momentum and the weight",
         ("tests/engines/bullet/test_measure_pybullet.py",),
+    ),
+    Mutant(
+        "engines/pybullet/recipes/__init__.py",
+        "_exact_above",
+        "0.75 * e**2",
+        "0.25 * e**2",
+        "the speed from which Bullet's e is exact is the lowest such speed",
+        ("tests/engines/bullet/test_plugin_slow_impacts.py",),
     ),
     Mutant(
         "engines/pybullet/plugin/restitution.c",

@@ -28,3 +28,22 @@ def test_it_is_exact_above_the_speed_that_it_names(step: float, alpha: float) ->
     heavy = replace(scene, mass=target.mass, gravity=G)
     for impact in engine.run(heavy, recipe(target), launches):
         assert impact.restitution == pytest.approx(float(target.restitution(impact.speed_in)), abs=1e-6)
+
+
+@pytest.mark.parametrize("e", [0.9, 0.5])
+def test_it_is_not_below_that_speed_where_bullet_reverses_a_step_early(e: float) -> None:
+    """Up to h U above the plane a body that has e² U² left needs 2 g h U of it: by chance of the phase."""
+    step, engine = 1 / 240, registry.engine("pybullet")
+    recipe = registry.recipe("pybullet.restitution-law")
+    assert recipe.exact_above is not None
+    low = recipe.exact_above(e) * G * step
+    scene, target = make_target(timestep=step, restitution=e, speeds=[0.5 * low, 2.0])
+    heavy = replace(scene, mass=target.mass, gravity=G)
+
+    def worst(share: float) -> float:
+        launches = [Launch.touching(share * low, (i + 0.5) / 32, step, G) for i in range(32)]
+        impacts = engine.run(heavy, recipe(target), launches)
+        return max(abs(impact.restitution - e) for impact in impacts)
+
+    assert worst(1.01) < 1e-6
+    assert worst(0.9) > 0.01
