@@ -38,34 +38,42 @@ def choices(view: View, answer: Mapping[str, Any]) -> list[PageChoice]:
 
 
 def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) -> PageChoice:
-    engine, step, alpha = answer["engine"], float(answer["timestep"]), float(answer["alpha"])
-    kind, setting = str(choice["kind"]), str(choice["setting"])
-    runs = [run for run in view.band_runs if (run.engine, run.timestep) == (engine, step)]
-    drawn = [run for run in runs if run.setting in (setting, STOCK) and view.score(run, alpha) is not None]
+    """One of an answer's choices as the page shows it. answer, choice: as JSON."""
+    kind = str(choice["kind"])
+    setting = str(choice["setting"])
+    alpha = float(answer["alpha"])
+    timestep = float(answer["timestep"])
+    drawn = []
+    for run in view.band_runs:
+        here = run.engine == answer["engine"] and run.timestep == timestep
+        if here and run.setting in (setting, STOCK) and view.score(run, alpha) is not None:
+            drawn.append(run)
     drawn.sort(key=lambda run: run.setting != setting)
     return PageChoice(
-        kind,
-        setting,
-        float(choice["max_error"]),
-        [float(speed) for speed in choice["speeds_m_per_s"]],
-        f"{_VERBS[kind]} {setting}: {choice['within']}.",
-        list(_more(view, answer, choice, drawn)),
-        str(choice["text"]),
-        drawn,
+        kind=kind,
+        setting=setting,
+        error=float(choice["max_error"]),
+        band=[float(speed) for speed in choice["speeds_m_per_s"]],
+        say=f"{_VERBS[kind]} {setting}: {choice['within']}.",
+        more=list(_more(answer, choice)),
+        text=str(choice["text"]),
+        shown=drawn,
     )
 
 
-def _more(
-    view: View, answer: Mapping[str, Any], choice: Mapping[str, Any], drawn: Sequence[RunKey]
-) -> Iterator[str]:
+def _more(answer: Mapping[str, Any], choice: Mapping[str, Any]) -> Iterator[str]:
+    """Sentences on what else to know of a choice; some are empty."""
     natives = [each["kind"] for each in answer["choices"] if each["kind"] != "exact"]
     if natives and choice["kind"] == natives[0]:
         yield answer["caution"]
     yield answer["band_note"]
-    rests = "A body comes to rest." if choice["rests"] else "A body does not come to rest."
-    flat = " A box on its face gains energy: for spheres only." if choice["passive"]["flat"] is False else ""
-    yield f"{wording.sentence(choice['energy'])}. {rests}{flat}"
-    yield f"It needs {wording.listed(choice['needs'])}." if choice["needs"] else ""
+    words = [f"{wording.sentence(choice['energy'])}."]
+    words.append("A body comes to rest." if choice["rests"] else "A body does not come to rest.")
+    if choice["passive"]["flat"] is False:
+        words.append("A box on its face gains energy: for spheres only.")
+    yield " ".join(words)
+    if choice["needs"]:
+        yield f"It needs {wording.listed(choice['needs'])}."
     for never in answer["never"]:
         yield f"Never use {never['setting']}: {never['why']}."
 
@@ -100,7 +108,10 @@ def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[st
 
 def error_of(view: View, run: RunKey, alpha: float | None = None) -> float:
     """Largest error of e against the law: as `tune` found it, else over the study's impacts; NaN for none."""
-    score, choice = view.score(run, alpha), choice_of(view, run, alpha)
+    score = view.score(run, alpha)
     if score is None:
         return math.nan
-    return float(score["max_error_law"] if choice is None else choice["max_error"])
+    choice = choice_of(view, run, alpha)
+    if choice is None:
+        return float(score["max_error_law"])
+    return float(choice["max_error"])

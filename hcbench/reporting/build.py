@@ -54,11 +54,12 @@ def build(
 def overview_drawing(view: View) -> Drawing:
     """The one figure that needs no script: what stands in for the explorer, and in README."""
     runs = ranking.overview_runs(view)
-    errors = [
-        f"{run.title} at {run.step}: wrong by at most {wording.error(score['max_error_law'])}."
-        for run in runs
-        if (score := view.score(run)) is not None
-    ]
+    errors = []
+    for run in runs:
+        score = view.score(run)
+        if score is not None:
+            error = wording.error(score["max_error_law"])
+            errors.append(f"{run.title} at {run.step}: wrong by at most {error}.")
     at = f"{wording.alpha(view.main_alpha)}, {band_text(view)}"
     return Drawing(
         "overview",
@@ -92,24 +93,35 @@ def page_text(by_gravity: Views, results: Results, overview: dict[str, Any]) -> 
 
 def band_text(view: View) -> str:
     """The impact speeds of the study: "0.025 … 0.51 m/s (1 … 20 in/s)"; of one in m/s, in m/s."""
-    metres, inches = (wording.span(*(f"{v / unit:.2g}" for v in view.band)) for unit in (1.0, units.INCH))
-    also = f" ({inches}{wording.NBSP}in/s)" if view.in_inches else ""
-    return f"{metres}{wording.NBSP}m/s{also}"
+    text = f"{_speed_span(view, 1.0)}{wording.NBSP}m/s"
+    if view.in_inches:
+        text += f" ({_speed_span(view, units.INCH)}{wording.NBSP}in/s)"
+    return text
+
+
+def _speed_span(view: View, unit: float) -> str:
+    """The ends of the study's band, in two digits. unit: of speed, m/s."""
+    low, high = view.band / unit
+    return wording.span(f"{low:.2g}", f"{high:.2g}")
 
 
 def _provenance(by_gravity: Views, results: Results) -> dict[str, str]:
     """Scene, law, speeds and counts of the study, by the names that the page gives them."""
-    view, study = by_gravity.main, by_gravity.main.study
-    place = "the true cup" if study["form"] == "cup" else "the equivalent sphere on a flat plate"
+    view = by_gravity.main
+    study = view.study
+    place = "the equivalent sphere on a flat plate"
+    if study["form"] == "cup":
+        place = "the true cup"
+    exponent = f"{study['exponent']:g}"
+    alphas = [f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas]
     bands = [f"{band_text(shown)} {_under(shown)}" for shown in by_gravity.shown]
-    n = f"{study['exponent']:g}"
     return {
         "scene": f"{study['scene']} ({place})",
         "mass": f"{view.mass:.6g} kg ({view.mass / units.POUND:.3g} lb)",
         "relative radius": wording.length(float(study["relative_radius_m"])),
-        "stiffness k": f"{study['stiffness']:.5g} N/m^{n}",
-        "exponent n": n,
-        "α": "; ".join(f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas),
+        "stiffness k": f"{study['stiffness']:.5g} N/m^{exponent}",
+        "exponent n": exponent,
+        "α": "; ".join(alphas),
         "impact speeds": "; ".join(bands),
         "gravity": wording.listed([f"{shown.gravity:g} m/s²" for shown in by_gravity.shown]),
         "starts": f"{study['phases']} places in a time step where the contact starts",

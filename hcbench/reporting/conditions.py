@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.reporting.view import View
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import pandas as pd
 
 _RUN = ["engine", "setting", "timestep_s"]
@@ -36,11 +38,18 @@ def views(results: Results) -> Views:
     """A view for each gravity; the strongest where there are several."""
     gravities = {float(record["gravity_m_per_s2"]) for record in results.settings}
     strongest = max(gravities, default=0.0)
-    without_gravity = View(under(results, 0.0)) if 0.0 in gravities or not gravities else None
+    with_gravity = None
+    if strongest:
+        with_gravity = View(under(results, strongest))
+    without_gravity = None
+    if 0.0 in gravities or not gravities:
+        without_gravity = View(under(results, 0.0))
     friction = RUN_KEY.index("friction")
     rough = results.table.only([key for key in results.table.folded if key[friction] > 0.0])
-    sliding = View(replace(results, table=rough)) if len(rough) else None
-    return Views(View(under(results, strongest)) if strongest else None, without_gravity, sliding)
+    sliding = None
+    if len(rough):
+        sliding = View(replace(results, table=rough))
+    return Views(with_gravity, without_gravity, sliding)
 
 
 def under(results: Results, gravity: float) -> Results:
@@ -54,20 +63,27 @@ def under(results: Results, gravity: float) -> Results:
     plain = (rows["gravity_m_per_s2"] == gravity) & (rows["off_axis_m"] == 0.0)
     plain &= rows["friction"] == rows["friction"][plain].min()
     foreign = rows["scene"] != results.study["scene"]
+    # One row a run: where it ran in the study's own scene and in another, the sort puts its own first.
     chosen = rows[plain].assign(foreign=foreign).sort_values("foreign", kind="stable")
     chosen = chosen.drop_duplicates(_RUN).drop(columns="foreign")
+    chosen_values = set(chosen.itertuples(index=False, name=None))
+
+    def is_chosen(values: Mapping[str, Any]) -> bool:
+        return tuple(values[name] for name in chosen.columns) in chosen_values
 
     def pick(table: pd.DataFrame) -> pd.DataFrame:
         return table if table.empty else table.merge(chosen)
 
-    keys = {tuple(row) for row in chosen.itertuples(index=False)}
-    settings = [r for r in results.settings if tuple(r[name] for name in chosen.columns) in keys]
-    places = [RUN_KEY.index(name) for name in chosen.columns]
-    table = results.table.only([key for key in results.table.folded if tuple(key[i] for i in places) in keys])
+    settings = [record for record in results.settings if is_chosen(record)]
+    keys = [key for key in results.table.folded if is_chosen(dict(zip(RUN_KEY, key, strict=True)))]
+    table = results.table.only(keys)
     study = dict(results.study)
     if gravity != study["gravity"]:
-        speeds = sorted({float(v) for one in table.folded.values() for v in one.curve.speed})
-        study |= {"gravity": gravity, "speeds": speeds, "loop_speeds": []}
+        # The study's band is that of its own gravity: here it is what was launched.
+        launched: set[float] = set()
+        for one in table.folded.values():
+            launched.update(one.curve.speed.tolist())
+        study |= {"gravity": gravity, "speeds": sorted(launched), "loop_speeds": []}
     return replace(
         results,
         study=study,

@@ -159,10 +159,13 @@ def _start(keys: Sequence[Any], view: View) -> _Where:
 
 
 def _answer(view: View, answer: Mapping[str, Any]) -> dict[str, Any]:
+    """An answer of `hcbench tune` as the script takes it, under the study's own α."""
     alpha = next(a for a in view.alphas if math.isclose(a, answer["alpha"], rel_tol=1e-9))
-    where = (view.gravity, answer["engine"], answer["timestep"], alpha)
     return {
-        **dict(zip(_WHERE, where, strict=True)),
+        "gravity": view.gravity,
+        "engine": answer["engine"],
+        "step": answer["timestep"],
+        "alpha": alpha,
         "choices": [_choice(choice) for choice in choices(view, answer)],
     }
 
@@ -173,10 +176,17 @@ def _errors(engines: Collection[str]) -> list[dict[str, Any]]:
 
 
 def _choice(choice: PageChoice) -> dict[str, Any]:
-    shown = [f"{run.engine} {run.label}" for run in choice.shown]
-    more = [line for line in choice.more if line]
-    words = {"kind": choice.kind, "setting": choice.setting, "say": choice.say, "more": more}
-    return {**words, "error": choice.error, "band": choice.band, "text": choice.text, "shown": shown}
+    """A choice as the script takes it."""
+    return {
+        "kind": choice.kind,
+        "setting": choice.setting,
+        "say": choice.say,
+        "more": [line for line in choice.more if line],
+        "error": choice.error,
+        "band": choice.band,
+        "text": choice.text,
+        "shown": [f"{run.engine} {run.label}" for run in choice.shown],
+    }
 
 
 def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
@@ -242,27 +252,38 @@ def _run_and_alpha(view: View, key: Any) -> tuple[RunKey, float]:
 
 
 def _drawn(view: View, run: RunKey) -> dict[str, str]:
+    """Names of a run and the style of its line, as the script takes them."""
     style = view.plot_style(run)
-    dashes = " ".join(f"{1.6 * dash:.3g}" for dash in style.dashes)
-    names = {"engine": run.engine, "setting": run.label, "label": run.name, "title": run.title}
-    return {**names, "kind": style.kind, "marker": style.marker, "colour": style.colour, "dashes": dashes}
+    return {
+        "engine": run.engine,
+        "setting": run.label,
+        "label": run.name,
+        "title": run.title,
+        "kind": style.kind,
+        "marker": style.marker,
+        "colour": style.colour,
+        "dashes": " ".join(f"{1.6 * dash:.3g}" for dash in style.dashes),
+    }
 
 
 def _scans(view: View) -> list[dict[str, Any]]:
     """Largest errors over the time step at one speed, for the main α."""
-    speed = float(view.study["step_speed"])
-    return [
-        {
-            "engine": run.engine,
-            "setting": run.label,
-            "alpha": view.main_alpha,
-            "v": speed,
-            "steps": [step for step, _ in points],
-            "error": digits((abs(point.worst_phase) for _, point in points), 3),
-        }
-        for run, points in view.step_curves().items()
-        if run.engine != REFERENCE
-    ]
+    scans = []
+    for run, points in view.step_curves().items():
+        if run.engine == REFERENCE:
+            continue
+        errors = [abs(point.worst_phase) for _, point in points]
+        scans.append(
+            {
+                "engine": run.engine,
+                "setting": run.label,
+                "alpha": view.main_alpha,
+                "v": float(view.study["step_speed"]),
+                "steps": [step for step, _ in points],
+                "error": digits(errors, 3),
+            }
+        )
+    return scans
 
 
 def _drops(view: View) -> list[dict[str, Any]]:

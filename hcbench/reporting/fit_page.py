@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import shlex
 from functools import partial
 from typing import TYPE_CHECKING
@@ -19,10 +20,12 @@ from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import COLOURS, INK, LIMIT, MEASURED, SLATE, new_figure, speed_axis
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from hcbench.fitting.recording import Recording
     from hcbench.fitting.replay import Replay
     from hcbench.fitting.result import FitResult
     from hcbench.terms.impact import Floats
@@ -39,34 +42,45 @@ def fit_page(
 
     typed: the words after `hcbench` that led here. scene: one that bounces as the recording did, to be drawn.
     """
-    alpha = result.budget.parameter == "alpha"
+    sounds = []
+    heard = []
+    for i, data in enumerate(result.sets):
+        if not isinstance(data, TouchTimes):
+            continue
+        if data.recording is not None:
+            sounds.append(draw(Drawing(f"sound-{i}", partial(_sound_figure, data))))
+        if data.heard:
+            heard.append(_heard(i, data, typed))
+    laws = []
+    for fit, odds in zip(result.fits, result.odds, strict=True):
+        formula = LAWS[fit.law.name].formula
+        laws.append((fit.law.name, formula, f"{fit.log_evidence:.2f}", odds_text(odds)))
+    parameter = result.budget.parameter
+    if parameter == "alpha":
+        parameter = "α, s/m"
     return render(
         "fit.html",
         result=result,
         facts=headline(result),
-        curve=draw(Drawing("curve", lambda: _curve_figure(result))),
-        residuals=draw(Drawing("residuals", lambda: _residual_figure(result))),
-        sounds=[
-            draw(Drawing(f"sound-{i}", lambda s=s: _sound_figure(s)))  # type: ignore[misc]
-            for i, s in enumerate(result.sets)
-            if isinstance(s, TouchTimes) and s.recording is not None
-        ],
-        media=any(isinstance(s, TouchTimes) and s.heard for s in result.sets),
-        heard=[
-            _heard(i, s, typed) for i, s in enumerate(result.sets) if isinstance(s, TouchTimes) and s.heard
-        ],
-        laws=[
-            (fit.law.name, LAWS[fit.law.name].formula, f"{fit.log_evidence:.2f}", odds_text(odds))
-            for fit, odds in zip(result.fits, result.odds, strict=True)
-        ],
+        curve=draw(Drawing("curve", partial(_curve_figure, result))),
+        residuals=draw(Drawing("residuals", partial(_residual_figure, result))),
+        sounds=sounds,
+        media=bool(heard),
+        heard=heard,
+        laws=laws,
         budget=[(row.source, row.kind, f"{row.share:.2g}") for row in result.budget.rows],
-        parameter="α, s/m" if alpha else result.budget.parameter,
+        parameter=parameter,
         next_lines=next_lines,
-        scene=scene and draw(Drawing("scene", lambda: _scene_figure(scene))),
-        title=f"α = {with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"
-        if result.alpha is not None and result.law is not None
-        else f"law: {result.law or 'cannot tell'}",
+        scene=scene and draw(Drawing("scene", partial(_scene_figure, scene))),
+        title=_title(result),
     )
+
+
+def _title(result: FitResult) -> str:
+    """α with its uncertainty; the law alone where there is no α or no one law."""
+    if result.alpha is None or result.law is None:
+        return f"law: {result.law or 'cannot tell'}"
+    return f"α = {with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"
 
 
 def _curve_figure(result: FitResult) -> Figure:
@@ -84,14 +98,13 @@ def _residual_figure(result: FitResult) -> Figure:
     figure = new_figure(6.4, 3.4)
     upper, lower = figure.subplots(2, 1)
     fit = result.best
-    for i, (s, latent, model, off_law, noise) in enumerate(
-        zip(result.sets, fit.latent, fit.models, fit.measured_off(), fit.noise, strict=True)
-    ):
+    columns = zip(result.sets, fit.latent, fit.models, fit.measured_off(), fit.noise, strict=True)
+    for i, (data, latent, model, off_law, noise) in enumerate(columns):
         style = {"linestyle": "none", "marker": "o", "color": COLOURS[i % len(COLOURS)], "markersize": 3.5}
         left = off_law / (noise * model.shape)
         # Single impacts are their own readings
-        off = latent if s.needs_gravity else model.residual
-        upper.plot(100.0 * off, label=s.name, **style)
+        off = latent if data.needs_gravity else model.residual
+        upper.plot(100.0 * off, label=data.name, **style)
         lower.plot(np.clip(left, -10, 10), **style)
     for axes, scale, label in ((upper, 100.0 * fit.scatter, "e off, %"), (lower, 1.0, "measured off, σ")):
         axes.axhline(0.0, color=SLATE, linewidth=0.8)
@@ -121,34 +134,37 @@ def _scene_figure(scene: Replay) -> Figure:
 def _sound_figure(s: TouchTimes) -> Figure:
     """The waveform with the touches found, and the first of them from near."""
     assert s.recording is not None
-    sound, rate, begin = s.recording.sound, s.recording.rate, s.recording.begin
+    sound = s.recording.sound
+    rate = s.recording.rate
+    begin = s.recording.begin
     figure = new_figure(6.4, 4.2)
     grid = figure.add_gridspec(2, 4)
-    whole = figure.add_subplot(grid[0, :])
-    part = -(-len(sound) // _MOST_SAMPLES)
-    blocks = np.pad(sound, (0, -len(sound) % part)).reshape(-1, part)
-    t = s.recording.begin + np.arange(len(blocks)) * part / rate
-    whole.fill_between(t, blocks.min(axis=1), blocks.max(axis=1), color=SLATE, linewidth=0.3)
-    for time in s.times:
-        whole.axvline(time, color=LIMIT, linewidth=0.7)
-    whole.set_xlabel("time, s")
+    _draw_waveform(figure.add_subplot(grid[0, :]), s.recording, 0, len(sound), s.times)
     numbers = range(len(s.times)) if s.numbers is None else s.numbers
-    for i, (number, time) in enumerate(list(zip(numbers, s.times, strict=True))[:4]):
+    for i, (number, touch) in enumerate(list(zip(numbers, s.times, strict=True))[:4]):
         axes = figure.add_subplot(grid[1, i])
-        first, last = (
-            max(0, round((time - begin - _WINDOW) * rate)),
-            round((time - begin + 2 * _WINDOW) * rate),
-        )
-        axes.plot(
-            (begin + np.arange(first, min(last, len(sound))) / rate - time) * 1e3,
-            sound[first:last],
-            color=SLATE,
-        )
+        first = max(0, round((touch - begin - _WINDOW) * rate))
+        last = round((touch - begin + 2 * _WINDOW) * rate)
+        time = begin + np.arange(first, min(last, len(sound))) / rate
+        axes.plot((time - touch) * 1e3, sound[first:last], color=SLATE)
         axes.axvline(0.0, color=LIMIT, linewidth=0.9)
         axes.set_title(f"touch {number + 1}", loc="left")
         axes.set_xlabel("ms")
         axes.set_yticklabels([])
     return figure
+
+
+def _draw_waveform(axes: Axes, recording: Recording, first: int, last: int, touches: Iterable[float]) -> None:
+    """Samples first ... last - 1 of a recording over time, with a line at each touch (s)."""
+    sound = recording.sound[first:last]
+    # The least and the largest of every `stride` samples, so that no peak is lost.
+    stride = math.ceil(len(sound) / _MOST_SAMPLES)
+    blocks = np.pad(sound, (0, -len(sound) % stride)).reshape(-1, stride)
+    time = recording.begin + (first + np.arange(len(blocks)) * stride) / recording.rate
+    axes.fill_between(time, blocks.min(axis=1), blocks.max(axis=1), color=SLATE, linewidth=0.3)
+    for touch in touches:
+        axes.axvline(touch, color=LIMIT, linewidth=0.7)
+    axes.set_xlabel("time, s")
 
 
 def _heard(
@@ -160,17 +176,19 @@ def _heard(
     trains: list[tuple[str, str, object, str]] = []
     for (letter, count, first, last, alpha, *_), picks in zip(trains_of(s), s.heard, strict=True):
         image = draw(Drawing(f"heard-{i}-{letter}", partial(_train_figure, s, picks.times)))
-        what = f"{count} touches from {first} to {last}{', α = ' + alpha if alpha else ''}"
-        trains.append((letter, what, image, f"hcbench {shlex.join(typed)} --touches {letter}"))
+        description = f"{count} touches from {first} to {last}"
+        if alpha:
+            description += f", α = {alpha}"
+        trains.append((letter, description, image, f"hcbench {shlex.join(typed)} --touches {letter}"))
     return s.name, _played(s), trains
 
 
 def _around(s: TouchTimes) -> tuple[int, int]:
-    """The samples about all trains of a recording."""
+    """First sample of the part about all trains of a recording, and the one after its last."""
     assert s.recording is not None
     times = np.concatenate([picks.times for picks in s.heard]) - s.recording.begin
-    rate = s.recording.rate
-    first, last = (round((t + pad) * rate) for t, pad in ((times.min(), -_BESIDE), (times.max(), _BESIDE)))
+    first = round((times.min() - _BESIDE) * s.recording.rate)
+    last = round((times.max() + _BESIDE) * s.recording.rate)
     return max(0, first), min(last, len(s.recording.sound))
 
 
@@ -186,17 +204,9 @@ def _played(s: TouchTimes) -> str:
 
 
 def _train_figure(s: TouchTimes, touches: Floats) -> Figure:
-    """The part that is played, with the touches of one train."""
+    """The part that is played, with the touches (s) of one train."""
     assert s.recording is not None
     first, last = _around(s)
-    rate, sound = s.recording.rate, s.recording.sound[first:last]
     figure = new_figure(6.4, 1.8)
-    axes = figure.subplots()
-    every = -(-len(sound) // _MOST_SAMPLES)
-    blocks = np.pad(sound, (0, -len(sound) % every)).reshape(-1, every)
-    t = s.recording.begin + (first + np.arange(len(blocks)) * every) / rate
-    axes.fill_between(t, blocks.min(axis=1), blocks.max(axis=1), color=SLATE, linewidth=0.3)
-    for time in touches:
-        axes.axvline(time, color=LIMIT, linewidth=0.7)
-    axes.set_xlabel("time, s")
+    _draw_waveform(figure.subplots(), s.recording, first, last, touches)
     return figure

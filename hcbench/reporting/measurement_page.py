@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,9 @@ def measurement_page(measurement: Measurement) -> str:
     """The page as HTML text."""
     asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
     explored = explorer_of(measurement)
+    make_loops = None
+    if measurement.loops:
+        make_loops = partial(_loops_figure, measurement)
     return render(
         "measurement.html",
         script=explorer_script() if explored else None,
@@ -41,8 +45,8 @@ def measurement_page(measurement: Measurement) -> str:
         measurement=measurement,
         summary=summary(measurement),
         notes=(*measurement.facts.notes, *motion_notes(measurement)),
-        curve=draw(Drawing("curve", lambda: curve_figure(measurement))),
-        loops=draw(Drawing("loops", (lambda: _loops_figure(measurement)) if measurement.loops else None)),
+        curve=draw(Drawing("curve", partial(curve_figure, measurement))),
+        loops=draw(Drawing("loops", make_loops)),
         points=list(zip(measurement.curve, asked, strict=True)),
         settings={name: setting_text(value) for name, value in measurement.facts.settings.items()},
     )
@@ -53,21 +57,25 @@ def summary(measurement: Measurement) -> str:
     points = [p for p in measurement.curve if not math.isnan(p.restitution)]
     if not points:
         return "No impact of it could be measured."
-    low, high = min(p.lowest for p in points), max(p.highest for p in points)
+    low = min(p.lowest for p in points)
+    high = max(p.highest for p in points)
     band = f"{points[0].speed_in:.3g} ... {points[-1].speed_in:.3g} m/s"
-    text = f"Restitution between {low:.3f} and {high:.3f} at impact speeds of {band}"
+    text = f"Restitution between {low:.3f} and {high:.3f} at impact speeds of {band}."
     if measurement.spread > 0:
-        text += f". It varies by up to {measurement.spread:.2g} with where in a time step the contact starts"
-    return text + (". The contact adds energy in some impacts." if measurement.energy_gained else ".")
+        spread = f"{measurement.spread:.2g}"
+        text += f" It varies by up to {spread} with where in a time step the contact starts."
+    if measurement.energy_gained:
+        text += " The contact adds energy in some impacts."
+    return text
 
 
 def curve_figure(measurement: Measurement) -> Figure:
     """e over approach speed, its phases as a band, and what was asked and wanted."""
     points = [p for p in measurement.curve if not math.isnan(p.restitution)]
-    speeds, e, low, high = (
-        np.array([getattr(p, name) for p in points], dtype=float)
-        for name in ("speed_in", "restitution", "lowest", "highest")
-    )
+    speeds = np.array([p.speed_in for p in points], dtype=float)
+    e = np.array([p.restitution for p in points], dtype=float)
+    lowest = np.array([p.lowest for p in points], dtype=float)
+    highest = np.array([p.highest for p in points], dtype=float)
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
     if measurement.facts.asked:
@@ -77,10 +85,10 @@ def curve_figure(measurement: Measurement) -> Figure:
     if measurement.wanted is not None:
         wanted = measurement.wanted.at(speeds)
         axes.plot(speeds, wanted, color=LIMIT, linestyle=(0, (4, 2)), label="target")
-    draw_band(axes, speeds, low, high, MEASURED.colour)
+    draw_band(axes, speeds, lowest, highest, MEASURED.colour)
     axes.plot(speeds, e, label="measured", **MEASURED.line())
     axes.set_ylabel("restitution e", color=INK)
-    axes.set_ylim(0.0, max(1.05, 1.05 * high.max(initial=0.0)))
+    axes.set_ylim(0.0, max(1.05, 1.05 * highest.max(initial=0.0)))
     speed_axis(axes, inches=False)
     axes.legend(loc="best")
     return figure
@@ -120,18 +128,22 @@ def landing_page(robots: Sequence[Landings]) -> str:
 def force_figure(robots: Sequence[Landings]) -> Figure:
     """Force of the floor over weight, over time: a column a robot, a row a tilt, a line a height."""
     tilts = list(dict.fromkeys(drop.tilt for drop in robots[0].drops))
-    width = max(6.4, _PANEL[0] * len(robots))
-    figure = new_figure(width, 0.9 + _PANEL[1] * len(tilts))
+    panel_width, panel_height = _PANEL
+    width = max(6.4, panel_width * len(robots))
+    figure = new_figure(width, 0.9 + panel_height * len(tilts))
     grid = figure.subplots(len(tilts), len(robots), squeeze=False, sharex=True, sharey=True)
     for row, tilt in zip(grid, tilts, strict=True):
         for axes, landings, name in zip(row, robots, labels(robots), strict=True):
             drops = [drop for drop in landings.drops if drop.tilt == tilt]
             for i, drop in enumerate(drops):
                 style = {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)]}
-                axes.plot(
-                    1e3 * drop.time, drop.force / drop.weight, label=f"{100 * drop.height:.3g} cm", **style
-                )
-            words = [name] * (len(robots) > 1) + [f"tilt {np.degrees(tilt):.3g}°"] * (len(tilts) > 1)
+                height = f"{100 * drop.height:.3g} cm"
+                axes.plot(1e3 * drop.time, drop.force / drop.weight, label=height, **style)
+            words = []
+            if len(robots) > 1:
+                words.append(name)
+            if len(tilts) > 1:
+                words.append(f"tilt {np.degrees(tilt):.3g}°")
             axes.set_title(", ".join(words), fontsize=9)
     for axes in grid[:, 0]:
         axes.set_ylabel("force / weight")

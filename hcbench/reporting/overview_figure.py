@@ -1,6 +1,6 @@
 """The report in one picture: restitution over impact speed of the settings that matter."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,6 +27,19 @@ _BAND_SHOWN = 1e-4  # of e: a smaller range over the phases cannot be seen
 _LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2, 2))}
 
 
+class _Line(NamedTuple):
+    """Curve of a run, and the place of the run among those of the figure."""
+
+    nth: int
+    run: RunKey
+    curve: Curve
+
+    @property
+    def highest(self) -> float:
+        """The largest e of any speed and phase."""
+        return float(self.curve.highest.max())
+
+
 def _draw_law(axes: Axes, view: View, alpha: float) -> None:
     """e of (16) as a broad pale band, 1 - αv dotted."""
     v = view.speeds
@@ -49,26 +62,33 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
 
     What lies far below the rest has a frame of its own at the bottom.
     """
-    alpha, figure, v_end = view.main_alpha, Figure(figsize=(9.2, 4.8)), view.speeds[-1]
-    curves = [
-        (nth, run, curve) for nth, run in enumerate(runs) if (curve := view.curve(run, alpha)) is not None
-    ]
-    least = [float(curve.lowest.min()) for _, _, curve in curves if curve.highest.max() > _FAR]
-    lowest = min([1 - alpha * v_end, *least])
-    far = [item for item in curves if item[2].highest.max() < lowest - _GAP]
+    alpha = view.main_alpha
+    fastest = view.speeds[-1]
+    figure = Figure(figsize=(9.2, 4.8))
+    lines = []
+    for nth, run in enumerate(runs):
+        curve = view.curve(run, alpha)
+        if curve is not None:
+            lines.append(_Line(nth, run, curve))
+    lowest = 1 - alpha * fastest
+    for line in lines:
+        if line.highest > _FAR:
+            lowest = min(lowest, float(line.curve.lowest.min()))
+    far = [line for line in lines if line.highest < lowest - _GAP]
+    near = [line for line in lines if line not in far]
     lower = 0.2 if far else 0.0
     axes = figure.add_axes((0.075, 0.115 + lower, 0.615, 0.765 - lower))
     _draw_law(axes, view, alpha)
     axes.set_ylim(max(0.0, lowest - 0.05 * (1.05 - lowest)), 1 + 0.15 * (1 - lowest))
     labels = [
-        (float(closed_form.restitution(alpha, v_end)), "the law", SLATE, "bold"),
-        (1 - alpha * v_end, "1 − αv", SLATE, "normal"),
+        (float(closed_form.restitution(alpha, fastest)), "the law", SLATE, "bold"),
+        (1 - alpha * fastest, "1 − αv", SLATE, "normal"),
     ]
-    _draw_named(axes, view, [item for item in curves if item not in far], labels)
+    _draw_named(axes, view, near, labels)
     axes.set_ylabel("restitution e")
     if far:
         bottom = figure.add_axes((0.075, 0.115, 0.615, lower - 0.04), sharex=axes)
-        top = max(0.1, 1.3 * max(float(curve.highest.max()) for _, _, curve in far))
+        top = max(0.1, 1.3 * max(line.highest for line in far))
         bottom.set_ylim(-0.15 * top, top)
         set_ticks(bottom.yaxis, [0.0, round(0.8 * top, 2)])
         _draw_named(bottom, view, far, [])
@@ -76,22 +96,25 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
     speed_axis(axes, label=not far, inches=view.in_inches)
     if far:
         speed_axis(bottom, inches=False)
-    axes.set_xlim(0, v_end * 1.005)
+    axes.set_xlim(0, fastest * 1.005)
     return figure
 
 
 def _draw_named(
-    axes: Axes,
-    view: View,
-    curves: list[tuple[int, RunKey, Curve]],
-    labels: list[tuple[float, str, str, str]],
+    axes: Axes, view: View, lines: list[_Line], labels: list[tuple[float, str, str, str]]
 ) -> None:
-    """Curves, and beside them their names and those of other lines."""
-    for nth, run, curve in curves:
-        _draw_curve(axes, view, run, curve, nth)
+    """Curves, and beside them their names and those of other lines.
+
+    labels: of other lines: e where they end, text, colour, weight of the font.
+    """
+    all_labels = list(labels)
+    for line in lines:
+        run = line.run
+        _draw_curve(axes, view, run, line.curve, line.nth)
         name = f"{wording.engine_title(run.engine)}, {run.name}, {run.step}"
-        labels = [*labels, (float(curve.restitution[-1]), name, view.plot_style(run).colour, "normal")]
-    _label_ends(axes, labels)
+        end = float(line.curve.restitution[-1])
+        all_labels.append((end, name, view.plot_style(run).colour, "normal"))
+    _label_ends(axes, all_labels)
 
 
 def _label_ends(axes: Axes, labels: list[tuple[float, str, str, str]]) -> None:

@@ -126,17 +126,19 @@ def plot_styles(settings: Iterable[tuple[str, str]], law: str) -> dict[tuple[str
     dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
     """
     pairs = list(dict.fromkeys(settings))
+    recipes = dict(_RECIPES)
     others = sorted({setting for _, setting in pairs} - set(_RECIPES))
-    new = zip(others, cycle(_OTHER_MARKERS), strict=False)
-    recipes = {**_RECIPES, **{name: ("settings", marker) for name, marker in new}}
+    for setting, marker in zip(others, cycle(_OTHER_MARKERS), strict=False):
+        recipes[setting] = ("settings", marker)
     engines = dict.fromkeys(engine for engine, _ in pairs if engine != law)
     dashes = {law: (), **dict(zip(engines, cycle(_ENGINE_DASHES), strict=False))}
-    return {
-        (engine, setting): PlotStyle(
-            *recipes[setting], _STOCK_DASHES if recipes[setting][0] == "stock" else dashes[engine]
-        )
-        for engine, setting in pairs
-    }
+    styles = {}
+    for engine, setting in pairs:
+        kind, marker = recipes[setting]
+        # Stock looks alike in every engine.
+        line = _STOCK_DASHES if kind == "stock" else dashes[engine]
+        styles[engine, setting] = PlotStyle(kind, marker, line)
+    return styles
 
 
 def numbered_line(i: int) -> dict[str, Any]:
@@ -158,8 +160,9 @@ def draw_band(axes: Axes, x: Floats, low: Floats, high: Floats, colour: str) -> 
 
 def draw_loop(axes: Axes, x: Floats, force: Floats, **line: Any) -> None:
     """The samples of a loop joined up, from the axis at touch and back to it at parting."""
-    x, force = np.concatenate([x[:1], x, x[-1:]]), np.concatenate([[0.0], force, [0.0]])
-    axes.plot(x, force, **line)
+    closed_x = np.concatenate([x[:1], x, x[-1:]])
+    closed_force = np.concatenate([[0.0], force, [0.0]])
+    axes.plot(closed_x, closed_force, **line)
 
 
 # Axes
@@ -224,13 +227,19 @@ def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high:
 
 def _rising(values: Floats) -> Floats:
     """The nearest values that do not fall, by pooling neighbours that do; SciPy's takes longer to import."""
-    pools: list[tuple[float, int]] = []  # their mean and count
+    means: list[float] = []  # of the pools so far
+    counts: list[int] = []
     for value in values:
-        pools.append((float(value), 1))
-        while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
-            (mean, count), (other, more) = pools[-2:]
-            pools[-2:] = [((mean * count + other * more) / (count + more), count + more)]
-    return np.repeat([mean for mean, _ in pools], [count for _, count in pools])
+        mean = float(value)
+        count = 1
+        while means and means[-1] > mean:
+            other = means.pop()
+            more = counts.pop()
+            mean = (other * more + mean * count) / (more + count)
+            count += more
+        means.append(mean)
+        counts.append(count)
+    return np.repeat(means, counts)
 
 
 def legend_below(figure: Figure, handles: list[Line2D]) -> None:

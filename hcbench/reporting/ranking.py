@@ -202,12 +202,15 @@ def overview_runs(view: View) -> list[RunKey]:
     Under gravity at its shortest step, else in either class of steps.
     """
     picked = stock_runs(view)
+    groups: list[list[RunKey]] = []
     if view.gravity:
         picked = _at_shortest_step(picked)
-        steps = {run.timestep for run in picked}
-        groups = [[run for run in view.band_runs if run.timestep == step] for step in steps]
+        for step in {run.timestep for run in picked}:
+            at_step = [run for run in view.band_runs if run.timestep == step]
+            groups.append(at_step)
     else:
-        groups = [view.runs_by_resolution(resolved) for resolved in (False, True)]
+        groups.append(view.runs_by_resolution(False))
+        groups.append(view.runs_by_resolution(True))
     for group in groups:
         for engine in view.engines:
             others = [run for run in group if run.engine == engine and run not in picked]

@@ -46,10 +46,18 @@ def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
 
 
 def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
+    """A row of `ranking`. with_gravity: the same study under gravity, if it has it."""
     outcome = verdict(view, run)
-    spoilt = wording.listed(lacks(with_gravity, run)) if with_gravity is not None and not view.gravity else ""
-    also = [*outcome.lacks] if view.gravity else [outcome.loop, f"under gravity {spoilt}" if spoilt else ""]
     score = view.score(run) or {}
+    if view.gravity:
+        cells = _of_drop(view, run)
+        also = list(outcome.lacks)
+    else:
+        cells = _of_contact(score)
+        also = [outcome.loop]
+        lacking = lacks(with_gravity, run) if with_gravity is not None else ()
+        if lacking:
+            also.append(f"under gravity {wording.listed(lacking)}")
     return {
         "engine": run.engine,
         "setting": run.label,
@@ -58,7 +66,7 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
         "gravity": view.gravity,
         "errors": {f"{alpha:.9g}": _error_cell(view, run, alpha) for alpha in view.alphas},
         "chance": wording.error(score.get("phase_spread", math.nan)),
-        "cells": _of_drop(view, run) if view.gravity else _of_contact(score),
+        "cells": cells,
         "grade": outcome.grade,
         "verdict": outcome.restitution,
         "also": "; ".join(filter(None, also)),
@@ -66,15 +74,23 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
 
 
 def _of_drop(view: View, run: RunKey) -> list[str]:
+    """Cells under HEADS of a run under gravity."""
     rest = view.rests.get(run)
-    lying = wording.length(rest.depth) if rest is not None and lies_still(view, run) else "–"
+    lying = "–"
+    if rest is not None and lies_still(view, run):
+        lying = wording.length(rest.depth)
     return [wording.length(view.depths.get(run, math.nan)), lying]
 
 
 def _of_contact(score: Mapping[str, Any]) -> list[str]:
-    loop = wording.percent(score["loop_rms"]) if score.get("loops") else "–"
+    """Cells under HEADS of a run without gravity; "–" for what its score has no number of."""
+    loop = "–"
+    if score.get("loops"):
+        loop = wording.percent(score["loop_rms"])
+    p = "–"
     exponent = score.get("energy_exponent", math.nan)
-    p = f"{exponent:.2f}" if math.isfinite(exponent) else "–"
+    if math.isfinite(exponent):
+        p = f"{exponent:.2f}"
     return [str(score.get("samples_min", "–")), loop, p, *(_claim(score.get(claim)) for claim in _CLAIMS)]
 
 
@@ -88,7 +104,9 @@ def _claim(value: Any) -> str:
 def _error_cell(view: View, run: RunKey, alpha: float) -> list[str]:
     """An error, its mark and its grade against the best constant e."""
     error = error_of(view, run, alpha)
-    against = grade(view, over_constant(view, run, alpha)) if math.isfinite(error) else "none"
+    against = "none"
+    if math.isfinite(error):
+        against = grade(view, over_constant(view, run, alpha))
     return [wording.error(error), _MARKS[against], against]
 
 
@@ -104,8 +122,12 @@ def constants(by_gravity: Views) -> list[Cells]:
 
 
 def _constant(view: View, runs: Iterable[RunKey], alpha: float) -> str:
-    score = next((s for run in runs if (s := view.score(run, alpha)) is not None), None)
-    return "–" if score is None else wording.error(score["constant_error_law"])
+    """Error of the best constant e for one α (s/m): that of the first run which has a score; "–" for none."""
+    for run in runs:
+        score = view.score(run, alpha)
+        if score is not None:
+            return wording.error(score["constant_error_law"])
+    return "–"
 
 
 class PastedTexts:
@@ -139,15 +161,24 @@ def oblique(view: View | None) -> list[Cells]:
     view: of the rough impacts; None where there are none. e is that of the normal direction; friction is the
     impulse over the normal one, against Coulomb's law.
     """
+    if view is None:
+        return []
     runs: dict[RunKey, list[tuple[float, float, float]]] = {}
-    for run, one in view.of_main_alpha() if view is not None else ():
+    for run, one in view.of_main_alpha():
         if one.friction is not None:
-            runs.setdefault(run, []).append((one.off, one.friction, one.restitution[1]))
+            _, largest_e = one.restitution
+            runs.setdefault(run, []).append((one.off, one.friction, largest_e))
     rows = []
     for run, worst in runs.items():
         off, friction, e = np.fmax.reduce(worst).tolist()
-        errors = {"e": wording.error(off), "friction": wording.error(friction)}
-        rows.append({"run": run, **errors, "largest_e": f"{e:.3g}"})
+        rows.append(
+            {
+                "run": run,
+                "e": wording.error(off),
+                "friction": wording.error(friction),
+                "largest_e": f"{e:.3g}",
+            }
+        )
     return rows
 
 

@@ -51,7 +51,9 @@ class RunKey(NamedTuple):
     def title(self) -> str:
         """Title of the engine, the setting, and the scene if it is not the study's."""
         engine = engine_title(self.engine)
-        return f"{engine}, {self.name}" if self.setting == STOCK else f"{engine} {self.label}"
+        if self.setting == STOCK:
+            return f"{engine}, {self.name}"
+        return f"{engine} {self.label}"
 
     @property
     def name(self) -> str:
@@ -172,12 +174,18 @@ class View:
         """Band runs that resolve the contact, or do not; each setting at the step that most of them share."""
         group = [run for run in self.band_runs if self.resolves_contact(run) == resolved]
         steps = [run.timestep for run in group]
+        # Of steps that are equally common, the shortest.
         common = max(sorted(set(steps)), key=steps.count, default=1.0)
-        shown = {
-            key: min((r for r in group if r[:2] == key), key=lambda run: abs(np.log(run.timestep / common)))
-            for key in dict.fromkeys(run[:2] for run in group)
-        }
-        return [run for run in group if run == shown[run[:2]]]
+
+        def distance(run: RunKey) -> float:
+            return abs(math.log(run.timestep / common))
+
+        nearest: dict[tuple[str, str], RunKey] = {}
+        for run in group:
+            setting = (run.engine, run.setting)
+            if setting not in nearest or distance(run) < distance(nearest[setting]):
+                nearest[setting] = run
+        return [run for run in group if run == nearest[run.engine, run.setting]]
 
     def is_plugin(self, run: RunKey) -> bool:
         """Does it need code of ours in the user's loop, rather than numbers in the user's model?"""
@@ -190,9 +198,10 @@ class View:
     @cached_property
     def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
         """Style of each (engine, setting) of the study."""
-        planned = [(run["engine"], run["recipe"]) for run in self.study["runs"]]
-        ran = [run[:2] for run in (*(run for run, _ in self.head_on), *self.bounces)]
-        return plot_styles([*planned, *ran], law=REFERENCE)
+        settings = [(run["engine"], run["recipe"]) for run in self.study["runs"]]
+        settings += [(run.engine, run.setting) for run, _ in self.head_on]
+        settings += [(run.engine, run.setting) for run in self.bounces]
+        return plot_styles(settings, law=REFERENCE)
 
     def plot_style(self, run: RunKey) -> PlotStyle:
         """The style in which figures draw a run."""
@@ -210,8 +219,10 @@ class View:
         return {where: curve for where, curve in curves.items() if len(curve)}
 
     def score(self, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
-        """The score of a run for one α, else the main one."""
-        return self._scores.get((run, self.main_alpha if alpha is None else alpha))
+        """The score of a run for one α, s/m, else the main one; None where it did not run for it."""
+        if alpha is None:
+            alpha = self.main_alpha
+        return self._scores.get((run, alpha))
 
     @cached_property
     def answers(self) -> dict[tuple[str, float, str], Mapping[str, Any]]:
@@ -269,7 +280,9 @@ class View:
         return self._run(*(record[name] for name in _RUN))
 
     def _run(self, scene: Any, engine: Any, setting: Any, timestep: Any = 0.0) -> RunKey:
-        place = "" if scene == self.study["scene"] else _PLACES[self.study["scenes"][scene]["form"]]
+        place = ""
+        if scene != self.study["scene"]:
+            place = _PLACES[self.study["scenes"][scene]["form"]]
         return RunKey(str(engine), str(setting), float(timestep), place)
 
     def _run_and_alpha(self, key: Key) -> tuple[RunKey, float]:

@@ -57,12 +57,17 @@ class MatrixCell:
 
 
 def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, MatrixCell]]:
-    """Cells by column of each engine that ran so, the nearest to the law by its own settings first."""
-    ran = [engine for engine in view.engines if view.cases(engine, gravity, timestep, *OWN, PLUGIN, STOCK)]
-    made = {engine: _row(view, engine, gravity, timestep) for engine in ran}
+    """Cells by column of each engine that ran under a gravity (m/s²) at a step (s).
+
+    First the engines that are nearest to the law by their own settings.
+    """
+    made: dict[str, dict[str, MatrixCell]] = {}
+    for engine in view.engines:
+        if view.cases(engine, gravity, timestep, *OWN, PLUGIN, STOCK):
+            made[engine] = _row(view, engine, gravity, timestep)
 
     def order(engine: str) -> list[float]:
-        orders = [made[engine][name].order for name in (SETTINGS, CONSTANT, PLUGIN)]
+        orders = [made[engine][column].order for column in (SETTINGS, CONSTANT, PLUGIN)]
         return [math.inf if value is None else value for value in orders]
 
     return {engine: made[engine] for engine in sorted(made, key=order)}
@@ -107,14 +112,18 @@ def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Matrix
 
     here: engine, gravity (m/s²), time step (s).
     """
-    engine, _, _ = here
-    case = view.best(*here, kind)
-    tried = view.cases(*here, kind)
+    engine, gravity, timestep = here
+    case = view.best(engine, gravity, timestep, kind)
+    tried = view.cases(engine, gravity, timestep, kind)
     if not tried:
-        ran = any(other.engine == engine and view.kind(other) == kind for other in view.scores)
-        return MatrixCell("not run", note=_ELSEWHERE) if ran else MatrixCell("–", note=_NO_SETTING)
-    least = math.inf if case is None else view.error(case)
+        if any(other.engine == engine and view.kind(other) == kind for other in view.scores):
+            return MatrixCell("not run", note=_ELSEWHERE)
+        return MatrixCell("–", note=_NO_SETTING)
+    least = math.inf
+    if case is not None:
+        least = view.error(case)
     failing = [other for other in tried if math.isinf(view.error(other))]
+    # Named are those that fail but would be the best by e alone; the off of one that never bounced is NaN.
     nearer = [other for other in failing if not view.off(other) >= least]
     note = ""
     if nearer:
@@ -122,28 +131,30 @@ def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Matrix
     if case is None:
         first = nearer[0]
         text = "adds energy" if view.gains(first) else "loses the ball"
-        return MatrixCell(text, first.setting, "bad", None, first, note)
+        return MatrixCell(text, first.setting, "bad", case=first, note=note)
     return MatrixCell(wording.error(least), case.setting, grade(view, case), least, case, note)
 
 
 def left_out(view: FieldView, case: Case) -> str:
     """A setting that is not the best, and why."""
     if view.gains(case):
-        return f"{case.setting}, which adds energy (e up to {number(view.restitution(case)[1])})"
+        return f"{case.setting}, which adds energy (e up to {number(view.largest_e(case))})"
     return f"{case.setting}, which loses impacts"
 
 
 def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
     """Cell that says whether any setting of the engine adds energy at this step."""
     about = energy_note(engine)
-    note = f"{about.text} ({about.source})." if about else ""
+    note = ""
+    if about:
+        note = f"{about.text} ({about.source})."
     gains = [case for case in cases if view.gains(case)]
     if not gains:
-        count = sum(view.scenes(case) for case in cases)
+        launches = sum(view.scenes(case) for case in cases)
         none = "No launch of a setting of this engine ended with more energy than it began with."
-        return MatrixCell("never grows", f"{count} launches", "good", 0.0, note=f"{none} {note}".strip())
-    worst = max(gains, key=lambda case: view.restitution(case)[1])
-    high = view.restitution(worst)[1]
+        return MatrixCell("never grows", f"{launches} launches", "good", 0.0, note=f"{none} {note}".strip())
+    worst = max(gains, key=view.largest_e)
+    high = view.largest_e(worst)
     return MatrixCell(f"e up to {number(high)}", worst.setting, "bad", high, worst, note)
 
 
@@ -155,8 +166,9 @@ def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
     down, case = max(downs)
     if not down:
         return MatrixCell("all bounce", "", "good", 0.0, case)
-    text = "none bounces" if math.isinf(down) else f"rest below {down:.2g}{NBSP}m/s"
-    return MatrixCell(text, case.setting, "bad", down if math.isfinite(down) else None, case)
+    if math.isinf(down):
+        return MatrixCell("none bounces", case.setting, "bad", None, case)
+    return MatrixCell(f"rest below {down:.2g}{NBSP}m/s", case.setting, "bad", down, case)
 
 
 def _loop(view: FieldView, case: Case | None) -> MatrixCell:
@@ -166,8 +178,10 @@ def _loop(view: FieldView, case: Case | None) -> MatrixCell:
     score = view.scores[case]
     if not score["loops"]:
         recipe = view.recipe(case)
-        in_one = recipe is not None and recipe.one_step
-        return MatrixCell("none", "one step a bounce" if in_one else "not resolved", case=case)
+        below = "not resolved"
+        if recipe is not None and recipe.one_step:
+            below = "one step a bounce"
+        return MatrixCell("none", below, case=case)
     rms = float(score["loop_rms"])
     if rms <= LOOP_NEAR:
         return MatrixCell("the law's", f"within {percent(rms)}", "good", rms, case)
@@ -186,4 +200,6 @@ def grade(view: FieldView, case: Case) -> str:
     """Grade of a case, one of GRADES: its error of e against the best constant e's."""
     if view.follows_law(case):
         return "good"
-    return "even" if view.error(case) <= 1.25 * view.constant_error(case.timestep) else "bad"
+    if view.error(case) <= 1.25 * view.constant_error(case.timestep):
+        return "even"
+    return "bad"

@@ -4,11 +4,10 @@ source.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from hcbench.reporting.field.view import NO_BOUNCE
 from hcbench.reporting.wording import NBSP
@@ -43,20 +42,22 @@ def features(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[
 
 
 def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
+    """Cells of an engine, in the order of FEATURES."""
     base = registry.base_name(engine)
     adapter = registry.adapter(base)
     # An engine that steps another's models has that engine's contact, except what its notes say.
     contact = registry.adapter(getattr(adapter, "model_engine", base))
-    stated: dict[str, Feature] = {}
+    cells: dict[str, Feature] = {}
     if isinstance(contact, DescribesContact) and contact.features is not None:
-        named = [f.name for f in fields(Features)]
-        stated = {name: one for name in named if (one := getattr(contact.features, name)) is not None}
-    from_run = {
-        "numbers": Feature(f"float{adapter.bits}", _FOLDER),
-        "bits": Feature(_bits(probe), RUN if probe else ""),
-        "threshold": _threshold(stated.get("threshold", Feature("–", "")), _slowest_bounce(view, engine)),
-    }
-    return [{**stated, **from_run}.get(name, Feature("–", "")) for name in FEATURES]
+        for field in fields(Features):
+            stated = getattr(contact.features, field.name)
+            if stated is not None:
+                cells[field.name] = stated
+    nothing = Feature("–", "")
+    cells["numbers"] = Feature(f"float{adapter.bits}", _FOLDER)
+    cells["bits"] = Feature(_bits(probe), RUN if probe else "")
+    cells["threshold"] = _threshold(cells.get("threshold", nothing), _slowest_bounce(view, engine))
+    return [cells.get(name, nothing) for name in FEATURES]
 
 
 def _threshold(stated: Feature, seen: str) -> Feature:
@@ -67,26 +68,34 @@ def _threshold(stated: Feature, seen: str) -> Feature:
 
 
 def _bits(probe: Probe | None) -> str:
+    """Cell on whether a run repeats to the bit."""
     if probe is None:
         return "–"
-    return {(True, True): "yes, alone or together", (True, False): "yes; alone others"}.get(
-        (probe.repeats, probe.alone), "no"
-    )
+    if not probe.repeats:
+        return "no"
+    if probe.alone:
+        return "yes, alone or together"
+    return "yes; alone others"
 
 
 def _slowest_bounce(view: FieldView, engine: str) -> str:
-    """From which speed on the engine bounces with nothing set, at the step of 1 ms or the nearest."""
-    near = [h for h in view.steps if view.stock(engine, view.gravities[0], h)]
-    case = (
-        view.stock(engine, view.gravities[0], min(near, key=lambda h: abs(np.log(h / 1e-3))))
-        if near
-        else None
-    )
-    if case is None:
+    """From which speed on the engine bounces with nothing set, at the step of 1 ms or the nearest.
+
+    "" where it did not run so, or bounces at every speed.
+    """
+    gravity = view.gravities[0]
+    steps = [step for step in view.steps if view.stock(engine, gravity, step)]
+    if not steps:
         return ""
+    nearest = min(steps, key=lambda step: abs(math.log(step / 1e-3)))
+    case = view.stock(engine, gravity, nearest)
+    assert case is not None
     curve = view.curve(case)
     bounces = curve.speed[curve.highest >= NO_BOUNCE]
     if not len(bounces):
         return "nothing set: at no speed"
-    slowest, lowest = float(bounces.min()), float(view.speeds(case.timestep)[0])
-    return "" if slowest <= lowest * (1 + 1e-9) else f"nothing set: {slowest:.2g}{NBSP}m/s"
+    slowest = float(bounces.min())
+    lowest = float(view.speeds(case.timestep)[0])
+    if slowest <= lowest * (1 + 1e-9):
+        return ""
+    return f"nothing set: {slowest:.2g}{NBSP}m/s"

@@ -42,17 +42,15 @@ _LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", 
 
 def drawings(view: FieldView) -> list[Drawing]:
     """The figures of a page, by name."""
-    none = "" if any(_with_loops(view)) else "no engine of this study resolves its contact"
+    missing = ""
+    make_loops = partial(loops_figure, view)
+    if not any(_with_loops(view)):
+        missing = "no engine of this study resolves its contact"
+    steps = "Error of e over the time step, a panel an engine."
+    loops = "Force over penetration, a panel an engine."
     return [
-        Drawing(
-            "field-steps", partial(steps_figure, view), "Error of e over the time step, a panel an engine."
-        ),
-        Drawing(
-            "field-loops",
-            None if none else partial(loops_figure, view),
-            "Force over penetration, a panel an engine.",
-            none,
-        ),
+        Drawing("field-steps", partial(steps_figure, view), steps),
+        Drawing("field-loops", None if missing else make_loops, loops, missing),
     ]
 
 
@@ -62,30 +60,36 @@ def steps_figure(view: FieldView) -> Figure:
     kinds: list[tuple[Callable[[str, float, float], Case | None], dict[str, Any]]] = [
         (view.stock, _STOCK),
         (view.best, _BEST),
-        (lambda engine, g, h: view.best(engine, g, h, PLUGIN), _PLUGIN),
+        (lambda engine, gravity, step: view.best(engine, gravity, step, PLUGIN), _PLUGIN),
     ]
     for engine, axes in panels:
-        axes.plot(view.steps, [view.constant_error(h) for h in view.steps], **_CONSTANT)
+        axes.plot(view.steps, [view.constant_error(step) for step in view.steps], **_CONSTANT)
         for pick, style in kinds:
             for gravity in view.gravities:
-                cases = [(h, case) for h in view.steps if (case := pick(engine, gravity, h)) is not None]
-                errors = [view.off(case) for _, case in cases]
-                shown = np.clip(errors, _FLOOR, _CEILING)
-                line = {"linewidth": 1.3, **style, **(_HEAVY if gravity else {})}
-                axes.plot([h for h, _ in cases], shown, **line)
+                steps = []
+                errors = []
+                for step in view.steps:
+                    case = pick(engine, gravity, step)
+                    if case is not None:
+                        steps.append(step)
+                        errors.append(view.off(case))
+                line = {"linewidth": 1.3, **style}
+                if gravity:
+                    line |= _HEAVY
+                axes.plot(steps, np.clip(errors, _FLOOR, _CEILING), **line)
         log_axis(axes, "x")
         log_axis(axes, "y")
         axes.set_xlim(min(view.steps) / 1.6, max(view.steps) * 1.6)
         axes.set_ylim(_FLOOR / 1.5, _CEILING)
     _label(panels, "time step, s", "error of e")
-    with_gravity = [g for g in view.gravities if g]
     legend = [
         Line2D([], [], label="nothing set", **_STOCK),
         Line2D([], [], label="best setting of its own", **_BEST),
         Line2D([], [], label="plug-in", **_PLUGIN),
-        *([Line2D([], [], label="the same under gravity", **{**_BEST, **_HEAVY})] if with_gravity else []),
-        Line2D([], [], label="best constant e", **_CONSTANT),
     ]
+    if any(view.gravities):
+        legend.append(Line2D([], [], label="the same under gravity", **{**_BEST, **_HEAVY}))
+    legend.append(Line2D([], [], label="best constant e", **_CONSTANT))
     legend_below(figure, legend)
     return figure
 

@@ -31,29 +31,33 @@ _WORDS = (
 
 
 def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
-    """Sentences that sort the engines at a step: those that follow the law by settings, by a
-    plug-in, or not.
+    """Sentences that sort the engines at a step (s): those that follow the law by settings, by a
+    plug-in, or not. gravity: m/s².
     """
-    ran = [e for e in view.engines if view.cases(e, gravity, timestep, *OWN, PLUGIN)]
+    ran = [engine for engine in view.engines if view.cases(engine, gravity, timestep, *OWN, PLUGIN)]
     own = _following(view, ran, gravity, timestep, *OWN)
-    plugin = [e for e in _following(view, ran, gravity, timestep, PLUGIN) if e not in own]
-    others = [e for e in _bases(ran) if e not in (*own, *plugin)]
+    by_plugin = _following(view, ran, gravity, timestep, PLUGIN)
+    plugin = [engine for engine in by_plugin if engine not in own]
+    others = [engine for engine in _bases(ran) if engine not in (*own, *plugin)]
     where = f"At {time(timestep)} {'under' if gravity else 'without'} gravity"
-    follow = "follows" if len(own) < 2 else "follow"
-    engines = (
-        f"{_count(own)} {'engine' if len(own) == 1 else 'engines'} {follow}" if own else "no engine follows"
-    )
-    sentences = [f"{where}, {engines} the law by settings alone{_named(own)}."]
+    sentences = [f"{where}, {_engines_follow(own)} the law by settings alone{_named(own)}."]
     if plugin:
         more = " more" if own else ""
-        sentences.append(
-            f"With a plug-in, {_count(plugin)}{more} {'do' if len(plugin) > 1 else 'does'}{_named(plugin)}."
-        )
+        verb = "do" if len(plugin) > 1 else "does"
+        sentences.append(f"With a plug-in, {_count(plugin)}{more} {verb}{_named(plugin)}.")
     if others:
-        sentences.append(
-            f"No setting that was run here follows it in {listed([*map(engine_title, others)], 'or')}."
-        )
+        titles = [engine_title(engine) for engine in others]
+        sentences.append(f"No setting that was run here follows it in {listed(titles, 'or')}.")
     return sentences
+
+
+def _engines_follow(engines: list[str]) -> str:
+    """ "no engine follows", "one engine follows", "two engines follow"."""
+    if not engines:
+        return "no engine follows"
+    if len(engines) == 1:
+        return f"{_count(engines)} engine follows"
+    return f"{_count(engines)} engines follow"
 
 
 def _following(
@@ -69,7 +73,11 @@ def _bases(engines: list[str]) -> list[str]:
 
 
 def _count(engines: list[str]) -> str:
-    return _WORDS[len(engines)] if len(engines) < len(_WORDS) else str(len(engines))
+    """Number of engines, up to twelve in words."""
+    number = len(engines)
+    if number < len(_WORDS):
+        return _WORDS[number]
+    return str(number)
 
 
 def _named(engines: list[str]) -> str:
@@ -88,17 +96,26 @@ def versions(view: FieldView) -> str:
     for one, other in combinations(view.engines, 2):
         if registry.base_name(one) != registry.base_name(other):
             continue
-        differences = [
-            float((a["restitution"] - b["restitution"].to_numpy()).abs().max())
-            for case, a in view.impacts.items()
-            if case.engine == one and (b := view.impacts.get(case._replace(engine=other))) is not None
-        ]
-        largest = max((d for d in differences if math.isfinite(d)), default=math.nan)
+        differences = _differences_of_e(view, one, other)
+        largest = max(filter(math.isfinite, differences), default=math.nan)
         runs = f"{len(differences)} runs"
-        off = (
-            f"bounce alike in all {runs}"
-            if largest == 0.0
-            else f"differ in e by up to {error(largest)} over {runs}"
-        )
+        if largest == 0.0:
+            off = f"bounce alike in all {runs}"
+        else:
+            off = f"differ in e by up to {error(largest)} over {runs}"
         words.append(f"{view.title(one)} and {view.title(other)} {off}")
-    return sentence(f"{'; '.join(words)}.") if words else ""
+    if not words:
+        return ""
+    return sentence(f"{'; '.join(words)}.")
+
+
+def _differences_of_e(view: FieldView, one: str, other: str) -> list[float]:
+    """Largest |difference of e| in each case that both engines ran; NaN where an e is missing in all rows."""
+    differences = []
+    for case, impacts in view.impacts.items():
+        others = view.impacts.get(case._replace(engine=other))
+        if case.engine == one and others is not None:
+            # Row by row, as both have the same launches in the same order; pandas would go by the index.
+            difference = impacts["restitution"] - others["restitution"].to_numpy()
+            differences.append(float(difference.abs().max()))
+    return differences

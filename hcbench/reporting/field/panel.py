@@ -36,18 +36,19 @@ class StepMatrix:
 
 def tables(view: FieldView) -> list[StepMatrix]:
     """The matrix of engines by condition at every step, with gravity and without."""
-    return [
-        StepMatrix(
-            gravity,
-            step,
-            headline(view, gravity, step),
-            band(view, step),
-            error(view.constant_error(step)),
-            rows(view, gravity, step),
-        )
-        for gravity in view.gravities
-        for step in view.steps
-    ]
+    made = []
+    for gravity in view.gravities:
+        for step in view.steps:
+            matrix = StepMatrix(
+                gravity=gravity,
+                step=step,
+                sentences=headline(view, gravity, step),
+                band=band(view, step),
+                constant=error(view.constant_error(step)),
+                rows=rows(view, gravity, step),
+            )
+            made.append(matrix)
+    return made
 
 
 def setting_of(view: FieldView, case: Case) -> Setting:
@@ -61,52 +62,80 @@ def setting_of(view: FieldView, case: Case) -> Setting:
 
 def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
     """Data for the page's script, as JSON: the tables, and each of their cases and texts once."""
-    cases: dict[Case, int] = {}
+    numbers: dict[Case, int] = {}
+    shown = [_table(table, numbers) for table in made]
+    recipes = {}
+    for case in numbers:
+        recipe = view.recipe(case)
+        if recipe is not None:
+            recipes[f"{case.engine} {case.setting}"] = [recipe.summary, *recipe.notes]
     texts: dict[str, int] = {}
-    shown = []
-    for table in made:
-        cells = [
-            [engine, [_cell(cell, cases) for cell in row.values()]] for engine, row in table.rows.items()
-        ]
-        words = {"sentences": table.sentences, "band": table.band, "constant": table.constant}
-        shown.append({"gravity": table.gravity, "step": table.step, **words, "rows": cells})
-    recipes = {f"{case.engine} {case.setting}": view.recipe(case) for case in cases}
     content = {
         "alpha": view.alpha,
         "titles": {engine: engine_title(registry.base_name(engine)) for engine in view.engines},
         "tables": shown,
-        "recipes": {key: [one.summary, *one.notes] for key, one in recipes.items() if one is not None},
-        "cases": [_case(view, case, texts) for case in cases],
+        "recipes": recipes,
+        "cases": [_case(view, case, texts) for case in numbers],
         "texts": list(texts),
     }
     return json.dumps(content, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def _cell(cell: MatrixCell, cases: dict[Case, int]) -> list[Any]:
-    """A cell as the script takes it: text, line below, grade, sort key, number of its case, note."""
-    order = None if cell.order is None or not math.isfinite(cell.order) else float(f"{cell.order:.4g}")
-    number_of_case = None if cell.case is None else cases.setdefault(cell.case, len(cases))
+def _table(table: StepMatrix, numbers: dict[Case, int]) -> dict[str, Any]:
+    """A table as the script takes it. numbers: of the cases so far; new ones are added."""
+    table_rows = []
+    for engine, row in table.rows.items():
+        table_rows.append([engine, [_cell(cell, numbers) for cell in row.values()]])
+    return {
+        "gravity": table.gravity,
+        "step": table.step,
+        "sentences": table.sentences,
+        "band": table.band,
+        "constant": table.constant,
+        "rows": table_rows,
+    }
+
+
+def _cell(cell: MatrixCell, numbers: dict[Case, int]) -> list[Any]:
+    """A cell as the script takes it: text, line below, grade, sort key, number of its case, note.
+
+    numbers: of the cases so far; that of the cell is added.
+    """
+    order = None
+    if cell.order is not None and math.isfinite(cell.order):
+        order = float(f"{cell.order:.4g}")
+    number_of_case = None
+    if cell.case is not None:
+        number_of_case = numbers.setdefault(cell.case, len(numbers))
     return [cell.text, cell.below, cell.grade, order, number_of_case, cell.note]
 
 
 def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
-    """e over speed (m/s): its mean, and its range over the launches where they differ."""
-    curve = view.curve(case)
-    speed, low, mean, high = (
-        digits(values, 5) for values in (curve.speed_in, curve.lowest, curve.restitution, curve.highest)
-    )
+    """e over speed (m/s): its mean, and its range over the launches where they differ.
+
+    texts: numbers of the texts to paste so far; that of the case is added.
+    """
     setting = "nothing set" if case.setting == STOCK else case.setting
     text = snippet(setting_of(view, case), "plane")
-    return {
+    number_of_text = None
+    if text:
+        number_of_text = texts.setdefault(text, len(texts))
+    curve = view.curve(case)
+    low = digits(curve.lowest, 5)
+    high = digits(curve.highest, 5)
+    content = {
         "title": f"{view.title(case.engine)}, {setting}, {time(case.timestep)}",
         "recipe": f"{case.engine} {case.setting}",
         "lines": _lines(view, case),
-        "text": texts.setdefault(text, len(texts)) if text else None,
+        "text": number_of_text,
         "source": _source(view, case),
-        "speed": speed,
-        "mean": mean,
-        **({} if low == high else {"low": low, "high": high}),
+        "speed": digits(curve.speed_in, 5),
+        "mean": digits(curve.restitution, 5),
     }
+    if low != high:
+        content["low"] = low
+        content["high"] = high
+    return content
 
 
 def _lines(view: FieldView, case: Case) -> list[str]:
@@ -116,7 +145,7 @@ def _lines(view: FieldView, case: Case) -> list[str]:
     if math.isfinite(off):
         lines.append(f"At {band(view, case.timestep)}, e is wrong by at most {error(off)}.")
     if view.gains(case):
-        lines.append(f"It adds energy: e up to {number(view.restitution(case)[1])}.")
+        lines.append(f"It adds energy: e up to {number(view.largest_e(case))}.")
     elif case.setting != STOCK and math.isfinite(off):
         lines.append(f"Energy never grew in {view.scenes(case)} launches.")
     if math.isinf(down):

@@ -53,8 +53,10 @@ def probe(setting: Setting, scene: Scene) -> Probe | None:
 
 
 def _probe_here(setting: Setting, scene: Scene) -> Probe:
+    """Probe of a setting, in this process. Raises what the engine raises."""
     engine = cast("SteppedEngine", registry.engine(setting.engine))
-    first, again = ([_bits(i) for i in engine.run(scene, setting, _LAUNCHES)] for _ in range(2))
+    first = [_bits(impact) for impact in engine.run(scene, setting, _LAUNCHES)]
+    again = [_bits(impact) for impact in engine.run(scene, setting, _LAUNCHES)]
     alone = [_bits(engine.run(scene, setting, [launch])[0]) for launch in _LAUNCHES]
     cost: dict[int, float] = {}
     with redirect_output() if engine.own_process else nullcontext():
@@ -70,17 +72,21 @@ def _bits(impact: object) -> bytes:
 
 
 def _cost(engine: SteppedEngine, setting: Setting, scene: Scene, balls: int) -> dict[int, float]:
-    """Balls that fly and bounce together: s a ball and step, the least of several times."""
+    """Number of balls that were simulated together -> s a ball and step, the least of several times."""
     with engine.load(scene, setting, 0.4) as world:
         together = min(balls, world.places)
         launches = [Launch(0.4, (i + 0.5) / together) for i in range(together)]
-        least, begun = float("inf"), time.perf_counter()
+        least = float("inf")
+        begun = time.perf_counter()
         while least == float("inf") or time.perf_counter() - begun < _REPEAT_S:
             with closing(world.release(launches)) as simulation:
-                start, done = time.perf_counter(), 0
+                start = time.perf_counter()
+                done = 0
                 while done < _STEPS:
-                    done += simulation.advance(_STEPS - done).force.shape[1]
-                least = min(least, (time.perf_counter() - start) / (_STEPS * together))
+                    steps = simulation.advance(_STEPS - done).force.shape[1]
+                    done += steps
+                seconds = time.perf_counter() - start
+            least = min(least, seconds / (_STEPS * together))
     return {together: least}
 
 

@@ -84,8 +84,12 @@ class FieldView:
 
     @property
     def _of_main(self) -> list[tuple[Key, Folded]]:
-        alpha, every = RUN_KEY.index("alpha_s_per_m"), self.results.table.folded.items()
-        return [(key, one) for key, one in every if math.isclose(key[alpha], self.alpha, rel_tol=1e-9)]
+        place = RUN_KEY.index("alpha_s_per_m")
+        of_main = []
+        for key, one in self.results.table.folded.items():
+            if math.isclose(key[place], self.alpha, rel_tol=1e-9):
+                of_main.append((key, one))
+        return of_main
 
     @cached_property
     def impacts(self) -> dict[Case, pd.DataFrame]:
@@ -138,8 +142,13 @@ class FieldView:
 
     def cases(self, engine: str, gravity: float, timestep: float, *kinds: str) -> list[Case]:
         """An engine's settings of some kinds at a step, OWN where none is named, in the study's order."""
-        here = (engine, gravity, timestep)
-        return [c for c in self.scores if (c.engine, *c[2:]) == here and self.kind(c) in (kinds or OWN)]
+        wanted = kinds or OWN
+        cases = []
+        for case in self.scores:
+            here = case.engine == engine and case.gravity == gravity and case.timestep == timestep
+            if here and self.kind(case) in wanted:
+                cases.append(case)
+        return cases
 
     def best(self, engine: str, gravity: float, timestep: float, *kinds: str) -> Case | None:
         """The setting nearest to the law that loses no impact and gains no energy; None for none.
@@ -157,20 +166,25 @@ class FieldView:
     def error(self, case: Case) -> float:
         """`off` the law; inf where impacts were lost, energy gained, or nothing bounced."""
         off = self.off(case)
-        return math.inf if self.scores[case]["failed"] or self.gains(case) or math.isnan(off) else off
+        if self.scores[case]["failed"] or self.gains(case) or math.isnan(off):
+            return math.inf
+        return off
 
     def choice(self, case: Case) -> Mapping[str, Any] | None:
         """Choice of `hcbench tune` that equals the case's setting, over the same speeds; None if
         there is none.
         """
-        low, high = self.speeds(case.timestep)[[0, -1]]
+        speeds = self.speeds(case.timestep)
+        ends = [speeds[0], speeds[-1]]
         for answer in self.results.answers:
-            if (answer["engine"], answer["gravity"], answer["timestep"]) != (case.engine, *case[2:]):
+            conditions = (answer["engine"], answer["gravity"], answer["timestep"])
+            if conditions != (case.engine, case.gravity, case.timestep):
+                continue
+            if not math.isclose(answer["alpha"], self.alpha, rel_tol=1e-9):
                 continue
             for choice in answer["choices"]:
-                band = choice["speeds_m_per_s"]
-                same = np.allclose([low, high], band, rtol=1e-3) and choice["setting"] == case.setting
-                if same and math.isclose(answer["alpha"], self.alpha, rel_tol=1e-9):
+                same_band = np.allclose(ends, choice["speeds_m_per_s"], rtol=1e-3)
+                if same_band and choice["setting"] == case.setting:
                     return dict(choice)
         return None
 
@@ -193,22 +207,33 @@ class FieldView:
 
         Slower ones that come to rest have no e and do not count as errors.
         """
-        rested, speeds = self.folded[case].rested, self.speeds(case.timestep)
+        rested = self.folded[case].rested
+        if math.isnan(rested):
+            return 0.0
+        speeds = self.speeds(case.timestep)
         above = speeds[speeds > rested * (1.0 + 1e-9)]
-        return 0.0 if math.isnan(rested) else float(min(above, default=math.inf))
+        return float(min(above, default=math.inf))
 
     def gains(self, case: Case) -> bool:
         """True if a body left with more energy than it came with, by more than chance."""
-        return bool(self.scores[case]["energy_gained"]) and not self.restitution(case)[1] <= MOST_E
+        return bool(self.scores[case]["energy_gained"]) and not self.largest_e(case) <= MOST_E
 
     def restitution(self, case: Case) -> tuple[float, float]:
         """The least and the largest e over speeds and phases; NaN where no impact came back."""
         return self.folded[case].restitution
 
+    def largest_e(self, case: Case) -> float:
+        """The largest e over speeds and phases; NaN where no impact came back."""
+        _, largest = self.restitution(case)
+        return largest
+
     def lost(self, case: Case) -> str:
         """The commonest status of the impacts if none gave an e; "" if any did."""
         counts = self.folded[case].status
-        return "" if {"parted", "rested"} & counts.keys() else min(counts, key=lambda s: (-counts[s], s))
+        if "parted" in counts or "rested" in counts:
+            return ""
+        # Of those that are equally common, the first by name.
+        return min(counts, key=lambda status: (-counts[status], status))
 
     def curve(self, case: Case) -> Curve:
         """e over the speeds from which an impact came back."""
