@@ -25,6 +25,12 @@ BACKEND = Backend(
 # For maxJointVelocity: Bullet clips every component of speed and spin, at 100 unless set
 UNCLIPPED = 1e9
 _MOST_CLIENTS = 1024  # MAX_PHYSICS_CLIENTS of Bullet
+# Places in a point of getContactPoints and getClosestPoints, of body A and body B
+LINK_A, LINK_B = 3, 4
+POINT_A, POINT_B = 5, 6  # m, in the world
+NORMAL = 7  # unit vector on B that points at A
+DISTANCE = 8  # m, below 0 where they overlap
+FORCE = 9  # N, along the normal
 LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
 
 

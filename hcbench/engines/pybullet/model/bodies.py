@@ -17,13 +17,19 @@ from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.vectors import Vector, add_scaled, cross, rotate, rotate_inverse, vector
 from hcbench.terms.impact import Floats
 
-# pybullet.JOINT_...: places in getJointInfo follow
+# pybullet.JOINT_...
 REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED = range(5)
+# Places in getJointInfo
 JOINT_NAME, JOINT_TYPE, LINK_NAME, AXIS, PARENT = 1, 2, 12, 13, 16
+# Places in getDynamicsInfo: kg; kg m² about the main axes; the frame of these in that of the link
+_MASS, _INERTIA, _FRAME_POSITION, _FRAME_QUATERNION = 0, 2, 3, 4
+# Places in getLinkState: of the centre of mass
+_CENTRE, _QUATERNION, _VELOCITY, _SPIN = 0, 1, 6, 7
 
 _FREEDOMS = {REVOLUTE: 1, PRISMATIC: 1, SPHERICAL: 3, PLANAR: 3, FIXED: 0}
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_ZERO, _UNKNOWN = (0.0, 0.0, 0.0), (math.nan, math.nan, math.nan)
+_ZERO = (0.0, 0.0, 0.0)
+_UNKNOWN = (math.nan, math.nan, math.nan)
 
 # How a unit force at a contact acts on a body: what it is along each degree of freedom, and M^-1 times that.
 Response = tuple[Sequence[float], Sequence[float]]
@@ -37,15 +43,23 @@ class BulletBody:
     """
 
     def __init__(self, bullet: BulletClient, number: int) -> None:
-        self.bullet, self.number = bullet, number
+        self.bullet = bullet
+        self.number = number
         self.joints = [bullet.getJointInfo(number, j) for j in range(bullet.getNumJoints(number))]
-        # a fixed base has mass 0
-        self.mass, _, self.inertia = bullet.getDynamicsInfo(number, -1)[:3]
-        jointed = any(joint[JOINT_TYPE] != FIXED for joint in self.joints) or (
-            self.mass > 0.0 and self.joints
-        )
-        self.kind = "jointed" if jointed else "free" if self.mass > 0.0 else "fixed"
-        self._tree = JointTree(self) if jointed else None
+        base = bullet.getDynamicsInfo(number, -1)
+        self.mass = base[_MASS]  # 0 for a fixed base
+        self.inertia = base[_INERTIA]
+        can_bend = any(joint[JOINT_TYPE] != FIXED for joint in self.joints)
+        # A free body with fixed joints has more than one inertia: its tree adds them up.
+        has_links = self.mass > 0.0 and bool(self.joints)
+        self._tree: JointTree | None = None
+        if can_bend or has_links:
+            self.kind = "jointed"
+            self._tree = JointTree(self)
+        elif self.mass > 0.0:
+            self.kind = "free"
+        else:
+            self.kind = "fixed"
         self.refresh()
 
     def refresh(self) -> None:
@@ -64,11 +78,11 @@ class BulletBody:
         return chain
 
     def pose(self, link: int) -> tuple[Vector, Sequence[float]]:
-        """Position and quaternion of a link's centre of mass frame."""
+        """Position, m, and quaternion (x, y, z, w) of a link's centre of mass frame."""
         if link < 0:
             return vector(self.position), self.quaternion
         state = self._link_state(link)
-        return vector(state[0]), state[1]
+        return vector(state[_CENTRE]), state[_QUATERNION]
 
     def _link_state(self, link: int) -> Any:
         return self.bullet.getLinkState(self.number, link, computeLinkVelocity=1, computeForwardKinematics=1)
@@ -76,19 +90,26 @@ class BulletBody:
     def velocity_at(self, link: int, point: Sequence[float]) -> Vector:
         """Velocity of a link's material point, m/s."""
         if self.kind == "fixed":
-            return 0.0, 0.0, 0.0
+            return _ZERO
         if link < 0:
-            centre, v, w = self.position, self.velocity, self.spin
+            centre = self.position
+            velocity = self.velocity
+            spin = self.spin
         else:
             state = self._link_state(link)
-            centre, v, w = state[0], state[6], state[7]
-        return add_scaled(v, 1.0, cross(w, add_scaled(point, -1.0, centre)))
+            centre = state[_CENTRE]
+            velocity = state[_VELOCITY]
+            spin = state[_SPIN]
+        arm = add_scaled(point, -1.0, centre)
+        return add_scaled(velocity, 1.0, cross(spin, arm))
 
     def spin_of(self, link: int) -> Vector:
         """Angular velocity of a link, rad/s."""
         if self.kind == "fixed":
-            return 0.0, 0.0, 0.0
-        return vector(self.spin if link < 0 else self._link_state(link)[7])
+            return _ZERO
+        if link < 0:
+            return vector(self.spin)
+        return vector(self._link_state(link)[_SPIN])
 
     def joint_axis(self, joint: int) -> Vector:
         """A joint's axis in the world, as long as in the model."""
@@ -102,10 +123,14 @@ class BulletBody:
             return None
         if self._tree is not None:
             return self._tree.response(link, point, direction)
-        torque = rotate_inverse(self.quaternion, cross(add_scaled(point, -1.0, self.position), direction))
-        solved = [part / self.mass for part in direction]
-        solved += [part / i if i > 0.0 else 0.0 for part, i in zip(torque, self.inertia, strict=True)]
-        return (*direction, *torque), solved
+        # In the frame of the main axes, in which the inverse inertia is diagonal.
+        arm = add_scaled(point, -1.0, self.position)
+        torque = rotate_inverse(self.quaternion, cross(arm, direction))
+        accelerations = [part / self.mass for part in direction]
+        for part, inertia in zip(torque, self.inertia, strict=True):
+            # Bullet does not turn a body about an axis without inertia.
+            accelerations.append(part / inertia if inertia > 0.0 else 0.0)
+        return (*direction, *torque), accelerations
 
     def push(self, link: int, point: Vector, force: Vector) -> None:
         """Add a force for the step that comes next."""
@@ -122,25 +147,37 @@ class JointTree:
     """
 
     def __init__(self, body: BulletBody) -> None:
-        self._body, self.outdated = body, True
+        self._body = body
+        self.outdated = True
         links = range(-1, len(body.joints))
         infos = [body.bullet.getDynamicsInfo(body.number, link) for link in links]
-        self._inertia = np.sqrt([(info[0], info[0], info[0], *info[2]) for info in infos])
-        self._pivots = [
-            rotate_inverse(info[4], add_scaled((0.0, 0.0, 0.0), -1.0, info[3])) for info in infos[1:]
-        ]
-        carried = {link: {-1, *body.ancestors(link)} for link in links}
-        self._owners = [-1] * 6 * (body.mass > 0.0)
-        self._owners += [
-            j for j, joint in enumerate(body.joints) for _ in range(_FREEDOMS[joint[JOINT_TYPE]])
-        ]
-        self._carries = np.array([[owner in carried[link] for owner in self._owners] for link in links])
+        # (links, 6): the roots of m, m, m and the three of I, which scale a link's rows of the Jacobian.
+        masses = [(info[_MASS],) * 3 for info in infos]
+        self._inertia = np.sqrt([(*mass, *info[_INERTIA]) for mass, info in zip(masses, infos, strict=True)])
+        # Each joint's origin in its link's centre of mass frame, m.
+        self._pivots = []
+        for info in infos[1:]:
+            back = add_scaled(_ZERO, -1.0, info[_FRAME_POSITION])
+            self._pivots.append(rotate_inverse(info[_FRAME_QUATERNION], back))
+        # The joint of each degree of freedom; -1 for the base's.
+        self._owners: list[int] = []
+        if body.mass > 0.0:
+            self._owners += [-1] * 6
+        for number, joint in enumerate(body.joints):
+            self._owners += [number] * _FREEDOMS[joint[JOINT_TYPE]]
+        # (links, freedoms): True where a degree of freedom moves a link.
+        carries = []
+        for link in links:
+            carriers = {-1, *body.ancestors(link)}
+            carries.append([owner in carriers for owner in self._owners])
+        self._carries = np.array(carries)
 
     def response(self, link: int, point: Vector, direction: Vector) -> Response:
         """The response of this body to a push, as `BulletBody.response`."""
         if self.outdated:
             self._read()
-        row = self._carries[link + 1] * (self._v @ direction + self._w @ cross(point, direction))
+        along = self._v @ direction + self._w @ cross(point, direction)
+        row = self._carries[link + 1] * along
         return row.tolist(), (self._inverse_mass @ row).tolist()
 
     def _read(self) -> None:
@@ -149,17 +186,24 @@ class JointTree:
         states = body.bullet.getLinkStates(body.number, range(len(body.joints)), computeForwardKinematics=1)
         twists = _base_twists(body.position) if body.mass > 0.0 else []
         for joint, state, pivot in zip(body.joints, states, self._pivots, strict=True):
-            twists += _joint_twists(joint, state[0], state[1], pivot)
-        self._w, self._v = np.array(twists, dtype=float).transpose(1, 0, 2)
-        poses = [(body.position, body.quaternion), *(state[:2] for state in states)]
-        crosses = np.array([((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)) for (x, y, z), _ in poses])
+            twists += _joint_twists(joint, state[_CENTRE], state[_QUATERNION], pivot)
+        self._w, self._v = np.array(twists, dtype=float).transpose(1, 0, 2)  # (freedoms, 3) each
+        centres = [body.position]
+        quaternions = [body.quaternion]
+        for state in states:
+            centres.append(state[_CENTRE])
+            quaternions.append(state[_QUATERNION])
+        # w @ crosses is w x centre.
+        crosses = np.array([((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)) for x, y, z in centres])
         matrix = body.bullet.module.getMatrixFromQuaternion
-        rotations = np.array([matrix(quaternion) for _, quaternion in poses]).reshape(-1, 3, 3)
+        rotations = np.array([matrix(quaternion) for quaternion in quaternions]).reshape(-1, 3, 3)
         # Velocities of centres of mass and angular velocities about main axes: (links, freedoms, 6).
         jacobian = np.concatenate([self._v + self._w @ crosses, self._w @ rotations], axis=2)
         jacobian *= self._inertia[:, None]
-        rows = (jacobian * self._carries[:, :, None]).transpose(0, 2, 1).reshape(-1, len(self._owners))
-        self._inverse_mass, self.outdated = _inverse(rows.T @ rows), False
+        carried = jacobian * self._carries[:, :, None]
+        rows = carried.transpose(0, 2, 1).reshape(-1, len(self._owners))
+        self._inverse_mass = _inverse(rows.T @ rows)
+        self.outdated = False
 
 
 def _base_twists(centre: Sequence[float]) -> list[tuple[Any, Any]]:
@@ -172,13 +216,17 @@ def _joint_twists(
 ) -> list[tuple[Any, Any]]:
     """(w, v) of each degree of freedom of a joint. centre, quaternion: of its link; pivot: in that frame."""
     kind = joint[JOINT_TYPE]
+    if kind == FIXED:
+        return []
     if kind == PLANAR:
         return [(_UNKNOWN, _UNKNOWN)] * 3  # PyBullet does not return its axis
     where = add_scaled(centre, 1.0, rotate(quaternion, pivot))
     if kind == SPHERICAL:
         return [(axis, cross(where, axis)) for axis in _AXES]
     axis = rotate(quaternion, joint[AXIS])
-    return {REVOLUTE: [(axis, cross(where, axis))], PRISMATIC: [(_ZERO, axis)], FIXED: []}[kind]
+    if kind == PRISMATIC:
+        return [(_ZERO, axis)]
+    return [(axis, cross(where, axis))]
 
 
 def _inverse(mass_matrix: Floats) -> Floats:
@@ -199,12 +247,17 @@ class ContactRow:
     def acceleration(self, other: ContactRow) -> float:
         """Relative acceleration along this row by the unit force of another, 1/kg."""
         total = 0.0
-        for i, body in enumerate(self.bodies):
+        for i, mine in enumerate(self.bodies):
             for j, its in enumerate(other.bodies):
-                one, two = self.responses[i], other.responses[j]
-                if body is its and one is not None and two is not None:
-                    part = sum(a * b for a, b in zip(one[0], two[1], strict=True))
-                    total += part if i == j else -part
+                response = self.responses[i]
+                push = other.responses[j]
+                if mine is not its or response is None or push is None:
+                    continue
+                reach, _ = response
+                _, accelerations = push
+                part = sum(a * b for a, b in zip(reach, accelerations, strict=True))
+                # The second body feels the opposite force, and its motion counts the other way.
+                total += part if i == j else -part
         return float(total)
 
     @property
@@ -217,8 +270,10 @@ def contact_row(
     first: tuple[BulletBody, int], second: tuple[BulletBody, int], point: Vector, direction: Vector
 ) -> ContactRow:
     """The row of two (body, link) that touch at `point`, for forces along `direction`."""
-    (one, _), (two, _) = sides = (first, second)
-    return ContactRow((one, two), tuple(body.response(link, point, direction) for body, link in sides))  # type: ignore[arg-type]
+    one, one_link = first
+    two, two_link = second
+    responses = one.response(one_link, point, direction), two.response(two_link, point, direction)
+    return ContactRow((one, two), responses)
 
 
 @dataclass(frozen=True, slots=True)

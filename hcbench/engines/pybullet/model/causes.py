@@ -26,8 +26,8 @@ _THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
 _SLOP = 1e-5  # m, Bullet's own contactSlop
 _DAMPING = 0.04  # 1/s, Bullet's own linearDamping
 _ITERATIONS = 50  # Bullet's own numSolverIterations
-# rad/s: Bullet's own maxJointVelocity; a share
-_FASTEST, _CLIPPED = 100.0, 1e-3
+_FASTEST = 100.0  # rad/s: Bullet's own maxJointVelocity
+_CLIPPED = 1e-3  # of it: a spin nearer to it was clipped
 _SAME_E = 0.005  # restitutions nearer than this are taken for the same
 
 
@@ -108,20 +108,34 @@ def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, f
     """Restitution of the two links that meet; NaN for a body with maximal coordinates, for which PyBullet
     returns the value of an earlier query.
     """
-    infos = [bullet.getDynamicsInfo(side.body, side.link) for side in (place.first, place.second)]
-    first, second = (
-        math.nan if info[BODY_TYPE] == MAXIMAL_COORDINATES else float(info[RESTITUTION]) for info in infos
-    )
+    first = _restitution(bullet.getDynamicsInfo(place.first.body, place.first.link))
+    second = _restitution(bullet.getDynamicsInfo(place.second.body, place.second.link))
     return first, second
+
+
+def _restitution(info: Sequence[float]) -> float:
+    """The restitution in what getDynamicsInfo returned."""
+    if info[BODY_TYPE] == MAXIMAL_COORDINATES:
+        return math.nan
+    return float(info[RESTITUTION])
 
 
 def find_suspects(context: BulletContext) -> list[Suspect]:
     """Everything that may matter here, likeliest first."""
     checks = (
-        *(_unset_restitutions, _restitution_product, _bullet_defaults, _solver),
-        *(_few_steps, _gravity, _joint_motor, _spin_clamp),
+        _unset_restitutions,
+        _restitution_product,
+        _bullet_defaults,
+        _solver,
+        _few_steps,
+        _gravity,
+        _joint_motor,
+        _spin_clamp,
     )
-    return [suspect for check in checks for suspect in check(context)]
+    suspects: list[Suspect] = []
+    for check in checks:
+        suspects += check(context)
+    return suspects
 
 
 def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
@@ -129,50 +143,67 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
     values = list(restitutions(c.bullet, c.place))
     if math.isnan(sum(values)):
         return
-    foreign = []  # (side, tag, e)
+    foreign_sides = []
+    foreign_values = []
+    foreign_words = []
     for i, side in enumerate(c.sides):
         if values[i] == 0.0 and side.body in c.unread:
-            tag, values[i] = c.unread[side.body]
-            foreign.append((side, tag, values[i]))
+            tag, e = c.unread[side.body]
+            values[i] = e
+            foreign_sides.append(side)
+            foreign_values.append(e)
+            foreign_words.append(f"<{tag}> {e:g} of {side.name!r}")
     positive = [e for e in values if e > 0.0]
-    assumed_e = None if c.wanted is not None else math.prod(positive) if positive else causes.BOUNCY
+    assumed_e = None
+    if c.wanted is None:
+        assumed_e = math.prod(positive) if positive else causes.BOUNCY
     report = partial(Suspect, always_reported=True, assumed_e=assumed_e)
-    if foreign:
-        text, apply = _fix_restitutions([side for side, *_ in foreign], [e for *_, e in foreign])
+    if foreign_sides:
+        text, apply = _fix_restitutions(foreign_sides, foreign_values)
+        e = foreign_values[0]
         yield report(
             "foreign-restitution",
             "The file has its restitution in a tag that PyBullet does not read.",
-            ", ".join(f"<{tag}> {e:g} of {side.name!r}" for side, tag, e in foreign),
-            f'<contact><restitution value="{foreign[0][2]:g}"/></contact> in the <link>, or {text}',
+            ", ".join(foreign_words),
+            f'<contact><restitution value="{e:g}"/></contact> in the <link>, or {text}',
             apply,
         )
     if not positive:
+        text, apply = _fix_restitutions(c.sides, (c.fix_e, 1.0))
         yield report(
             "no-restitution",
             "Neither of the two has a restitution: an unset one is 0.",
             "restitution 0 and 0",
-            *_fix_restitutions(c.sides, (c.fix_e, 1.0)),
+            text,
+            apply,
         )
     elif len(positive) == 1:
-        unset, other = c.sides if values[0] == 0.0 else c.sides[::-1]
+        unset, other = c.sides
+        if values[0] != 0.0:
+            unset, other = other, unset
+        text, apply = _fix_restitutions([unset], [1.0])
         yield report(
             "other-body",
             f"The restitution of {unset.name!r} is not set: the two multiply, so the pair has e = 0.",
             f"restitution {positive[0]:g} on {other.name!r}, 0 on {unset.name!r}",
-            *_fix_restitutions([unset], [1.0]),
+            text,
+            apply,
         )
 
 
 def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
     """Restitutions that are both set, but whose product is not the target, or above 1."""
     first, second = restitutions(c.bullet, c.place)
-    product, e = first * second, c.fix_e
+    product = first * second
+    e = c.fix_e
     if product > 0.0 and c.wanted is not None and abs(product - e) > _SAME_E:
+        text, apply = _fix_restitutions(c.sides, (e, 1.0))
         yield Suspect(
             "product",
             "The product of the two restitutions is not the target e.",
             f"{first:g} x {second:g} = {product:.4g}, target {e:.4g}",
-            *_fix_restitutions(c.sides, (e, 1.0)),
+            text,
+            apply,
         )
 
 
@@ -274,16 +305,22 @@ def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
 def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
     """Bullet clips each component of a body's velocity and spin, which it does not report."""
     for impact in c.impacts:
-        if (along := impact.tangential) is None:
+        along = impact.tangential
+        if along is None:
             continue
-        sent = max(map(abs, impact.launch.spin))
-        seen = np.abs([along.spin_in, along.spin_out])
-        if (sent > _FASTEST >= seen[0].max()) or (np.abs(seen - _FASTEST) < _CLIPPED * _FASTEST).any():
+        launched = max(map(abs, impact.launch.spin))
+        spin_in = np.abs(along.spin_in)
+        spins = np.abs([along.spin_in, along.spin_out])
+        is_lost_in_flight = launched > _FASTEST >= spin_in.max()
+        is_at_the_limit = (np.abs(spins - _FASTEST) < _CLIPPED * _FASTEST).any()
+        if is_lost_in_flight or is_at_the_limit:
+            text, apply = _fix(Call({"maxJointVelocity": UNCLIPPED}, c.place.first))
             yield Suspect(
                 "spin-clamp",
                 "Bullet clips spin at maxJointVelocity, 100 rad/s unless set.",
-                f"launched at {sent:.4g} rad/s, spins at {seen[0].max():.4g} rad/s before the impact",
-                *_fix(Call({"maxJointVelocity": UNCLIPPED}, c.place.first)),
+                f"launched at {launched:.4g} rad/s, spins at {spin_in.max():.4g} rad/s before the impact",
+                text,
+                apply,
                 always_reported=True,
             )
             return

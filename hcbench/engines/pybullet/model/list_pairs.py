@@ -6,11 +6,11 @@ from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.backend import DISTANCE, NORMAL, POINT_A, POINT_B, BulletClient
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
     JOINT_NAME,
@@ -20,7 +20,6 @@ from hcbench.engines.pybullet.model.bodies import (
     contact_row,
 )
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
-from hcbench.engines.pybullet.model.place import DISTANCE, NORMAL
 from hcbench.engines.pybullet.vectors import vector
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.packages import find_part
@@ -30,9 +29,18 @@ from hcbench.system.text import joined_names, sanitized
 _REACH = 1e4  # m
 _TYPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 8: "height field"}
 _SHAPE = 2  # in getCollisionShapeData
+_BASE, _ROBOT = 0, 1  # names, in getBodyInfo
 # Places in getDynamicsInfo
 _DYNAMICS = {"lateralFriction": 1, "restitution": 5}
-_Link = tuple[int, int]
+
+
+class _Link(NamedTuple):
+    """Link of a body, by PyBullet's numbers; -1 is the base."""
+
+    body: int
+    link: int
+
+
 _NamedPart = tuple[str, str, tuple[int, int]]  # kind, name, (body, link)
 
 
@@ -40,17 +48,21 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
     """Every pair of links of two bodies, one of which moves; those that touch first."""
     bullet = world.bullet
     bodies = {number: BulletBody(bullet, number) for number in bullet.bodies()}
-    links = [
-        (number, link)
-        for number, body in bodies.items()
-        for link in range(-1, len(body.joints))
-        if bullet.getCollisionShapeData(number, link)
-    ]
-    pairs = [
-        _described(world, bodies, *sorted(pair, key=lambda part: bodies[part[0]].kind == "fixed"))
-        for pair in combinations(links, 2)
-        if pair[0][0] != pair[1][0] and any(bodies[number].kind != "fixed" for number, _ in pair)
-    ]
+    links = []
+    for number, body in bodies.items():
+        numbers = range(-1, len(body.joints))
+        links += [_Link(number, link) for link in numbers if bullet.getCollisionShapeData(number, link)]
+    pairs = []
+    for one, two in combinations(links, 2):
+        one_is_fixed = bodies[one.body].kind == "fixed"
+        two_is_fixed = bodies[two.body].kind == "fixed"
+        if one.body == two.body or (one_is_fixed and two_is_fixed):
+            continue
+        if one_is_fixed:
+            pair = _described(world, bodies, two, one)
+        else:
+            pair = _described(world, bodies, one, two)
+        pairs.append(pair)
     if len(bodies) == 1 and world.files:
         raise alone_error(world)
     return in_order(pairs)
@@ -58,9 +70,11 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
 
 def alone_error(world: LoadedWorld) -> UserError:
     """One file has nothing to meet: PyBullet's own floor would do."""
-    spec = find_spec("pybullet_data")
-    folder = next(iter(spec.submodule_search_locations or ()), "") if spec else ""
-    floor = quote(str(Path(folder) / "plane.urdf")) if folder else "plane.urdf"
+    floor = "plane.urdf"
+    data = find_spec("pybullet_data")
+    folders = data.submodule_search_locations if data else None
+    if folders:
+        floor = quote(str(Path(folders[0]) / floor))
     got = f"{world.label} alone, in which no two parts can meet"
     return UserError("model", got, "something that it meets, such as a floor", f"Add a floor: {floor}")
 
@@ -68,40 +82,60 @@ def alone_error(world: LoadedWorld) -> UserError:
 def _described(
     world: LoadedWorld, bodies: dict[int, BulletBody], first: _Link, second: _Link
 ) -> CandidatePair:
-    bullet, mass, distance = world.bullet, math.nan, math.nan
-    points = bullet.getClosestPoints(first[0], second[0], _REACH, first[1], second[1])
+    """A pair as a row of the list. first: one that moves. Mass (kg) and distance (m) are NaN where PyBullet
+    finds no distance.
+    """
+    bullet = world.bullet
+    pair = (first, second)
+    mass = math.nan
+    distance = math.nan
+    points = bullet.getClosestPoints(first.body, second.body, _REACH, first.link, second.link)
     if points:
         point = min(points, key=lambda p: float(p[DISTANCE]))
         distance = float(point[DISTANCE])
-        middle = (np.array(point[5]) + np.array(point[6])) / 2
-        sides = [(bodies[number], link) for number, link in (first, second)]
-        row = contact_row(sides[0], sides[1], vector(middle), vector(-np.array(point[NORMAL])))
-        mass = 1.0 / row.inverse_mass if row.inverse_mass > 0.0 else math.nan
-    infos = [bullet.getDynamicsInfo(*link) for link in (first, second)]
+        row = contact_row(
+            (bodies[first.body], first.link),
+            (bodies[second.body], second.link),
+            vector((np.array(point[POINT_A]) + np.array(point[POINT_B])) / 2),
+            vector(-np.array(point[NORMAL])),
+        )
+        if row.inverse_mass > 0.0:
+            mass = 1.0 / row.inverse_mass
+    names = (_link(bodies, first), _link(bodies, second))
+    infos = [bullet.getDynamicsInfo(*link) for link in pair]
+    settings = {name: [float(info[place]) for info in infos] for name, place in _DYNAMICS.items()}
+    is_touching = distance <= 0.0
     return CandidatePair(
         bodies=(_body(world, first), _body(world, second)),
-        geoms=(_link(bodies, first), _link(bodies, second)),
+        geoms=names,
         types=(_type(bullet, first), _type(bullet, second)),
-        pair=joined_names([f"body:{link[0]}/{_link(bodies, link)}" for link in (first, second)]),
-        joint=_joint(bodies[first[0]], first[1]),
+        pair=joined_names([f"body:{link.body}/{name}" for link, name in zip(pair, names, strict=True)]),
+        joint=_joint(bodies[first.body], first.link),
         effective_mass=mass,
         distance=distance,
-        touching=distance <= 0.0,
-        touching_in=("as it stands",) if distance <= 0.0 else (),
-        settings={name: [float(info[place]) for info in infos] for name, place in _DYNAMICS.items()},
+        touching=is_touching,
+        touching_in=("as it stands",) if is_touching else (),
+        settings=settings,
     )
+
+
+def _readable(name: bytes) -> str:
+    """A name of the user's file, safe to print."""
+    return sanitized(name.decode(errors="replace"))
 
 
 def _body(world: LoadedWorld, link: _Link) -> str:
-    return world.files.get(link[0]) or sanitized(
-        world.bullet.getBodyInfo(link[0])[1].decode(errors="replace")
-    )
+    """Name of a link's body: that of its file, else of the robot in it."""
+    file = world.files.get(link.body)
+    return file or _readable(world.bullet.getBodyInfo(link.body)[_ROBOT])
 
 
 def _link(bodies: dict[int, BulletBody], link: _Link) -> str:
-    body = bodies[link[0]]
-    name: Any = body.bullet.getBodyInfo(link[0])[0] if link[1] < 0 else body.joints[link[1]][LINK_NAME]
-    return sanitized(name.decode(errors="replace"))
+    """Name of a link or base."""
+    body = bodies[link.body]
+    if link.link < 0:
+        return _readable(body.bullet.getBodyInfo(link.body)[_BASE])
+    return _readable(body.joints[link.link][LINK_NAME])
 
 
 def _type(bullet: BulletClient, link: _Link) -> str:
@@ -110,14 +144,17 @@ def _type(bullet: BulletClient, link: _Link) -> str:
 
 
 def _joint(body: BulletBody, link: int) -> str:
+    """The way in which a link moves, in words."""
     if body.mass > 0.0:
         return "its free base"
-    names = [
-        body.joints[joint][JOINT_NAME].decode(errors="replace")
-        for joint in body.ancestors(link)
-        if body.joints[joint][JOINT_TYPE] != FIXED
-    ]
-    return f"its joints ({', '.join(names[:6])})" if names else "nothing"
+    names = []
+    for number in body.ancestors(link):
+        joint = body.joints[number]
+        if joint[JOINT_TYPE] != FIXED:
+            names.append(joint[JOINT_NAME].decode(errors="replace"))
+    if not names:
+        return "nothing"
+    return f"its joints ({', '.join(names[:6])})"
 
 
 def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
@@ -128,31 +165,40 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
     if world.pair:
         one, two = (_by_id(bullet, part) for part in world.pair)
         return one, two
-    parts = _named_parts(world)
-    known = [name for _, name, _ in parts]
     if names is None:
         numbers = bullet.bodies()
-        if len(numbers) != 2:
-            if len(numbers) < 2:
-                raise alone_error(world)
+        if len(numbers) < 2:
+            raise alone_error(world)
+        if len(numbers) > 2:
             raise choice_error(list_pairs(world))
         one, two = (BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers)
         return one, two
-    one, two = (
-        BodyPart(name, *find_part(parts, name if name in known else Path(name).name)[1]) for name in names
-    )
+    parts = _named_parts(world)
+    one, two = (_by_name(parts, name) for name in names)
     if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
         raise UserError("pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet")
     return one, two
 
 
+def _by_name(parts: list[_NamedPart], name: str) -> BodyPart:
+    """The part of this name, which may also be the path of a file."""
+    is_known = any(known == name for _, known, _ in parts)
+    _, (body, link) = find_part(parts, name if is_known else Path(name).name)
+    return BodyPart(name, body, link)
+
+
 def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
-    body, link = (part, ANY_LINK) if isinstance(part, int) else part
+    """The part of a body's id, or a (body id, link index)."""
+    if isinstance(part, int):
+        part = (part, ANY_LINK)
+    body, link = part
+    text = f"body {body}"
+    if link != ANY_LINK:
+        text = f"body {body}, link {link}"
     try:
-        name = sanitized(bullet.getBodyInfo(body)[1].decode(errors="replace"))
+        name = _readable(bullet.getBodyInfo(body)[_ROBOT])
     except bullet.error:
         raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
-    text = f"body {body}" if link == ANY_LINK else f"body {body}, link {link}"
     return BodyPart(f"{name} ({text})" if name else text, body, link)
 
 
@@ -162,17 +208,18 @@ def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
     bodies: list[_NamedPart] = []
     links: list[_NamedPart] = []
     for body in bullet.bodies():
-        base, robot = (sanitized(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
+        info = bullet.getBodyInfo(body)
         file = world.files.get(body, "")
-        names = (f"body:{body}", file, Path(file).stem, robot)
+        stem = Path(file).stem
+        names = (f"body:{body}", file, stem, _readable(info[_ROBOT]))
         bodies += [("body", name, (body, ANY_LINK)) for name in names]
         joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
-        link_names = [base, *(sanitized(joint[LINK_NAME].decode(errors="replace")) for joint in joints)]
-        prefixes = dict.fromkeys(["", f"body:{body}/", f"{Path(file).stem}/" if file else ""])
-        links += [
-            ("link", prefix + name, (body, link))
-            for link, name in enumerate(link_names, start=-1)
-            for prefix in prefixes
-        ]
+        link_names = [_readable(info[_BASE]), *(_readable(joint[LINK_NAME]) for joint in joints)]
+        prefixes = ["", f"body:{body}/"]
+        if file:
+            prefixes.append(f"{stem}/")
+        for link, name in enumerate(link_names, start=-1):
+            links += [("link", prefix + name, (body, link)) for prefix in dict.fromkeys(prefixes)]
     uses = Counter(name for _, name, _ in links)
-    return [part for part in bodies + [link for link in links if uses[link[1]] == 1] if part[1]]
+    unique = [part for part in links if uses[part[1]] == 1]
+    return [part for part in bodies + unique if part[1]]

@@ -7,7 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.backend import (
+    DISTANCE,
+    LINK_A,
+    LINK_B,
+    NORMAL,
+    POINT_A,
+    POINT_B,
+    BulletClient,
+)
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
     JOINT_NAME,
@@ -35,12 +43,12 @@ LEAST_MOBILITY = 1e-9  # 1/kg
 _BOUND = 1e3  # m: the part of an endless plane that counts
 _REACH = 1e4  # m: the largest distance between the two at the start
 _BASE_FREEDOMS = 6
-_ROUNDS, _STRIDE = 300, 0.02  # m: of a way along an arc, in each round
+_LOWER, _UPPER = 8, 9  # in getJointInfo
+_ROUNDS = 300
+_STRIDE = 0.02  # m: of a way along an arc, in each round
 _CLOSE = 1e-7  # m: Bullet's distances are no better
 # Of the smaller one's size: so far apart at the end of a way, two have passed each other
 _MISSED = 1e-3
-# In PyBullet's closest points; the normal points at the first body
-DISTANCE, NORMAL = 8, 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +99,17 @@ def place(
         return _chosen(bullet, first, second, move)
     for moving, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         if BulletBody(bullet, moving.body).mass > 0.0 and moving.body != other.body:
-            text = f"{moving.name!r} by its free base"
-            position, quaternion = bullet.getBasePositionAndOrientation(moving.body)
-            if coming_from is None:
-                direction = _normal(nearest(bullet, moving, other))
-            else:
-                direction = -sign * np.array(coming_from)
-                position = _clear_start(bullet, moving, other, direction, np.array(position))
-            mover = FreeBase(moving.body, text, np.array(position), quaternion, direction)
+            way = None
+            if coming_from is not None:
+                way = -sign * np.array(coming_from)
+            mover = _free_base(bullet, moving, other, way)
             return _touch(bullet, moving, other, mover, note)
     if move is None and (coming_from is None or note):
         for moving, other in ((first, second), (second, first)):
             for joint in _sliding_joints(bullet, moving, other):
                 return _touch(bullet, moving, other, joint)
-            if (swinging := swing_to_touch(bullet, moving, other)) is not None:
+            swinging = swing_to_touch(bullet, moving, other)
+            if swinging is not None:
                 return _touch(bullet, moving, other, swinging)
     raise UserError(
         "pair",
@@ -115,47 +120,84 @@ def place(
     )
 
 
+def _free_base(bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Floats | None) -> FreeBase:
+    """A free base on its way to the other. way: unit vector; None: from where it stands, the nearest."""
+    position, quaternion = bullet.getBasePositionAndOrientation(moving.body)
+    start = np.array(position)
+    if way is None:
+        way = _normal(nearest(bullet, moving, other))
+    else:
+        start = _clear_start(bullet, moving, other, way, start)
+    return FreeBase(moving.body, f"{moving.name!r} by its free base", start, quaternion, way)
+
+
 def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) -> BulletPlacement:
     """Launch by the joint that `move` names, or the joints of that link and of those up to the touch."""
     kind, _, name = move.partition(":")
-    place_of = JOINT_NAME if kind == "joint" else LINK_NAME
+    place_of_name = LINK_NAME
+    if kind == "joint":
+        place_of_name = JOINT_NAME
     for moving, other in ((first, second), (second, first)):
-        body, point = BulletBody(bullet, moving.body), nearest(bullet, moving, other)
-        chain = body.ancestors(int(point[3]) if moving.link == ANY_LINK else moving.link)
-        names = [body.joints[j][place_of].decode(errors="replace") for j in chain]
+        body = BulletBody(bullet, moving.body)
+        point = nearest(bullet, moving, other)
+        carriers = body.ancestors(_touching_link(moving, point))
+        names = [body.joints[j][place_of_name].decode(errors="replace") for j in carriers]
         if name not in names:
             continue
         at = names.index(name)
-        chosen = chain[at : at + 1] if kind == "joint" else chain[: at + 1]
+        if kind == "joint":
+            chosen = [carriers[at]]
+        else:
+            chosen = carriers[: at + 1]
+        free_to_move = [j for j in chosen if body.joints[j][JOINT_TYPE] != FIXED]
         for sliding in _sliding_joints(bullet, moving, other):
-            if [sliding.joint] == [j for j in chosen if body.joints[j][JOINT_TYPE] != FIXED]:
+            if free_to_move == [sliding.joint]:
                 return _touch(bullet, moving, other, sliding)
-        if (swinging := swing_to_touch(bullet, moving, other, set(chosen))) is not None:
+        swinging = swing_to_touch(bullet, moving, other, set(chosen))
+        if swinging is not None:
             return _touch(bullet, moving, other, swinging)
     parts = f"{first.name!r} nor {second.name!r}"
     raise UserError("move", f"{move!r} moves neither {parts}", "base:, or a joint or link that carries one")
 
 
+def _touching_link(moving: BodyPart, point: Any) -> int:
+    """The link that meets the other body: the one named, else that of the nearest point."""
+    if moving.link == ANY_LINK:
+        return int(point[LINK_A])
+    return moving.link
+
+
 def _clear_start(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, direction: Floats, position: Floats
 ) -> Floats:
-    """Position from which a body comes along `direction`: clear of the other, over it if it must."""
-    boxes = [_bounds(bullet, part) for part in (moving, other)]
-    (low, high), (low2, high2) = boxes
-    across = np.abs(direction) < 0.5
-    if ((low > high2) | (high < low2))[across].any():
-        shift = ((low2 + high2) - (low + high)) / 2
+    """Position, m, from which a body comes along `direction`: clear of the other, over it if it must.
+
+    direction: unit vector towards the other. position: of the body's base now, m.
+    """
+    low, high = _bounds(bullet, moving)
+    other_low, other_high = _bounds(bullet, other)
+    across = np.abs(direction) < 0.5  # axes on which it does not come
+    passes_by = (low > other_high) | (high < other_low)
+    if passes_by[across].any():
+        # Centre over centre, but only across the way.
+        shift = ((other_low + other_high) - (low + high)) / 2
         position = position + shift - direction * float(direction @ shift)
-    behind = max(float(direction @ (a - b)) for a in (low, high) for b in (low2, high2))
+    behind = 0.0
+    for corner in (low, high):
+        for other_corner in (other_low, other_high):
+            behind = max(behind, float(direction @ (corner - other_corner)))
     size = float(np.linalg.norm(high - low))
-    return position - direction * (min(max(behind, 0.0), _REACH) + 0.1 * size)
+    return position - direction * (min(behind, _REACH) + 0.1 * size)
 
 
 def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
-    """The box around a part, within reach."""
-    links = range(-1, bullet.getNumJoints(part.body)) if part.link == ANY_LINK else [part.link]
+    """Lowest and highest corner of the box around a part, m, within reach."""
+    links = [part.link]
+    if part.link == ANY_LINK:
+        links = list(range(-1, bullet.getNumJoints(part.body)))
     boxes = np.array([bullet.getAABB(part.body, link) for link in links])
-    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    low = boxes[:, 0].min(axis=0)
+    high = boxes[:, 1].max(axis=0)
     return np.maximum(low, -_BOUND), np.minimum(high, _BOUND)
 
 
@@ -169,35 +211,62 @@ def swing_to_touch(
     if body.kind != "jointed":
         return None
     kinds = [joint[JOINT_TYPE] for joint in body.joints]
-    scalar = [j for j, kind in enumerate(kinds) if kind in (REVOLUTE, PRISMATIC)]
     if any(kind not in (REVOLUTE, PRISMATIC, FIXED) for kind in kinds):
         return None
     for _ in range(_ROUNDS):
         body.refresh()
         point = nearest(bullet, moving, other)
-        distance, normal = float(point[DISTANCE]), vector(_normal(point))
-        response = body.response(int(point[3]), vector(np.array(point[5])), normal)
-        if response is None:
+        distance = float(point[DISTANCE])
+        rates = _rates_towards(body, point, chosen)
+        if rates is None:
             return None
-        rows = zip(scalar, *(part[_BASE_FREEDOMS * (body.mass > 0.0) :] for part in response), strict=True)
-        along = {j: (reach, rate) for j, reach, rate in rows if chosen is None or j in chosen}
-        mobility = sum(reach * rate for reach, rate in along.values())
-        if mobility <= LEAST_MOBILITY:
-            return None
-        rates = {j: float(rate) / mobility for j, (_, rate) in along.items()}
-        starts = {j: float(bullet.getJointState(moving.body, j)[0]) for j in along}
-        shown = [j for j in body.ancestors(int(point[3])) if j in along or chosen is None]
-        names = [body.joints[j][JOINT_NAME].decode(errors="replace") for j in shown]
-        text = f"{moving.name!r} by its joints ({', '.join(names[:6])})"
+        starts = {j: float(bullet.getJointState(moving.body, j)[0]) for j in rates}
         if abs(distance) < _CLOSE:
+            shown = body.ancestors(int(point[LINK_A]))
+            if chosen is not None:
+                shown = [j for j in shown if j in rates]
+            names = [body.joints[j][JOINT_NAME].decode(errors="replace") for j in shown]
+            text = f"{moving.name!r} by its joints ({', '.join(names[:6])})"
             return SwingingLink(moving.body, text, starts, rates)
         step = float(np.clip(distance, -_STRIDE, _STRIDE))
-        for j in along:
-            low, high = body.joints[j][8:10]
-            target = starts[j] + rates[j] * step
-            bounded = min(max(target, min(low, starts[j])), max(high, starts[j])) if low < high else target
-            bullet.resetJointState(moving.body, j, bounded)
+        for j, start in starts.items():
+            target = _within_limits(body.joints[j], start, start + rates[j] * step)
+            bullet.resetJointState(moving.body, j, target)
     return None
+
+
+def _rates_towards(body: BulletBody, point: Any, chosen: Collection[int] | None) -> dict[int, float] | None:
+    """Rates of joints with which a body's nearest point approaches the other's at 1 m/s, as by a push there.
+
+    By joint, rad/s or m/s, of those chosen, else of all; None where they cannot move it.
+    """
+    link = int(point[LINK_A])
+    normal = vector(_normal(point))
+    response = body.response(link, vector(np.array(point[POINT_A])), normal)
+    if response is None:
+        return None
+    first_joint = 0
+    if body.mass > 0.0:  # the first freedoms are those of the base
+        first_joint = _BASE_FREEDOMS
+    reaches, accelerations = (part[first_joint:] for part in response)
+    moved = [j for j, joint in enumerate(body.joints) if joint[JOINT_TYPE] != FIXED]
+    mobility = 0.0  # 1/kg
+    by_joint = {}
+    for j, reach, acceleration in zip(moved, reaches, accelerations, strict=True):
+        if chosen is None or j in chosen:
+            mobility += reach * acceleration
+            by_joint[j] = float(acceleration)
+    if mobility <= LEAST_MOBILITY:
+        return None
+    return {j: acceleration / mobility for j, acceleration in by_joint.items()}
+
+
+def _within_limits(joint: Any, start: float, target: float) -> float:
+    """Position of a joint, brought into its limits; one that starts beyond a limit may stay there."""
+    low, high = joint[_LOWER], joint[_UPPER]
+    if low < high:
+        return float(min(max(target, min(low, start)), max(high, start)))
+    return target  # PyBullet's way to say that there are none
 
 
 def nearest(bullet: BulletClient, first: BodyPart, second: BodyPart) -> Any:
@@ -225,22 +294,29 @@ def _size(bullet: BulletClient, *parts: BodyPart) -> float:
 
 def _sliding_joints(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> Iterator[SlidingJoint]:
     """Prismatic joints that carry the link that would touch, and bring it nearer; nearest first."""
-    body, point = BulletBody(bullet, moving.body), nearest(bullet, moving, other)
-    for number in body.ancestors(int(point[3]) if moving.link == ANY_LINK else moving.link):
+    body = BulletBody(bullet, moving.body)
+    point = nearest(bullet, moving, other)
+    for number in body.ancestors(_touching_link(moving, point)):
         joint = body.joints[number]
-        if joint[JOINT_TYPE] == PRISMATIC:
-            approach = float(np.array(body.joint_axis(number)) @ _normal(point))
-            if abs(approach) >= LEAST_APPROACH:
-                text = f"{moving.name!r} by its joint {joint[JOINT_NAME].decode(errors='replace')!r}"
-                start = bullet.getJointState(moving.body, number)[0]
-                yield SlidingJoint(moving.body, text, number, start, approach)
+        if joint[JOINT_TYPE] != PRISMATIC:
+            continue
+        approach = float(np.array(body.joint_axis(number)) @ _normal(point))
+        if abs(approach) >= LEAST_APPROACH:
+            name = joint[JOINT_NAME].decode(errors="replace")
+            text = f"{moving.name!r} by its joint {name!r}"
+            start = bullet.getJointState(moving.body, number)[0]
+            yield SlidingJoint(moving.body, text, number, start, approach)
 
 
 def _touch(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, mover: Mover, note: str = ""
 ) -> BulletPlacement:
+    """Move the one until the two just touch. UserError where they pass each other, or another part is in
+    the way.
+    """
     mover.put(bullet, 0.0)
-    size, start = _size(bullet, moving, other), float(nearest(bullet, moving, other)[DISTANCE])
+    size = _size(bullet, moving, other)
+    start = float(nearest(bullet, moving, other)[DISTANCE])
     require_apart(start, size, moving.name, other.name)
 
     def distance(travel: float) -> float:
@@ -256,23 +332,43 @@ def _touch(
             "Give one by --from, or a pose by --qpos",
         )
     point = nearest(bullet, moving, other)
-    normal, middle = _normal(point), (np.array(point[5]) + np.array(point[6])) / 2
-    first = BodyPart(moving.name, moving.body, int(point[3]))
-    second = BodyPart(other.name, other.body, int(point[4]))
+    normal = _normal(point)
+    middle = (np.array(point[POINT_A]) + np.array(point[POINT_B])) / 2
+    first = BodyPart(moving.name, moving.body, int(point[LINK_A]))
+    second = BodyPart(other.name, other.body, int(point[LINK_B]))
     _require_room(bullet, first, second)
-    mass = _effective_mass(bullet, (first.body, first.link), (second.body, second.link), middle, normal)
-    overlap = 0.0 if note else max(0.0, -start)
-    return BulletPlacement(first, second, mover, travel, normal, middle, mass, overlap, note)
+    overlap = 0.0
+    if not note:  # files that all stand at the origin overlap there, which says nothing
+        overlap = max(0.0, -start)
+    return BulletPlacement(
+        first=first,
+        second=second,
+        mover=mover,
+        travel=travel,
+        normal=normal,
+        point=middle,
+        effective_mass=_effective_mass(bullet, first, second, middle, normal),
+        overlap=overlap,
+        note=note,
+    )
 
 
 def _effective_mass(
-    bullet: BulletClient, first: tuple[int, int], second: tuple[int, int], point: Floats, normal: Floats
+    bullet: BulletClient, first: BodyPart, second: BodyPart, point: Floats, normal: Floats
 ) -> float:
-    """1 / (J M^-1 J^T) of two (body, link), kg; NaN where neither can move, or a joint's axis is unknown."""
-    bodies = {number: BulletBody(bullet, number) for number, _ in (first, second)}
-    one, two = ((bodies[number], link) for number, link in (first, second))
-    inverse = contact_row(one, two, vector(point), vector(normal)).inverse_mass
-    return 1.0 / inverse if inverse > 0.0 else math.nan
+    """1 / (J M^-1 J^T) of two links, kg; NaN where neither can move, or a joint's axis is unknown."""
+    # The two links of one body share it, as its response to both forces counts.
+    bodies = {number: BulletBody(bullet, number) for number in (first.body, second.body)}
+    row = contact_row(
+        (bodies[first.body], first.link),
+        (bodies[second.body], second.link),
+        vector(point),
+        vector(normal),
+    )
+    inverse = row.inverse_mass
+    if inverse > 0.0:
+        return 1.0 / inverse
+    return math.nan
 
 
 def _require_room(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> None:
@@ -282,8 +378,11 @@ def _require_room(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> No
         if third == moving.body:
             continue
         for point in bullet.getClosestPoints(moving.body, third, 0.0):
-            ends = [BodyPart("", moving.body, int(point[3])), BodyPart("", third, int(point[4]))]
-            if {(end.body, end.link) for end in ends} != pair:
-                blocked = f"link {ends[0].link}", "another body"
-                depth = -float(point[DISTANCE])
-                require_reachable(depth, _size(bullet, *ends), (moving.name, other.name), blocked)
+            mine = BodyPart("", moving.body, int(point[LINK_A]))
+            its = BodyPart("", third, int(point[LINK_B]))
+            if {(mine.body, mine.link), (its.body, its.link)} == pair:
+                continue
+            blocked = f"link {mine.link}", "another body"
+            depth = -float(point[DISTANCE])
+            size = _size(bullet, mine, its)
+            require_reachable(depth, size, (moving.name, other.name), blocked)

@@ -10,11 +10,14 @@ from hcbench.terms.bounds import require_bounds
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
+    from hcbench.engines.pybullet.model.open import BodyPart
     from hcbench.engines.pybullet.model.place import BulletPlacement
 
-# Places in getDynamicsInfo
-_MASS, _FRICTION, _INERTIA, _RESTITUTION = 0, 1, 2, 5
-_PLANE, _MESH = 6, 5  # kinds of shapes
+# Quantity, its place in getDynamicsInfo, and its unit
+_CHECKED = (("mass", 0, "kg"), ("friction", 1, ""), ("restitution", 5, ""))
+_INERTIA = 2  # in getDynamicsInfo
+_SHAPE, _SIZES = 2, 3  # in getCollisionShapeData
+_PLANE, _MESH = 6, 5  # kinds of shapes: neither has sizes
 
 
 def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
@@ -24,16 +27,22 @@ def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
     gravity = [parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"]
     require_bounds("gravity", gravity, "acceleration", "m/s^2")
     for side in (place.first, place.second):
-        info = bullet.getDynamicsInfo(side.body, side.link)
-        for quantity, at in (("mass", _MASS), ("friction", _FRICTION), ("restitution", _RESTITUTION)):
-            slot, value = f"{quantity} of {side.name!r}", float(info[at])
-            if not value >= 0:
-                raise SceneError(slot, f"{value:g}", "a number of 0 or more")
-            require_bounds(slot, [value], quantity, "kg" if quantity == "mass" else "")
-        if not all(value >= 0 for value in info[_INERTIA]):
-            raise SceneError(f"inertia of {side.name!r}", f"{info[_INERTIA]}", "numbers of 0 or more")
-        # PyBullet has no shapes to read of bodies with maximal coordinates.
-        has_shapes = info[BODY_TYPE] != MAXIMAL_COORDINATES
-        for shape in bullet.getCollisionShapeData(side.body, side.link) if has_shapes else ():
-            if shape[2] not in (_PLANE, _MESH):
-                require_bounds(f"size of {side.name!r}", shape[3], "length", "m", smallest=0.0)
+        _require_plausible_part(bullet, side)
+
+
+def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
+    """Look at the mass, friction, restitution, inertia and shapes of one of the two."""
+    info = bullet.getDynamicsInfo(side.body, side.link)
+    for quantity, place, unit in _CHECKED:
+        slot = f"{quantity} of {side.name!r}"
+        value = float(info[place])
+        if not value >= 0:  # also NaN
+            raise SceneError(slot, f"{value:g}", "a number of 0 or more")
+        require_bounds(slot, [value], quantity, unit)
+    if not all(value >= 0 for value in info[_INERTIA]):
+        raise SceneError(f"inertia of {side.name!r}", f"{info[_INERTIA]}", "numbers of 0 or more")
+    if info[BODY_TYPE] == MAXIMAL_COORDINATES:
+        return  # PyBullet has no shapes to read of such bodies
+    for shape in bullet.getCollisionShapeData(side.body, side.link):
+        if shape[_SHAPE] not in (_PLANE, _MESH):
+            require_bounds(f"size of {side.name!r}", shape[_SIZES], "length", "m", smallest=0.0)

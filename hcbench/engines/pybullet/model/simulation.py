@@ -7,11 +7,12 @@ contacts read after it carry its force and belong to the state before it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
+from hcbench.engines.pybullet.backend import DISTANCE, FORCE, POINT_A, POINT_B
 from hcbench.engines.pybullet.model.bodies import BulletBody
 from hcbench.engines.pybullet.model.sliding import BulletAlongPlate, surface_point
 from hcbench.engines.pybullet.vectors import dot
@@ -34,6 +35,14 @@ _SEEN = 1.0  # m: how far apart the two may be and their distance be asked for
 _HIDDEN = 1e-6
 
 
+class _Contact(NamedTuple):
+    """The contacts of a step: penetration at its start, m; force in it, N; where they are, m."""
+
+    penetration: float
+    force: float
+    point: Sequence[float]
+
+
 class LaunchInUserWorld(Simulation):
     """One launch in the user's world as it is; nothing puts it back.
 
@@ -50,57 +59,82 @@ class LaunchInUserWorld(Simulation):
         along: Vector | None = None,
         law: int | None = None,
     ) -> None:
-        self.bullet, self.place, self.gravity, self.law = bullet, place, gravity, law
+        self.bullet = bullet
+        self.place = place
+        self.gravity = gravity
+        self.law = law
         parameters = bullet.getPhysicsEngineParameters()
         self.timestep = float(parameters["fixedTimeStep"])
         self.substeps = int(parameters["numSubSteps"]) > 1
-        sides = ((1.0, place.first), (-1.0, place.second))
-        bodies = [(sign, BulletBody(bullet, part.body), part.link) for sign, part in sides]
-        self._moving = [each for each in bodies if each[1].kind != "fixed"]
+        self._moving = []
+        for sign, part in ((1.0, place.first), (-1.0, place.second)):
+            body = BulletBody(bullet, part.body)
+            if body.kind != "fixed":
+                self._moving.append((sign, body, part.link))
         clearance = launch.clearance_in_phase(self.timestep, gravity)
         place.launch(bullet, launch.speed, clearance)
-        self._x, self._touched, self._point = -clearance, False, place.point.tolist()
+        self._x = -clearance  # penetration now, m
+        self._touched = False
+        self._point: Sequence[float] = place.point.tolist()
         self._normal = place.normal.tolist()
-        self._along = BulletAlongPlate(bullet, place, launch, along, clearance) if launch.is_oblique else None
-        if self._along is not None:
+        self._along = None
+        if launch.is_oblique:
+            self._along = BulletAlongPlate(bullet, place, launch, along, clearance)
             self._along.send(launch.flight_time(self.timestep, gravity))
         self._before = self._rate()
 
     def advance(self, steps: int) -> Record:
         """`steps` steps as the user's own loop would take them."""
         rows: list[tuple[float, ...]] = []
-        while len(rows) < steps and (not rows or math.isfinite(rows[-1][1])):
-            rows.append(self._step())
+        is_finite = True
+        while len(rows) < steps and is_finite:
+            row = self._step()
+            rows.append(row)
+            is_finite = math.isfinite(row[1])
         seen = np.array(rows).T[:, None]
         x, v, f = seen[:3]
-        return Record(x, v, f, seen[3:] if self._along is not None else None)
+        if self._along is None:
+            return Record(x, v, f, None)
+        return Record(x, v, f, seen[3:])
 
     def keep(self, which: Flags) -> None:
         """Keep the one launch that there is."""
 
     def _step(self) -> tuple[float, ...]:
-        along = None if self._along is None else self._along.motion(self._contact_point(), self._before)
+        """(penetration m, rate m/s) before a step and (force N) in it, then `Record.tangential` if oblique.
+
+        All NaN where the body's velocity is not finite after it.
+        """
+        along = None
+        if self._along is not None:
+            along = self._along.motion(self._contact_point(), self._before)
         if self.law is not None:
             self._x, self._point = self._gap()
         self.bullet.stepSimulation()
-        contact, force = self._read(), 0.0
+        contact = self._read()
         if contact is not None and self._along is not None and along is not None:
             along[FRICTION] = self._along.friction(self._contacts(), along[SLIP])
+        force = 0.0
         if self.law is not None:
-            native = 0.0 if contact is None else contact[1]
+            native = 0.0 if contact is None else contact.force
             force = native + plugin.force(self.law, client=self.bullet.client)
         elif contact is not None:
-            self._x, force, self._point = contact
+            self._x = contact.penetration
+            force = contact.force
+            self._point = contact.point
         elif self._touched:
             self._x = min(self._x, 0.0)
+        x = self._x
+        before = self._before
         after = self._rate()
+        tangential = () if along is None else tuple(along)
         if not math.isfinite(after):
-            return (math.nan,) * (3 if along is None else 3 + len(along))
-        x, before = self._x, self._before
+            return (math.nan,) * (3 + len(tangential))
         force = self._applied(force, before, after, x)
         self._touched |= force != 0.0
-        self._x, self._before = x + self.timestep * after, after
-        return (x, before, force) if along is None else (x, before, force, *along)
+        self._x = x + self.timestep * after
+        self._before = after
+        return (x, before, force, *tangential)
 
     def _applied(self, force: float, before: float, after: float, x: float) -> float:
         """The force that acted in the step: contacts out of reach still report that of an earlier one."""
@@ -108,34 +142,42 @@ class LaunchInUserWorld(Simulation):
         if not math.isfinite(mass):
             return force
         mean = mass * ((before - after) / self.timestep + self.gravity)
-        if force != 0.0 and x < 0.0 and abs(mean) < _STALE * abs(force):
-            return 0.0
-        if force == 0.0 and self.substeps and abs(mean) * self.timestep > _HIDDEN * mass * abs(before):
+        if force != 0.0:
+            is_stale = x < 0.0 and abs(mean) < _STALE * abs(force)
+            return 0.0 if is_stale else force
+        # With substeps, a contact may show in the speed alone.
+        if self.substeps and abs(mean) * self.timestep > _HIDDEN * mass * abs(before):
             return mean
         return force
 
-    def _read(self) -> tuple[float, float, Sequence[float]] | None:
-        """(penetration at the step's start, force of the step, point); None without a contact."""
+    def _read(self) -> _Contact | None:
+        """All contacts of the pair as one; None without a contact."""
         contacts = self._contacts()
         if not contacts:
             return None
-        count = 2 * len(contacts)
-        point = [sum(c[5][k] + c[6][k] for c in contacts) / count for k in range(3)]
         if self._along is not None:
             point = surface_point(contacts)
-        return -min(c[8] for c in contacts), sum(c[9] for c in contacts), point
+        else:
+            count = 2 * len(contacts)
+            point = [sum(c[POINT_A][k] + c[POINT_B][k] for c in contacts) / count for k in range(3)]
+        deepest = min(contact[DISTANCE] for contact in contacts)
+        return _Contact(-deepest, sum(contact[FORCE] for contact in contacts), point)
 
     def _gap(self) -> tuple[float, Sequence[float]]:
         """Penetration now and the point, of the shapes themselves: a force law's pair has no contacts."""
-        first, second = self.place.first, self.place.second
+        first = self.place.first
+        second = self.place.second
         points = self.bullet.getClosestPoints(first.body, second.body, _SEEN, first.link, second.link)
         if not points:
             return self._x, self._point
-        nearest = min(points, key=lambda point: float(point[8]))
-        return -nearest[8], [0.5 * (a + b) for a, b in zip(nearest[5], nearest[6], strict=True)]
+        nearest = min(points, key=lambda point: float(point[DISTANCE]))
+        ends = zip(nearest[POINT_A], nearest[POINT_B], strict=True)
+        return -nearest[DISTANCE], [0.5 * (a + b) for a, b in ends]
 
     def _contacts(self) -> Sequence[Any]:
-        first, second = self.place.first, self.place.second
+        """The contacts of the last step between the two, as PyBullet returns them."""
+        first = self.place.first
+        second = self.place.second
         contacts: Sequence[Any] = self.bullet.getContactPoints(
             first.body, second.body, first.link, second.link
         )
@@ -143,11 +185,14 @@ class LaunchInUserWorld(Simulation):
 
     def _contact_point(self) -> Sequence[float]:
         """Point of the last contact, m; moved along with a body that slides and spins."""
-        return self._point if self._along is None else self._along.moved_with(self._point)
+        if self._along is None:
+            return self._point
+        return self._along.moved_with(self._point)
 
     def _rate(self) -> float:
         """Approach rate of the two along the normal, m/s."""
-        rate, point = 0.0, self._contact_point()
+        rate = 0.0
+        point = self._contact_point()
         for sign, body, link in self._moving:
             body.refresh()
             rate += sign * dot(self._normal, body.velocity_at(link, point))
