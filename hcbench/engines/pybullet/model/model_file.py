@@ -23,13 +23,19 @@ _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
 
 
 def check_ball(path: Path, scene: Scene) -> None:
-    """SceneError where the ball has no mass, or is a sphere of another radius than the scene's."""
+    """SceneError where the ball has a mass that is no number above 0, or is a sphere of another radius than
+    the scene's. Without a mass it passes: the scene's is set.
+    """
     root = _parse(path)
     for element in root.findall("link/inertial/mass"):
         text = element.get("value")
         _check_number(path, "mass", text, "a mass in kg above 0", lambda mass: 0.0 < mass < math.inf)
-    radius = scene.relative_radius if scene.form == "plane" else scene.ball_radius
-    name = "1/(1/R1 + 1/R2)" if scene.form == "plane" else "R1"
+    if scene.form == "plane":
+        name = "1/(1/R1 + 1/R2)"
+        radius = scene.relative_radius
+    else:
+        name = "R1"
+        radius = scene.ball_radius
     expected = f"{radius:.12g} m, the {name} of scene.toml"
     for element in root.findall("link/collision/geometry/sphere"):
         text = element.get("radius")
@@ -68,13 +74,16 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
 
 
 def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
+    """(tag, e) of the first restitution from 0 to 1 outside <link><contact>; None without one."""
     read_by_bullet = {id(element) for element in root.iterfind(".//link/contact/restitution")}
     for element in root.iter():
-        tag = str(element.tag).rpartition("}")[2]
-        if "restitution" in tag.lower() and id(element) not in read_by_bullet:
-            with suppress(ValueError):
-                if 0 <= (e := float(element.get("value") or element.text or "")) <= 1:
-                    return sanitized(tag), e
+        tag = str(element.tag).rpartition("}")[2]  # without its namespace
+        if "restitution" not in tag.lower() or id(element) in read_by_bullet:
+            continue
+        with suppress(ValueError):
+            e = float(element.get("value") or element.text or "")
+            if 0 <= e <= 1:
+                return sanitized(tag), e
     return None
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.backend import NORMAL, POINT_A, POINT_B, BulletClient
 from hcbench.engines.pybullet.model.bodies import BulletBody, FreeBase
 from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.engines.pybullet.vectors import rotate_inverse
@@ -17,7 +17,7 @@ from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats, Launch
 
 _FRICTION = 1  # in getDynamicsInfo: lateralFriction
-# In a contact point: friction, N, and its direction
+# Places in a contact point: friction, N, and its direction, of both directions
 _PUSHES = ((10, 11), (12, 13))
 
 _SLID = 1e-6  # m: what two fresh points may be apart along the plate
@@ -35,11 +35,14 @@ def surface_point(contacts: Sequence[Any]) -> list[float]:
     """
 
     def slid(contact: Any) -> float:
-        apart, normal = np.subtract(contact[5], contact[6]), np.array(contact[7])
+        apart = np.subtract(contact[POINT_A], contact[POINT_B])
+        normal = np.array(contact[NORMAL])
         return float(np.linalg.norm(apart - (apart @ normal) * normal))
 
-    fresh = [c[5] for c in contacts if slid(c) < _SLID] or [min(contacts, key=slid)[5]]
-    return [float(x) for x in np.mean(fresh, axis=0)]
+    points = [contact[POINT_A] for contact in contacts if slid(contact) < _SLID]
+    if not points:
+        points = [min(contacts, key=slid)[POINT_A]]
+    return [float(x) for x in np.mean(points, axis=0)]
 
 
 class BulletAlongPlate:
@@ -86,15 +89,18 @@ class BulletAlongPlate:
 
     def motion(self, point: Sequence[float], rate: float) -> Floats:
         """Slip, spin, no friction and energy, see `Record.tangential`, shape (8,). rate: m/s."""
-        slip, spin, self._now = np.zeros(3), np.zeros(3), self._position()
+        slip = np.zeros(3)
+        spin = np.zeros(3)
+        self._now = self._position()
         for sign, part in self._sides:
             body = self._bodies[part.body]
             body.refresh()
             slip += sign * np.array(body.velocity_at(part.link, point))
             spin += sign * np.array(body.spin_of(part.link))
         energy = sum(_kinetic_energy(body) for body in self._bodies.values())
-        normal = 0.5 * self.place.effective_mass * rate**2
-        return np.array([*(self.axes[:2] @ slip), *(self.axes @ spin), 0.0, 0.0, energy - normal])
+        normal = 0.5 * self.place.effective_mass * rate**2  # J, of the approach alone
+        no_friction = (0.0, 0.0)  # known only after the step
+        return np.array([*(self.axes[:2] @ slip), *(self.axes @ spin), *no_friction, energy - normal])
 
     def friction(self, contacts: Sequence[Any], slip: Floats) -> Floats:
         """Friction on the moving body in the step after `motion`, with these contacts, N, (2,).
@@ -102,9 +108,13 @@ class BulletAlongPlate:
         Bullet tells it without its sign.
         """
         self._seen = self._now
-        pushes = [c[force] * np.array(c[way]) for c in contacts for force, way in _PUSHES]
+        pushes = []
+        for contact in contacts:
+            pushes += [contact[force] * np.array(contact[way]) for force, way in _PUSHES]
         pushed = self.axes[:2] @ np.sum(pushes, axis=0)
-        return np.asarray(-pushed if pushed @ slip > 0.0 else pushed)
+        if pushed @ slip > 0.0:  # friction never drives the slip
+            pushed = -pushed
+        return np.asarray(pushed)
 
 
 def _kinetic_energy(body: BulletBody) -> float:

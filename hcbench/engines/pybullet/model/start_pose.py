@@ -37,18 +37,23 @@ def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, 
 
 
 def set_pose(world: LoadedWorld, request: Request) -> None:
-    """Joints as the request has them, by name or as "file/name"; motors off where it says so."""
+    """Set positions and switch motors off, where the request says so.
+
+    Of a joint, by its name or as "file/name": one number, m or rad. Of a free base, as `_free_base` finds
+    it: x y z, m, and a quaternion w x y z, if given. Raises UserError for other names and counts.
+    """
     bullet = world.bullet
     joints = _named_joints(world)
     for name, values in request.pose:
-        if name not in joints and (base := _free_base(world, name)) is not None:
-            _put_base(bullet, base, values)
+        if name in joints:
+            if len(values) != 1:
+                raise UserError("qpos", f"{name}: {len(values)} numbers", "1: m or rad")
+            bullet.resetJointState(*joints[name], values[0])
             continue
-        if name not in joints:
+        base = _free_base(world, name)
+        if base is None:
             raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, joints))
-        if len(values) != 1:
-            raise UserError("qpos", f"{name}: {len(values)} numbers", "1: m or rad")
-        bullet.resetJointState(*joints[name], values[0])
+        _put_base(bullet, base, values)
     if not request.actuators:
         for body in bullet.bodies():
             for joint in range(bullet.getNumJoints(body)):
@@ -78,14 +83,19 @@ def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> Non
 
 
 def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
+    """Each joint that moves, by its name, as "body:ID/name" and as "file/name"; the first of a name."""
     joints: dict[str, _Joint] = {}
+    # The first body comes last, and takes a name that several have.
     for body in reversed(world.bullet.bodies()):
         for joint in range(world.bullet.getNumJoints(body)):
             info = world.bullet.getJointInfo(body, joint)
-            if info[JOINT_TYPE] != FIXED:
-                name = sanitized(info[JOINT_NAME].decode(errors="replace"))
-                joints |= {name: (body, joint), f"body:{body}/{name}": (body, joint)}
-                joints |= {f"{world.files[body]}/{name}": (body, joint)} if body in world.files else {}
+            if info[JOINT_TYPE] == FIXED:
+                continue
+            name = sanitized(info[JOINT_NAME].decode(errors="replace"))
+            joints[name] = (body, joint)
+            joints[f"body:{body}/{name}"] = (body, joint)
+            if body in world.files:
+                joints[f"{world.files[body]}/{name}"] = (body, joint)
     return joints
 
 

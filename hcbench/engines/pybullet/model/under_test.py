@@ -31,6 +31,7 @@ from hcbench.engines.pybullet.model.plausible import require_plausible
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld
 from hcbench.engines.pybullet.model.sliding import pair_friction
 from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
+from hcbench.engines.pybullet.vectors import vector
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect, Texts
@@ -40,6 +41,7 @@ from hcbench.sim.world import Simulation
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Impact, Launch
 
+_MASS = 0  # in getDynamicsInfo
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
 
 
@@ -58,11 +60,16 @@ class PybulletModel(ModelUnderTest):
         request: Request,
         fixes: Sequence[Suspect] = (),
     ) -> None:
-        self.world, self.request, self.build = world, request, build
+        self.world = world
+        self.request = request
+        self.build = build
         self.bullet = world.bullet
         self._settings_before = self.bullet.getPhysicsEngineParameters()
-        self._pose_before = {} if world.disconnect else joint_states(self.bullet)
-        self._bases_before = [] if world.disconnect else base_states(self.bullet, request)
+        self._pose_before = {}
+        self._bases_before = []
+        if not world.disconnect:  # the user's own client, which gets back what it had
+            self._pose_before = joint_states(self.bullet)
+            self._bases_before = base_states(self.bullet, request)
         try:
             self._apply_request()
             set_pose(world, request)
@@ -74,15 +81,22 @@ class PybulletModel(ModelUnderTest):
                 self.bullet, lambda: place(world, first, second, request.coming_from, request.move)
             )
             require_plausible(self.bullet, self.place)
-            sides = ((part.body, part.link) for part in (self.place.first, self.place.second))
-            self.law = None if world.files else plugin.find(*sides, client=self.bullet.client)
+            self.law = None if world.files else self._plugin_law()
             parameters = self.bullet.getPhysicsEngineParameters()
-            self.timestep, self.mass = float(parameters["fixedTimeStep"]), self.place.effective_mass
-            along = float((np.array(self._gravity()) * self.place.normal).sum())
-            self.gravity = along if self._falls_alone() else 0.0
+            self.timestep = float(parameters["fixedTimeStep"])
+            self.mass = self.place.effective_mass
+            self.gravity = 0.0
+            if self._falls_alone():
+                self.gravity = float((np.array(self._gravity()) * self.place.normal).sum())
         except BaseException:
             self._put_back()
             raise
+
+    def _plugin_law(self) -> tuple[int, str] | None:
+        """Number of the plug-in's law between the two, and the command that added it; None without one."""
+        first = (self.place.first.body, self.place.first.link)
+        second = (self.place.second.body, self.place.second.link)
+        return plugin.find(first, second, client=self.bullet.client)
 
     def _apply_request(self) -> None:
         if self.request.key is not None:
@@ -114,19 +128,25 @@ class PybulletModel(ModelUnderTest):
 
     def _falls_alone(self) -> bool:
         """Say whether gravity makes the two approach; it does not if both fall."""
-        masses = [self.bullet.getDynamicsInfo(s.body, -1)[0] for s in (self.place.first, self.place.second)]
-        return isinstance(self.place.mover, FreeBase) and min(masses) == 0.0
+        first_mass = self.bullet.getDynamicsInfo(self.place.first.body, -1)[_MASS]
+        second_mass = self.bullet.getDynamicsInfo(self.place.second.body, -1)[_MASS]
+        return isinstance(self.place.mover, FreeBase) and min(first_mass, second_mass) == 0.0
 
     def release(self, launches: Sequence[Launch]) -> Simulation:
         """The launch under way from its starting point, in a world that knows of no other launch."""
         (launch,) = launches
-        law, along = None if self.law is None else self.law[0], self.request.along
-        if law is not None and launch.is_oblique:
-            got = "oblique, of a pair whose law the plug-in applies: PyBullet does not report its friction"
-            raise UserError("launch", got, "launches along the normal")
+        law_number = None
+        if self.law is not None:
+            law_number, _ = self.law
+            if launch.is_oblique:
+                got = (
+                    "oblique, of a pair whose law the plug-in applies: PyBullet does not report its friction"
+                )
+                raise UserError("launch", got, "launches along the normal")
+        along = self.request.along
         return release_aside(
             self.bullet,
-            lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, along, law),
+            lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, along, law_number),
         )
 
     @property
@@ -136,15 +156,13 @@ class PybulletModel(ModelUnderTest):
 
     def facts(self) -> Facts:
         """Return the properties of the world and of its pair."""
-        first, second = restitutions(self.bullet, self.place)
-        is_known = not math.isnan(first * second)
-        asked = (first * second,) * len(self.request.speeds) if is_known else ()
-        words = f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS
-        if self.law is not None:
-            curve, words = plugin.restitution_of(self.law[1]), f"plug-in hcbench: {self.law[1]}"
-            asked = () if curve is None else tuple(float(curve.at(v)) for v in self.request.speeds)
+        of_pair = restitutions(self.bullet, self.place)
+        is_known = not math.isnan(math.prod(of_pair))
+        asked, words = self._asked(*of_pair)
         parameters = self.bullet.getPhysicsEngineParameters()
-        notes = [*([self.place.note] if self.place.note else []), *overlap_notes(self.place.overlap)]
+        notes = overlap_notes(self.place.overlap)
+        if self.place.note:
+            notes = [self.place.note, *notes]
         return Facts(
             engine="pybullet",
             version=BACKEND.version(),
@@ -154,9 +172,9 @@ class PybulletModel(ModelUnderTest):
             timestep=self.timestep,
             gravity=self._gravity(),
             effective_mass=self.place.effective_mass,
-            normal=tuple(float(x) for x in self.place.normal),  # type: ignore[arg-type]
+            normal=vector(self.place.normal),
             settings={
-                "restitution": [first, second] if is_known else "not told",
+                "restitution": list(of_pair) if is_known else "not told",
                 "numSubSteps": int(parameters["numSubSteps"]),
                 "numSolverIterations": int(parameters["numSolverIterations"]),
             },
@@ -164,8 +182,26 @@ class PybulletModel(ModelUnderTest):
             asked_description=words,
             notes=tuple(notes),
             friction=pair_friction(self.bullet, self.place),
-            point=tuple(float(x) for x in self.place.point),  # type: ignore[arg-type]
+            point=vector(self.place.point),
         )
+
+    def _asked(self, first: float, second: float) -> tuple[tuple[float, ...], str]:
+        """The e that the world asks for at each speed, () where it does not say; what asks for it, in words.
+
+        first, second: restitutions of the two, NaN where PyBullet does not report them.
+        """
+        speeds = self.request.speeds
+        if self.law is not None:
+            _, command = self.law
+            curve = plugin.restitution_of(command)
+            words = f"plug-in hcbench: {command}"
+            if curve is None:
+                return (), words
+            return tuple(float(curve.at(v)) for v in speeds), words
+        e = first * second
+        if math.isnan(e):
+            return (), _UNKNOWN_RESTITUTIONS
+        return (e,) * len(speeds), f"restitution {first:g} x {second:g}"
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`; none for a plug-in's
@@ -174,10 +210,18 @@ class PybulletModel(ModelUnderTest):
         if self.law is not None:
             return []
         context = BulletContext(
-            self.bullet, self.place, impacts, wanted, self.timestep, self._gravity(), self.world.unread
+            bullet=self.bullet,
+            place=self.place,
+            impacts=impacts,
+            wanted=wanted,
+            timestep=self.timestep,
+            gravity=self._gravity(),
+            unread=self.world.unread,
         )
         suspects = find_suspects(context)
-        return suspects if self.build else [dataclasses.replace(s, apply=None) for s in suspects]
+        if self.build is None:  # a live client: no fix is tried on it
+            return [dataclasses.replace(suspect, apply=None) for suspect in suspects]
+        return suspects
 
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
         """The same world made again, with some fixes made; a live client is not touched."""
@@ -240,19 +284,24 @@ def model_settings(
     """Bullet's own restitution for the pairs, without what keeps it from happening; one setting, in lines."""
     world, build = _loaded(source, rebuild, requests[0].packages)
     if build is None:
-        world.bullet.disconnect() if world.disconnect else None
+        if world.disconnect:
+            world.bullet.disconnect()
         raise UserError("model", "a live client cannot be made again", "files, or a function for it")
-    e, suspects, sides = 0.0, list[Suspect](), dict[tuple[int, int], int]()
+    e = 0.0
+    suspects: list[Suspect] = []
+    side_of: dict[tuple[int, int], int] = {}  # 0 or 1, by (body, link)
     for i, request in enumerate(requests):
         with PybulletModel(build() if i else world, build, request) as model:
             e = goal.best_constant(min(request.speeds), max(request.speeds))
             suspects.append(restitution_setting(model.place, e))
             for side, part in enumerate((model.place.first, model.place.second)):
-                if sides.setdefault((part.body, part.link), side) != side:
+                if side_of.setdefault((part.body, part.link), side) != side:
                     got = f"{part.name!r} is the first of one pair and the second of another"
                     advice = "Restitutions multiply: tune one pair after the other"
                     raise UserError("pair", got, "each part on one side", advice)
-    lines = dict.fromkeys(line for suspect in suspects for line in suspect.fix.split("; "))
+    lines: dict[str, None] = {}  # each once, in order
+    for suspect in suspects:
+        lines |= dict.fromkeys(suspect.fix.split("; "))
     notes = (
         f"Restitutions multiply: {e:.4g} is on the first, 1 on the second. Set all before the first step.",
         "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",

@@ -20,14 +20,17 @@ if TYPE_CHECKING:
 
 
 def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
-    """Penetration, its rate, and the unit vector that leads deeper: no mesh, no engine.
+    """Penetration, m, its rate, m/s, and the unit vector that leads deeper: no mesh, no engine.
 
-    position, velocity: the ball's, shape (..., 3).
+    position, velocity: the ball's, m and m/s, shape (..., 3).
     """
     radius = scene.touch_radius
-    above, falling, down = radius - position[..., 2], -velocity[..., 2], np.array([0.0, 0.0, -1.0])
+    down = np.array([0.0, 0.0, -1.0])
+    # Below the lowest point of the plate, or of the cup
+    depth = radius - position[..., 2]
+    falling = -velocity[..., 2]
     if scene.form == "plane":
-        return above, falling, down
+        return depth, falling, down
     bowl = -scene.plate_radius
     # From the centre of curvature
     away = position - np.array([0.0, 0.0, bowl])
@@ -37,7 +40,10 @@ def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, F
         out = (x * velocity[..., 0] + y * velocity[..., 1] + z * velocity[..., 2]) / distance
         deeper = np.where(z[..., None] >= 0.0, down, away / distance[..., None])
     # Above the centre: height over the lowest point.
-    return np.where(z >= 0.0, above, distance - (bowl - radius)), np.where(z >= 0.0, falling, out), deeper
+    is_above = z >= 0.0
+    penetration = np.where(is_above, depth, distance - (bowl - radius))
+    rate = np.where(is_above, falling, out)
+    return penetration, rate, deeper
 
 
 def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Floats) -> Floats:
@@ -45,7 +51,9 @@ def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Float
 
     motion: velocity and spin before all steps and after each, shape (n + 1, b, 2, 3).
     """
-    velocity, spin = motion[:-1, :, 0], motion[:-1, :, 1]
+    velocity = motion[:-1, :, 0]
+    spin = motion[:-1, :, 1]
+    # What the contact alone adds, m/s²
     gained = np.diff(motion[:, :, 0], axis=0) / timestep + [0.0, 0.0, scene.gravity]
     vectors = (velocity, spin, np.broadcast_to(deeper, velocity.shape), gained)
     return rows_of_ball(scene, *(vector.swapaxes(0, 1) for vector in vectors))

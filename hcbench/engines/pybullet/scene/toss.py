@@ -1,7 +1,6 @@
 """Tosses in PyBullet, by Bullet's own contact and by the plug-in: see `hcbench.sim.toss`."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -42,6 +41,9 @@ SETTINGS = (
 )
 _FASTEST = 1e6  # rad/s: Bullet clips a body's spin at 100, without a warning
 _SPEED = 2.0  # m/s, of the plug-in's own check
+# Columns of a state
+_QUATERNION = slice(3, 7)
+_VELOCITY = slice(7, 10)
 
 
 def simulate(
@@ -89,24 +91,32 @@ def _load(
 
 
 def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> Floats:
-    bullet.resetBasePositionAndOrientation(
-        body, toss.position.tolist(), _rolled(toss.quaternion, -1).tolist()
-    )
-    bullet.resetBaseVelocity(body, as_integrated(toss.velocity, timestep).tolist(), toss.spin.tolist())
-    step, pose, twist = bullet.stepSimulation, bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
-    rows: list[Any] = [
-        (*toss.position, *_rolled(toss.quaternion, -1), *as_integrated(toss.velocity, timestep), *toss.spin)
-    ]
+    """States of one toss before the first step and after each, (steps + 1, 13): position, quaternion w x y z,
+    velocity as the body has it, spin; SI.
+    """
+    start = toss.position.tolist()
+    turned = _scalar_last(toss.quaternion).tolist()
+    velocity = as_integrated(toss.velocity, timestep).tolist()
+    spin = toss.spin.tolist()
+    bullet.resetBasePositionAndOrientation(body, start, turned)
+    bullet.resetBaseVelocity(body, velocity, spin)
+    rows = [(*start, *turned, *velocity, *spin)]
     for _ in range(toss.steps):
-        step()
-        (position, quaternion), (velocity, spin) = pose(body), twist(body)
+        bullet.stepSimulation()
+        position, quaternion = bullet.getBasePositionAndOrientation(body)
+        velocity, spin = bullet.getBaseVelocity(body)
         rows.append((*position, *quaternion, *velocity, *spin))
     states = np.array(rows)
-    states[:, 3:7] = _rolled(states[:, 3:7], 1)
-    states[:, 7:10] = as_body(states[:, 7:10], timestep)
+    states[:, _QUATERNION] = _scalar_first(states[:, _QUATERNION])
+    states[:, _VELOCITY] = as_body(states[:, _VELOCITY], timestep)
     return states
 
 
-def _rolled(quaternion: Floats, by: int) -> Floats:
-    """Bullet has the scalar of a quaternion last."""
-    return np.roll(quaternion, by, axis=-1)
+def _scalar_last(quaternion: Floats) -> Floats:
+    """w x y z as Bullet has it: x y z w."""
+    return np.roll(quaternion, -1, axis=-1)
+
+
+def _scalar_first(quaternion: Floats) -> Floats:
+    """Bullet's x y z w as w x y z."""
+    return np.roll(quaternion, 1, axis=-1)
