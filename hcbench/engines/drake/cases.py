@@ -15,19 +15,27 @@ class DrakeBodies:
     def make(self, world: dict[str, Any]) -> None:
         if world.get("restitution") != 0.0:
             raise NotImplementedError("has no restitution: its loss depends on the speed")
-        self.h, self.steps, bodies = world["timestep"], 0, world["bodies"]
-        builder, self.properties = drake.DiagramBuilder(), drake.ProximityProperties()
+        bodies = world["bodies"]
+        self.h = world["timestep"]
+        self.steps = 0
+        builder = drake.DiagramBuilder()
         plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step=self.h)
-        drake.AddContactMaterial(50.0, 1e7, drake.CoulombFriction(*[world["friction"]] * 2), self.properties)
-        rigid, self.patch = (drake.ProximityProperties(self.properties) for _ in range(2))
+        friction = drake.CoulombFriction(world["friction"], world["friction"])  # static, dynamic
+        dissipation, stiffness = 50.0, 1e7  # s/m, N/m
+        self.properties = drake.ProximityProperties()
+        drake.AddContactMaterial(dissipation, stiffness, friction, self.properties)
+        rigid = drake.ProximityProperties(self.properties)
         drake.AddRigidHydroelasticProperties(1.0, rigid)
-        drake.AddCompliantHydroelasticProperties(0.1, 1e8, self.patch)
+        self.patch = drake.ProximityProperties(self.properties)
+        resolution, modulus = 0.1, 1e8  # m, Pa
+        drake.AddCompliantHydroelasticProperties(resolution, modulus, self.patch)
         self.moving = [self._body(plant, f"body{i}", body) for i, body in enumerate(bodies)]
         if world["floor"]:
             self._shape(plant, plant.world_body(), drake.HalfSpace(), rigid)
         plant.mutable_gravity_field().set_gravity_vector(world["gravity"])
         plant.Finalize()
-        self.plant, self.simulator = plant, drake.Simulator(builder.Build())
+        self.plant = plant
+        self.simulator = drake.Simulator(builder.Build())
         self.context = plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
         for made, body in zip(self.moving, bodies, strict=True):
             plant.SetFreeBodyPose(self.context, made, drake.RigidTransform(body["position"]))
@@ -36,12 +44,19 @@ class DrakeBodies:
         self.simulator.Initialize()
 
     def _body(self, plant: Any, name: str, body: dict[str, Any]) -> Any:
-        size, unit = [2 * x for x in body.get("half", [])], drake.UnitInertia
-        shape: Any = drake.Box(*size) if size else drake.Sphere(body["radius"])
-        solid = unit.SolidBox(*size) if size else unit.SolidSphere(body["radius"])
+        shape: Any
+        if "half" in body:
+            sides = [2 * x for x in body["half"]]
+            shape = drake.Box(*sides)
+            inertia = drake.UnitInertia.SolidBox(*sides)
+            properties = self.patch
+        else:
+            shape = drake.Sphere(body["radius"])
+            inertia = drake.UnitInertia.SolidSphere(body["radius"])
+            properties = self.properties
         centre: Any = [0, 0, 0]
-        made = plant.AddRigidBody(name, drake.SpatialInertia(body["mass"], centre, solid))
-        self._shape(plant, made, shape, self.patch if size else self.properties)
+        made = plant.AddRigidBody(name, drake.SpatialInertia(body["mass"], centre, inertia))
+        self._shape(plant, made, shape, properties)
         return made
 
     def _shape(self, plant: Any, body: Any, shape: Any, properties: Any) -> None:

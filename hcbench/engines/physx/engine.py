@@ -90,14 +90,19 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
 
 
 def _parts(options: PhysxOptions) -> tuple[str, str, str]:
-    """Configuration, material, and the law's function."""
+    """Lines of the configuration, of the material, "" for none, and the function of a law, "" for none."""
     given = options.model_dump(include={"bounce_threshold", "enable_tgs"}, exclude_none=True)
     config = ", ".join(["gravity=np.array([0, 0, -gravity])", *(f"{k}={v}" for k, v in given.items())])
-    if options.law is not None:
-        force = isinstance(options.law, HuntCrossley)
-        return _CONFIG.format(config), "" if force else _MATERIAL.format("0"), _FORCE if force else _EACH
-    e = options.restitution
-    return _CONFIG.format(config), "" if e is None else _MATERIAL.format(shortest(e)), ""
+    material = ""
+    hook = ""
+    if isinstance(options.law, HuntCrossley):
+        hook = _FORCE
+    elif options.law is not None:
+        hook = _EACH
+        material = _MATERIAL.format("0")  # the hook sets its e before each impact
+    elif options.restitution is not None:
+        material = _MATERIAL.format(shortest(options.restitution))
+    return _CONFIG.format(config), material, hook
 
 
 _CONFIG = "sapien.physx.set_scene_config({})  # before the system is made"

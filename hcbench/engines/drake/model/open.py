@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,7 +53,11 @@ def list_pairs(drake: Any, source: Any, request: Request) -> list[CandidatePair]
     root = loaded.diagram.CreateDefaultContext()
     context = loaded.plant.GetMyMutableContextFromRoot(root)
     set_pose(loaded, context, request)
-    return in_order([_described(loaded, context, *_in_order(loaded, both)) for both in loaded.collide])
+    pairs = []
+    for both in loaded.collide:
+        first, second = _in_order(loaded, both)
+        pairs.append(_described(loaded, context, first, second))
+    return in_order(pairs)
 
 
 def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
@@ -62,26 +67,41 @@ def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
 
 
 def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> CandidatePair:
-    distance = mass = math.nan
+    """A pair as a row of the list. Mass, kg, and distance, m, are NaN where Drake knows none."""
+    distance = math.nan
+    mass = math.nan
     try:
         gap = loaded.nearest(context, first, second)
     except UserError:  # of shapes whose distance Drake does not know
         pass
     else:
+        distance = gap.distance
         row = approach_row(loaded, context, (first, second), gap)
         mobility = float(row @ np.linalg.solve(loaded.plant.CalcMassMatrix(context), row))
-        distance, mass = gap.distance, 1.0 / mobility if mobility > 0 else math.nan
-    moved = [words for part in (first, second) for _, words in movers(loaded, part.body)]
-    shapes = [part.geometries[0] for part in (first, second)]
-    kinds = [type(loaded.inspector.GetShape(shape)).__name__ for shape in shapes]
+        if mobility > 0:
+            mass = 1.0 / mobility
+    first_mover = next(chain(movers(loaded, first.body), movers(loaded, second.body)), None)
+    joint = "nothing"
+    if first_mover is not None:
+        _, joint = first_mover
+    (first_shape,) = first.geometries
+    (second_shape,) = second.geometries
+    settings = {}
+    for name in (STIFFNESS, DISSIPATION):
+        settings[name] = [loaded.property(first_shape, name), loaded.property(second_shape, name)]
     return CandidatePair(
         bodies=(first.body.name(), second.body.name()),
         geoms=(first.name, second.name),
-        types=(kinds[0], kinds[1]),
+        types=(_type(loaded, first_shape), _type(loaded, second_shape)),
         pair=joined_names([f"geom:{first.name}", f"geom:{second.name}"]),
-        joint=moved[0] if moved else "nothing",
+        joint=joint,
         effective_mass=mass,
         distance=distance,
         touching=distance <= 0.0,
-        settings={name: [loaded.property(g, name) for g in shapes] for name in (STIFFNESS, DISSIPATION)},
+        settings=settings,
     )
+
+
+def _type(loaded: LoadedPlant, shape: Any) -> str:
+    """The kind of a shape, as Drake calls it."""
+    return type(loaded.inspector.GetShape(shape)).__name__

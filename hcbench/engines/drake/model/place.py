@@ -50,9 +50,11 @@ def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
     positions = plant.GetPositions(context)
     for name, values in request.pose:
         if name == "qpos":
-            start, count = 0, plant.num_positions()
+            start = 0
+            count = plant.num_positions()
         elif name in joints:
-            start, count = joints[name].position_start(), joints[name].num_positions()
+            start = joints[name].position_start()
+            count = joints[name].num_positions()
         else:
             raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, joints))
         if len(values) != count:
@@ -63,13 +65,14 @@ def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
 
 def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap: Gap) -> Floats:
     """(nv,) J: the approach rate of the two parts' material points at the contact is J @ v."""
-    plant, world = loaded.plant, loaded.plant.world_frame()
+    plant = loaded.plant
+    world = plant.world_frame()
+    by_velocity = loaded.drake.JacobianWrtVariable.kV
     row = np.zeros(plant.num_velocities())
     for part, sign in zip(pair, (1.0, -1.0), strict=True):
         frame = part.body.body_frame()
         point = plant.CalcPointsPositions(context, world, gap.point, frame)
-        kind = loaded.drake.JacobianWrtVariable.kV
-        jacobian = plant.CalcJacobianTranslationalVelocity(context, kind, frame, point, world, world)
+        jacobian = plant.CalcJacobianTranslationalVelocity(context, by_velocity, frame, point, world, world)
         row += sign * (gap.normal @ jacobian)
     return row
 
@@ -82,65 +85,78 @@ def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> Place
     """
     names = request.pair or _only_pair(loaded)
     first, second = (loaded.part(name) for name in names)
-    near, start = loaded.nearest(context, first, second), loaded.plant.GetPositions(context)
+    near = loaded.nearest(context, first, second)
+    start = loaded.plant.GetPositions(context)
     require_apart(near.distance, _size(loaded, near), first.name, second.name)
+    overlap = max(0.0, -near.distance)
     for pair in ((first, second), (second, first)):
-        for dofs, words in movers(loaded, pair[0].body):
-            if (gap := _touch(loaded, context, pair, dofs)) is not None:
-                return _placed(loaded, context, pair, dofs, words, gap, max(0.0, -near.distance))
+        moving, _ = pair
+        for dofs, words in movers(loaded, moving.body):
+            gap = _touch(loaded, context, pair, dofs)
+            if gap is not None:
+                return _placed(loaded, context, pair, dofs, words, gap, overlap)
             loaded.plant.SetPositions(context, start)
     got = f"no joint moves {first.name!r} and {second.name!r} to each other"
     raise UserError("pair", got, "two that meet along their common normal", "Start from another --qpos")
 
 
 def _only_pair(loaded: LoadedPlant) -> tuple[str, str]:
-    pairs = [
-        sorted(both, key=lambda g: loaded.plant.IsAnchored(loaded.body_of(g))) for both in loaded.collide
-    ]
-    if len(pairs) != 1:
-        got = f"none given, and the model leaves a choice of {len(pairs)}"
+    """The names of the only two shapes that can meet, one that moves first. UserError for a choice."""
+    if len(loaded.collide) != 1:
+        got = f"none given, and the model leaves a choice of {len(loaded.collide)}"
         advice = "`hcbench pairs` lists all"
         raise UserError("pair", got, "the names of two bodies or geoms", advice)
-    return f"geom:{loaded.short(pairs[0][0])}", f"geom:{loaded.short(pairs[0][1])}"
+    (both,) = loaded.collide
+    first, second = sorted(both, key=lambda g: loaded.plant.IsAnchored(loaded.body_of(g)))
+    return f"geom:{loaded.short(first)}", f"geom:{loaded.short(second)}"
 
 
 def _size(loaded: LoadedPlant, gap: Gap) -> float:
+    """Half of the smaller shape's longest side, m; 0.1 of shapes that have no end."""
     boxes = [loaded.inspector.GetObbInGeometryFrame(geometry) for geometry in gap.geometries]
     return min((float(max(box.half_width())) for box in boxes if box is not None), default=0.1)
 
 
 def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
     """Yield the joints that could move a body: its own free or prismatic joint, those it hangs on,
-    then all.
+    then all. Each with its places in the velocities, and in words.
     """
     plant = loaded.plant
-    above = {plant.get_joint(i).child_body().index(): plant.get_joint(i) for i in plant.GetJointIndices()}
-    turns, chain = False, []
-    while (joint := above.get(body.index())) is not None:
-        start, count, kind = joint.velocity_start(), joint.num_velocities(), joint.type_name()
-        if count == 6 or kind == "prismatic":
-            free = "free joint" if count == 6 else "slide"
-            yield (
-                list(range(start + count)[-3:] if count == 6 else [start]),
-                f"body {body.name()!r} on its {free}",
-            )
+    joint_of = {plant.get_joint(i).child_body().index(): plant.get_joint(i) for i in plant.GetJointIndices()}
+    chain = []  # joints that turn, nearest first
+    joint = joint_of.get(body.index())
+    while joint is not None:
+        start = joint.velocity_start()
+        count = joint.num_velocities()
+        if count == 6:
+            translations = list(range(start + 3, start + 6))  # a free joint's rotations are first
+            yield translations, f"body {body.name()!r} on its free joint"
+        elif joint.type_name() == "prismatic":
+            yield [start], f"body {body.name()!r} on its slide"
         elif count:
-            turns = True
             chain.append(joint.name())
         body = joint.parent_body()
-    if turns:
+        joint = joint_of.get(body.index())
+    if chain:
         yield list(range(plant.num_velocities())), f"on its joints ({', '.join(chain)})"
 
 
 def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) -> Floats | None:
-    """(nv,), approaches at 1 m/s: the least velocity of translations, of a robot as a push would move it."""
-    move = np.zeros_like(row)
-    if len(dofs) == len(row) and len(row) not in (1, 3):
+    """(nv,), approaches at 1 m/s: the least velocity of translations, of a robot as a push would move it.
+
+    None where the degrees of freedom do not lead to the other.
+    """
+    moves_all = len(dofs) == len(row) and len(row) not in (1, 3)
+    if moves_all:
         move = np.linalg.solve(loaded.plant.CalcMassMatrix(context), row)
     else:
+        move = np.zeros_like(row)
         move[dofs] = row[dofs]
     approach = float(row @ move)
-    return move / approach if approach > LEAST_APPROACH**2 * float(move @ move > 0) else None
+    least = LEAST_APPROACH**2 * float(move @ move > 0)
+    if approach > least:
+        return np.asarray(move / approach)
+    return None
 
 
 def _touch(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], dofs: list[int]) -> Gap | None:
@@ -172,15 +188,26 @@ def _placed(
     gap: Gap,
     overlap: float,
 ) -> PlacedPair:
-    """context: at touch."""
-    plant, row = loaded.plant, approach_row(loaded, context, pair, gap)
-    direction, mass = _direction(loaded, context, row, dofs), plant.CalcMassMatrix(context)
+    """The pair as it stands in `context`, at touch, with what a launch needs to know of it."""
+    plant = loaded.plant
+    row = approach_row(loaded, context, pair, gap)
+    direction = _direction(loaded, context, row, dofs)
     assert direction is not None
+    mass = plant.CalcMassMatrix(context)
     # Of gravity, springs and dampers
     forces = loaded.drake.MultibodyForces(plant)
     plant.CalcForceElementsContribution(context, forces)
-    rest = np.zeros(plant.num_velocities())
-    falls = -np.linalg.solve(mass, plant.CalcInverseDynamics(context, rest, forces))
-    effective = 1.0 / float(row @ np.linalg.solve(mass, row))
-    at_touch = plant.GetPositions(context)
-    return PlacedPair(*pair, words, at_touch, direction, gap, effective, float(row @ falls), overlap)
+    at_rest = np.zeros(plant.num_velocities())
+    falls = -np.linalg.solve(mass, plant.CalcInverseDynamics(context, at_rest, forces))
+    first, second = pair
+    return PlacedPair(
+        first=first,
+        second=second,
+        moved=words,
+        positions=plant.GetPositions(context),
+        direction=direction,
+        gap=gap,
+        effective_mass=1.0 / float(row @ np.linalg.solve(mass, row)),
+        gravity=float(row @ falls),
+        overlap=overlap,
+    )

@@ -41,17 +41,18 @@ class DrakeModel(ModelUnderTest):
     def __init__(
         self, drake: Any, version: str, source: Any, request: Request, changes: Mapping[str, Any]
     ) -> None:
-        if request.is_oblique or request.coming_from is not None or request.move is not None:
-            slot = "angle" if request.is_oblique else "from" if request.move is None else "move"
-            raise UserError(slot, "given", "none: a pair in Drake is sent along its normal, the nearest way")
+        _require_normal_launches(request)
         self._given = drake, version, source, request
-        self._changes, self.request = dict(changes), request
+        self._version = version
+        self._changes = dict(changes)
+        self.request = request
         self.loaded = LoadedPlant(drake, source, request, changes)
         self.root = self.loaded.diagram.CreateDefaultContext()
         self.context = self.loaded.plant.GetMyMutableContextFromRoot(self.root)
         set_pose(self.loaded, self.context, request)
         self.place = bring_to_touch(self.loaded, self.context, request)
-        self.timestep, self.mass = float(self.loaded.config.time_step), self.place.effective_mass
+        self.timestep = float(self.loaded.config.time_step)
+        self.mass = self.place.effective_mass
         self.gravity = self.place.gravity
         self.others: set[str] = set()
 
@@ -67,10 +68,11 @@ class DrakeModel(ModelUnderTest):
 
     def pair_values(self) -> tuple[float, float]:
         """Stiffness, N/m, and dissipation, s/m, that Drake's point contact makes of the two shapes'."""
-        (k1, d1), (k2, d2) = (
-            [self.loaded.property(shape, name) for name in (STIFFNESS, DISSIPATION)]
-            for shape in self.place.gap.geometries
-        )
+        first, second = self.place.gap.geometries
+        k1 = self.loaded.property(first, STIFFNESS)
+        d1 = self.loaded.property(first, DISSIPATION)
+        k2 = self.loaded.property(second, STIFFNESS)
+        d2 = self.loaded.property(second, DISSIPATION)
         total = max(k1 + k2, np.finfo(float).tiny)
         return k1 * k2 / total, (k2 * d1 + k1 * d2) / total
 
@@ -79,16 +81,21 @@ class DrakeModel(ModelUnderTest):
 
     def facts(self) -> Facts:
         """Return the properties of the model and of its pair."""
-        (_, version, _, request), config, place = self._given, self.loaded.config, self.place
+        config = self.loaded.config
+        place = self.place
         stiffness, dissipation = self.pair_values()
-        points = self._is_point_contact()
+        asked: tuple[float, ...] = ()
+        words = ""
+        if self._is_point_contact():  # a pressure field has no closed form
+            curve = Restitution(dissipation / 1.5)
+            asked = tuple(float(curve.at(v)) for v in self.request.speeds)
+            words = f"dissipation {dissipation:.4g} s/m: the law's e with d = 1.5 α"
         notes = [ignored_in_words(self.loaded.ignored), *overlap_notes(place.overlap)]
         if self.others:
             notes.append(f"Other contacts acted during the impact: {', '.join(sorted(self.others))}.")
-        curve = Restitution(dissipation / 1.5)
         return Facts(
             engine="drake",
-            version=version,
+            version=self._version,
             model=self.loaded.label,
             pair=(place.first.name, place.second.name),
             moved=place.moved,
@@ -101,10 +108,8 @@ class DrakeModel(ModelUnderTest):
                 "point_contact_stiffness of the pair (N/m)": stiffness,
                 "hunt_crossley_dissipation of the pair (s/m)": dissipation,
             },
-            asked=tuple(float(curve.at(v)) for v in request.speeds) if points else (),
-            asked_description=f"dissipation {dissipation:.4g} s/m: the law's e with d = 1.5 α"
-            if points
-            else "",
+            asked=asked,
+            asked_description=words,
             notes=tuple(filter(None, notes)),
             point=tuple(place.gap.point.tolist()),
         )
@@ -112,49 +117,62 @@ class DrakeModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`."""
         step = causes.StepFix(self.timestep, "time_step={} of the plant, or --timestep", _set_step)
-        suspects_of_pair = (
-            [*self._implicit_step(), *self._dissipation(impacts, wanted)] if self._is_point_contact() else []
-        )
-        suspects_of_pair += [
-            *causes.energy_gain(impacts, step),
-            *causes.few_steps(impacts, step, "a softer contact"),
-        ]
-        return [*suspects_of_pair, *causes.other_contacts(sorted(self.others))]
+        found: list[Suspect] = []
+        if self._is_point_contact():
+            found += self._implicit_step()
+            found += self._dissipation(impacts, wanted)
+        found += causes.energy_gain(impacts, step)
+        found += causes.few_steps(impacts, step, "a softer contact")
+        found += causes.other_contacts(sorted(self.others))
+        return found
 
     def _implicit_step(self) -> Iterator[Suspect]:
         """Suspect the implicit step of a discrete plant, which damps by itself."""
-        omega = math.sqrt(self.pair_values()[0] / self.mass)
+        stiffness, _ = self.pair_values()
+        omega = math.sqrt(stiffness / self.mass)
         kept = math.exp(-0.5 * math.pi * omega * self.timestep)
         if 1.0 - kept < _NOTABLE:
             return
-        step = 2.0 * _TAKEN / (math.pi * omega)
+        step = 2.0 * _TAKEN / (math.pi * omega)  # of which exp(...) is 1 - _TAKEN
+        fix = None
+        if step * _FINEST > self.timestep:
+            fix = partial(_set_step, timestep=step)
         yield Suspect(
             "implicit-step",
             "A discrete plant damps by its step: e is multiplied by exp(-π ω h/2), ω² = k/m.",
             f"a factor of {kept:.3g} at {self.timestep:g} s and ω = {omega:.4g} 1/s",
             f"time_step={step:.3g}, or a softer point_contact_stiffness, or a continuous plant (time_step=0)",
-            partial(_set_step, timestep=step) if step * _FINEST > self.timestep else None,
+            fix,
             always_reported=True,
         )
 
     def _dissipation(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> Iterator[Suspect]:
         """The dissipation gives an e other than the target."""
-        speed, dissipation = float(np.median(causes.speeds_of(impacts))), self.pair_values()[1]
-        e, asked = causes.constant_e(impacts, wanted), float(Restitution(dissipation / 1.5).at(speed))
-        stock = not any(self.loaded.says(shape, DISSIPATION) for shape in self.place.gap.geometries)
-        if not stock and (e is None or abs(e - asked) < _NOTABLE):
+        speed = float(np.median(causes.speeds_of(impacts)))
+        _, dissipation = self.pair_values()
+        e = causes.constant_e(impacts, wanted)
+        asked = float(Restitution(dissipation / 1.5).at(speed))
+        is_default = not any(self.loaded.says(shape, DISSIPATION) for shape in self.place.gap.geometries)
+        if not is_default and (e is None or abs(e - asked) < _NOTABLE):
             return
         goal = causes.BOUNCY if e is None else e
-        needed = 1.5 * (wanted.alpha if isinstance(wanted, Restitution) else float(alpha_of(goal, speed)))
+        if isinstance(wanted, Restitution):
+            alpha = wanted.alpha
+        else:
+            alpha = float(alpha_of(goal, speed))
+        needed = 1.5 * alpha
+        key = "dissipation"
+        words = "The dissipation gives an e other than the target."
+        if is_default:
+            key = "default-dissipation"
+            words = "With Drake's default dissipation, 50 s/m, almost nothing bounces."
         yield Suspect(
-            "default-dissipation" if stock else "dissipation",
-            "With Drake's default dissipation, 50 s/m, almost nothing bounces."
-            if stock
-            else "The dissipation gives an e other than the target.",
+            key,
+            words,
             f"hunt_crossley_dissipation {dissipation:.4g} s/m: e = {asked:.3g} at {speed:.3g} m/s",
             f'<drake:{DISSIPATION} value="{needed:.4g}"/> in <drake:proximity_properties> of both',
             partial(_set_dissipation, dissipation=needed),
-            always_reported=stock,
+            always_reported=is_default,
             assumed_e=goal if wanted is None else None,
         )
 
@@ -165,6 +183,19 @@ class DrakeModel(ModelUnderTest):
             if suspect.apply is not None:
                 suspect.apply(changes)
         return DrakeModel(*self._given, changes)
+
+
+def _require_normal_launches(request: Request) -> None:
+    """Refuse what chooses the way in which a pair is sent."""
+    if request.is_oblique:
+        slot = "angle"
+    elif request.move is not None:
+        slot = "move"
+    elif request.coming_from is not None:
+        slot = "from"
+    else:
+        return
+    raise UserError(slot, "given", "none: a pair in Drake is sent along its normal, the nearest way")
 
 
 def _set_step(changes: MutableMapping[str, Any], timestep: float) -> None:
@@ -179,11 +210,15 @@ class DrakeSimulation(Simulation):
     """One launch of a placed pair."""
 
     def __init__(self, model: DrakeModel, launch: Launch) -> None:
-        self._model, self._loaded, self._place = model, model.loaded, model.place
-        drake, plant, self._h = model.loaded.drake, model.loaded.plant, model.timestep
-        self._root = model.loaded.diagram.CreateDefaultContext()
+        self._model = model
+        self._loaded = model.loaded
+        self._place = model.place
+        self._h = model.timestep
+        plant = self._loaded.plant
+        diagram = self._loaded.diagram
+        self._root = diagram.CreateDefaultContext()
         self._context = plant.GetMyMutableContextFromRoot(self._root)
-        self._simulator = drake.Simulator(model.loaded.diagram, self._root)
+        self._simulator = self._loaded.drake.Simulator(diagram, self._root)
         plant.SetPositions(self._context, self._place.positions)
         back = -launch.clearance_in_phase(self._h, model.gravity)
         move_on(self._loaded, self._context, back * self._place.direction)
@@ -194,16 +229,20 @@ class DrakeSimulation(Simulation):
     def advance(self, steps: int) -> Record:
         """Steps as a user's Simulator takes them; the last is NaN where Drake gave up."""
         rows: list[tuple[float, float, float]] = []
-        while len(rows) < steps and (not rows or math.isfinite(rows[-1][1])):
-            rows.append(self._step())
+        is_finite = True
+        while len(rows) < steps and is_finite:
+            penetration, rate, force = self._step()
+            rows.append((penetration, rate, force))
+            is_finite = math.isfinite(rate)
         return Record(*np.array(rows).T[:, None])
 
     def keep(self, which: Flags) -> None:
         """Keep the one launch that there is."""
 
     def _step(self) -> tuple[float, float, float]:
-        """Penetration and rate before a step, and the force in it."""
-        pair, plant = (self._place.first, self._place.second), self._loaded.plant
+        """Penetration, m, and rate, m/s, before a step, and the force in it, N; NaN where Drake gave up."""
+        plant = self._loaded.plant
+        pair = (self._place.first, self._place.second)
         try:
             gap = self._loaded.nearest(self._context, *pair)
             row = approach_row(self._loaded, self._context, pair, gap)
@@ -231,12 +270,14 @@ class DrakeSimulation(Simulation):
 
     def _of_pair(self, shapes: tuple[Any, Any], force: Any, normal: Any) -> float:
         """Force that parts the pair; 0 for another contact, which is noted. force: on the first shape, N."""
-        first, second = self._place.first.geometries, self._place.second.geometries
-        if shapes[0] in first and shapes[1] in second:
+        first = self._place.first.geometries
+        second = self._place.second.geometries
+        one, two = shapes
+        if one in first and two in second:
             return -float(normal @ force)
-        if shapes[0] in second and shapes[1] in first:
+        if one in second and two in first:
             return float(normal @ force)
-        if any(shape in (*first, *second) for shape in shapes):
-            others = [shape for shape in shapes if shape not in (*first, *second)]
+        others = [shape for shape in shapes if shape not in (*first, *second)]
+        if len(others) < len(shapes):  # one of the pair touches something else
             self._model.others |= {self._loaded.short(shape) for shape in others}
         return 0.0

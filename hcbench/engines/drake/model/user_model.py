@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
 # What a geometry has that says nothing, as Drake's documentation of MultibodyPlant has it.
-STIFFNESS, DISSIPATION = "point_contact_stiffness", "hunt_crossley_dissipation"
+STIFFNESS = "point_contact_stiffness"
+DISSIPATION = "hunt_crossley_dissipation"
 _DEFAULTS = {STIFFNESS: 1e6, DISSIPATION: 50.0}
 # Of a direction's component: below it a face or an edge is what is farthest along
 _ALONG = 1e-9
@@ -56,20 +57,26 @@ class LoadedPlant:
     """
 
     def __init__(self, drake: Any, source: Any, request: Request, changes: Mapping[str, Any]) -> None:
-        paths = [Path(path) for path in (source if isinstance(source, list | tuple) else [source])]
-        self.drake, self.label = drake, " + ".join(path.name for path in paths)
+        sources = source if isinstance(source, list | tuple) else [source]
+        paths = [Path(path) for path in sources]
+        self.drake = drake
+        self.label = " + ".join(path.name for path in paths)
         step = changes.get("timestep") or request.timestep
-        config = drake.MultibodyPlantConfig(**({} if step is None else {"time_step": step}))
-        self.config, builder = config, drake.DiagramBuilder()
+        if step is None:
+            self.config = drake.MultibodyPlantConfig()
+        else:
+            self.config = drake.MultibodyPlantConfig(time_step=step)
+        builder = drake.DiagramBuilder()
         with _said() as self.ignored:
-            self.plant, scene_graph = drake.AddMultibodyPlant(config, builder)
+            self.plant, scene_graph = drake.AddMultibodyPlant(self.config, builder)
             for path in paths:
                 self._add(path, request.packages)
             self._set_dissipation(scene_graph, changes.get("dissipation"))
             if request.gravity is not None:
                 self.plant.mutable_gravity_field().set_gravity_vector(request.gravity)
             self.plant.Finalize()
-            self.inspector, self.diagram = scene_graph.model_inspector(), builder.Build()
+            self.inspector = scene_graph.model_inspector()
+            self.diagram = builder.Build()
         self._geometries = self.inspector.GetAllGeometryIds(drake.Role.kProximity)
         self.collide = {frozenset(both) for both in self.inspector.GetCollisionCandidates()}
 
@@ -88,9 +95,11 @@ class LoadedPlant:
             raise SceneError("model", f"{path.name}: {words}", "a model that Drake loads") from None
 
     def _set_dissipation(self, scene_graph: Any, dissipation: float | None) -> None:
+        """Set the dissipation, s/m, of every shape that collides; None leaves them."""
         if dissipation is None:
             return
-        inspector, source = scene_graph.model_inspector(), self.plant.get_source_id()
+        inspector = scene_graph.model_inspector()
+        source = self.plant.get_source_id()
         for geometry in inspector.GetAllGeometryIds(self.drake.Role.kProximity):
             properties = self.drake.ProximityProperties(inspector.GetProximityProperties(geometry))
             properties.UpdateProperty("material", DISSIPATION, dissipation)
@@ -102,10 +111,10 @@ class LoadedPlant:
 
     def property(self, geometry: Any, name: str) -> float:
         """A property of a shape's contact, from its file or else Drake's default."""
+        if not self.says(geometry, name):
+            return _DEFAULTS[name]
         properties = self.inspector.GetProximityProperties(geometry)
-        return float(
-            properties.GetProperty("material", name) if self.says(geometry, name) else _DEFAULTS[name]
-        )
+        return float(properties.GetProperty("material", name))
 
     def is_hydroelastic(self, geometry: Any) -> bool:
         """Say whether a shape's file asks for a pressure field (hydroelastic contact)."""
@@ -149,29 +158,41 @@ class LoadedPlant:
         return min((self._gap(query, *both) for both in meet), key=lambda gap: gap.distance)
 
     def _gap(self, query: Any, a: Any, b: Any) -> Gap:
-        shapes = [self.inspector.GetShape(g) for g in (a, b)]
-        half_spaces = [isinstance(shape, self.drake.HalfSpace) for shape in shapes]
-        if any(half_spaces):  # Drake knows the distance of spheres only from those
-            plane, other, sign = (b, a, 1.0) if half_spaces[1] else (a, b, -1.0)
-            ground, pose = query.GetPoseInWorld(plane), query.GetPoseInWorld(other)
-            up = ground.rotation().matrix()[:, 2]
-            turned = pose.rotation().matrix()
-            shape = shapes[0] if half_spaces[1] else shapes[1]
-            deepest = pose.translation() + turned @ self._farthest(shape, turned.T @ -up)
-            distance = float(up @ (deepest - ground.translation()))
-            return Gap(distance, -sign * up, deepest - 0.5 * distance * up, (a, b))
+        """Nearest points of two shapes, by their ids. UserError where Drake does not know their distance."""
+        half_space = self.drake.HalfSpace
+        # Drake knows the distance of spheres only from half-spaces.
+        if isinstance(self.inspector.GetShape(b), half_space):
+            distance, up, point = self._over_half_space(query, a, b)
+            return Gap(distance, -up, point, (a, b))
+        if isinstance(self.inspector.GetShape(a), half_space):
+            distance, up, point = self._over_half_space(query, b, a)
+            return Gap(distance, up, point, (a, b))
         try:
             near = query.ComputeSignedDistancePairClosestPoints(a, b)
         except RuntimeError as error:
             raise UserError("pair", str(error), "two shapes whose distance Drake knows") from None
-        poses = [query.GetPoseInWorld(g) for g in (near.id_A, near.id_B)]
-        ends = [pose.multiply(point) for pose, point in zip(poses, (near.p_ACa, near.p_BCb), strict=True)]
-        normal = near.nhat_BA_W if near.id_A == b else -near.nhat_BA_W
-        return Gap(float(near.distance), np.asarray(normal), (ends[0] + ends[1]) / 2, (a, b))
+        end_a = query.GetPoseInWorld(near.id_A).multiply(near.p_ACa)
+        end_b = query.GetPoseInWorld(near.id_B).multiply(near.p_BCb)
+        normal = near.nhat_BA_W
+        if near.id_A != b:  # Drake chooses which of the two is A
+            normal = -normal
+        return Gap(float(near.distance), np.asarray(normal), (end_a + end_b) / 2, (a, b))
+
+    def _over_half_space(self, query: Any, shape: Any, ground: Any) -> tuple[float, Floats, Floats]:
+        """(signed distance m, the ground's normal, midpoint) of a shape over a half-space, by their ids."""
+        ground_pose = query.GetPoseInWorld(ground)
+        pose = query.GetPoseInWorld(shape)
+        up = ground_pose.rotation().matrix()[:, 2]
+        turned = pose.rotation().matrix()
+        farthest = self._farthest(self.inspector.GetShape(shape), turned.T @ -up)
+        deepest = pose.translation() + turned @ farthest
+        distance = float(up @ (deepest - ground_pose.translation()))
+        return distance, up, deepest - 0.5 * distance * up
 
     def _farthest(self, shape: Any, along: Floats) -> Floats:
         """The point of a shape that is farthest along a unit vector, in its frame; of a face the middle."""
-        drake, side = self.drake, np.where(np.abs(along) < _ALONG, 0.0, np.sign(along))
+        drake = self.drake
+        side = np.where(np.abs(along) < _ALONG, 0.0, np.sign(along))
         if isinstance(shape, drake.Sphere):
             return np.asarray(shape.radius() * along)
         if isinstance(shape, drake.Box):
@@ -180,8 +201,11 @@ class LoadedPlant:
             axes = np.array([shape.a(), shape.b(), shape.c()])
             return np.asarray(axes**2 * along / np.linalg.norm(axes * along))
         if isinstance(shape, drake.Capsule | drake.Cylinder):
-            round_ = along if isinstance(shape, drake.Capsule) else _unit(np.array([*along[:2], 0.0]))
-            return np.asarray(shape.radius() * round_ + [0.0, 0.0, 0.5 * shape.length() * side[2]])
+            outwards = along
+            if isinstance(shape, drake.Cylinder):
+                outwards = _unit(np.array([*along[:2], 0.0]))
+            end = [0.0, 0.0, 0.5 * shape.length() * side[2]]
+            return np.asarray(shape.radius() * outwards + end)
         got = f"a {type(shape).__name__} on a HalfSpace, whose distance Drake does not know"
         raise UserError("pair", got, "a sphere, box, cylinder, capsule or ellipsoid on it")
 
@@ -195,7 +219,8 @@ def _unit(vector: Floats) -> Floats:
 def _said() -> Iterator[list[str]]:
     """Collect what Drake's parser warns of, which it would log."""
     lines: list[str] = []
-    handler, log = logging.Handler(), logging.getLogger("drake")
+    log = logging.getLogger("drake")
+    handler = logging.Handler()
     handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]
     before = log.propagate
     log.addHandler(handler)

@@ -23,7 +23,7 @@ _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
 
 
 def check_ball(path: Path, scene: Scene) -> None:
-    """SceneError where the ball has a mass that is no number above 0, or is a sphere of another radius than
+    """SceneError where the ball has a mass that is not above 0, or is a sphere of another radius than
     the scene's. Without a mass it passes: the scene's is set.
     """
     root = _parse(path)

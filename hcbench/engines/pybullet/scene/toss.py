@@ -92,7 +92,7 @@ def _load(
 
 def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> Floats:
     """States of one toss before the first step and after each, (steps + 1, 13): position, quaternion w x y z,
-    velocity as the body has it, spin; SI.
+    velocity, see `as_body`, spin; SI.
     """
     start = toss.position.tolist()
     turned = _scalar_last(toss.quaternion).tolist()
@@ -113,10 +113,10 @@ def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> F
 
 
 def _scalar_last(quaternion: Floats) -> Floats:
-    """w x y z as Bullet has it: x y z w."""
+    """Bullet's x y z w of w x y z."""
     return np.roll(quaternion, -1, axis=-1)
 
 
 def _scalar_first(quaternion: Floats) -> Floats:
-    """Bullet's x y z w as w x y z."""
+    """w x y z of Bullet's x y z w."""
     return np.roll(quaternion, 1, axis=-1)
