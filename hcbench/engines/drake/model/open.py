@@ -67,7 +67,7 @@ def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
 
 
 def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> CandidatePair:
-    """A pair as a row of the list. Mass, kg, and distance, m, are NaN where Drake knows none."""
+    """A pair as a row of the list; mass, kg, and distance, m, are NaN where Drake returns no distance."""
     distance = math.nan
     mass = math.nan
     try:

@@ -113,10 +113,10 @@ def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> F
 
 
 def _scalar_last(quaternion: Floats) -> Floats:
-    """Bullet's x y z w of w x y z."""
+    """The quaternion w x y z as x y z w, which is the order of Bullet."""
     return np.roll(quaternion, -1, axis=-1)
 
 
 def _scalar_first(quaternion: Floats) -> Floats:
-    """w x y z of Bullet's x y z w."""
+    """The quaternion x y z w, which is the order of Bullet, as w x y z."""
     return np.roll(quaternion, 1, axis=-1)
