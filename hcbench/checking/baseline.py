@@ -169,11 +169,15 @@ def read_pairs(path: Path) -> Pairs:
     from hcbench.fitting.table import read_lines, read_table
 
     columns = columns_of(read_table(path, read_lines(path)))
-    role = "speed" if "speed" in columns.places else "speed_in"
-    if {name for name in columns.places if not name.startswith("u_")} != {role, "restitution"}:
+    role = "speed_in"
+    if "speed" in columns.places:
+        role = "speed"
+    values = {name for name in columns.places if not name.startswith("u_")}
+    if values != {role, "restitution"}:
         names = ", ".join(name for name, _ in columns.table.header)
         raise UserError(columns.table.name, f"columns {names}", "speed [m/s],restitution")
-    speed, e = columns.get(role), columns.get("restitution")
+    speed = columns.get(role)
+    e = columns.get("restitution")
     columns.require(role, speed > 0, "a speed above 0")
     columns.require("restitution", (e >= 0) & (e <= 1), "0 ... 1")
     columns.require(role, [v not in speed[:i] for i, v in enumerate(speed)], "each speed once")

@@ -19,6 +19,8 @@ from hcbench.system.text import sanitized
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from hcbench.measuring.measurement import Measurement
+
     Progress = Callable[[int, int], None] | None
 
 DEFAULT_FILE = "pyproject.toml"
@@ -143,13 +145,19 @@ def _write(report: Report, outputs: Outputs) -> None:
 
         write_output(outputs.png, errors_png(report), "--png", outputs.force)
     if outputs.baseline is not None:
-        missing = [o for o in report.outcomes if o.measurement is None or not o.measurement.measured]
-        if missing or not report.outcomes:
-            first = missing[0] if missing else Outcome("anything", Verdict.MISTAKE, "no check is listed")
-            kind = UserError if first.verdict is Verdict.MISTAKE else OutputError
-            got = f"not written: {sanitized(first.name)} was not measured: {first.message}"
-            raise kind("baseline", got, "every check measured")
         from hcbench.checking.baseline import write_baseline
 
-        measured = {o.name: o.measurement for o in report.outcomes if o.measurement is not None}
-        write_baseline(outputs.baseline, measured, outputs.force)
+        write_baseline(outputs.baseline, _measurements(report), outputs.force)
+
+
+def _measurements(report: Report) -> dict[str, Measurement]:
+    """Measurement of each check by its name; UserError or OutputError for the first that has none."""
+    outcomes = report.outcomes or (Outcome("anything", Verdict.MISTAKE, "no check is listed"),)
+    measurements = {}
+    for outcome in outcomes:
+        if outcome.measurement is None or not outcome.measurement.measured:
+            kind = UserError if outcome.verdict is Verdict.MISTAKE else OutputError
+            got = f"not written: {sanitized(outcome.name)} was not measured: {outcome.message}"
+            raise kind("baseline", got, "every check measured")
+        measurements[outcome.name] = outcome.measurement
+    return measurements

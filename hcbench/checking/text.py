@@ -189,14 +189,20 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
 
 def _complete(entry: CheckSpec, table: CheckTable, folder: Path, baseline: Path | None) -> CheckSpec:
     """An entry with what the table says for all of them, and with paths from its folder."""
-    shared = {name: getattr(table, name) for name in SharedSpec.model_fields.keys() - entry.model_fields_set}
-    paths: dict[str, Any] = {
-        name: folder / path for name in ("pairs", "baseline", "trajectory") if (path := getattr(entry, name))
-    }
-    if package := entry.launch["package"] or table.launch["package"]:
-        paths["package"] = {name: str(folder / path) for name, path in named_folders(package)}
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")
-    models = {"model": tuple(str(folder / model) for model in entry.models)}
-    instead = dict.fromkeys(("alpha", "restitution", "pairs")) | {"baseline": baseline} if baseline else {}
-    return entry.model_copy(update={**shared, **paths, **models, **instead})
+    update: dict[str, Any] = {}
+    for name in SharedSpec.model_fields.keys() - entry.model_fields_set:
+        update[name] = getattr(table, name)
+    for name in ("pairs", "baseline", "trajectory"):
+        path = getattr(entry, name)
+        if path:
+            update[name] = folder / path
+    package = entry.launch["package"] or table.launch["package"]
+    if package:
+        update["package"] = {name: str(folder / path) for name, path in named_folders(package)}
+    update["model"] = tuple(str(folder / model) for model in entry.models)
+    if baseline is not None:
+        update |= dict.fromkeys(("alpha", "restitution", "pairs"))
+        update["baseline"] = baseline
+    return entry.model_copy(update=update)

@@ -40,8 +40,11 @@ class StepFix:
 
 def speeds_of(impacts: Sequence[Impact]) -> list[float]:
     """Launch speeds, m/s; at touch of bodies that fall from a height."""
-    fell = [i.launch.height is not None and math.isfinite(i.speed_in) for i in impacts]
-    return [i.speed_in if falls else i.launch.speed for i, falls in zip(impacts, fell, strict=True)]
+    speeds = []
+    for impact in impacts:
+        falls = impact.launch.height is not None and math.isfinite(impact.speed_in)
+        speeds.append(impact.speed_in if falls else impact.launch.speed)
+    return speeds
 
 
 def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> float | None:

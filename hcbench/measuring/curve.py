@@ -10,7 +10,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -244,20 +243,26 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
     """
     if not request.adapt_phases:
         return simulate.impacts_in(model, request.launches())
-    sent = itertools.product(request.speeds, request.angle)
-    wanted = [replace(request, speeds=(v,), angle=(a,)).launches() for v, a in sent]
+    wanted: list[list[Launch]] = []  # of each speed and angle: a launch at each phase asked for
+    for speed, angle in itertools.product(request.speeds, request.angle):
+        wanted.append(replace(request, speeds=(speed,), angle=(angle,)).launches())
     # All speeds together in each round, for engines that take as long for many as for one.
-    groups = [[impact] for impact in simulate.impacts_in(model, [launches[0] for launches in wanted])]
-    short = [i for i, (impact,) in enumerate(groups) if impact.samples < STEPS_WITHOUT_CHANCE]
-    new = {i: wanted[i][1:] for i in short}
+    first = simulate.impacts_in(model, [launches[0] for launches in wanted])
+    groups = [[impact] for impact in first]
+    new: dict[int, list[Launch]] = {}  # launches of the next round, by their group's place
+    for place, impact in enumerate(first):
+        if impact.samples < STEPS_WITHOUT_CHANCE:
+            new[place] = wanted[place][1:]
     while new:
         impacts = iter(simulate.impacts_in(model, list(itertools.chain.from_iterable(new.values()))))
-        for i, launches in new.items():
-            groups[i] = sorted(
-                [*groups[i], *itertools.islice(impacts, len(launches))],
-                key=lambda impact: impact.launch.phase,
-            )
-        new = {i: launches for i in new if (launches := _between(groups[i]))}
+        tried = new
+        new = {}
+        for place, launches in tried.items():
+            groups[place] += itertools.islice(impacts, len(launches))
+            groups[place].sort(key=lambda impact: impact.launch.phase)
+            more = _between(groups[place])
+            if more:
+                new[place] = more
     return list(itertools.chain.from_iterable(groups))
 
 
@@ -270,13 +275,17 @@ def _between(impacts: Sequence[Impact]) -> list[Launch]:
     room = _PHASES_MAX - len(impacts)
     if room <= 0 or min(impact.samples for impact in impacts) > STEPS_BY_CHANCE:
         return []
-    e = np.array([impact.restitution for impact in impacts])
-    scatter = float(np.nanmax(e) - np.nanmin(e)) if np.isfinite(e).any() else 0.0
+    e = [impact.restitution for impact in impacts]
+    known = [value for value in e if math.isfinite(value)]
+    scatter = max(known, default=0.0) - min(known, default=0.0)
+    notable = max(_SAME_E, _SAME_SHARE * scatter)
     phases = [impact.launch.phase for impact in impacts]
-    gaps = []
-    for (a, one), (b, two) in pairwise([*zip(phases, e, strict=True), (phases[0] + 1.0, e[0])]):
-        step = abs(one - two)
-        if step > max(_SAME_E, _SAME_SHARE * scatter) and b - a > _NARROWEST:
-            gaps.append((step, (a + b) / 2 % 1.0))
-    phases = [phase for _, phase in sorted(gaps, key=lambda gap: (-gap[0], gap[1]))]
-    return [replace(impacts[0].launch, phase=phase) for phase in phases[:room]]
+    e.append(e[0])
+    phases.append(phases[0] + 1.0)
+    gaps: list[tuple[float, float]] = []  # minus the difference in e, and the phase half-way
+    for i in range(len(impacts)):
+        difference = abs(e[i + 1] - e[i])
+        if difference > notable and phases[i + 1] - phases[i] > _NARROWEST:
+            middle = (phases[i] + phases[i + 1]) / 2
+            gaps.append((-difference, middle % 1.0))
+    return [replace(impacts[0].launch, phase=phase) for _, phase in sorted(gaps)[:room]]

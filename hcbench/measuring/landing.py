@@ -32,6 +32,7 @@ from hcbench.terms.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LAN
 
 HEIGHTS = "1:20:5 cm"
 _HIGHEST = 100.0  # m
+_STAYS = "stays"  # in place of a contact time: on the floor until the end of the window
 _HEADER = (
     *("drop m", "deg", "model", "impact m/s", "e", "peak/weight", "impulse N s"),
     *("contact ms", "slip mm", "depth mm", "feet", "bounce"),
@@ -146,16 +147,21 @@ def _drop_record(drop: Landing) -> dict[str, Any]:
 
 def as_text(robots: Sequence[Landings]) -> str:
     """The robots, one after the other in each drop, as lines for a terminal."""
-    lines = [line for landings in robots for line in headline(landings)]
+    lines = []
+    for landings in robots:
+        lines += headline(landings)
     names = labels(robots)
     rows = [_row(drop, name) for name, drop in by_drop(robots, names)]
     header, rows = _without_constant(_HEADER, rows, len(robots) > 1)
     header, rows = without_empty(header, rows, "impulse N s")
     lines += ["", *table(header, rows)]
     for name, landings in zip(names, robots, strict=True):
-        lines += ["", f"each foot of {name}" if len(robots) > 1 else "each foot", ""]
+        title = f"each foot of {name}" if len(robots) > 1 else "each foot"
+        lines += ["", title, ""]
         is_tilted = any(drop.tilt for drop in landings.drops)
-        feet = [row for drop in landings.drops for row in _foot_rows(drop, is_tilted)]
+        feet = []
+        for drop in landings.drops:
+            feet += _foot_rows(drop, is_tilted)
         lines += table(*without_empty(_FEET, feet, "deg"))
     return "\n".join(lines) + "\n"
 
@@ -174,7 +180,11 @@ def headline(landings: Landings) -> list[str]:
 def labels(robots: Sequence[Landings]) -> list[str]:
     """A name for each: of its file, with a number where two have the same."""
     names = [sanitized(landings.model, 40) for landings in robots]
-    return [f"{name} ({i})" if names.count(name) > 1 else name for i, name in enumerate(names, 1)]
+    unique = []
+    for i, name in enumerate(names, 1):
+        is_shared = names.count(name) > 1
+        unique.append(f"{name} ({i})" if is_shared else name)
+    return unique
 
 
 def by_drop(robots: Sequence[Landings], names: Sequence[str]) -> Iterator[tuple[str, Landing]]:
@@ -192,7 +202,7 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
         number(drop.restitution, ".3f"),
         number(drop.peak, ".2f"),
         "" if math.isnan(drop.impulse) else f"{drop.impulse:.4g}",
-        _contact(drop.contact),
+        _STAYS if drop.contact >= WINDOW_S else number(1e3 * drop.contact, ".3g"),
         number(1e3 * drop.slip, ".2f"),
         number(1e3 * drop.penetration, ".2f"),
         str(len(drop.feet)),
@@ -200,30 +210,27 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
     )
 
 
-def _contact(seconds: float) -> str:
-    """Contact time of a foot in ms, or that it stays on the floor."""
-    return "stays" if seconds >= WINDOW_S else number(1e3 * seconds, ".3g")
-
-
 def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
-    return [
-        (
+    rows: list[tuple[str, ...]] = []
+    for foot in drop.feet:
+        contact = number(1e3 * foot.contact, ".3g")
+        if foot.touch + foot.contact >= WINDOW_S:
+            contact = _STAYS
+        row = (
             f"{drop.height:.4g}",
             f"{math.degrees(drop.tilt):.4g}" if is_tilted else "",
             sanitized(foot.part, 30),
             f"{1e3 * foot.touch:.3g}",
             f"{foot.speed:.3g}",
             f"{foot.slide:.2f}",
-            _contact(foot.contact + foot.touch)
-            if foot.contact + foot.touch >= WINDOW_S
-            else _contact(foot.contact),
+            contact,
             number(foot.force_max, ".4g"),
             f"{1e3 * foot.slip:.2f}",
             f"{1e3 * foot.penetration:.2f}",
             str(foot.bounces),
         )
-        for foot in drop.feet
-    ]
+        rows.append(row)
+    return rows
 
 
 def _without_constant(

@@ -32,13 +32,18 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
         advice = "An angle holds at the first contact, a height at release; spin can be given with a height"
         raise UserError("angle", "given with height", "one of the two", advice)
     packages = read_packages(given.pop("package", {}))
-    pose = (*read_state(given.pop("state", None)), *read_joints(given.pop("qpos", None)))
+    state = read_state(given.pop("state", None))
+    joints = read_joints(given.pop("qpos", None))
     fields: dict[str, Any] = {}
     for name, value in given.items():
         read = _READ.get(name)
         fields[name] = value if read is None else read(value)
     return Request(
-        pair=read_pair(pair), pose=pose, packages=packages, adapt_phases="phases" not in given, **fields
+        pair=read_pair(pair),
+        pose=(*state, *joints),  # joints that are named replace those of the state
+        packages=packages,
+        adapt_phases="phases" not in given,
+        **fields,
     )
 
 
@@ -114,7 +119,10 @@ def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
     """Shares of a step at which it touches: as given, or as many in the middles of equal parts."""
     if isinstance(phases, str):
         text = phases.strip()
-        phases = int(text) if text.isdecimal() else units.parse_values(text, "number", "phases").tolist()
+        if text.isdecimal():
+            phases = int(text)
+        else:
+            phases = units.parse_values(text, "number", "phases").tolist()
     if not isinstance(phases, Iterable):
         if not 1 <= phases <= MAX_PHASES:
             raise QuantityError("phases", str(phases), f"1 ... {MAX_PHASES}")

@@ -26,7 +26,9 @@ _FAILURES = 3  # impacts without an e that are listed
 
 def as_record(measurement: Measurement) -> dict[str, Any]:
     """The measurement for JSON; NaN for a number that does not apply."""
-    facts, score, law = measurement.facts, measurement.score, measurement.law
+    facts = measurement.facts
+    score = measurement.score
+    wanted = measurement.wanted
     return {
         "schema": SCHEMA,
         "kind": "hcbench measurement",
@@ -43,18 +45,11 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "speed_shares": dict(facts.shares),
         "settings": dict(facts.settings),
         "model_asks": {"restitution": list(facts.asked), "description": facts.asked_description},
-        "target": measurement.wanted.description if measurement.wanted else None,
+        "target": None if wanted is None else wanted.description,
         "curve": [p.record(measurement.request.is_oblique) for p in measurement.curve],
         "phase_spread": measurement.spread,
         "energy_gained": measurement.energy_gained,
-        "law": None
-        if law is None
-        else {
-            "alpha_s_per_m": law.alpha,
-            "stiffness_n_per_m_n": law.stiffness,
-            "exponent": law.exponent,
-            "alpha_fitted": not isinstance(measurement.wanted, Restitution),
-        },
+        "law": _law(measurement),
         "score": None if score is None else dataclasses.asdict(score),
         "impacts": [_impact(i) for i in measurement.impacts],
         "loops": [_loop(impact) for impact in measurement.loops],
@@ -63,6 +58,18 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "rest": None if measurement.rest is None else record(REST, measurement.rest),
         "rest_causes": [dataclasses.asdict(c) for c in measurement.rest_causes],
         "notes": list(facts.notes),
+    }
+
+
+def _law(measurement: Measurement) -> dict[str, Any] | None:
+    law = measurement.law
+    if law is None:
+        return None
+    return {
+        "alpha_s_per_m": law.alpha,
+        "stiffness_n_per_m_n": law.stiffness,
+        "exponent": law.exponent,
+        "alpha_fitted": not isinstance(measurement.wanted, Restitution),
     }
 
 
@@ -206,16 +213,20 @@ def _along_lines(measurement: Measurement) -> list[str]:
     limit = "" if math.isnan(friction) else f"; by Coulomb's law at most the friction, {friction:g}"
     words = f"along the plate, J the impulse of friction over the normal one{limit}"
     header = ("launch m/s", "deg", "slip m/s", "after", "spin rad/s", "after", "J", "energy lost")
-    rows = [
-        (
-            f"{p.speed:.4g}",
-            f"{math.degrees(p.angle):.4g}",
-            *(number(value, ".4g") for value in p.along[:4]),
-            number(p.along.impulse_ratio, ".3f"),
-            number(p.along.energy_lost, ".3f"),
+    rows = []
+    for point in measurement.curve:
+        along = point.along
+        row = (
+            f"{point.speed:.4g}",
+            f"{math.degrees(point.angle):.4g}",
+            number(along.slip_in, ".4g"),
+            number(along.slip_out, ".4g"),
+            number(along.spin_in, ".4g"),
+            number(along.spin_out, ".4g"),
+            number(along.impulse_ratio, ".3f"),
+            number(along.energy_lost, ".3f"),
         )
-        for p in measurement.curve
-    ]
+        rows.append(row)
     return ["", words, "", *table(header, rows)]
 
 
@@ -235,8 +246,10 @@ def _score_lines(measurement: Measurement) -> list[str]:
         powers = f"v^{score.energy_exponent:.3g}, the law's as v^{number(score.energy_exponent_law, '.3g')}"
         lines.append(f"energy lost goes as {powers}")
     if score.loops:
-        lossy = law.alpha * max(i.speed_in for i in measurement.measured) > _LOSSY
-        area = f"area x {number(score.area_ratio, '.3g')}, " if lossy else ""
+        fastest = max(impact.speed_in for impact in measurement.measured)
+        area = ""
+        if law.alpha * fastest > _LOSSY:
+            area = f"area x {number(score.area_ratio, '.3g')}, "
         lines.append(
             f"loops against the law with that α: force {score.loop_rms:.2g} rms of the largest, {area}"
             f"largest force x {score.force_ratio:.3g}, duration x {score.duration_ratio:.3g}, first force "

@@ -31,8 +31,13 @@ class Shown:
 
     def __repr__(self) -> str:
         """The result in at most 12 lines of at most 100 columns."""
-        lines = [line if len(line) <= COLUMNS else f"{line[: COLUMNS - 3]}..." for line in self._lines()]
-        return "\n".join(lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."])
+        lines = []
+        for line in self._lines():
+            is_long = len(line) > COLUMNS
+            lines.append(f"{line[: COLUMNS - 3]}..." if is_long else line)
+        if len(lines) > _LINES:
+            lines[_LINES - 1 :] = ["..."]
+        return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
         """The result as a table of pandas; numbers are SI, and the columns' names have the units."""

@@ -6,6 +6,7 @@ The last bytes of each say which option wrote it. Another file is replaced only 
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import zlib
@@ -41,13 +42,18 @@ def require_output(path: Path, option: str, inputs: Iterable[Path] = (), force: 
 
     inputs: files and folders that are read. What they name in quotes, such as meshes, is an input too.
     """
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        what = "is a folder" if path.is_dir() else "is in a folder that does not exist"
-        raise OutputError(option, f"{sanitized(path)} {what}", "a file in an existing folder")
+    shown = sanitized(path)
+    folder = path.absolute().parent
+    if path.is_dir():
+        raise OutputError(option, f"{shown} is a folder", "a file in an existing folder")
+    if not folder.is_dir():
+        got = f"{shown} is in a folder that does not exist"
+        raise OutputError(option, got, "a file in an existing folder")
     if path.exists() and any(_is_same(path, each) for each in _all_inputs(inputs)):
-        raise UserError(option, f"{sanitized(path)} is an input", "another file", "Inputs are never replaced")
-    if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
-        raise OutputError(option, f"{sanitized(path)}: Permission denied", "a place that can be written to")
+        raise UserError(option, f"{shown} is an input", "another file", "Inputs are never replaced")
+    replaced = path if path.exists() else folder
+    if not os.access(replaced, os.W_OK):
+        raise OutputError(option, f"{shown}: Permission denied", "a place that can be written to")
     _require_replaceable(path, option, force)
 
 
@@ -98,10 +104,16 @@ def _all_inputs(inputs: Iterable[Path]) -> Iterator[Path]:
 
 
 def _named(path: Path, content: bytes) -> list[Path]:
-    texts = {match.decode(errors="replace").partition(".py:") for match in _QUOTED.findall(content)}
-    names = {f"{name}.py" if colon else name for name, colon, _ in texts}
-    folders = [path.parent, *(path.parent / name for name in names if _is(path.parent / name, Path.is_dir))]
-    return [folder / name for folder in folders for name in names if _is(folder / name, Path.is_file)]
+    """Files that a text names in quotes, beside it or in a folder that it names, such as its meshes'."""
+    names = set()
+    for match in _QUOTED.findall(content):
+        name, colon, _ = match.decode(errors="replace").partition(".py:")  # FILE.py:FUNCTION is of FILE.py
+        names.add(f"{name}.py" if colon else name)
+    beside = [path.parent / name for name in names]
+    folders = [path.parent]
+    folders += [each for each in beside if _is(each, Path.is_dir)]
+    named = itertools.product(folders, names)
+    return [folder / name for folder, name in named if _is(folder / name, Path.is_file)]
 
 
 def _is(path: Path, what: Callable[[Path], bool]) -> bool:

@@ -25,9 +25,12 @@ def sanitized(text: object, longest: int = _LONGEST) -> str:
 
 def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Lines of a table, columns to the right, two spaces between; one, where the lines are too long."""
-    widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
-    gap = "  " if sum(widths) + 2 * len(widths) - 2 <= COLUMNS else " "
-    return [gap.join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in [header, *rows]]
+    lines = [header, *rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    gap = "  "
+    if len(gap.join(" " * width for width in widths)) > COLUMNS:
+        gap = " "
+    return [gap.join(map(str.rjust, cells, widths)) for cells in lines]
 
 
 def joined_names(names: Sequence[str]) -> str:
@@ -81,5 +84,10 @@ def arguments(values: Mapping[str, Any]) -> str:
 
 def time_step(step: float) -> str:
     """A time step in s; as 1/240 where that is exact and no short decimal is."""
-    plain, rate = f"{step:.6g}", round(1.0 / step) if step > 0 else 0
-    return f"1/{rate}" if float(plain) != step and rate and step == 1.0 / rate else plain
+    plain = f"{step:.6g}"
+    if float(plain) == step or step <= 0:
+        return plain
+    rate = round(1.0 / step)
+    if rate and step == 1.0 / rate:
+        return f"1/{rate}"
+    return plain

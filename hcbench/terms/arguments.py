@@ -70,16 +70,24 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     argument of another type than annotated, or of an unknown name, raises a UserError that names it.
     """
     signature = _spelled_out(function)
-    names = {each.name: each.kind for each in signature.parameters.values()}
-    in_places = [name for name, kind in names.items() if kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
-    after_them = [name for name, kind in names.items() if kind is inspect.Parameter.VAR_POSITIONAL]
-    takes_others = inspect.Parameter.VAR_KEYWORD in names.values()
+    names = signature.parameters
+    in_places: list[str] = []
+    after_them: list[str] = []
+    takes_others = False
+    for name, parameter in names.items():
+        if parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD:
+            in_places.append(name)
+        elif parameter.kind is inspect.Parameter.VAR_POSITIONAL:
+            after_them.append(name)
+        elif parameter.kind is inspect.Parameter.VAR_KEYWORD:
+            takes_others = True
 
     @functools.wraps(function)
     def outer(*args: P.args, **kwargs: P.kwargs) -> R:
         hints = _hints(function)
         places = [*in_places, *after_them * len(args)]  # *files: each argument is one of them
-        for name, value in (*zip(places, args, strict=False), *kwargs.items()):
+        given = [*zip(places, args, strict=False), *kwargs.items()]
+        for name, value in given:
             if name in hints and not _fits(value, hints[name]):
                 raise UserError(name, f"{value!r:.80}", _words(hints[name]))
             if name not in names and not takes_others:
@@ -230,18 +238,20 @@ _GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {  # in this order: the fi
 
 def _words(hint: Any) -> str:
     """Describe a type in words, for an error."""
-    origin, parts = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    parts = get_args(hint)
     if origin in (Union, types.UnionType):
-        given = tuple(part for part in parts if part is not type(None))  # None is the same as left out
-        return _WORDS.get(functools.reduce(operator.or_, given)) or " or ".join(
-            _words(part) for part in parts
-        )
+        given = [part for part in parts if part is not type(None)]  # None is the same as left out
+        known = _WORDS.get(functools.reduce(operator.or_, given))
+        return known or " or ".join(map(_words, parts))
     if origin is Annotated:
         return f"{_words(parts[0])}, {parts[1].least} or more"
     if origin is Literal:
-        return " or ".join(repr(part) for part in parts)
+        return " or ".join(map(repr, parts))
     if origin is np.ndarray:
         return "numbers"
-    if origin is not None and isinstance(origin, type) and issubclass(origin, Iterable):
-        return f"several of: {_words(parts[0])}" if parts[1:] in ((), (Ellipsis,)) else f"{len(parts)} values"
+    if isinstance(origin, type) and issubclass(origin, Iterable):
+        if parts[1:] in ((), (Ellipsis,)):
+            return f"several of: {_words(parts[0])}"
+        return f"{len(parts)} values"
     return _WORDS.get(hint, f"a {getattr(hint, '__name__', hint)}")

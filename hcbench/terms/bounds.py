@@ -64,10 +64,20 @@ def require_bounds(
 
     smallest: in place of the table's.
     """
-    low, high = (0.0, math.inf) if _beyond.get() else BOUNDS.get(quantity, (0.0, math.inf))
-    low, high = max(SMALLEST, low if smallest is None else smallest), min(LARGEST, high)
+    low = 0.0
+    high = math.inf
+    if not _beyond.get():
+        low, high = BOUNDS.get(quantity, (low, high))
+    if smallest is not None:
+        low = smallest
+    low = max(SMALLEST, low)
+    high = min(LARGEST, high)
     for value in values:
-        if not math.isfinite(value) or (value and not low <= abs(value) <= high):
-            zero = "0 ... " if low == SMALLEST else f"{low:g} ... "
-            advice = "" if _beyond.get() else "--beyond-bounds admits it, if it is meant"
-            raise QuantityError(slot, f"{value:.6g} {unit}".strip(), f"{zero}{high:g} {unit}".strip(), advice)
+        is_within = value == 0 or low <= abs(value) <= high
+        if math.isfinite(value) and is_within:
+            continue
+        least = "0" if low == SMALLEST else f"{low:g}"
+        got = f"{value:.6g} {unit}".strip()
+        expected = f"{least} ... {high:g} {unit}".strip()
+        advice = "" if _beyond.get() else "--beyond-bounds admits it, if it is meant"
+        raise QuantityError(slot, got, expected, advice)

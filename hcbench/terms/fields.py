@@ -163,18 +163,28 @@ def validate(table: type[T], content: Mapping[str, Any], error: type[UserError],
 
 def _place(table: type[FileTable], location: Sequence[int | str]) -> tuple[str, type[FileTable], str]:
     """(path, innermost table, what was expected there) of what an error of Pydantic is about."""
-    path, expected = "", ""
+    path = ""
+    expected = ""
     reached: Any = table  # the type of what the path leads to
     for part in location:
         inner = _table_in(reached)
         if inner is None:
             if get_origin(reached) is dict:
-                path, reached = f"{path}.{part}", get_args(reached)[1]
-        elif isinstance(part, int):
-            path, table, expected = f"{path}[{part}]", inner, f"a table of {', '.join(_fields(inner))}"
-        else:
-            path, table, field = f"{path}.{part}", inner, _fields(inner).get(part)
-            reached, expected = (field.annotation, _expected(field)) if field else (None, "")
+                path = f"{path}.{part}"
+                _, reached = get_args(reached)
+            continue
+        table = inner
+        if isinstance(part, int):
+            path = f"{path}[{part}]"
+            expected = f"a table of {', '.join(_fields(inner))}"
+            continue
+        path = f"{path}.{part}"
+        reached = None
+        expected = ""
+        field = _fields(inner).get(part)
+        if field is not None:
+            reached = field.annotation
+            expected = _expected(field)
     return path.lstrip("."), table, expected
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -123,11 +123,13 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
     if not unit:
         return 1.0
     si = kind.unit.replace("^n", f"^{exponent!r}")
-    expected, advice = f"a unit that converts to {si}", f"Write for example {kind.example!r}"
-    if len(unit) > _LONGEST_UNIT or any((_TOWER.search(unit), _SIGN.search(unit), not _UNIT.fullmatch(unit))):
-        raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected if si else "a plain number", advice)
+    expected = f"a unit that converts to {si}" if si else "a plain number"
+    advice = f"Write for example {kind.example!r}"
+    is_unit = _UNIT.fullmatch(unit) and not _TOWER.search(unit) and not _SIGN.search(unit)
+    if len(unit) > _LONGEST_UNIT or not is_unit:
+        raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected, advice)
     if not si:
-        raise QuantityError(slot, f"{text!r} has the unit {unit!r}", "a plain number", advice)
+        raise QuantityError(slot, f"{text!r} has the unit {unit!r}", expected, advice)
     if (usual := _USUAL.get(si, {}).get(unit)) is not None:
         return usual
     try:
@@ -136,7 +138,9 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
         if type(error) is ValueError and kind.name in _ANGLE:
             what = "an angle" if kind.name == "frequency" else "no angle"
             raise QuantityError(slot, f"{text!r} is {what} in time", expected, _ANGLE[kind.name]) from None
-        why = "is not a known unit" if "Undefined" in type(error).__name__ else "does not fit"
+        why = "does not fit"
+        if "Undefined" in type(error).__name__:
+            why = "is not a known unit"
         got = f"{text!r}: {unit!r} {why}"
         raise QuantityError(slot, got, expected, f"{advice}; plain numbers are SI") from None
 
@@ -242,34 +246,51 @@ def parse_values(
     A list may mix all of these. A unit at the end alone holds for the whole list; otherwise each item has its
     own, or none has one. Order is kept. least, above: bounds, SI. Raises QuantityError.
     """
-    kind, slot = QUANTITIES[quantity], slot or quantity
+    kind = QUANTITIES[quantity]
+    slot = slot or quantity
     value = _without_pint(value, kind, slot)
     if isinstance(value, np.ndarray):
         value = value.ravel().tolist()
     if isinstance(value, list | tuple):
         if not len(value):
             raise QuantityError(slot, "an empty list", f"at least one value like {kind.example!r}")
-        one = partial(parse, quantity=quantity, slot=slot, least=least, above=above)
-        several = partial(parse_values, quantity=quantity, slot=slot, least=least, above=above)
-        return np.concatenate([several(v) if isinstance(v, str) else [one(v)] for v in value])
+        parts = []
+        for each in value:
+            if isinstance(each, str):
+                parts.append(parse_values(each, quantity, slot, least=least, above=above))
+            else:
+                parts.append(np.array([parse(each, quantity, slot, least=least, above=above)]))
+        return np.concatenate(parts)
     if not isinstance(value, str) or not re.search(r"[:,]", value):
         return np.array([parse(value, quantity, slot, least=least, above=above)])
-    pieces = [piece for piece in map(_PIECE.fullmatch, value.split(",")) if piece]
-    if len(pieces) <= value.count(","):
-        raise QuantityError(slot, f"{value!r}", _SHAPE)
-    if comma := _DECIMAL_COMMA.search(value):
-        got, near = f"{value!r} has a comma between digits", comma[0].replace(",", ".")
-        raise QuantityError(slot, got, f"{near!r}, or a space after the comma of a list")
-    *units, last = ((piece["unit"] or "").strip() for piece in pieces)
-    if any(units) and not all((*units, last)):
-        expected = "one unit at the end for the whole list, or one at each value"
-        raise QuantityError(slot, f"{value!r} has units at some values only", expected)
-    numbers: list[float] = []
-    for piece, unit in zip(pieces, (*units, last), strict=True):
-        scale = _scale(unit or last, kind, slot, value, 1.5)
-        numbers.extend(_expand(piece["range"], slot, value) * scale)
+    numbers = _listed(value, kind, slot)
     _require_bounds(numbers, value, kind, slot, least, above)
     return np.array(numbers)
+
+
+def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
+    """Numbers of a list or range in text, SI. Raises QuantityError."""
+    pieces = []
+    for part in text.split(","):
+        piece = _PIECE.fullmatch(part)
+        if piece is None:
+            raise QuantityError(slot, f"{text!r}", _SHAPE)
+        pieces.append(piece)
+    comma = _DECIMAL_COMMA.search(text)
+    if comma is not None:
+        got = f"{text!r} has a comma between digits"
+        near = comma[0].replace(",", ".")
+        raise QuantityError(slot, got, f"{near!r}, or a space after the comma of a list")
+    units = [(piece["unit"] or "").strip() for piece in pieces]
+    last = units[-1]
+    if any(units[:-1]) and not all(units):
+        expected = "one unit at the end for the whole list, or one at each value"
+        raise QuantityError(slot, f"{text!r} has units at some values only", expected)
+    numbers: list[float] = []
+    for piece, unit in zip(pieces, units, strict=True):
+        scale = _scale(unit or last, kind, slot, text, 1.5)
+        numbers.extend(_expand(piece["range"], slot, text) * scale)
+    return numbers
 
 
 def _expand(text: str, slot: str, value: str) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,26 +42,27 @@ class Evaluation:
     constant, constant_error: the best constant e. launches: how many. steps_min, steps_max: steps in contact.
     penetration_max: m. force_max: N. deep: whether that is deeper than the step and the law ask for.
     friction_error: largest error of the impulse of friction, over μ times the normal impulse; NaN without.
+    phase_spread: largest difference in e between phases of one speed; NaN where a phase has no e.
     loop_rms: distance of the loops from the law's over its largest force; NaN where no loop is resolved.
     failed: impacts that gave no restitution, with the first reason. max_e: the largest e of all.
     """
 
-    max_error: float
-    at_speed: float
     constant: float
     constant_error: float
     phase_spread: float
-    steps_min: int
-    steps_max: int
-    penetration_max: float
-    force_max: float
     loop_rms: float
     failed: int
     reason: str
-    launches: int = 0
-    friction_error: float = math.nan
-    deep: bool = False
+    launches: int
+    friction_error: float
+    max_error: float = math.nan
+    at_speed: float = math.nan
+    steps_min: int = 0
+    steps_max: int = 0
+    penetration_max: float = math.nan
+    force_max: float = math.nan
     max_e: float = math.nan
+    deep: bool = False
 
 
 def held_out_launches(target: Target) -> list[Launch]:
@@ -95,6 +96,9 @@ def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> 
     ]
 
 
+_Measure = Callable[[Sequence[Impact], Target, Scene], Floats]
+
+
 def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
     """Launch at held-out speeds and phases, then ever nearer to the worst, with friction spinning too, and
     compare with the target.
@@ -107,23 +111,30 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
     random = np.random.default_rng(_SEED)
     if target.friction:
         impacts += engine.run(scene, setting, oblique_launches(target))
-    measures = (_errors, _friction_errors) if target.friction else (_errors,)
+    measures: list[_Measure] = [_errors]
+    if target.friction:
+        measures.append(_friction_errors)
     for closer, errors in itertools.product(range(_ROUNDS), measures):
         off = np.nan_to_num(errors(impacts, target, scene), nan=-1.0)
         worst = impacts[int(off.argmax())]
-        speeds, phases, slips = (
-            centre + random.uniform(-1, 1, _NEAR) * _NEARBY * unit / 4.0**closer
-            for centre, unit in (
-                (np.nan_to_num(worst.speed_in, nan=target.speed_min), _width(target)),
-                (worst.launch.phase, 1.0),
-                (worst.launch.slip[0], target.speed_max),
-            )
-        )
-        near = np.clip(speeds, target.speed_min, target.speed_max), np.clip(phases, 0.001, 0.999)
-        around = _launches(target, *near, np.abs(slips))
-        turning = [replace(launch, spin=worst.launch.spin) for launch in around]
-        impacts += engine.run(scene, setting, turning)
+        reach = _NEARBY / 4.0**closer
+        impacts += engine.run(scene, setting, _near(worst, target, reach, random))
     return evaluate_impacts(impacts, target, scene)
+
+
+def _near(worst: Impact, target: Target, reach: float, random: np.random.Generator) -> list[Launch]:
+    """Launches about one impact: `reach` of the band, of a step and of the highest speed to each side."""
+    speed = target.speed_min if math.isnan(worst.speed_in) else worst.speed_in
+    speeds = speed + random.uniform(-1, 1, _NEAR) * reach * _width(target)
+    phases = worst.launch.phase + random.uniform(-1, 1, _NEAR) * reach
+    slips = worst.launch.slip[0] + random.uniform(-1, 1, _NEAR) * reach * target.speed_max
+    around = _launches(
+        target,
+        np.clip(speeds, target.speed_min, target.speed_max),
+        np.clip(phases, 0.001, 0.999),
+        np.abs(slips),
+    )
+    return [replace(launch, spin=worst.launch.spin) for launch in around]
 
 
 def _error_controlled(engine: Engine, setting: Setting) -> bool:
@@ -146,43 +157,56 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
     """Compare impacts with the target: of `held_out_launches`, and any others after them."""
     good = [i for i in impacts if i.is_measured]
     failed = [i for i in impacts if not i.is_measured]
-    error = np.array([math.nan])
-    if good:
-        error = np.nan_to_num(_errors(good, target, scene))
-    worst = int(error.argmax())
-    constant, constant_error = minimax_constant(target)
     oblique = [i for i in impacts if i.launch.is_oblique]
-
     grid = impacts[: _SPEEDS * _PHASES]  # the phases of a speed follow one another
-    one_phase = [i for i in grid[::_PHASES] if i.is_measured]
-    scores = [scoring.score_loop(i, target.law, target.mass) for i in one_phase]
-    rms = [score.rms for score in scores if score is not None]
-    spread = math.nan
-    if len(grid) == _SPEEDS * _PHASES:
-        e = np.array([i.restitution for i in grid]).reshape(_SPEEDS, _PHASES)
-        spread = float(np.ptp(e, axis=1).max())
-
-    deepest = max((i.penetration_max for i in good), default=math.nan)
-    law_depth = float(closed_form.penetration_max(target.law, target.mass, target.speed_max))
-    allowed_depth = max(DEEPEST_STEPS * target.speed_max * target.timestep, _AS_LAW * law_depth)
-    return Evaluation(
-        max_error=float(error[worst]),
-        at_speed=good[worst].speed_in if good else math.nan,
+    constant, constant_error = minimax_constant(target)
+    evaluation = Evaluation(
         constant=constant,
         constant_error=constant_error,
-        phase_spread=spread,
-        steps_min=min((i.samples for i in good), default=0),
-        steps_max=max((i.samples for i in good), default=0),
-        penetration_max=deepest,
-        force_max=max((i.force_max for i in good), default=math.nan),
-        loop_rms=max(rms, default=math.nan),
+        phase_spread=_phase_spread(grid),
+        loop_rms=_loop_rms(grid[::_PHASES], target),
         failed=len(failed),
         reason=failed[0].reason if failed else "",
         launches=len(impacts),
         friction_error=friction_error(oblique, scene),
-        max_e=max((i.restitution for i in good), default=math.nan),
+    )
+    if not good:
+        return evaluation
+    error = np.nan_to_num(_errors(good, target, scene))
+    worst = int(error.argmax())
+    samples = [impact.samples for impact in good]
+    deepest = max(impact.penetration_max for impact in good)
+    law_depth = float(closed_form.penetration_max(target.law, target.mass, target.speed_max))
+    allowed_depth = max(DEEPEST_STEPS * target.speed_max * target.timestep, _AS_LAW * law_depth)
+    return replace(
+        evaluation,
+        max_error=float(error[worst]),
+        at_speed=good[worst].speed_in,
+        steps_min=min(samples),
+        steps_max=max(samples),
+        penetration_max=deepest,
+        force_max=max(impact.force_max for impact in good),
+        max_e=max(impact.restitution for impact in good),
         deep=deepest > allowed_depth,
     )
+
+
+def _phase_spread(grid: Sequence[Impact]) -> float:
+    """Largest difference in e between phases of one speed; NaN where the grid is not complete."""
+    if len(grid) < _SPEEDS * _PHASES:
+        return math.nan
+    e = np.array([impact.restitution for impact in grid]).reshape(_SPEEDS, _PHASES)
+    return float(np.ptp(e, axis=1).max())
+
+
+def _loop_rms(impacts: Sequence[Impact], target: Target) -> float:
+    """Largest rms difference of a force loop from the law's, of its largest force; NaN without a loop."""
+    differences = []
+    for impact in impacts:
+        score = scoring.score_loop(impact, target.law, target.mass) if impact.is_measured else None
+        if score is not None:
+            differences.append(score.rms)
+    return max(differences, default=math.nan)
 
 
 def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5.0) -> Rest:

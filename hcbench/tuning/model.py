@@ -95,9 +95,22 @@ def tune_job(
     return run_job(_tuned, job, limit)
 
 
+@dataclass(frozen=True, slots=True)
+class _Try:
+    """A setting that was tried: how the model stands with it, its largest error of e or the allowed one
+    where that is larger, and how many quantities of the model at rest it makes worse.
+    """
+
+    setting: ModelSetting
+    standing: Standing
+    error: float
+    worse: int
+
+
 def _tuned(job: Job) -> TunedModel:
+    """Try the engine's settings, the simplest first; return the first that will do, or else the nearest."""
     assert isinstance(job, _TuneJob)
-    requests = job.request, *job.others
+    requests = (job.request, *job.others)
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, TunesModels):
         expected = "an engine that tunes models of users"
@@ -109,25 +122,30 @@ def _tuned(job: Job) -> TunedModel:
     wanted = job.wanted or _of_spring(job, requests, as_it_was)
     each = [way for request in requests for way in engine.attitudes(source, request)]
     before = engine.standing(source, None, requests)
-    # (error, at least the allowed one; count of quantities that became worse; setting; standing)
-    tries: list[tuple[float, float, ModelSetting, Standing]] = []
+    tries: list[_Try] = []
     alike = [request for _, request in each]
     for setting in engine.model_settings(source, alike, wanted, before, rebuild, job.output.version):
         error = _tried(setting, alike, wanted, job.max_error)
         after = engine.standing(source, setting, requests)
         worse = len(list(after.worse_than(before)))
-        tries.append((max(error, job.max_error), worse, setting, after))
+        tries.append(_Try(setting, after, max(error, job.max_error), worse))
         if error <= job.max_error and not worse:
             break
-    _, _, setting, after = min(tries, key=lambda each: each[:2])
+    best = min(tries, key=lambda tried: (tried.error, tried.worse))
+    setting = best.setting
     pairs = _measured(setting.open, each, wanted, held_out=True)
     if not all(math.isfinite(pair.max_error) for pair in pairs):
         got = f"launches with the setting {setting.name!r} gave no restitution"
         raise EngineFailed("model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep")
-    notes = dict.fromkeys((*setting.notes, *(note for pair in pairs for note in pair.facts.notes)))
+    notes = dict.fromkeys(setting.notes)  # each once, in order
+    for pair in pairs:
+        notes |= dict.fromkeys(pair.facts.notes)
     promises = []
     for request in requests:
-        theirs = [pair for pair, (_, each_) in zip(pairs, each, strict=True) if each_.pair == request.pair]
+        theirs = []
+        for pair, (_, launched) in zip(pairs, each, strict=True):
+            if launched.pair == request.pair:
+                theirs.append(pair)
         band = min(request.speeds), max(request.speeds)
         promises.append(Promise(setting.name, 1, wanted, largest_error(theirs), band))
 
@@ -138,7 +156,7 @@ def _tuned(job: Job) -> TunedModel:
         pairs,
         _measured(as_it_was, each, wanted, held_out=False),
         before,
-        after,
+        best.standing,
         min(job.max_error, MAX_ERROR),
     )
 
