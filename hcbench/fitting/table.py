@@ -200,7 +200,36 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
         beyond = row[width:]
         if any(cell.strip() for cell in beyond):
             raise UserError(f"{name}, line {line}", f"{len(row)} cells", f"{width}, as the header has")
+    _require_one_meaning(table)
     return plain(table)
+
+
+def _require_one_meaning(table: Table) -> None:
+    """Raise UserError for numbers whose commas or points may be decimal signs or part thousands.
+
+    In a file there is one decimal sign. A comma before three digits is one only where another comma of the
+    file can be nothing else, as in 0,5.
+    """
+    with_comma: list[str] = []
+    with_point: list[str] = []
+    for row in table.cells:
+        for cell in row:
+            number = cell.strip().rstrip("% ")
+            if not _looks_numeric(number) and _uncertain(number) is None:
+                continue
+            if "," in number:
+                with_comma.append(number)
+            if "." in number:
+                with_point.append(number)
+    advice = "Write numbers without a sign between the thousands"
+    if with_comma and with_point:
+        got = f"{with_comma[0]!r} and {with_point[0]!r}"
+        raise UserError(table.name, got, "one decimal sign in the file", advice)
+    if with_comma and all(_THOUSANDS.fullmatch(number) for number in with_comma):
+        whole = with_comma[0].replace(",", "")
+        decimal = with_comma[0].replace(",", ".")
+        expected = f"{whole} or {decimal}, whichever it is"
+        raise UserError(table.name, repr(with_comma[0]), expected, advice)
 
 
 def _cells(name: str, number: int, text: str, separator: str) -> tuple[str, ...]:
@@ -268,6 +297,7 @@ _UNITS = frozenset(
 )
 _SUFFIX = re.compile(r"(.+?)(?:\s*/\s*|_|\s*,\s*|\s+in\s+|\s+)([^\s/,_]+(?:/s|/h)?)")
 _NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _UNCERTAIN = re.compile(rf"\s*({_NUMBER})\s*(?:±|\+-|\+/-)\s*({_NUMBER})\s*")
 _SHORT = re.compile(r"\s*([-+]?\d*[.,]?(\d*))\((\d+)\)\s*")
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.clicks import Indices
     from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.flight import Ballistics
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
@@ -36,6 +37,8 @@ _FALLEN = 0.05
 # Standard deviations of g from which on the scale or the clock is called wrong
 _OFF = 3.0
 _NEAR = 0.01  # of g: less does not matter, at any standard deviation
+_GROSS = 0.2  # of g: more is no error of measuring, and no fit is made
+_FRAMES_OF_G = 6  # of a flight from which its bend tells g
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +157,7 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     floor = float(np.median(heights[lows]))
     gravity = setup.ballistics.gravity
     frame = float(np.median(np.diff(times)))
+    _require_scale(name, setup.ballistics, times, heights, lows)
     lows = _of_flights(lows, times, heights - floor, frame, gravity)
     top = float(heights[: lows[0]].max(initial=floor))
     gone = np.flatnonzero(heights[: lows[0]] > top - max(_FALLEN * (top - floor), 3.0 * noise))
@@ -171,6 +175,33 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     kept = is_begun & (times < end)
     drop = top - floor if has_fall else None
     return Track(name, setup, times[kept], heights[kept], np.array(touches), floor, drop)
+
+
+def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, lows: Indices) -> None:
+    """Raise UserError where the flights between touches fall with quite another g than the one given.
+
+    times, heights: (n,), s and m. lows: (k,), the frames of touches. A film shown slower than it was taken
+    stretches time, a wrong scale the heights; both enter α in full.
+    """
+    measured = 0.0
+    expected = 0.0
+    for a, b in itertools.pairwise(lows):
+        inside = slice(a + 1, b)
+        aloft = times[inside] - times[a]
+        if len(aloft) < _FRAMES_OF_G:
+            continue
+        launch = 0.5 * ball.gravity * float(times[b] - times[a])
+        ideal, _, _ = ball.path(launch, aloft)
+        weight = float(aloft[-1] - aloft[0]) ** 4  # of a parabola's bend, over the noise of its heights
+        measured += weight * float(np.polyfit(aloft, heights[inside], 2)[0])
+        expected += weight * float(np.polyfit(aloft, ideal, 2)[0])
+    if not expected:
+        return
+    share = measured / expected
+    if abs(share - 1.0) > _GROSS:
+        got = f"its flights fall with {share:.2g} times the g given"
+        advice = "Look at the unit of heights and at the frame rate: of a slow-motion film, the camera's"
+        raise UserError(name, got, f"{1 - _GROSS:g} ... {1 + _GROSS:g} times", advice)
 
 
 def _of_flights(lows: Indices, times: Floats, raised: Floats, frame: float, gravity: float) -> Indices:
