@@ -50,8 +50,8 @@ MUTANTS = (
     Mutant(
         "terms/bounds.py",
         "require_bounds",
-        "not low <= abs(value) <= high",
-        "not low < abs(value) <= high",
+        "or low <= abs(value) <= high",
+        "or low < abs(value) <= high",
         "a number at its lower bound is within the bounds",
         ("tests/terms/test_bounds.py",),
     ),
