@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,40 +61,68 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
         raise UserError(
             "controller", f"pd with {len(gains)} gains", "two from 0 up: pd:KP,KD, such as pd:60,2"
         )
-    target, kinds = start.qpos.copy(), backend()
-    servos, motors = [], []
+    target = start.qpos.copy()
+    servos: list[int] = []
+    servo_targets: list[float] = []
+    motors: list[_Motor] = []
     for actuator in range(model.nu):
         joint = int(model.actuator_trnid[actuator, 0])
-        of_joint = int(model.actuator_trntype[actuator]) == int(kinds.mjtTrn.mjTRN_JOINT)
-        if not of_joint or int(model.jnt_type[joint]) < int(kinds.mjtJoint.mjJNT_SLIDE):
+        if not _turns_or_slides(model, actuator, joint):
             continue
         if int(model.body_rootid[model.jnt_bodyid[joint]]) != root:
             continue
+        angle = int(model.jnt_qposadr[joint])
         gear = float(model.actuator_gear[actuator, 0]) or 1.0
-        angle, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-        if float(model.actuator_biasprm[actuator, 1]) < 0.0:
-            servos.append((actuator, gear * float(target[angle])))
-        elif float(model.actuator_gainprm[actuator, 0]) != 0.0 and not model.actuator_biasprm[actuator].any():
+        gain = float(model.actuator_gainprm[actuator, 0])
+        bias = model.actuator_biasprm[actuator]
+        if float(bias[1]) < 0.0:  # a position servo's -kp
+            servos.append(actuator)
+            servo_targets.append(gear * float(target[angle]))
+        elif gain != 0.0 and not bias.any():
             kp, kd = gains or _gains(model, start, root, joint)
-            motors.append((actuator, gear * float(model.actuator_gainprm[actuator, 0]), angle, dof, kp, kd))
+            motors.append(_Motor(actuator, gear * gain, angle, int(model.jnt_dofadr[joint]), kp, kd))
     if not servos and not motors:
-        return (
-            lambda data: None,
-            "no actuators: its joints are free" if not model.nu else "the controls of the pose",
-        )
-    numbers, targets = np.array([s[0] for s in servos], int), np.array([s[1] for s in servos])
+        words = "the controls of the pose" if model.nu else "no actuators: its joints are free"
+        return (lambda data: None), words
+    numbers = np.array(servos, int)
+    targets = np.array(servo_targets)
 
     def drive(data: Any) -> None:
         data.ctrl[numbers] = targets
-        for actuator, gain, angle, dof, kp, kd in motors:
-            torque = kp * (target[angle] - data.qpos[angle]) - kd * data.qvel[dof]
-            data.ctrl[actuator] = torque / gain
+        for motor in motors:
+            behind = target[motor.angle] - data.qpos[motor.angle]
+            torque = motor.kp * behind - motor.kd * data.qvel[motor.dof]
+            data.ctrl[motor.actuator] = torque / motor.gain
 
-    words = [f"{len(servos)} position servos hold their joints"] if servos else []
+    described = []
+    if servos:
+        described.append(f"{len(servos)} position servos hold their joints")
     if motors:
-        spans = [_span([motor[i] for motor in motors]) for i in (4, 5)]
-        words.append("{} motors by PD, kp {}, kd {} (SI)".format(len(motors), *spans))
-    return drive, "; ".join(words)
+        kp_span = _span([motor.kp for motor in motors])
+        kd_span = _span([motor.kd for motor in motors])
+        described.append(f"{len(motors)} motors by PD, kp {kp_span}, kd {kd_span} (SI)")
+    return drive, "; ".join(described)
+
+
+class _Motor(NamedTuple):
+    """A motor under PD control. gain: its torque, or force, for a control of 1. angle, dof: places of its
+    joint in qpos and qvel. kp, kd: SI.
+    """
+
+    actuator: int
+    gain: float
+    angle: int
+    dof: int
+    kp: float
+    kd: float
+
+
+def _turns_or_slides(model: Any, actuator: int, joint: int) -> bool:
+    """Say whether an actuator acts on a joint, and that is a hinge or a slide."""
+    kinds = backend()
+    if int(model.actuator_trntype[actuator]) != int(kinds.mjtTrn.mjTRN_JOINT):
+        return False
+    return int(model.jnt_type[joint]) >= int(kinds.mjtJoint.mjJNT_SLIDE)
 
 
 def _span(values: list[float]) -> str:

@@ -71,13 +71,14 @@ class _Bench:
     """A robot with a free base, in its pose, over the parts of the world that it can land on."""
 
     def __init__(self, model: Any, start: Any) -> None:
-        self.model, self.start, self.h = model, start, float(model.opt.timestep)
-        kinds = backend().mjtJoint
-        bases = [
-            int(b)
-            for b, kind in zip(model.jnt_bodyid, model.jnt_type, strict=True)
-            if kind == kinds.mjJNT_FREE
-        ]
+        self.model = model
+        self.start = start
+        self.h = float(model.opt.timestep)
+        free = backend().mjtJoint.mjJNT_FREE
+        bases = []
+        for body, kind in zip(model.jnt_bodyid, model.jnt_type, strict=True):
+            if kind == free:
+                bases.append(int(body))
         if not bases:
             raise UserError("model", "no body has a free joint", "a robot with a free base, to be dropped")
         self.root = max(bases, key=lambda body: float(model.body_subtreemass[body]))
@@ -89,14 +90,19 @@ class _Bench:
                 "gravity", "the model has none", "a gravity that lets the robot fall", "Try --gravity 9.81"
             )
         self.up = -np.asarray(model.opt.gravity) / self.g
+        # (ngeom + 1,): True for the robot's geoms, and for those that it can land on. A contact's geom of
+        # -1, which is none, finds the False at the end.
         of_body = np.asarray(model.geom_bodyid)
         self.mine = np.append(model.body_rootid[of_body] == self.root, False)
         self.floor = np.append(model.body_weldid[of_body] == 0, False)
         self.trodden: set[int] = set()
-        feet, floors = np.flatnonzero(self.mine[:-1]).tolist(), np.flatnonzero(self.floor[:-1]).tolist()
-        pairs = itertools.product(feet, floors) if model.nplugin else ()
         # Pairs that bounce by impulses of a plug-in; MuJoCo tells no contact force of them.
-        self.struck = {pair for pair in pairs if restitution_law(model, pair) is not None}
+        self.struck: set[tuple[int, int]] = set()
+        if model.nplugin:
+            geoms = np.flatnonzero(self.mine[:-1]).tolist()
+            floors = np.flatnonzero(self.floor[:-1]).tolist()
+            pairs = itertools.product(geoms, floors)
+            self.struck = {pair for pair in pairs if restitution_law(model, pair) is not None}
         self.beside = WithoutContact(model) if self.struck else None
         backend().mj_forward(model, start)
 
@@ -111,7 +117,9 @@ class _Bench:
         return self._fall(data, height, tilt, drive)
 
     def _turn(self, data: Any, address: int, tilt: float) -> None:
-        turned, by = np.zeros(4), np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
+        """Turn the base about the world's y by a tilt, rad."""
+        by = np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
+        turned = np.zeros(4)
         backend().mju_mulQuat(turned, by, data.qpos[address + 3 : address + 7].copy())
         data.qpos[address + 3 : address + 7] = turned
 
@@ -124,15 +132,18 @@ class _Bench:
 
     def _way_up(self, data: Any, address: int) -> float:
         """Height by which to raise the robot until it just touches the floor, m."""
-        trial, here = copy.copy(data), data.qpos[address : address + 3].copy()
+        trial = copy.copy(data)
+        here = data.qpos[address : address + 3].copy()
 
         def touches(way: float) -> bool:
             trial.qpos[address : address + 3] = here + way * self.up
             return self._touches(trial)
 
-        step = _SCAN if touches(0.0) else -_SCAN
+        # Up, out of the floor that it is in, or down to where it first touches.
+        is_in_floor = touches(0.0)
+        step = _SCAN if is_in_floor else -_SCAN
         ways = (step * i for i in range(1, round(_FARTHEST / _SCAN)))
-        end = next((way for way in ways if touches(way) is (step < 0)), None)
+        end = next((way for way in ways if touches(way) is not is_in_floor), None)
         if end is None:
             advice = 'Add a floor: <geom type="plane" size="0 0 1"/> in the worldbody'
             raise UserError(
@@ -141,10 +152,15 @@ class _Bench:
                 "a floor",
                 advice,
             )
-        low, high = (end, end + _SCAN) if step < 0 else (end - _SCAN, end)
+        low, high = end, end + _SCAN
+        if is_in_floor:
+            low, high = end - _SCAN, end
         for _ in range(_ROUNDS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if touches(middle) else (low, middle)
+            if touches(middle):
+                low = middle
+            else:
+                high = middle
         return high
 
     def _fall(self, data: Any, height: float, tilt: float, drive: Drive) -> Landing:

@@ -47,14 +47,23 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
 
 def _collisions(model: Any) -> list[tuple[int, int]]:
     """Geoms that MuJoCo collides, the one that moves, or moves more freely, first."""
-    kinds, partners = model.geom_contype, model.geom_conaffinity
-    match = (kinds[:, None] & partners[None, :]) | (kinds[None, :] & partners[:, None])
-    near = {tuple(sorted(pair)) for pair in np.argwhere(np.triu(match, 1)).tolist()}
-    meet = {pair for pair in near if not collision_filter(model, *pair)}
-    meet |= {
-        tuple(sorted(pair)) for pair in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
-    }
-    return [(a, b) if _rank(model, a) <= _rank(model, b) else (b, a) for a, b in sorted(meet)]
+    types = model.geom_contype
+    affinities = model.geom_conaffinity
+    # (ngeom, ngeom): MuJoCo asks for a common bit of one's type and the other's affinity, either way.
+    match = (types[:, None] & affinities[None, :]) | (types[None, :] & affinities[:, None])
+    meet = set()
+    for first, second in np.argwhere(np.triu(match, 1)).tolist():
+        if not collision_filter(model, first, second):
+            meet.add((first, second))
+    for one, other in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True):
+        meet.add((min(one, other), max(one, other)))
+    ordered = []
+    for first, second in sorted(meet):
+        if _rank(model, first) <= _rank(model, second):
+            ordered.append((first, second))
+        else:
+            ordered.append((second, first))
+    return ordered
 
 
 def _rank(model: Any, geom: int) -> tuple[bool, int]:

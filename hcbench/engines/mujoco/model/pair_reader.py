@@ -47,7 +47,9 @@ class PairReader:
         spins.
         """
         self._use_contact()
-        return self._point if self.along is None else self.along.moved_with(data, self._point)
+        if self.along is None:
+            return self._point
+        return self.along.moved_with(data, self._point)
 
     def row(self, data: Any) -> Floats:
         """(nv,) approach row at the last contact, from the kinematics in `data`."""
@@ -57,31 +59,48 @@ class PairReader:
         return self._row
 
     def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
-        """(penetration beyond the onset, None without a contact; force; approach rate)."""
-        self._row, contacts = None, data.contact  # the links have turned since
+        """(penetration beyond the onset, m, None without a contact; force, N; approach rate, m/s).
+
+        velocity: (nv,). Point and normal are kept for `normal` and `contact_point`, and forces along the
+        plate go to `along`.
+        """
+        self._row = None  # the links have turned since
         # Columns of all contacts: a look at one number of one contact takes as long.
-        if (geoms := contacts.geom.tolist()) != self._geoms:
+        contacts = data.contact
+        geoms = contacts.geom.tolist()
+        if geoms != self._geoms:
             self._find_pair(geoms, contacts.dim.tolist())
         if not self._mine:
             return None, 0.0, float(self.row(data) @ velocity)
-        distances, addresses, rates = contacts.dist.tolist(), contacts.efc_address.tolist(), data.efc_vel
-        distance, force, parting, acting = math.inf, 0.0, 0.0, 0
+        distances = contacts.dist.tolist()
+        addresses = contacts.efc_address.tolist()
+        rates = data.efc_vel
+        distance = math.inf
+        force = 0.0
+        parting = 0.0
+        acting = 0
         for i, turned, is_pyramid in self._mine:
             distance = min(distance, distances[i])
-            if (address := addresses[i]) >= 0:
-                self._force_of(self.model, data, i, self._wrench)
-                force += self._wrench.item(0)
+            address = addresses[i]
+            if address < 0:  # no constraint row, and so no force
+                continue
+            self._force_of(self.model, data, i, self._wrench)
+            force += self._wrench.item(0)
+            rate = rates.item(address)
+            if is_pyramid:
                 # As the engine has it: the two edges of a pyramid lie evenly about the normal.
-                rate = rates.item(address)
-                parting += 0.5 * (rate + rates.item(address + 1)) if is_pyramid else rate
-                acting += 1
-                if self.along is not None:
-                    self.along.push(contacts.frame[i], self._wrench, turned)
+                rate = 0.5 * (rate + rates.item(address + 1))
+            parting += rate
+            acting += 1
+            if self.along is not None:
+                self.along.push(contacts.frame[i], self._wrench, turned)
         self._unread = self._mine, contacts.pos.copy(), contacts.frame.copy(), distance
         if self.along is not None:
             self.along.seen(data)
-        rate = -parting / acting if acting else float(self.row(data) @ velocity)
-        return self.place.contact.onset - distance, force, rate
+        penetration = self.place.contact.onset - distance
+        if acting:
+            return penetration, force, -parting / acting
+        return penetration, force, float(self.row(data) @ velocity)
 
     def _find_pair(self, geoms: list[list[int]], dims: list[int]) -> None:
         """Find the pair's contacts among all."""
@@ -99,9 +118,14 @@ class PairReader:
         if self._unread is None:
             return
         mine, points, frames, distance = self._unread
-        first, turned, _ = mine[0]
-        self._point = points[first] if len(mine) == 1 else points[[i for i, _, _ in mine]].mean(axis=0)
-        self._normal = -frames[first, :3] if turned else frames[first, :3]
+        first, is_turned, _ = mine[0]
+        if len(mine) == 1:
+            self._point = points[first]
+        else:
+            self._point = points[[i for i, _, _ in mine]].mean(axis=0)
+        self._normal = frames[first, :3]
+        if is_turned:
+            self._normal = -self._normal
         if self.along is not None:  # on the moving body's surface; MuJoCo has it halfway to the other's
             self._point = self._point - 0.5 * distance * self._normal
         self._unread = None

@@ -39,7 +39,9 @@ class SpeedShares:
     """
 
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
-        self._model, self._sides, self._h = model, sides, float(model.opt.timestep)
+        self._model = model
+        self._sides = sides
+        self._h = float(model.opt.timestep)
         self._steps = np.empty((_ROOM, 5, model.nv))  # of each: what moves, and four forces
         self.forget()
 
@@ -80,9 +82,13 @@ class SpeedShares:
         self._clear()
 
     def _sum(self, entries: int) -> Floats:
-        parts, steps = np.zeros((entries, len(NAMES))), self._steps[:entries]
+        """Speed that each of NAMES took in the first `entries` steps and in those settled before, m/s."""
+        parts = np.zeros((entries, len(NAMES)))  # m/s²
+        # (entries, 5, nv): M^-1 J^T, then the forces by constraints, actuators, passive ones and bias.
+        steps = self._steps[:entries]
+        # All constraints go to the first, which `_told_apart` splits where there were several.
         parts[:, [0, *range(5, len(NAMES))]] = (steps[:, :1] * steps[:, 1:]).sum(axis=2)
-        parts[:, -1] *= -1.0
+        parts[:, -1] *= -1.0  # the bias is on the other side of the equation of motion
         for entry, accelerations in self._told_apart:
             if entry < entries:
                 parts[entry, :5] = accelerations
@@ -90,11 +96,14 @@ class SpeedShares:
         return np.asarray(np.cumsum(np.vstack([self._taken, -self._h * parts]), axis=0)[-1])
 
     def _by_constraint(self, data: Any, moved: Floats) -> list[float]:
-        """Acceleration, m/s², by each of the first five of NAMES."""
-        accelerations, ends = np.zeros(data.nefc), np.cumsum((data.ne, data.nf, data.nl))
+        """Acceleration, m/s², by each of the first five of NAMES. moved: M^-1 J^T, (nv,)."""
+        accelerations = np.zeros(data.nefc)
         backend().mj_mulJacVec(self._model, data, accelerations, moved)
         accelerations *= data.efc_force
+        # MuJoCo's order of rows
+        ends = np.cumsum((data.ne, data.nf, data.nl))
         equalities, friction, limits, contacts = np.split(accelerations, ends)
-        mine = self._sides[data.contact.geom[data.efc_id[ends[-1] :]]].sum(axis=1) == 3
-        parts = contacts[mine], contacts[~mine], limits, equalities, friction
+        contact_of_row = data.efc_id[ends[-1] :]
+        of_pair = self._sides[data.contact.geom[contact_of_row]].sum(axis=1) == 3
+        parts = contacts[of_pair], contacts[~of_pair], limits, equalities, friction
         return [float(part.sum()) for part in parts]

@@ -73,12 +73,15 @@ def _at_touch(opened: MujocoModel) -> Any:
 
 
 def _tilted(opened: MujocoModel, angle: float) -> Floats:
-    """Gravity, turned by an angle towards the first axis across it."""
+    """Gravity, m/s², (3,), turned by an angle, rad, towards the first axis across it; 0 without gravity."""
     gravity = np.array(opened.model.opt.gravity)
-    down = gravity / np.linalg.norm(gravity) if gravity.any() else opened.place.contact.normal
+    size = float(np.linalg.norm(gravity))
+    if gravity.any():
+        down = gravity / np.linalg.norm(gravity)
+    else:
+        down = opened.place.contact.normal
     across = np.eye(3)[np.abs(down).argmin()]
     across -= down * float(down @ across)
-    size = float(np.linalg.norm(gravity))
     along = across / np.linalg.norm(across)
     return np.asarray(size * (math.cos(angle) * down + math.sin(angle) * along))
 
@@ -88,28 +91,45 @@ def _rest(opened: MujocoModel, data: Any, gravity: Floats | None = None, from_bo
 
     gravity: m/s²; None: the model's. from_body: the body whose motion does not count.
     """
-    mujoco, model, place = backend(), opened.model, opened.place
-    before, steps = np.array(model.opt.gravity), min(_MOST_STEPS, round(_SECONDS / model.opt.timestep))
-    path, body, normal = np.zeros((steps - steps // 2, 5)), place.pair.first.body, place.contact.normal
-    model.opt.gravity[:] = before if gravity is None else gravity
-    mujoco.mj_step(model, data, nstep=steps // 2)
-    for row in path:
+    mujoco = backend()
+    model = opened.model
+    timestep = model.opt.timestep
+    body = opened.place.pair.first.body
+    normal = opened.place.contact.normal
+    steps = min(_MOST_STEPS, round(_SECONDS / timestep))
+    settling = steps // 2
+    count = steps - settling
+    path = np.zeros((count, 5))
+    position = path[:, :3]  # m
+    force = path[:, 3]  # N
+    depth = path[:, 4]  # m
+    gravity_before = np.array(model.opt.gravity)
+    if gravity is not None:
+        model.opt.gravity[:] = gravity
+    mujoco.mj_step(model, data, nstep=settling)
+    for i in range(count):
         mujoco.mj_step(model, data)
-        row[:3], row[3] = data.xpos[body] - data.xpos[from_body], _force(opened, data)
-        row[4] = _depth(opened, data)
-    model.opt.gravity[:] = before
+        position[i] = data.xpos[body] - data.xpos[from_body]
+        force[i] = _force(opened, data)
+        depth[i] = _depth(opened, data)
+    model.opt.gravity[:] = gravity_before
     if not np.isfinite(path).all():
         return DIVERGED
-    moment = np.arange(len(path)) * model.opt.timestep
-    rate = np.gradient(path[:, :3] @ normal, model.opt.timestep)
-    across = path[:, :3] - np.outer(path[:, :3] @ normal, normal)
-    return rest_of(moment, path[:, 4], rate, path[:, 3], across if from_body == 0 else path[:, :3])
+    moment = np.arange(count) * timestep
+    height = position @ normal
+    rate = np.gradient(height, timestep)
+    moved = position
+    if from_body == 0:  # on the world, what it sinks is no drift
+        moved = position - np.outer(height, normal)
+    return rest_of(moment, depth, rate, force, moved)
 
 
 def _depth(opened: MujocoModel, data: Any) -> float:
     """Penetration at the deepest point of the pair's contact, m; 0 without one."""
-    mine = opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3
-    return float(opened.place.contact.onset - data.contact.dist[mine].min()) if mine.any() else 0.0
+    of_pair = opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3
+    if not of_pair.any():
+        return 0.0
+    return float(opened.place.contact.onset - data.contact.dist[of_pair].min())
 
 
 def _is_grasp(one: MujocoModel, other: MujocoModel) -> bool:
@@ -122,11 +142,13 @@ def _hold(one: MujocoModel, other: MujocoModel) -> float:
     """Drift, m/s, of a body that two others hold with a few times the force that it takes; NaN where they
     cannot.
     """
-    model, friction = one.model, one.facts().friction
+    model = one.model
+    friction = one.facts().friction
     if not friction > 0.0:
         return math.nan
-    weight = STANDARD_GRAVITY * float(model.body_subtreemass[one.place.pair.first.body])
-    push, gravity = _GRIPS * weight / (2.0 * friction), np.array(model.opt.gravity)
+    gravity = np.array(model.opt.gravity)
+    weight = STANDARD_GRAVITY * float(model.body_subtreemass[one.place.pair.first.body])  # N
+    push = _GRIPS * weight / (2.0 * friction)  # N, of each side
     for _ in range(_HARDER):  # servos that hold the two open push back
         data = copy.copy(one.start)
         for each in (one, other):
@@ -134,7 +156,8 @@ def _hold(one: MujocoModel, other: MujocoModel) -> float:
         model.opt.gravity[:] = 0.0
         backend().mj_step(model, data, nstep=round(_CLOSES / model.opt.timestep))
         model.opt.gravity[:] = gravity
-        if min(_force(each, data) for each in (one, other)) * 2.0 * friction > 2.0 * weight:
+        weaker = min(_force(one, data), _force(other, data))
+        if weaker * 2.0 * friction > 2.0 * weight:
             return _rest(one, data, from_body=one.place.pair.second.body).drift
         push *= 2.0
     return math.nan
@@ -142,22 +165,28 @@ def _hold(one: MujocoModel, other: MujocoModel) -> float:
 
 def _force(opened: MujocoModel, data: Any) -> float:
     """Force of the pair's contact, N."""
-    force, total = np.zeros(6), 0.0
+    wrench = np.zeros(6)  # in the contact's frame, the normal first
+    total = 0.0
     for i in range(data.ncon):
         if opened.place.pair.sides[data.contact[i].geom].sum() == 3:
-            backend().mj_contactForce(opened.model, data, i, force)
-            total += float(force[0])
+            backend().mj_contactForce(opened.model, data, i, wrench)
+            total += float(wrench[0])
     return total
 
 
 def _cost(opened: MujocoModel, data: Any) -> tuple[float, float]:
     """(iterations of the solver, s of CPU) of a step, from a state at rest."""
-    mujoco, model, iterations, times = backend(), opened.model, 0.0, []
+    mujoco = backend()
+    model = opened.model
+    times = []
     for _ in range(_REPEATS):
-        run, start = copy.copy(data), time.process_time()
+        run = copy.copy(data)
+        start = time.process_time()
         mujoco.mj_step(model, run, nstep=_TIMED)
         times.append((time.process_time() - start) / _TIMED)
+    iterations = 0.0
     for _ in range(_TIMED):
         mujoco.mj_step(model, data)
-        iterations += float(data.solver_niter[: max(1, int(data.nisland))].sum())
+        islands = max(1, int(data.nisland))
+        iterations += float(data.solver_niter[:islands].sum())
     return iterations / _TIMED, min(times)

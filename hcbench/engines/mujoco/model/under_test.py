@@ -61,21 +61,26 @@ class MujocoModel(ModelUnderTest):
 
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
         require_feature(backend(), "mj_copyData")
-        self.model, self.label, self.state, self.request = model, label, state, request
+        self.model = model
+        self.label = label
+        self.state = state
+        self.request = request
         with captured_warnings():
             self.start, self.start_name = start_pose(model, request, state)
             pair = find_pair(model, request, state)
-            self.place = bring_to_touch(
-                pair, start_pose(model, request, state)[0], request.coming_from, request.move
-            )
+            moved, _ = start_pose(model, request, state)  # a second one, which ends at touch
+            self.place = bring_to_touch(pair, moved, request.coming_from, request.move)
         require_plausible_contact(model, self.place)
-        self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
+        self.timestep = float(model.opt.timestep)
+        self.mass = self.place.effective_mass
         self.gravity = self.place.gravity
         self.energy_by_work = self.place.pair.more_than_contacts
         self.speed_reading = speed_reading(model)
         if not self._falls_freely():
-            staged = self.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
-            self.speed_reading = SpeedReading.STAGED_CROSSING if staged else SpeedReading.CROSSING
+            if self.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT:
+                self.speed_reading = SpeedReading.STAGED_CROSSING
+            else:
+                self.speed_reading = SpeedReading.CROSSING
         self.places = _PLACES if is_whole_state(model) else 1
         self.others: set[int] = set()  # geoms that touched the two during an impact
         self.warned: list[str] = []  # by MuJoCo and its plug-ins, while it stepped launches

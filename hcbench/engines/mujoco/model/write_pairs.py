@@ -66,17 +66,24 @@ class Written(NamedTuple):
 
 
 def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
-    """The model of a source with rows for its pairs."""
-    spec, lines, notes = spec_of(source), list[str](), list[str]()
-    model, geoms = spec.compile(), [geoms for pair, _ in pairs for geoms in pair.geoms]
+    """The model of a source with rows for its pairs, in a spec of its own."""
+    spec = spec_of(source)
+    model = spec.compile()
+    lines: list[str] = []
+    notes: list[str] = []
+    geoms: list[tuple[int, int]] = []
+    for pair, _ in pairs:
+        geoms += pair.geoms
     names = _name_geoms(spec, model, geoms, notes)
     own = not notes and not taken_pairs(model, geoms)
     for pair, rows in pairs:
-        for each in pair.geoms:
-            lines += _write_rows(spec, model, pair, each, (names[each[0]], names[each[1]]), rows)
-    option, impratio = "", needed_impratio(model, pairs)
+        for one, other in pair.geoms:
+            lines += _write_rows(spec, model, pair, (one, other), (names[one], names[other]), rows)
+    option = ""
+    impratio = needed_impratio(model, pairs)
     if impratio > 0.0:
-        spec.option.cone, spec.option.impratio = backend().mjtCone.mjCONE_ELLIPTIC, impratio
+        spec.option.cone = backend().mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio = impratio
         option = f'<option cone="elliptic" impratio="{impratio:g}"/>\n'
         notes.append(
             f"cone and impratio are of the whole model: elliptic and {impratio:g}, so that friction neither "

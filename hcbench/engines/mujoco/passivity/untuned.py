@@ -60,12 +60,20 @@ def _model(option: Mapping[str, str], timestep: float, gravity: float, solref: s
 
 
 def _bounce(model: Any, phase: float) -> float:
-    """Speed out over speed in of an impact that slides, 0 where the ball stays down."""
-    mujoco, data = backend(), backend().MjData(model)
+    """Speed out over speed in of an impact that slides, 0 where the ball stays down.
+
+    phase: of a step, from 0 to 1, by which it touches later. Speed out: after the first step that ends above
+    the plane on the way up.
+    """
+    mujoco = backend()
+    data = mujoco.MjData(model)
     step = model.opt.timestep
-    data.qpos[2], data.qvel[0], data.qvel[2] = (1.0 + phase) * step * _SPEED, _SLIP, -_SPEED
+    data.qpos[2] = (1.0 + phase) * step * _SPEED
+    data.qvel[0] = _SLIP
+    data.qvel[2] = -_SPEED
     for _ in range(round(0.3 / step)):
         mujoco.mj_step(model, data)
-        if data.qvel[2] > 0.0 and data.qpos[2] > 0.0:
-            return float(data.qvel[2]) / _SPEED
+        rate_up = float(data.qvel[2])
+        if rate_up > 0.0 and data.qpos[2] > 0.0:
+            return rate_up / _SPEED
     return 0.0

@@ -109,36 +109,59 @@ class RowFit:
         """The rows of all launches under each of p settings, shape (p n,)."""
         stiffness, spring_damping, damping, dmax, width, midpoint = numbers
         weight = self.corners * _WEIGHT / MIN_IMPEDANCE  # k = K d/dmax², b = D/dmax, where d = dmax = dmin
-        rise, level = (
-            (dmax - MIN_IMPEDANCE) * (1.0 / m ** (_POWER - 1.0)) for m in (midpoint, 1.0 - midpoint)
+        columns = (
+            weight * stiffness,
+            weight * spring_damping,
+            damping / dmax,
+            dmax,
+            width,
+            midpoint,
+            # Of the impedance's two branches, up to the midpoint and from it on
+            (dmax - MIN_IMPEDANCE) * (1.0 / midpoint ** (_POWER - 1.0)),
+            (dmax - MIN_IMPEDANCE) * (1.0 / (1.0 - midpoint) ** (_POWER - 1.0)),
         )
-        columns = (weight * stiffness, weight * spring_damping, damping / dmax, dmax, width, midpoint)
-        return _Rows(*(np.repeat(column, len(self.speeds)) for column in (*columns, rise, level)))
+        return _Rows(*(np.repeat(column, len(self.speeds)) for column in columns))
 
     def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
         """e of each launch, 0 where it has not parted, and largest penetration over v h; (p, n) each."""
-        rows, g = self._rows(numbers), self.fall
-        count, launches = len(numbers[0]), len(self.speeds)
+        rows = self._rows(numbers)
+        g = self.fall
+        settings = len(numbers[0])
+        launches = len(self.speeds)
         # Of a step, from the touch to the first state that sees it; a stage of RK4 may see it a step before.
-        later = -self.phases if self.rk4 else 1.0 - self.phases
-        ahead = 0.0 if self.rk4 else 0.5  # of a step's fall: by so much Euler's speed is that of later
-        x = np.tile(self.speeds * later + g * later**2 / 2, count)
-        v = np.tile(self.speeds + g * (later - ahead), count)
-        e, deepest, deep, which = np.zeros(x.size), x.copy(), x.copy(), np.arange(x.size)
+        if self.rk4:
+            later = -self.phases
+            ahead = 0.0
+        else:
+            later = 1.0 - self.phases
+            ahead = 0.5  # of a step's fall: by so much Euler's speed is that of later
+        x = np.tile(self.speeds * later + g * later**2 / 2, settings)
+        v = np.tile(self.speeds + g * (later - ahead), settings)
+        e = np.zeros(x.size)
+        deepest = x.copy()
+        # Of those still in contact: their number among all, and the largest penetration until now.
+        number = np.arange(x.size)
+        deep = x.copy()
         for _ in range(int(_FOLLOWED * self.highest[0])):
             x, v = self._step(rows, x, v)
             np.maximum(deep, x, out=deep)
-            open_now = (x <= 0.0) & (v < 0.0)
-            parted = np.flatnonzero(open_now)
-            if parted.size:
-                out = np.sqrt(np.maximum(0.0, (v[parted] + g * ahead) ** 2 - 2 * g * x[parted]))
-                e[which[parted]] = out / self.speeds[which[parted] % launches]
-                deepest[which[parted]] = deep[parted]
-                going = np.flatnonzero(~open_now)
-                x, v, deep, which, rows = x[going], v[going], deep[going], which[going], rows.of(going)
-                if not going.size:
-                    break
-        deepest[which] = deep
+            is_open = (x <= 0.0) & (v < 0.0)
+            parted = np.flatnonzero(is_open)
+            if not parted.size:
+                continue
+            # Back from the state that sees it to the touch plane, by what flight conserves.
+            speed_out = np.sqrt(np.maximum(0.0, (v[parted] + g * ahead) ** 2 - 2 * g * x[parted]))
+            e[number[parted]] = speed_out / self.speeds[number[parted] % launches]
+            deepest[number[parted]] = deep[parted]
+            going = np.flatnonzero(~is_open)
+            x = x[going]
+            v = v[going]
+            deep = deep[going]
+            number = number[going]
+            rows = rows.of(going)
+            if not going.size:
+                break
+        deepest[number] = deep
         return e.reshape(-1, launches), deepest.reshape(-1, launches)
 
     def _step(self, rows: _Rows, x: Floats, v: Floats) -> tuple[Floats, Floats]:
@@ -182,10 +205,9 @@ class RowFit:
         """Spring and damper in SI units, of parameters (6,)."""
         h = timestep
         units = (1 / h**2, 1 / h, 1 / h, 1.0, speed * h, 1.0)
-        stiffness, spring_damping, damping, dmax, width, midpoint = (
-            short(float(number[0]) * unit)
-            for number, unit in zip(self.numbers(parameters[None]), units, strict=True)
-        )
+        numbers = self.numbers(parameters[None])
+        in_si = [short(float(number[0]) * unit) for number, unit in zip(numbers, units, strict=True)]
+        stiffness, spring_damping, damping, dmax, width, midpoint = in_si
         solimp = (MIN_IMPEDANCE, dmax, width, midpoint, _POWER)
         adhesion = MOST_PULL if self.adhesive else 0.0
         return [

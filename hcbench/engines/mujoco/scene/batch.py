@@ -180,18 +180,33 @@ def _repeated(root: ET.Element, size: int) -> ET.Element:
     for keyframe in root.findall("keyframe"):  # made for one ball
         root.remove(keyframe)
     ball = _ball(root)
-    names = {tag: {e.get("name") for e in ball.iter(tag)} - {None} for tag in ("body", "geom", "site")}
-    mark = _COPY
-    while any(mark in name for e in root.iter() if (name := e.get("name"))):
-        mark += _COPY
-    holders = [next(e for e in root.iter() if ball in list(e))]
-    holders += [e for tag in ("contact", "tendon", "sensor") for e in root.findall(tag)]
+    names = {}  # of what a copy gets a name of its own for, by tag
+    for tag in ("body", "geom", "site"):
+        names[tag] = {element.get("name") for element in ball.iter(tag)} - {None}
+    mark = _unused_mark(root)
+    holders = [next(element for element in root.iter() if ball in list(element))]
+    for tag in ("contact", "tendon", "sensor"):
+        holders += root.findall(tag)
     for holder in holders:
-        elements = [e for e in holder if e is ball or any(_refers(part, names) for part in e.iter())]
+        elements = [element for element in holder if element is ball or _any_refers(element, names)]
         for i in range(1, size):
             for element in elements:
                 holder.append(_renamed(copy.deepcopy(element), names, f"{mark}{i}"))
     return root
+
+
+def _unused_mark(root: ET.Element) -> str:
+    """A mark for copies that stands in no name of the file."""
+    taken = [element.get("name", "") for element in root.iter()]
+    mark = _COPY
+    while any(mark in name for name in taken):
+        mark += _COPY
+    return mark
+
+
+def _any_refers(element: ET.Element, names: Mapping[str, set[str | None]]) -> bool:
+    """Say whether an element, or one in it, refers to one of the names."""
+    return any(_refers(part, names) for part in element.iter())
 
 
 def _refers(element: ET.Element, names: Mapping[str, set[str | None]]) -> bool:

@@ -111,6 +111,9 @@ def record(
     return seen, batch.unpack(path[:, -1], states)
 
 
+_POSITION, _VELOCITY = 0, 1  # kinds of numbers in a state
+
+
 @dataclass(frozen=True, slots=True)
 class _Paths:
     """The states before and after each step, and what was sensed in it, one number of each ball at a time."""
@@ -144,37 +147,53 @@ class _Paths:
 
 
 def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
-    """Penetration is how far the centre is below where it touches."""
-    (start, z), (first, vz) = paths.around(0, 2), paths.around(1, 2)
+    """Penetration, m, its rate, m/s, and normal force, N, of each step, (3, b, n), on a plane.
+
+    Penetration is how far the centre is below where it touches.
+    """
+    start_z, z = paths.around(_POSITION, 2)
+    start_vz, vz = paths.around(_VELOCITY, 2)
     assert z is not None, "a ball can move along the normal"
     assert vz is not None, "a ball can move along the normal"
-    touch, seen = model.origin[model.at[0] + 2], np.empty((3, *z.shape))
+    touch = model.origin[model.at[0] + 2]
+    seen = np.empty((3, *z.shape))
     depth, rate, gained = seen
-    # Of all rows in one go: rows apart are slower by far.
+    # Of all rows in one go: rows apart are slower by far. What this writes into a row's first step is the
+    # end of the row before, so the first steps are written after it.
     np.subtract(touch, z.ravel()[:-1], out=depth.ravel()[1:])
     np.negative(vz.ravel()[:-1], out=rate.ravel()[1:])
     np.subtract(vz.ravel()[1:], vz.ravel()[:-1], out=gained.ravel()[1:])
-    depth[:, 0], rate[:, 0], gained[:, 0] = touch - start, -first, vz[:, 0] - first
-    if fall := model.scene.gravity * model.timestep:
+    depth[:, 0] = touch - start_z
+    rate[:, 0] = -start_vz
+    gained[:, 0] = vz[:, 0] - start_vz
+    fall = model.scene.gravity * model.timestep
+    if fall:
         gained += fall
-    force = _force(model, gained, (rate, vz[:, -1]), paths.acceleration(2) if model.sensed else None)
-    if force is not gained:
+    sensed = paths.acceleration(2) if model.sensed else None
+    force = _force(model, gained, (rate, vz[:, -1]), sensed)
+    if force is not gained:  # it works in place where it can
         seen[2] = force
     return seen
 
 
 def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
-    """Motion along the plate, see `Record.tangential`.
+    """Motion along the plate in each step, see `Record.tangential`, (8, b, n).
 
     MuJoCo gives the spin of a free body in the body's own frame.
     """
-    velocity, turned = paths.vector(1, 0), paths.vector(0, 3, 4)[:, :-1]
-    spin, axis = paths.vector(1, 3)[:, :-1], turned[..., 1:]
-    spin = spin + 2.0 * np.cross(axis, np.cross(axis, spin) + turned[..., :1] * spin)
+    velocity = paths.vector(_VELOCITY, 0)  # (b, n + 1, 3)
+    quaternion = paths.vector(_POSITION, 3, 4)[:, :-1]  # w x y z
+    body_spin = paths.vector(_VELOCITY, 3)[:, :-1]
+    scalar = quaternion[..., :1]
+    axis = quaternion[..., 1:]
+    # q s q* of a unit quaternion q = (scalar, axis).
+    spin = body_spin + 2.0 * np.cross(axis, np.cross(axis, body_spin) + scalar * body_spin)
     gained = np.diff(velocity, axis=1) / model.timestep + [0.0, 0.0, model.scene.gravity]
-    deeper = np.broadcast_to([0.0, 0.0, -1.0], gained.shape)
-    if model.clearance is not None:
-        deeper = np.stack(_from_centre(model, paths, model.clearance)[1], axis=-1)
+    if model.clearance is None:
+        deeper = np.broadcast_to([0.0, 0.0, -1.0], gained.shape)
+    else:
+        _, outwards = _from_centre(model, paths, model.clearance)
+        deeper = np.stack(outwards, axis=-1)
     return rows_of_ball(model.scene, velocity[:, :-1], spin, deeper, gained)
 
 
@@ -184,26 +203,31 @@ def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Fl
     """
     touch = model.origin[model.at[0] : model.at[0] + 3]
     centre = touch + np.array([0.0, 0.0, clearance])
-    away = [paths.state(0, i)[:, :-1] - centre[i] for i in range(3)]
+    away = [paths.state(_POSITION, i)[:, :-1] - centre[i] for i in range(3)]
     distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
     return distance, [a / np.maximum(distance, np.finfo(float).tiny) for a in away]
 
 
 def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
-    """Penetration is how far the centre is out of the sphere in which it is free: no engine in that."""
-    up = np.array([0.0, 0.0, 1.0])
+    """Penetration, m, its rate, m/s, and normal force, N, of each step, (3, b, n), in a cup.
+
+    Penetration is how far the centre is out of the sphere in which it is free: no engine in that.
+    """
     distance, deeper = _from_centre(model, paths, clearance)
-    speeds = [paths.state(1, i) for i in range(3)]
+    speeds = [paths.state(_VELOCITY, i) for i in range(3)]
 
     def along(vector: list[Floats]) -> Floats:
         return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])
 
-    fall = model.scene.gravity * model.timestep * up
+    fall = model.scene.gravity * model.timestep * np.array([0.0, 0.0, 1.0])
     gained = -along([np.diff(v, axis=1) + fall[i] for i, v in enumerate(speeds)])
-    sensed = -along([paths.acceleration(i) for i in range(3)]) if model.sensed else None
+    sensed = None
+    if model.sensed:
+        sensed = -along([paths.acceleration(i) for i in range(3)])
     speed = np.abs(speeds[0]) + np.abs(speeds[1]) + np.abs(speeds[2])
     force = _force(model, gained, (speed[:, :-1], speed[:, -1]), sensed)
-    return np.stack([distance - clearance, along([v[:, :-1] for v in speeds]), force])
+    rate = along([v[:, :-1] for v in speeds])
+    return np.stack([distance - clearance, rate, force])
 
 
 def _force(model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sensed: Floats | None) -> Floats:

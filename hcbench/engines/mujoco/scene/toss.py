@@ -77,18 +77,26 @@ def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[fl
 
 
 def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -> Floats:
+    """States of one toss before the first step and after each, (steps + 1, 13): position, quaternion w x y z,
+    velocity, see `as_body`, spin in the world; SI.
+    """
     mujoco.mj_resetData(model, data)
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, toss.quaternion)
-    data.qpos[:3], data.qpos[3:] = toss.position, toss.quaternion
+    data.qpos[:3] = toss.position
+    data.qpos[3:] = toss.quaternion
     data.qvel[:3] = as_integrated(toss.velocity, timestep)
     data.qvel[3:] = turn.reshape(3, 3).T @ toss.spin  # MuJoCo has it in the body's frame
     states = np.empty((toss.steps + 1, 13))
-    states[0, :7], states[0, 7:] = data.qpos, data.qvel
-    step, position, velocity = mujoco.mj_step, data.qpos, data.qvel
+    states[0, :7] = data.qpos
+    states[0, 7:] = data.qvel
+    # Looked up once: these are views that follow the state.
+    position = data.qpos
+    velocity = data.qvel
     for row in states[1:]:
-        step(model, data)
-        row[:7], row[7:] = position, velocity
+        mujoco.mj_step(model, data)
+        row[:7] = position
+        row[7:] = velocity
     states[:, 7:10] = as_body(states[:, 7:10], timestep)
     states[:, 10:] = in_world(states[:, 3:7], states[:, 10:])
     return states
