@@ -23,7 +23,8 @@ def minimax_constant(target: Target) -> tuple[float, float]:
     e falls with v, so the error is largest at both ends of the band and the best constant is halfway.
     """
     ends = target.restitution(np.array([target.speed_min, target.speed_max]))
-    high, low = float(ends.max()), float(ends.min())
+    high = float(ends.max())
+    low = float(ends.min())
     return (high + low) / 2, (high - low) / 2
 
 
@@ -54,7 +55,8 @@ def implicit_spring_damper(target: Target, duration: float, instead: str) -> tup
     # c >= 0 asks for exp(2 β h) - 1 >= h² k / m, nearly 2 β >= ω² h.
     slower = max(1.0, (omega**2 + beta**2) * h / (2 * beta) * (1 + 1e-9))
     while True:
-        grow, turn = math.exp(beta / slower * h), omega / slower * h
+        grow = math.exp(beta / slower * h)
+        turn = omega / slower * h
         stiffness = (grow**2 + 1 - 2 * grow * math.cos(turn)) / h**2
         damping = (grow**2 - 1) / h - stiffness * h
         if damping >= 0:

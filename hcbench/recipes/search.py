@@ -120,17 +120,22 @@ def evolve(
     the best member, which is faster and finds less; else from their own.
     """
     worst = errors(members, np.full(len(members), np.inf))
-    (count, size), each = members.shape, np.arange(len(members))
+    count, size = members.shape
+    lowest, highest = bounds
+    each = np.arange(count)
     for _ in range(generations):
         one, other = members[random.integers(0, count, (2, count))]
-        base = members[worst.argmin()] if towards_best else members
+        base = members
+        if towards_best:
+            base = members[worst.argmin()]
         mutants = base + random.uniform(*_MUTATION) * (one - other)
         crossed = random.random(members.shape) < _CROSSED
-        crossed[each, random.integers(0, size, count)] = True
+        crossed[each, random.integers(0, size, count)] = True  # at least one of each
         trials = np.where(crossed, mutants, members)
-        outside = (trials < bounds[0]) | (trials > bounds[1])
-        trials = np.where(outside, random.uniform(*bounds, members.shape), trials)
+        outside = (trials < lowest) | (trials > highest)
+        trials = np.where(outside, random.uniform(lowest, highest, members.shape), trials)
         off = errors(trials, worst)
         better = off <= worst
-        members, worst = np.where(better[:, None], trials, members), np.where(better, off, worst)
+        members = np.where(better[:, None], trials, members)
+        worst = np.where(better, off, worst)
     return members[worst.argsort()]

@@ -118,7 +118,9 @@ class Target:
     @property
     def kind(self) -> TargetKind:
         """The kind of the target: its reading, or "constant" for points that are one e."""
-        return "constant" if self.reading == "points" and self.is_constant else self.reading
+        if self.reading == "points" and self.is_constant:
+            return "constant"
+        return self.reading
 
     @property
     def curve(self) -> RestitutionCurve:
@@ -151,11 +153,14 @@ class Target:
 
 
 def _require_falling(measured: MeasuredRestitution) -> None:
-    speeds, values = measured.speeds, measured.values
+    """Refuse points whose speeds do not rise, or whose e does: SettingError with the first two."""
+    speeds = measured.speeds
+    values = measured.values
     rises = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
     if rises.size:
         i = int(rises[0])
-        before, after = (f"{values[j]:.4g} at {speeds[j]:.4g} m/s" for j in (i, i + 1))
+        before = f"{values[i]:.4g} at {speeds[i]:.4g} m/s"
+        after = f"{values[i + 1]:.4g} at {speeds[i + 1]:.4g} m/s"
         got = f"e goes from {before} to {after}"
         raise SettingError("restitution", got, "one e per speed, not rising with speed")
 

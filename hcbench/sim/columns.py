@@ -99,22 +99,29 @@ class Launches(Columns[Launch]):
         steps_most: float,
         share: float,
     ) -> Launches:
-        """Launches that touch at these speeds and phases, as `Launch.touching` makes one.
+        """Launches that touch at these speeds and phases, see `Launch.touching`.
 
-        speed, phase, slip: shape (n,), the slip along the way of the bodies.
+        speed, phase, slip: shape (n,), m/s, parts of a step, m/s; the slip along the way of the bodies.
+        timestep: s. gravity: m/s². spin: (3,), rad/s.
         """
-        spins, along = np.tile(np.array(spin, dtype=np.float64), (len(speed), 1)), np.zeros((len(speed), 2))
-        along[:, 0] = slip
+        count = len(speed)
+        spins = np.tile(np.array(spin, dtype=np.float64), (count, 1))
+        slips = np.zeros((count, 2))
+        slips[:, 0] = slip
         if gravity <= 0.0:
-            return cls(speed, phase, np.full(len(speed), np.nan), along, spins)
-        gain = gravity * timestep
+            return cls(speed, phase, np.full(count, np.nan), slips, spins)
+        gain = gravity * timestep  # m/s a step
         steps = np.minimum(steps_most, np.floor(speed / gain - share - phase))
-        fallen = np.maximum(0.0, speed * speed - (share * gain) * (share * gain))
-        start, flight = np.maximum(0.0, speed - gain * (steps + phase + share)), timestep * (steps + phase)
+        # Launched so many steps before the touch
+        flight = timestep * (steps + phase)
+        start = np.maximum(0.0, speed - gain * (steps + phase + share))
         height = flight * (speed - 0.5 * gravity * flight)
+        # So slow that it falls from rest within the first step
         falls = steps < 0
-        start, height = np.where(falls, 0.0, start), np.where(falls, fallen / (2.0 * gravity), height)
-        return cls(start, phase, height, along, spins)
+        fallen = np.maximum(0.0, speed * speed - (share * gain) * (share * gain))
+        start = np.where(falls, 0.0, start)
+        height = np.where(falls, fallen / (2.0 * gravity), height)
+        return cls(start, phase, height, slips, spins)
 
     def __len__(self) -> int:
         return len(self.speed)
@@ -231,15 +238,30 @@ class Impacts(Columns[Impact]):
 
     def objects(self, launches: Iterable[Launch]) -> Iterator[Impact]:
         """An object of each, with its launch among these, which are in the same order."""
-        measured = self.speed_in, self.speed_out, self.duration, self.penetration_max, self.force_max
-        where = self.source, self.row, self.start, self.samples
-        columns = (self.status, self.reason, *where, self.tangential, self.speed_after_force, *measured)
-        for launch, *values in zip(launches, *map(_listed, columns), strict=True):
-            status, reason, source, row, start, samples, along, freed, v_in, v_out, *rest = values
-            time, depth, force = rest
-            loop = source.loop(row, start, samples) if isinstance(source, Recorded) else source
-            kept = (STATUSES[status], reason, v_in, v_out, time, depth, force, samples)
-            yield Impact(launch, *kept, loop, along, freed)
+        columns = zip(
+            launches,
+            _listed(self.status),
+            _listed(self.reason),
+            _listed(self.speed_in),
+            _listed(self.speed_out),
+            _listed(self.duration),
+            _listed(self.penetration_max),
+            _listed(self.force_max),
+            _listed(self.samples),
+            _listed(self.source),
+            _listed(self.row),
+            _listed(self.start),
+            _listed(self.tangential),
+            _listed(self.speed_after_force),
+            strict=True,
+        )
+        for launch, status, reason, v_in, v_out, duration, depth, force, samples, *read in columns:
+            source, row, start, along, freed = read
+            loop = source
+            if isinstance(source, Recorded):
+                loop = source.loop(row, start, samples)
+            measured = (v_in, v_out, duration, depth, force)
+            yield Impact(launch, STATUSES[status], reason, *measured, samples, loop, along, freed)
 
     @property
     def is_measured(self) -> Flags:

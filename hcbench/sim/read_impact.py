@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -142,10 +142,23 @@ def impacts_of(
     """
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)
-    each, after = np.arange(len(counts)), np.minimum(stops, counts - 1)
-    came, left = (tuple(states[:2, each, step]) for step in (first, after))
-    h = float(time[1] - time[0]) if len(time) > 1 else 0.0
-    seen = EndedContacts(counts, ends, first, stops, deepest, hardest, came, left)
+    each = np.arange(len(counts))
+    after = np.minimum(stops, counts - 1)
+    came = tuple(states[:2, each, first])
+    left = tuple(states[:2, each, after])
+    h = 0.0
+    if len(time) > 1:
+        h = float(time[1] - time[0])
+    seen = EndedContacts(
+        counts=counts,
+        ends=ends,
+        first=first,
+        stops=stops,
+        deepest=deepest,
+        hardest=hardest,
+        came=came,
+        left=left,
+    )
     if not reading.steps_after:
         speeds: States = reading.speeds(came, left, gravity * h, gravity)
     else:
@@ -174,21 +187,30 @@ class EndedContacts:
     def impacts(
         self, launches: Launches, speeds: States, h: float, diverged: str, record: Recorded | None = None
     ) -> Impacts:
-        """The impacts. speeds: in, out and, where it is another, after the force, m/s. h: the step, s.
-        record: has the loops.
+        """The impacts. speeds: in, out and, where it is another, after the force, m/s; that out of a rested
+        launch is set to 0. h: the step, s. record: has the loops.
         """
-        ends, acted, failed = self.ends, self.stops - self.first, _FAILS[self.ends]
+        ends = self.ends
+        count = len(ends)
+        acted = self.stops - self.first
+        failed = _FAILS[ends]
         v_in, v_out = speeds[:2]
-        v_after = speeds[2] if len(speeds) > 2 else np.full(len(ends), np.nan)
+        v_after = np.full(count, np.nan)
+        if len(speeds) > 2:
+            v_after = speeds[2]
         v_out[ends == End.RESTED] = 0.0
-        pushed = ~failed & (~(self.came[1] > 0.0) | ((ends == End.PARTED) & (self.left[1] > 0.0)))
+        _, rate_in = self.came
+        _, rate_out = self.left
+        still_closing = (ends == End.PARTED) & (rate_out > 0.0)
+        pushed = ~failed & (~(rate_in > 0.0) | still_closing)
         measured = ~(failed | pushed | (ends == End.UNFINISHED))
-        reason, source = np.full(len(ends), "", dtype=object), np.full(len(ends), None, dtype=object)
-        source[measured] = record
+        reason = np.full(count, "", dtype=object)
         for i in np.flatnonzero(~measured | (ends == End.RESTED)):
-            last, touch = h * int(self.counts[i] - 1), h * int(self.first[i])
+            last = h * int(self.counts[i] - 1)
+            touch = h * int(self.first[i])
             if failed[i]:
-                reason[i] = _FAILED[End(ends[i])][1].format(last, diverged)
+                _, words = _FAILED[End(ends[i])]
+                reason[i] = words.format(last, diverged)
             elif pushed[i]:
                 reason[i] = _PUSHED
             elif measured[i]:
@@ -196,18 +218,27 @@ class EndedContacts:
             else:
                 steps = int(self.counts[i] - self.first[i])
                 reason[i] = f"still in contact, and not at rest, after {steps} steps ({h * steps:.3g} s)"
-        names = ("speed_in", "speed_out", "speed_after_force", "duration", "penetration_max", "force_max")
-        columns = zip(names, (v_in, v_out, v_after, h * acted, self.deepest, self.hardest), strict=True)
+        source = np.full(count, None, dtype=object)
+        source[measured] = record
+
+        def if_measured(values: NDArray[Any]) -> Floats:
+            return np.where(measured, values, np.nan)
+
         return Impacts(
             launches=launches,
             status=np.where(pushed, _DIVERGED, _STATUS[ends]),
             reason=reason,
+            speed_in=if_measured(v_in),
+            speed_out=if_measured(v_out),
+            speed_after_force=if_measured(v_after),
+            duration=if_measured(h * acted),
+            penetration_max=if_measured(self.deepest),
+            force_max=if_measured(self.hardest),
             samples=np.where(failed, 0, acted),
-            tangential=np.full(len(ends), None, dtype=object),
+            tangential=np.full(count, None, dtype=object),
             source=source,
-            row=np.arange(len(ends)),
+            row=np.arange(count),
             start=self.first,
-            **{name: np.where(measured, values, np.nan) for name, values in columns},
         )
 
 
@@ -230,15 +261,24 @@ def _crossing_speeds(states: Floats, seen: EndedContacts, h: float, last: NDArra
 def _contact(
     states: Floats, counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """First step in which the force acts, one after the last, greatest penetration and force; (b,) each."""
-    x, _, f = states
-    n = x.shape[1]
+    """First step in which the force acts, the one after the last, deepest, m, and hardest, N; (b,) each.
+
+    states: (3, b, n) of penetration, rate, force. counts: (b,), steps that count. A launch without force gets
+    0, n, and the extremes of its whole row: its `End` tells.
+    """
+    penetration, _, force = states
+    launches, n = force.shape
     with np.errstate(all="ignore"):
-        acting = f != 0.0
+        acting = force != 0.0
         acting &= np.arange(n) < counts[:, None]
-    first, stops = acting.argmax(axis=1), n - acting[:, ::-1].argmax(axis=1)
-    # Between the two of each launch, and from there to the next one's.
-    bounds = (np.stack([first, stops], axis=1) + n * np.arange(len(x))[:, None]).ravel()
-    bounds = bounds[bounds < x.size]
-    greatest = (np.maximum.reduceat(part, bounds)[::2] for part in (x.ravel(), f.ravel()))
-    return first, stops, *greatest
+    first = acting.argmax(axis=1)
+    stop = n - acting[:, ::-1].argmax(axis=1)
+    # One reduceat over all launches, end to end.
+    row_starts = n * np.arange(launches)
+    edges = np.stack([row_starts + first, row_starts + stop], axis=1).ravel()
+    # A contact up to the end of the last row has no right edge: reduceat takes no index past the end.
+    edges = edges[edges < force.size]
+    # From each edge to the next: contact, gap, contact, ... Only the contacts are wanted.
+    deepest = np.maximum.reduceat(penetration.ravel(), edges)[::2]
+    hardest = np.maximum.reduceat(force.ravel(), edges)[::2]
+    return first, stop, deepest, hardest

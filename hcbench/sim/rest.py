@@ -95,15 +95,22 @@ def rest_of(
     if not (np.isfinite(penetration).all() and np.isfinite(rate).all()):
         return DIVERGED
     half = len(time) // 2
-    before, last = slice(half), slice(half, None)
+    before = slice(half)
+    last = slice(half, None)
     sinking = float(np.polyfit(time[last], penetration[last], 1)[0])
-    vibration, earlier = (float(np.sqrt(np.mean((rate[part] - sinking) ** 2))) for part in (last, before))
-    noise = drift = math.nan
-    if force is not None and (mean := float(force[last].mean())) > 0.0:
-        noise = float(force[last].std()) / mean
+    vibration = float(np.sqrt(np.mean((rate[last] - sinking) ** 2)))
+    earlier = float(np.sqrt(np.mean((rate[before] - sinking) ** 2)))
+    decay = 0.0
+    if earlier > 0:
+        decay = vibration / earlier
+    noise = math.nan
+    if force is not None:
+        mean = float(force[last].mean())
+        if mean > 0.0:
+            noise = float(force[last].std()) / mean
+    drift = math.nan
     if along is not None:
         drift = float(np.linalg.norm(np.polyfit(time[last], along[last], 1)[0]))
-    decay = vibration / earlier if earlier > 0 else 0.0
     return Rest(float(penetration[last].max()), sinking, vibration, decay, noise, drift)
 
 

@@ -181,20 +181,20 @@ class SharedModelEngine(OpensModels, SteppedEngine):
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
         """A scene under a setting. Raises SettingError for what it would do otherwise than `model_engine`."""
-        bits, law = self.bits_of(setting), self.law(setting)
+        bits = self.bits_of(setting)
+        law = self.law(setting)
         require_motion(scene, setting.timestep, fastest, bits)
         lent = registry.submodule(self.model_engine, "scene.shared_scene")
         loaded = lent.load_scene(self.script(scene, setting), contact=not isinstance(law, HuntCrossley))
         for difference in lent.differences(loaded.model, self, bits):
-            slot, got = (
-                f"{setting.engine} {setting.name!r}",
-                f"{difference.title.removesuffix('.')} ({difference.evidence})",
-            )
-            raise SettingError(slot, got, "", difference.fix)
-        lines, device = self.law_lines(law), self.device_of(setting)
+            got = f"{difference.title.removesuffix('.')} ({difference.evidence})"
+            raise SettingError(f"{setting.engine} {setting.name!r}", got, "", difference.fix)
+        lines = self.law_lines(law)
+        device = self.device_of(setting)
         copies = self.copies(loaded.model, loaded.start, bits, lines, scene.touch_radius, device)
-        exact = loaded.exact_flight
-        reading = SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
+        reading = SpeedReading.TOUCH_PLANE
+        if loaded.exact_flight:
+            reading = SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
         return CopiesWorld(scene, setting.timestep, copies, loaded.rest, reading)
 
     def accepts(self, source: Any) -> bool:

@@ -83,11 +83,14 @@ class AlongPlate(NamedTuple):
 
 def along_plate(impact: Impact) -> AlongPlate:
     """Summarize an impact along the plate; slip and spin are 0 for one that is not oblique."""
-    all_of_it = impact.tangential
-    if all_of_it is not None:
-        (slip_in, _), (slip_out, _) = all_of_it.slip_in, all_of_it.slip_out
-        ratios = all_of_it.impulse_ratio, all_of_it.energy_lost
-        return AlongPlate(slip_in, slip_out, all_of_it.spin_in[1], all_of_it.spin_out[1], *ratios)
+    motion = impact.tangential
+    if motion is not None:
+        # Along the way of the launch, and about the axis across it
+        slip_in, _ = motion.slip_in
+        slip_out, _ = motion.slip_out
+        _, spin_in, _ = motion.spin_in
+        _, spin_out, _ = motion.spin_out
+        return AlongPlate(slip_in, slip_out, spin_in, spin_out, motion.impulse_ratio, motion.energy_lost)
     if impact.launch.is_oblique or not impact.is_measured:
         return AlongPlate(*(np.nan,) * 6)
     return AlongPlate(0.0, 0.0, 0.0, 0.0, 0.0, impact.energy_lost)
@@ -107,17 +110,20 @@ def tangential_of(
     speeds: in and out, m/s. mass: effective, along the normal, kg.
     by_work: the energy after is the one before less what the contact took, where joints and servos act, too.
     """
-    force, along = rows[2], rows[3:]
+    force = rows[2]
+    along = rows[3:]
+    speed_in, speed_out = speeds
     first = int((force != 0.0).argmax())
     stop = first + samples
-    before, after = along[:, first], along[:, min(stop, along.shape[1] - 1)]
     contact = slice(first, stop)
-    energies = [
-        float(state[ENERGY]) + 0.5 * mass * speed**2
-        for state, speed in zip((before, after), speeds, strict=True)
-    ]
+    before = along[:, first]
+    after = along[:, min(stop, along.shape[1] - 1)]
+    # ENERGY is all but that of the approach along the normal.
+    energy_in = float(before[ENERGY]) + 0.5 * mass * speed_in**2
     if by_work:
-        energies[1] = energies[0] - timestep * _power(rows, contact)
+        energy_out = energy_in - timestep * _power(rows, contact)
+    else:
+        energy_out = float(after[ENERGY]) + 0.5 * mass * speed_out**2
     return Tangential(
         slip_in=tuple(before[SLIP].tolist()),
         slip_out=tuple(after[SLIP].tolist()),
@@ -125,8 +131,8 @@ def tangential_of(
         spin_out=tuple(after[SPIN].tolist()),
         impulse=tuple((timestep * along[FRICTION, contact].sum(axis=1)).tolist()),
         normal_impulse=float(timestep * force[contact].sum()),
-        energy_in=energies[0],
-        energy_out=energies[1],
+        energy_in=energy_in,
+        energy_out=energy_out,
     )
 
 
@@ -135,5 +141,9 @@ def _power(rows: Floats, contact: slice) -> float:
     of the speeds at the ends of each step. rows: as in `tangential_of`.
     """
     ends = slice(contact.start + 1, contact.stop + 1)
-    rate, slip = ((part[..., contact] + part[..., ends]) / 2 for part in (rows[1], rows[3:][SLIP]))
-    return float((rows[2, contact] * rate).sum() - (rows[3:][FRICTION, contact] * slip).sum())
+    rates = rows[1]
+    slips = rows[3:][SLIP]
+    rate = (rates[..., contact] + rates[..., ends]) / 2
+    slip = (slips[..., contact] + slips[..., ends]) / 2
+    friction = rows[3:][FRICTION, contact]
+    return float((rows[2, contact] * rate).sum() - (friction * slip).sum())

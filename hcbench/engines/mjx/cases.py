@@ -39,12 +39,16 @@ class MjxBodies(MuJoCo):  # type: ignore[misc, valid-type]
         self.made.append((self.model, self.data))
 
     def start(self) -> None:
-        self.worlds, self.made, self.ahead = self.made, [], 0
+        self.worlds = self.made
+        self.made = []
+        self.ahead = 0  # steps still to be taken
         models = [mjx.put_model(model) for model, _ in self.worlds]
-        every = zip(*map(jax.tree.leaves, models), strict=True)
-        self.models = jax.tree.structure(models[0]).unflatten(jnp.stack(each) for each in every)
+        # One model whose arrays have those of all worlds, in their first axis.
+        leaves = zip(*map(jax.tree.leaves, models), strict=True)
+        self.models = jax.tree.structure(models[0]).unflatten(jnp.stack(each) for each in leaves)
         empty = jax.tree.map(lambda x: jnp.stack([x] * len(models)), mjx.make_data(models[0]))
-        q, v = (np.array([getattr(data, name) for _, data in self.worlds]) for name in ("qpos", "qvel"))
+        q = np.array([data.qpos for _, data in self.worlds])
+        v = np.array([data.qvel for _, data in self.worlds])
         self.now = empty.replace(qpos=empty.qpos.at[:].set(q), qvel=empty.qvel.at[:].set(v))
 
     def step(self) -> None:

@@ -39,10 +39,14 @@ class NewtonBodies:
         self.builder.end_world()
 
     def start(self) -> None:
-        _, model, self.builder = self.builder.color(), self.builder.finalize(), newton.ModelBuilder()
-        # Not 1000 for one
-        self.worlds, model.rigid_contact_max = model.world_count, 16 * model.world_count
-        self.stepper, self.at, self.after = self.solver(model, **self.options), model.state(), model.state()
+        self.builder.color()
+        model = self.builder.finalize()
+        self.builder = newton.ModelBuilder()  # for the worlds to come
+        self.worlds = model.world_count
+        model.rigid_contact_max = 16 * self.worlds  # not 1000 for one
+        self.stepper = self.solver(model, **self.options)
+        self.at = model.state()
+        self.after = model.state()
         newton.eval_fk(model, model.joint_q, model.joint_qd, self.at)
         with warp.ScopedCapture() as self.captured:
             self.contacts = model.collide(self.at)

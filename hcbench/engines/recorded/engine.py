@@ -80,9 +80,12 @@ def read(file: Path) -> Trajectory:
     missing = [name for name in COLUMNS if name not in header]
     if missing:
         raise SettingError(slot, f"no column {missing[0]!r} among {header}", columns)
-    values = np.array([[_number(slot, i, name, row[name]) for name in COLUMNS] for i, row in enumerate(rows)])
-    _check_times(slot, values[:, 0])
-    return Trajectory(*values.T.copy())
+    values = np.empty((len(COLUMNS), len(rows)))
+    for i, row in enumerate(rows):
+        values[:, i] = [_number(slot, i, name, row[name]) for name in COLUMNS]
+    time = values[0]
+    _check_times(slot, time)
+    return Trajectory(*values)
 
 
 def _number(slot: str, index: int, name: str, text: str | None) -> float:

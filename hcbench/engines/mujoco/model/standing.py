@@ -119,7 +119,7 @@ def _rest(opened: MujocoModel, data: Any, gravity: Floats | None = None, from_bo
     height = position @ normal
     rate = np.gradient(height, timestep)
     moved = position
-    if from_body == 0:  # on the world, what it sinks is no drift
+    if from_body == 0:  # on the world, sinking does not count as drift
         moved = position - np.outer(height, normal)
     return rest_of(moment, depth, rate, force, moved)
 
