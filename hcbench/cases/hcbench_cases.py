@@ -35,7 +35,10 @@ from xml.etree import ElementTree
 Json = dict[str, Any]
 States = list[list[Any]]  # [step, state of a body, state of the next ...], of each recorded step
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
-_VELOCITY = (3, 4, 5)  # places of vx, vy, vz in the state of a body
+# Places of z, of vz, and of vx, vy, vz in the state of a body.
+_Z = 2
+_VZ = 5
+_VELOCITY = (3, 4, 5)
 COMBINE: dict[str, Callable[[list[float]], float]] = {
     "product": math.prod, "average": fmean, "geometric": geometric_mean, "maximum": max, "minimum": min
 }  # fmt: skip
@@ -44,7 +47,9 @@ COMBINE: dict[str, Callable[[list[float]], float]] = {
 def run(engine: Any, cases: Json) -> Json:
     """Run the cases and return the states that they ask for, as plain data for a JSON file."""
     began = time.process_time()
-    runs = [each for case in cases["cases"] for each in case["runs"]]
+    runs: list[Json] = []
+    for case in cases["cases"]:
+        runs.extend(case["runs"])
     batches: dict[str, list[Json]] = {}
     for number, each in enumerate(runs):
         # An engine that steps one world at a time has each run in a batch of its own.
@@ -54,7 +59,9 @@ def run(engine: Any, cases: Json) -> Json:
     for batch in batches.values():
         for each, result in _run(engine, batch):
             states[id(each)] = result
-    done = {case["id"]: [states[id(each)] for each in case["runs"]] for case in cases["cases"]}
+    done: dict[str, list[Json]] = {}
+    for case in cases["cases"]:
+        done[case["id"]] = [states[id(each)] for each in case["runs"]]
     about = {name: getattr(engine, name, None) for name in ("name", "version", "combine")}
     cpu_s = round(time.process_time() - began, 3)
     return {"format": 1, "set": cases["set"], "engine": about, "cpu_s": cpu_s, "runs": done}
@@ -102,17 +109,22 @@ def _step_worlds(engine: Any, made: list[tuple[Json, States]]) -> None:
     is_batch = hasattr(engine, "start")
     if is_batch:
         engine.start()
-    steps = made[0][0]["steps"]  # one number for a whole batch
-    for step in range(1 + steps):
+    any_run, _ = made[0]
+    for step in range(1 + any_run["steps"]):  # one number for a whole batch
         if step:
             engine.step()
-        asked = [any(first <= step <= last for first, last in each["record"]) for each, _ in made]
+        asked = [_is_asked(each, step) for each, _ in made]
         if not any(asked):
             continue  # reading the state may cost an engine more than a step
         worlds = engine.state() if is_batch else [engine.state()]
         for (_, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
             if is_asked:
                 states.append([step, *map(_nine_digits, bodies)])
+
+
+def _is_asked(each: Json, step: int) -> bool:
+    """True if a run asks for the states after a step."""
+    return any(first <= step <= last for first, last in each["record"])
 
 
 def _nine_digits(body: list[float]) -> list[float]:
@@ -123,16 +135,21 @@ def _nine_digits(body: list[float]) -> list[float]:
 def restitution(each: Json, states: States) -> float:
     """Speed after over speed before, both at the plane of touch; 0 where nothing came back."""
     timestep = each["world"]["timestep"]
-    gravity = -each["world"]["gravity"][2]
-    touch = each["world"]["bodies"][0]["radius"]  # height of the ball's centre at touch
-    z = {step: bodies[0][2] for step, *bodies in states}
+    *_, gravity_z = each["world"]["gravity"]
+    ball, *_ = each["world"]["bodies"]
+    touch = ball["radius"]  # height of the ball's centre at touch, m
+    z = {step: body[_Z] for step, body, *_ in states}
     squares = {}  # of the speed at the plane, m²/s²
     for step, height in z.items():
         if step - 1 in z and step + 1 in z:
             # Central differences mean the same in every integrator; the energy takes them to the plane.
             speed = (z[step + 1] - z[step - 1]) / (2 * timestep)
-            squares[step] = speed**2 + 2 * gravity * (height - touch)
-    turned = next((later for step, later in pairwise(z) if z[later] > z[step]), math.inf)
+            squares[step] = speed**2 - 2 * gravity_z * (height - touch)
+    turned = math.inf  # the first step after which the ball is higher
+    for step, later in pairwise(z):
+        if z[later] > z[step]:
+            turned = later
+            break
     rising = [step for step in squares if step > turned and z[step] >= touch]
     if not rising:
         return 0.0
@@ -142,8 +159,11 @@ def restitution(each: Json, states: States) -> float:
 
 def height_share(each: Json, states: States) -> float:
     """The highest point of the last recorded steps over the first height, both above the floor."""
-    radius = each["world"]["bodies"][0]["radius"]
-    return float((max(state[1][2] for state in _last(each, states)) - radius) / (states[0][1][2] - radius))
+    ball, *_ = each["world"]["bodies"]
+    radius = ball["radius"]
+    _, first_state, *_ = states[0]
+    heights = [body[_Z] for _, body, *_ in _last(each, states)]
+    return float((max(heights) - radius) / (first_state[_Z] - radius))
 
 
 def drift(each: Json, states: States) -> float:
@@ -167,14 +187,18 @@ def vibration(each: Json, states: States) -> float:
 
 def force_noise(each: Json, states: States) -> float:
     """Standard deviation of the contact's force over the weight, from the velocity in the last steps."""
-    upward = [state[1][5] for state in _last(each, states)]
-    gained = each["world"]["timestep"] * -each["world"]["gravity"][2]  # in a step of free fall, m/s
+    upward = [body[_VZ] for _, body, *_ in _last(each, states)]  # m/s
+    *_, gravity_z = each["world"]["gravity"]
+    gained = -each["world"]["timestep"] * gravity_z  # in a step of free fall, m/s
     return float(pstdev(later - now for now, later in pairwise(upward)) / gained)
 
 
 def depth(each: Json, states: States) -> float:
     """Final depth of the first body, a box, in the floor, over its height."""
-    return float(0.5 - states[-1][1][2] / (2 * each["world"]["bodies"][0]["half"][2]))
+    box, *_ = each["world"]["bodies"]
+    *_, half_height = box["half"]
+    _, final, *_ = states[-1]
+    return float(0.5 - final[_Z] / (2 * half_height))
 
 
 def velocity(each: Json, states: States) -> list[float]:
@@ -194,7 +218,9 @@ def spin(each: Json, states: States) -> list[float]:
 
 
 def _last(each: Json, states: States) -> States:
-    return [state for state in states if state[0] >= each["record"][-1][0]]
+    """States of the last span of steps that a run asks for."""
+    begin, _ = each["record"][-1]
+    return [state for state in states if state[0] >= begin]
 
 
 _READ = (restitution, height_share, drift, vibration, force_noise, depth, velocity, spin)

@@ -172,11 +172,17 @@ def oblique() -> Iterator[Json]:
 def oblique_run(
     h: float, v: Sequence[float], rim: float, e: float, friction: float, radius: float, **out: list[float]
 ) -> Json:
-    """A ball that meets the floor at an angle. out: velocity and surface speed by spin after, m/s."""
+    """A ball that meets the floor at an angle.
+
+    h: time step, s. v: velocity, m/s. rim: surface speed by spin about y, m/s. radius: m. out: velocity and
+    surface speed by spin after, m/s.
+    """
     speed = math.hypot(*v)
     start = ball((0, 0, radius - (CLEAR + 0.4) * v[2] * h), v, radius=radius, spin=[0.0, rim / radius, 0.0])
     last = 3 + round(AFTER / h / 5)
-    expected = {name: [x / speed for x in values] for name, values in out.items()}
+    expected = {}
+    for name, values in out.items():
+        expected[name] = [x / speed for x in values]
     return run(world(h, [start], e, friction=friction), last, [(0, 2), (last - 2, last)], **expected)
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hcbench.cases.hcbench_cases import CASES, Json, judge, restitution
 from hcbench.cases.schema import Obedience, validated
@@ -79,15 +79,21 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
         raise UserError(source, f"results of {results['set']!r}", f"of {cases['set']!r}")
     for case in cases["cases"]:
         _require_runs(case, results["runs"].get(case["id"], []), source)
-    verdicts, engine = judge(results, cases), results["engine"]
+    verdicts = judge(results, cases)
     try:
         obeyed, threshold = _obedience(results["runs"], cases, verdicts)
     except (ArithmeticError, ValueError) as error:
         raise UserError(source, f"a ball at rest before an impact: {error}", "states of the cases") from None
-    cpu_s = float(results.get("cpu_s", 0.0))
     printable = [{**verdict, "why": sanitized(verdict["why"], _LONGEST_WHY)} for verdict in verdicts]
-    name, version = sanitized(engine["name"]), sanitized(engine["version"])
-    return EngineScore(name, version, tuple(printable), obeyed, threshold, cpu_s)
+    engine = results["engine"]
+    return EngineScore(
+        engine=sanitized(engine["name"]),
+        version=sanitized(engine["version"]),
+        verdicts=tuple(printable),
+        restitution=obeyed,
+        threshold=threshold,
+        cpu_s=float(results.get("cpu_s", 0.0)),
+    )
 
 
 def _require_runs(case: Json, done: Sequence[Json], source: str) -> None:
@@ -177,45 +183,68 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
         return None, 0.0
     normal, slow, *_ = cases["cases"]
     measured = list(_restitutions(normal, runs.get(normal["id"], [])))
-    under_gravity = _restitutions(slow, runs.get(slow["id"], []))
-    silent = [speed for speed, asked, e in under_gravity if e < _HALF * asked]
+    under_gravity = list(_restitutions(slow, runs.get(slow["id"], [])))
+    silent = [impact.speed for impact in under_gravity if impact.is_silent]
     threshold = max(silent, default=0.0)
     if [verdict["verdict"] for verdict in verdicts[:2]] == ["pass", "pass"]:
         return "obeyed", threshold
     by_asked: dict[float, list[float]] = {}
-    for _speed, asked, e in measured:
-        by_asked.setdefault(asked, []).append(e)
+    for impact in measured:
+        by_asked.setdefault(impact.asked, []).append(impact.e)
     means = [sum(values) / len(values) for values in by_asked.values()]
     if not means:
         return None, 0.0
     if max(means) - min(means) < _ALIKE:
         return "ignored", threshold
-    tolerance = normal["tolerance"]["restitution"]["value"]
-    off = {speed for speed, asked, e in measured if not abs(e - asked) <= tolerance}
-    quiet = [speed for speed, asked, e in measured if e < _HALF * asked]
-    highest = max([*quiet, *silent], default=0.0)  # speed at which it does not bounce, m/s
-    above = {speed for speed, _, _ in measured if speed > highest}
-    has_threshold = bool(quiet or silent) and bool(above) and not off & above
-    return "threshold" if has_threshold else "mixed", max([threshold, *quiet])
+    silent += [impact.speed for impact in measured if impact.is_silent]
+    threshold = max(silent, default=0.0)
+    if silent:
+        tolerance = normal["tolerance"]["restitution"]["value"]
+        above = [impact for impact in measured if impact.speed > threshold]
+        if above and all(abs(impact.e - impact.asked) <= tolerance for impact in above):
+            return "threshold", threshold
+    return "mixed", threshold
 
 
-def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[tuple[float, float, float]]:
-    """(impact speed, e asked for, e measured) of the runs that have states."""
-    for each, states in zip(case["runs"], results, strict=False):
-        if "states" in states:
-            ball, fall = each["world"]["bodies"][0], -2.0 * each["world"]["gravity"][2]
-            speed = math.sqrt(ball["velocity"][2] ** 2 + fall * (ball["position"][2] - ball["radius"]))
-            yield speed, each["world"]["restitution"], restitution(each, states["states"])
+class _Bounce(NamedTuple):
+    """Impact of a case: its speed, m/s, and the restitution that is asked for and that is measured."""
+
+    speed: float
+    asked: float
+    e: float
+
+    @property
+    def is_silent(self) -> bool:
+        """True if it does not count as a bounce."""
+        return self.e < _HALF * self.asked
+
+
+def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_Bounce]:
+    """The impacts of the runs that have states."""
+    for each, result in zip(case["runs"], results, strict=False):
+        if "states" not in result:
+            continue
+        world = each["world"]
+        ball, *_ = world["bodies"]
+        *_, gravity_z = world["gravity"]
+        *_, velocity_z = ball["velocity"]
+        *_, height = ball["position"]
+        # At the touch, by the energy of the fall from where the ball starts.
+        speed = math.sqrt(velocity_z**2 - 2.0 * gravity_z * (height - ball["radius"]))
+        yield _Bounce(speed, world["restitution"], restitution(each, result["states"]))
 
 
 def regressions(scores: Sequence[EngineScore]) -> list[str]:
     """A line for each case that passed in a version of an engine and fails in the next one given, or back."""
-    lines, last = [], dict[str, EngineScore]()
+    lines = []
+    last = dict[str, EngineScore]()
     for now in scores:
         before = last.get(now.engine)
         last[now.engine] = now
-        for old, new in zip(before.verdicts, now.verdicts, strict=True) if before else ():
+        if before is None:
+            continue
+        for old, new in zip(before.verdicts, now.verdicts, strict=True):
             if (old["verdict"] == "pass") != (new["verdict"] == "pass"):
-                words = f"{old['verdict']} in {before.version}, {new['verdict']} in {now.version}"  # type: ignore[union-attr]
-                lines.append(f"{now.engine} {new['case']} {new['title']}: {words}")
+                change = f"{old['verdict']} in {before.version}, {new['verdict']} in {now.version}"
+                lines.append(f"{now.engine} {new['case']} {new['title']}: {change}")
     return lines

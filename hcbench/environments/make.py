@@ -77,18 +77,26 @@ def interpreters() -> list[str]:
 def _known_pythons() -> dict[str, str]:
     """Version to path of the Python of this process, and of pyenv's, whose shims hide all but one from uv."""
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
-    paths = {path.parents[1].name: str(path) for path in pyenv.glob("3.*/bin/python")}
-    usable = {version: path for version, path in paths.items() if re.fullmatch(r"\d+\.\d+\.\d+", version)}
-    lowest = {version: path for version, path in usable.items() if _numbers(version) >= LOWEST_PYTHON}
-    return {**lowest, platform.python_version(): sys.executable}
+    known = {}
+    for path in pyenv.glob("3.*/bin/python"):
+        version = path.parents[1].name
+        is_release = re.fullmatch(r"\d+\.\d+\.\d+", version) is not None
+        if is_release and _numbers(version) >= LOWEST_PYTHON:
+            known[version] = str(path)
+    known[platform.python_version()] = sys.executable
+    return known
 
 
 def _known(python: str) -> str:
     """Path of the newest of those with a version such as "3.13"; "" for none, and for a path."""
-    asked = _numbers(python) if re.fullmatch(r"\d+(\.\d+)*", python) else ()
+    if not re.fullmatch(r"\d+(\.\d+)*", python):
+        return ""
+    asked = _numbers(python)
     known = _known_pythons()
-    fitting = [version for version in known if asked and _numbers(version)[: len(asked)] == asked]
-    return known[max(fitting, key=_numbers)] if fitting else ""
+    fitting = [version for version in known if _numbers(version)[: len(asked)] == asked]
+    if not fitting:
+        return ""
+    return known[max(fitting, key=_numbers)]
 
 
 def _numbers(version: str) -> tuple[int, ...]:

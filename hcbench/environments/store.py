@@ -92,13 +92,19 @@ def replace(made: Path, environment: Environment, scratch: Path) -> None:
 
 
 def _read(folder: Path) -> Environment:
+    """The environment of a folder, by its record. Raises ValueError, LookupError or TypeError for none."""
     record: Mapping[str, Any] = parse_json(read_text(folder / RECORD))
     if record["schema"] != _SCHEMA:
         raise ValueError("of another hcbench")
-    engine, version, python = (str(record[key]) for key in ("engine", "version", "python"))
-    size, requirements = int(record["size_bytes"]), tuple(map(str, record["requirements"]))
-    environment = Environment(engine, version, python, size, requirements, folder)
-    if folder.name != environment.name or not f"{environment.name}{python}".isprintable():
+    environment = Environment(
+        engine=str(record["engine"]),
+        version=str(record["version"]),
+        python=str(record["python"]),
+        size=int(record["size_bytes"]),
+        requirements=tuple(map(str, record["requirements"])),
+        folder=folder,
+    )
+    if folder.name != environment.name or not f"{environment.name}{environment.python}".isprintable():
         raise ValueError("not in its place")
     return environment
 

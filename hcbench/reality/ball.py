@@ -7,7 +7,7 @@ happens along the table is known badly, as the spin after is not measured: the e
 import io
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -60,15 +60,25 @@ def read(path: Path) -> MeasuredBounces:
             (index,) = (name for name in archive.namelist() if name.endswith("index.csv"))
             root = index.removesuffix("index.csv")
             table = np.loadtxt(io.BytesIO(archive.read(index)), delimiter=",", skiprows=1, ndmin=2)
-            rows = [_bounce(row, _track(archive, root, int(row[0]))) for row in table]
+            bounces = []
+            for number, *spin in table[:, :4]:
+                track = _track(archive, root, int(number))
+                bounce = _bounce(number, np.array(spin), track)
+                if bounce is not None:
+                    bounces.append(bounce)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise UserError("--data", f"{path}: {error}", "trajectories.zip") from None
-    good = np.array([row for row in rows if row is not None])
-    speed, out = -good[:, 6], good[:, 9]
-    good = good[(good[:, 10] < 0.04) & (out / speed > 0.3) & (out / speed < 1.2)]
-    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(good), 1))
-    nothing = np.full((len(good), 3), np.nan)
-    return MeasuredBounces(good[:, 0], attitude, good[:, 4:7], good[:, 1:4], good[:, 7:10], nothing)
+    numbers = np.array([bounce.number for bounce in bounces])
+    spin_before = np.array([bounce.spin for bounce in bounces])
+    before = np.array([bounce.before for bounce in bounces])
+    after = np.array([bounce.after for bounce in bounces])
+    u_e = np.array([bounce.u_e for bounce in bounces])
+    e = -after[:, 2] / before[:, 2]
+    good = (u_e < 0.04) & (e > 0.3) & (e < 1.2)
+    count = int(good.sum())
+    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    unknown = np.full((count, 3), np.nan)
+    return MeasuredBounces(numbers[good], attitude, before[good], spin_before[good], after[good], unknown)
 
 
 def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:
@@ -80,33 +90,56 @@ def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:
     return track
 
 
-def _bounce(row: Floats, track: Floats) -> tuple[float, ...] | None:
-    """(number, spin, velocity before and after, uncertainty of e) of a track's first bounce."""
+class _Bounce(NamedTuple):
+    """Bounce of a track: its number, spin before, rad/s, velocities before and after, m/s, each (3,).
+
+    u_e: standard uncertainty of e.
+    """
+
+    number: float
+    spin: Floats
+    before: Floats
+    after: Floats
+    u_e: float
+
+
+def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
+    """The first bounce of a track, shape (n, 4) of time, s, and position, m; None where it is not clear."""
     if len(track) < 20:
         return None
-    time, place, height = track[:, 0], track[:, 1:], track[:, 3]
-    lows = [
-        i for i in range(5, len(height) - 5)
-        if height[i] == height[max(0, i - 6) : i + 7].min() and height[i] < height.min() + 0.08
-    ]  # fmt: skip
-    if not lows:
+    time = track[:, 0]
+    place = track[:, 1:]
+    lowest = _lowest_frame(place[:, 2])
+    if lowest is None:
         return None
-    i = lows[0]
-    first, last = max(0, i - _FRAMES), min(len(height), i + _FRAMES + 1)
-    touch = _touch(time - time[i], height, slice(first, i), slice(i + 1, last))
+    first = max(0, lowest - _FRAMES)
+    last = min(len(time), lowest + _FRAMES + 1)
+    since_lowest = time - time[lowest]
+    touch = _touch(since_lowest, place[:, 2], slice(first, lowest), slice(lowest + 1, last))
     if touch is None:
         return None
-    frame, when = np.arange(len(time)), time - time[i] - touch
-    sides = ((when < -1e-3) & (frame >= first), (when > 1e-3) & (frame < last))
-    if min(side.sum() for side in sides) < _LEAST:
+    frame = np.arange(len(time))
+    since_touch = since_lowest - touch
+    # Frames within 1 ms of the touch may be of either side.
+    falling = (since_touch < -1e-3) & (frame >= first)
+    rising = (since_touch > 1e-3) & (frame < last)
+    if min(falling.sum(), rising.sum()) < _LEAST:
         return None
-    spins = (row[1:4], _SPIN_KEPT * row[1:4])
-    arcs = [_arc(when[side], place[side], spin) for side, spin in zip(sides, spins, strict=True)]
-    (before, error_in, miss_in), (later, error_out, miss_out) = arcs
-    if max(miss_in, miss_out) > 6e-3 or before[2] > -0.3:
+    before, error_in, miss_in = _arc(since_touch[falling], place[falling], spin)
+    after, error_out, miss_out = _arc(since_touch[rising], place[rising], _SPIN_KEPT * spin)
+    if max(miss_in, miss_out) > 6e-3 or before[2] > -0.3:  # m, m/s
         return None
-    uncertainty = np.hypot(error_out / before[2], later[2] * error_in / before[2] ** 2)
-    return (*row[:4], *before, *later, float(uncertainty))
+    u_e = np.hypot(error_out / before[2], after[2] * error_in / before[2] ** 2)
+    return _Bounce(number, spin, before, after, float(u_e))
+
+
+def _lowest_frame(height: Floats) -> int | None:
+    """The first frame, not near an end, that is lowest within six frames and near the lowest of all, m."""
+    for i in range(5, len(height) - 5):
+        nearby = height[max(0, i - 6) : i + 7]
+        if height[i] == nearby.min() and height[i] < height.min() + 0.08:
+            return i
+    return None
 
 
 def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float | None:
@@ -122,19 +155,25 @@ def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float |
 
 
 def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, float]:
-    """Velocity at time 0, standard uncertainty of its height's rate, and rms of what the arc leaves, m."""
+    """Velocity at time 0, m/s, standard uncertainty of its height's rate, and rms of what the arc leaves, m.
+
+    time: s, shape (n,). place: m, shape (n, 3). spin: rad/s, shape (3,).
+    """
+    # Columns of the Taylor series about time 0, to third order.
+    powers = np.stack([np.ones_like(time), time, time**2 / 2.0, time**3 / 6.0], axis=1)
 
     def left(u: Floats) -> Floats:
-        velocity, speed = u[3:], float(np.linalg.norm(u[3:]))
+        start = u[:3]
+        velocity = u[3:]
+        speed = float(np.linalg.norm(velocity))
         force = -_DRAG * speed * velocity + _LIFT * np.cross(spin, velocity) - [0.0, 0.0, GRAVITY]
         change = speed * force + velocity * float(velocity @ force) / max(speed, 1e-9)
         jerk = -_DRAG * change + _LIFT * np.cross(spin, force)
-        powers = np.stack([np.ones_like(time), time, time**2 / 2.0, time**3 / 6.0], axis=1)
-        missed: Floats = (powers @ np.stack([u[:3], velocity, force, jerk]) - place).ravel()
+        missed: Floats = (powers @ np.stack([start, velocity, force, jerk]) - place).ravel()
         return missed
 
-    start = np.polyfit(time, place, 2)
-    fitted: Any = least_squares(left, np.r_[start[2], start[1]], loss="soft_l1", f_scale=3e-3)
+    _bend, slope, at_touch = np.polyfit(time, place, 2)
+    fitted: Any = least_squares(left, np.r_[at_touch, slope], loss="soft_l1", f_scale=3e-3)
     size = len(fitted.fun)
     mean = float(np.mean(fitted.fun**2))
     covariance = np.linalg.inv(fitted.jac.T @ fitted.jac) * mean * size / (size - 6)

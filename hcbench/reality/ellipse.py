@@ -35,6 +35,13 @@ FILE = "IRB Bound/ellipse_uniform.mat"
 # m/s: what the copy's speed up after is lower by than the original's
 LATE = 9.81 * 0.012
 
+# Of the rows: velocities (x, z, spin; m/s, rad/s), attitude, rad, lever of the contact's normal, m, the
+# impact's number, and lever of the tangent, m, as it is stored.
+_COLUMNS = (
+    "x before", "z before", "spin before", "x after", "z after", "spin after", "angle",
+    "normal lever", "number", "tangent lever",
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class EllipseImpacts:
@@ -53,7 +60,14 @@ class EllipseImpacts:
     def of(self, parts: tuple[int, ...]) -> "EllipseImpacts":
         """The impacts with number % 5 in `parts`."""
         keep = np.isin(self.numbers % 5, parts)
-        return EllipseImpacts(*(getattr(self, name)[keep] for name in self.__slots__))
+        return EllipseImpacts(
+            before=self.before[keep],
+            after=self.after[keep],
+            angle=self.angle[keep],
+            normal=self.normal[keep],
+            tangent=self.tangent[keep],
+            numbers=self.numbers[keep],
+        )
 
     def as_published(self) -> "EllipseImpacts":
         """Return the impacts with the tangent's lever as it is stored."""
@@ -78,30 +92,45 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
             rows = shipped["rows"].astype(np.float64)
     else:
         rows = read(folder / FILE)
-    before, later, angle, normal, tangent = np.split(rows, [3, 6, 7, 9], axis=1)
-    of_normal = np.stack([np.zeros(len(rows)), np.ones(len(rows)), normal[:, 0]], axis=1)
-    of_tangent = np.stack([np.ones(len(rows)), np.zeros(len(rows)), -tangent[:, 0]], axis=1)
-    impacts = EllipseImpacts(before, later, angle[:, 0], of_normal, of_tangent, normal[:, 1])
+    columns = dict(zip(_COLUMNS, rows.T, strict=True))
+    zero = np.zeros(len(rows))
+    one = np.ones(len(rows))
+    impacts = EllipseImpacts(
+        before=rows[:, 0:3],
+        after=rows[:, 3:6],
+        angle=columns["angle"],
+        normal=np.stack([zero, one, columns["normal lever"]], axis=1),
+        # The published lever has the wrong sign.
+        tangent=np.stack([one, zero, -columns["tangent lever"]], axis=1),
+        numbers=columns["number"],
+    )
     return impacts.of(parts)
 
 
 def read(path: Path) -> Floats:
-    """Rows of the .mat file that no flag marks: velocities before, after, angle, levers and number."""
+    """Rows of the .mat file that no flag marks, shape (n, 10), in the order of `_COLUMNS`.
+
+    Without those whose contact comes down slower than 0.5 m/s, or leaves at 1.5 times its speed or more.
+    Raises UserError for a file that is not the set's.
+    """
     from scipy.io import loadmat
 
     try:
         content: Any = loadmat(str(path), squeeze_me=True, struct_as_record=False)["bounce_array"]
-        kept = [(i, each) for i, each in enumerate(content) if not np.any(each.flags)]
-        rows = [
-            (*each.states[3:6], *each.states[9:12], each.states[2], each.n[2], k, each.d[2])
-            for k, (_, each) in enumerate(kept)
-        ]
+        unmarked = [each for each in content if not np.any(each.flags)]
+        rows = []
+        for number, each in enumerate(unmarked):
+            angle = each.states[2]
+            before = each.states[3:6]
+            after = each.states[9:12]
+            rows.append((*before, *after, angle, each.n[2], number, each.d[2]))
         table = np.array(rows, dtype=np.float64)
+        columns = dict(zip(_COLUMNS, table.T, strict=True))
     except (OSError, KeyError, AttributeError, ValueError, TypeError, NotImplementedError) as error:
         raise UserError("--data", f"{path}: {error}", "ellipse_uniform.mat") from None
-    speed = np.einsum("ij,ij->i", table[:, :2], np.stack([np.zeros(len(table)), np.ones(len(table))], 1))
-    arriving = speed + table[:, 7] * table[:, 2]
-    leaving = table[:, 4] + table[:, 7] * table[:, 5]
+    # Of the contact, upward, m/s.
+    arriving = columns["z before"] + columns["normal lever"] * columns["spin before"]
+    leaving = columns["z after"] + columns["normal lever"] * columns["spin after"]
     kept_rows: Floats = table[(arriving < -0.5) & (np.abs(leaving / arriving) < 1.5)]
     return kept_rows
 
@@ -120,11 +149,13 @@ def errors(impacts: EllipseImpacts, predicted: Floats) -> Floats:
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], impacts: EllipseImpacts
 ) -> SettingErrors:
-    """Errors of an engine's setting."""
+    """Errors of an engine's setting, m/s."""
+    # The plane of the drops is x, z of the engines' world; they turn about its y.
     zero = np.zeros(len(impacts.before))
+    x, z, spin_y = impacts.before.T
     attitude = quaternions(Rotation.from_rotvec(np.stack([zero, impacts.angle, zero], axis=1)))
-    velocity = np.stack([impacts.before[:, 0], zero, impacts.before[:, 1]], axis=1)
-    spin = np.stack([zero, impacts.before[:, 2], zero], axis=1)
+    velocity = np.stack([x, zero, z], axis=1)
+    spin = np.stack([zero, spin_y, zero], axis=1)
     bounces = MeasuredBounces(impacts.numbers, attitude, velocity, spin, velocity, spin)
     later, turned = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     away = errors(impacts, np.stack([later[:, 0], later[:, 2], turned[:, 1]], axis=1))

@@ -96,15 +96,20 @@ SIGN, LATE = "sign of the tangential lever", "12 ms of gravity in the speed afte
 
 def ellipse_switches(training: Any, judged: Any) -> list[Switch]:
     """The rigid law, fitted again, and the best impulse of each drop, with and without the corrections."""
+
+    def with_corrections(drops: Any, on: tuple[str, ...]) -> Any:
+        if SIGN not in on:
+            drops = drops.as_published()
+        if LATE in on:
+            drops = drops.as_original()
+        return drops
+
     switches = []
     for on in ((SIGN,), (), (SIGN, LATE), (LATE,)):
-        pair = []
-        for drops in (training, judged):
-            turned = drops if SIGN in on else drops.as_published()
-            pair.append(turned.as_original() if LATE in on else turned)
-        e, friction = ellipse.fit_coulomb(pair[0])
-        law = ellipse.errors(pair[1], ellipse.coulomb(pair[1], e, friction)).mean()
-        nearest = ellipse.free_impulse(pair[1]).mean()
+        drops = with_corrections(judged, on)
+        e, friction = ellipse.fit_coulomb(with_corrections(training, on))
+        law = ellipse.errors(drops, ellipse.coulomb(drops, e, friction)).mean()
+        nearest = ellipse.free_impulse(drops).mean()
         errors = {
             f"rigid law with e and friction fitted, here {e:.3f} and {friction:.3f}": f"{law:.3f} m/s",
             "best impulse of each drop that adds no energy": f"{nearest:.3f} m/s",

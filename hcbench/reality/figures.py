@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,13 +35,16 @@ def name_of(score: SettingScore) -> str:
     words = score.setting
     if score.engine != NO_ENGINE:
         words = f"{engine_title(score.engine)}, {score.setting}"
-    return f"{words}, {score.cone} cone" if score.cone else words
+    if score.cone:
+        words += f", {score.cone} cone"
+    return words
 
 
 def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
-    """One row for each setting, floors as lines."""
-    settings = sorted((s for s in scores if s.engine != NO_ENGINE), key=lambda s: s.error, reverse=True)
-    floors = [s for s in scores if s.engine == NO_ENGINE]
+    """One row for each setting, floors as lines. unit: of the errors."""
+    settings = [score for score in scores if score.engine != NO_ENGINE]
+    settings.sort(key=lambda score: score.error, reverse=True)
+    floors = [score for score in scores if score.engine == NO_ENGINE]
     figure = new_figure(8.2, 0.9 + 0.3 * len(settings))
     axes = figure.add_subplot()
     for row, score in enumerate(settings):
@@ -51,7 +55,9 @@ def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
         axes.axvline(floor.error, color=colour, linestyle=dashes, label=floor.setting)
     axes.set_yticks(range(len(settings)), [name_of(score) for score in settings])
     log_axis(axes, "x")
-    axes.set_xticks(*_ticks(min(s.error for s in scores), max(s.error for s in scores)))
+    all_errors = [score.error for score in scores]
+    ticks, labels = _ticks(min(all_errors), max(all_errors))
+    axes.set_xticks(ticks, labels)
     axes.set_xlabel(f"error, {unit} (log scale)")
     if floors:
         axes.legend(loc="upper right")
@@ -74,27 +80,23 @@ def impacts(read: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]
     """e of each impact with its error, and the middle half of what twins give through the same reading."""
     figure = new_figure(8.2, 4.4)
     axes = figure.add_subplot()
-    kept = good(read)
     speed, e = speeds_and_e(read)
     edges = np.quantile(speed, np.linspace(0.0, 1.0, _BINS + 1))
-    for (law, each), colour in zip(twins.items(), (GREEN, ORANGE), strict=False):
-        of_speed, of_e = speeds_and_e(each)
-        bins = [of_e[(of_speed >= a) & (of_speed <= b)] for a, b in pairwise(edges)]
-        middle = 0.5 * (edges[1:] + edges[:-1])
-        use = [i for i, inside in enumerate(bins) if len(inside) > 2]
-        low, high = (np.array([np.quantile(bins[i], q) for i in use]) for q in (0.25, 0.75))
-        draw_band(axes, middle[use], low, high, colour)
-        axes.plot(middle[use], [np.median(bins[i]) for i in use], color=colour, label=f"synthetic, {law}")
-    axes.errorbar(
-        speed,
-        e,
-        [each.u_e for each in kept],
-        fmt=".",
-        color=BLUE,
-        ecolor=GREY,
-        elinewidth=0.8,
-        label="measured",
-    )
+    for (law, of_twin), colour in zip(twins.items(), (GREEN, ORANGE), strict=False):
+        twin_speed, twin_e = speeds_and_e(of_twin)
+        middle = []
+        quartiles = []
+        for low, high in pairwise(edges):
+            inside = twin_e[(twin_speed >= low) & (twin_speed <= high)]
+            if len(inside) > 2:
+                middle.append(0.5 * (high + low))
+                quartiles.append([np.quantile(inside, 0.25), np.median(inside), np.quantile(inside, 0.75)])
+        lower, median, upper = np.array(quartiles).reshape(-1, 3).T
+        draw_band(axes, np.array(middle), lower, upper, colour)
+        axes.plot(middle, median, color=colour, label=f"synthetic, {law}")
+    uncertainty = [each.u_e for each in good(read)]
+    style: dict[str, Any] = {"fmt": ".", "color": BLUE, "ecolor": GREY, "elinewidth": 0.8}
+    axes.errorbar(speed, e, uncertainty, label="measured", **style)
     speed_axis(axes, inches=False)
     axes.set_ylabel("e of an impact")
     axes.set_ylim(0.0, 0.6)

@@ -91,8 +91,10 @@ def search(cell: Cell) -> list[tuple[Floats, float]]:
             mean = float(np.mean(outcome_of(replace(cell, values=_values(cell, u))).errors))
         except EngineFailed:
             mean = _FAILED
-        tries.append((u.copy(), mean if np.isfinite(mean) else _FAILED))
-        return tries[-1][1]
+        if not np.isfinite(mean):
+            mean = _FAILED
+        tries.append((u.copy(), mean))
+        return mean
 
     start = np.log([cell.values[i] for i in _moving(cell)])
     least(error, start, _FIRST_STEP, _EVALUATIONS[len(start)])
@@ -107,11 +109,15 @@ def _moving(cell: Cell) -> list[int]:
 
 def _values(cell: Cell, u: Floats) -> tuple[float, ...]:
     """A cell's parameters by the logarithms of those that move."""
+    fixed = SETS[cell.data].FIXED
     moved = dict(zip(_moving(cell), u, strict=True))
-    return tuple(
-        min(float(np.exp(moved[i])), p.most) if i in moved else SETS[cell.data].FIXED[p.name]
-        for i, p in enumerate(cell.contact.parameters)
-    )
+    values = []
+    for i, parameter in enumerate(cell.contact.parameters):
+        if i in moved:
+            values.append(min(float(np.exp(moved[i])), parameter.most))
+        else:
+            values.append(fixed[parameter.name])
+    return tuple(values)
 
 
 def best_values(cell: Cell, tries: Sequence[tuple[Floats, float]]) -> tuple[float, ...]:
@@ -120,26 +126,33 @@ def best_values(cell: Cell, tries: Sequence[tuple[Floats, float]]) -> tuple[floa
 
 
 def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
-    """Minimum of a parabola fitted to the best third of the tries; the best try if those are too
-    few.
+    """Minimum of a parabola fitted to the best third of the tries, shape (n,); the best try if those are
+    too few, if the parabola has no minimum, or if that is outside of them.
+
+    tries: (point, shape (n,), and its score), one or more.
     """
     scores = np.array([score for _, score in tries])
     better = np.argsort(scores, kind="stable")[: max(len(tries) // 3, 1)]
-    points = np.array([tries[i][0] for i in better])
+    points = np.array([point for point, _ in tries])[better]
     best: Floats = points[0]
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     scale = np.maximum(high - low, 1e-12)
     x = (points - best) / scale
     n = x.shape[1]
-    above = np.triu_indices(n)
-    columns = np.concatenate([np.ones((len(x), 1)), x, x[:, above[0]] * x[:, above[1]]], axis=1)
+    # Columns of c + b x + x A x / 2, A symmetric: of A its upper triangle.
+    rows, cols = np.triu_indices(n)
+    columns = np.concatenate([np.ones((len(x), 1)), x, x[:, rows] * x[:, cols]], axis=1)
     if len(x) < 2 * columns.shape[1]:
         return best
     coefficients = np.linalg.lstsq(columns, scores[better], rcond=None)[0]
+    slope = coefficients[1 : 1 + n]
     curvature = np.zeros((n, n))
-    curvature[above] = coefficients[1 + n :]
+    curvature[rows, cols] = coefficients[1 + n :]
     curvature = curvature + curvature.T
     if np.linalg.eigvalsh(curvature)[0] <= 0.0:
         return best
-    at: Floats = best + scale * np.linalg.solve(curvature, -coefficients[1 : 1 + n])
-    return at if ((low <= at) & (at <= high)).all() else best
+    at: Floats = best + scale * np.linalg.solve(curvature, -slope)
+    if ((low <= at) & (at <= high)).all():
+        return at
+    return best

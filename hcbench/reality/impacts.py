@@ -90,20 +90,23 @@ def _flights(height: Floats) -> list[tuple[int, int]]:
 
 
 def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
+    """The impacts of a box's motion, each at the vertex that is lowest after the flight before."""
     corners = vertices(body)
     up = rotation(motion.quaternion).as_matrix()[:, 2, :]
-    heights = motion.position[:, 2:] + up @ corners.T
+    heights = motion.position[:, 2:] + up @ corners.T  # m, shape (frames, 8)
     lowest = heights.min(axis=1)
-    flights = _flights(lowest)
-    for order, ((start, end), (again, last)) in enumerate(pairwise(flights)):
-        short = end - start + 1 < LEAST_BEFORE or last - again + 1 < LEAST_AFTER
-        if short or again - end > MOST_GAP or again == end + 1:
+    for order, (before, after) in enumerate(pairwise(_flights(lowest))):
+        start, end = before
+        again, last = after
+        is_short = end - start + 1 < LEAST_BEFORE or last - again + 1 < LEAST_AFTER
+        if is_short or again - end > MOST_GAP or again == end + 1:
             continue
         touch = end + 1 + int(np.argmin(lowest[end + 1 : min(end + 4, again + 1)]))
         vertex = int(np.argmin(heights[touch]))
-        first, until = max(start, end - MOST_BEFORE + 1), min(last, again + MOST_AFTER - 1)
+        first = max(start, end - MOST_BEFORE + 1)
+        until = min(last, again + MOST_AFTER - 1)
         frames = np.r_[first : end + 1, again : until + 1]
-        fit = _ImpactFit(body, corners, vertex, motion, frames, end + 1 - first)
+        fit = _ImpactFit(body, corners, vertex, motion, frames, before=end + 1 - first)
         impact = fit.impact(motion.number, order)
         if impact is not None:
             yield impact
@@ -207,22 +210,29 @@ class _ImpactFit:
         return np.stack([-arriving[:, 2], leaving, friction, slip, duration, lost], axis=1)
 
     def _energy(self, turn: Rotation, velocity: Floats, spin: Floats) -> Floats:
+        """Twice the kinetic energy, J, shape (b,). velocity, spin: in the world's frame, shape (b, 3)."""
         own = turn.inv().apply(spin)
         energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + own**2 @ np.array(self.body.inertia)
         return energy
 
     def _up(self, u: Floats, turn: Rotation, velocity: Floats, spin: Floats) -> tuple[Floats, Floats]:
-        """Time, s after the touch, and speed at which the flight after carries the vertex up
-        through the plate.
+        """Time, s after the touch, and speed, m/s, at which the flight after carries the vertex up
+        through the plate, shape (b,) each.
+
+        u: unknowns, shape (b, 21). turn: attitude at the touch. velocity (m/s), spin (rad/s): after the
+        impulse, shape (b, 3). Twelve steps by Newton from 7 ms on, without a test of convergence.
         """
         after = Rotation.from_rotvec(u[:, _JUMP_TURN]) * turn
         corner = after.apply(self.corners[self.vertex])
-        height, time = u[:, 2] + u[:, _JUMPED][:, 2], np.full(len(u), 7e-3)
+        height = u[:, _PLACE][:, 2] + u[:, _JUMPED][:, 2]
+        time = np.full(len(u), 7e-3)
         for _ in range(12):
             arm = Rotation.from_rotvec(spin * time[:, None]).apply(corner)
             at = height + velocity[:, 2] * time - 0.5 * GRAVITY * time**2 + arm[:, 2]
             rate = velocity[:, 2] - GRAVITY * time + np.cross(spin, arm)[:, 2]
-            time = np.where(rate < 0.01, time, np.clip(time - at / np.maximum(rate, 0.01), -4e-3, 0.03))
+            newton = np.clip(time - at / np.maximum(rate, 0.01), -4e-3, 0.03)
+            # Where the vertex hardly rises a step would go anywhere.
+            time = np.where(rate < 0.01, time, newton)
         return time, rate
 
     def impact(self, number: int, order: int) -> ImpactRead | None:
@@ -232,33 +242,51 @@ class _ImpactFit:
             return None
         best, curvature, square = fitted
         chi_square = square / (6 * len(self.time) - 15)
+        # Noise that is smaller than expected makes nothing surer.
         covariance = np.linalg.pinv(curvature) * max(chi_square, 1.0)
         step = 1e-2 * _SCALES
         derived, *moved = self.derived(np.vstack([best, best + np.diag(step)]))
-        ratios = np.array([d[1] / d[0] for d in moved]) - derived[1] / derived[0]
-        slopes = np.stack([ratios, [d[2] - derived[2] for d in moved]]) / step
-        u_e, u_friction = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
-        heights = np.sort((Rotation.from_rotvec(best[_TURNED]) * self.base).apply(self.corners)[:, 2])
         speed_in, speed_out, friction, slip, duration, lost = (float(x) for x in derived)
+        # How e and friction change with each unknown, by differences.
+        e_changes = np.array([changed[1] / changed[0] for changed in moved]) - derived[1] / derived[0]
+        friction_changes = np.array([changed[2] for changed in moved]) - derived[2]
+        slopes = np.stack([e_changes, friction_changes]) / step
+        variances = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
+        u_e, u_friction = np.sqrt(np.maximum(variances, 0.0)).tolist()
+        heights = np.sort((Rotation.from_rotvec(best[_TURNED]) * self.base).apply(self.corners)[:, 2])
         return ImpactRead(
-            number, order, self.touch - self.began, speed_in, speed_out, speed_out / speed_in, float(u_e),
-            friction, float(u_friction), slip, duration, float(heights[1] - heights[0]),
-            len(self.time) - self.before, chi_square, lost,
-        )  # fmt: skip
+            number=number,
+            order=order,
+            time=self.touch - self.began,
+            speed_in=speed_in,
+            speed_out=speed_out,
+            e=speed_out / speed_in,
+            u_e=u_e,
+            friction=friction,
+            u_friction=u_friction,
+            slip=slip,
+            duration=duration,
+            second=float(heights[1] - heights[0]),
+            frames_after=len(self.time) - self.before,
+            chi_square=chi_square,
+            energy_lost=lost,
+        )
 
 
 def _least_squares(left: Callable[[Floats], Floats], start: Floats) -> tuple[Floats, Floats, float] | None:
     """Unknowns that make the squares least, the matrix of normal equations there, and the sum of squares.
 
     By Gauss and Newton, with differences for slopes, all in one call; None where it does not settle.
+    left: residuals, shape (b, n), of unknowns, shape (b, 21). start: shape (21,).
     """
-    best, step = start, 1e-3 * _SCALES
+    best = start
+    step = 1e-3 * _SCALES
     for _ in range(_ROUNDS):
         here, *moved = left(np.vstack([best, best + np.diag(step)]))
         slopes = (np.array(moved) - here) / step[:, None]
         curvature = slopes @ slopes.T
         shift = -np.linalg.lstsq(curvature, slopes @ here, rcond=None)[0]
-        shares = np.array([1.0, 0.5, 0.25, 0.05])
+        shares = np.array([1.0, 0.5, 0.25, 0.05])  # of the shift: all of it may overshoot
         squares = (left(best + shares[:, None] * shift) ** 2).sum(axis=1)
         pick = int(np.argmin(squares))
         gained = float((here**2).sum() - squares[pick])
@@ -266,5 +294,7 @@ def _least_squares(left: Callable[[Floats], Floats], start: Floats) -> tuple[Flo
             return best, curvature, float((here**2).sum())
         best = best + shares[pick] * shift
         if gained < 1e-6 * squares[pick]:
-            return best, curvature, float(squares[pick])
-    return (best, curvature, float(squares[pick])) if np.isfinite(best).all() else None
+            break
+    if not np.isfinite(best).all():
+        return None
+    return best, curvature, float(squares[pick])

@@ -42,12 +42,14 @@ _NEAR = 1.5
 
 def page_text(results: RealityResults) -> str:
     """The page as HTML text."""
-    sets = [name for name in results.request.sets if any(s.set == name for s in results.scores)]
+    scores: dict[str, list[SettingScore]] = {}
     drawn = {}
-    for name in sets:
-        of_set = [s for s in results.scores if s.set == name]
-        drawing = Drawing(f"errors-{name}", partial(figures.errors, of_set, SETS[name].UNIT))
-        drawn[name] = draw(drawing)
+    for name in results.request.sets:
+        of_set = [score for score in results.scores if score.set == name]
+        if of_set:
+            scores[name] = of_set
+            figure = partial(figures.errors, of_set, SETS[name].UNIT)
+            drawn[name] = draw(Drawing(f"errors-{name}", figure))
     impacts = None
     if results.impacts:
         impacts = draw(Drawing("impacts", partial(figures.impacts, results.impacts, results.twins)))
@@ -56,10 +58,10 @@ def page_text(results: RealityResults) -> str:
         "reality.html",
         script=script("reality.js") if toss or results.changed else None,
         toss=Markup(json.dumps(toss).replace("<", "\\u003c")) if toss else "",
-        sets=sets,
+        sets=list(scores),
         sources=SOURCES,
         modules=SETS,
-        scores={name: [s for s in results.scores if s.set == name] for name in sets},
+        scores=scores,
         name_of=name_of,
         drawn=drawn,
         impacts=impacts,
@@ -68,7 +70,7 @@ def page_text(results: RealityResults) -> str:
         elastic=_elastic(results.scores),
         cube_switches=_cube_switches(results),
         ellipse_switches=results.switches,
-        steps={name: wording.time(SETS[name].TIMESTEP) for name in sets},
+        steps={name: wording.time(SETS[name].TIMESTEP) for name in scores},
         captions=_CAPTIONS,
         switch_keys=_SWITCH_KEYS,
         sign=SIGN,
@@ -90,11 +92,13 @@ def _toss(results: RealityResults) -> dict[str, Any]:
 def _of(
     scores: Sequence[SettingScore], data: str, setting: str, cone: str | None = None
 ) -> list[SettingScore]:
-    return [
-        s
-        for s in scores
-        if s.set == data and s.setting == setting and s.engine != NO_ENGINE and cone in (None, s.cone)
-    ]
+    """Scores of engines' settings of one name in a data set. cone: None for any."""
+    chosen = []
+    for score in scores:
+        is_engine = score.engine != NO_ENGINE
+        if is_engine and score.set == data and score.setting == setting and cone in (None, score.cone):
+            chosen.append(score)
+    return chosen
 
 
 def verdicts(results: RealityResults) -> Iterator[str]:
@@ -111,17 +115,19 @@ def verdicts(results: RealityResults) -> Iterator[str]:
                     f" {_with_interval(slow)} against {_with_interval(other)}."
                 )
     near = _comparable(scores)
+    # All intervals overlap where the highest low end is below the lowest high end.
     if len(near) > 2 and max(s.error_low for s in near) <= min(s.error_high for s in near):
-        least, most = min(s.error for s in near), max(s.error for s in near)
+        near_errors = [score.error for score in near]
         yield (
-            f"No order among the {len(near)} identified settings of the cube can be told: their errors are"
-            f" {least:.1f} to {most:.1f} % of a width, and all their intervals overlap."
+            f"No order among the {len(near)} identified settings of the cube can be told: their errors"
+            f" are {min(near_errors):.1f} to {max(near_errors):.1f} % of a width, and all their intervals"
+            " overlap."
         )
-    nothing = [s for s in scores if s.setting == NOTHING and s.set == "cube"]
-    if nothing and near:
+    stock_errors = [score.error for score in _of(scores, "cube", NOTHING)]
+    if stock_errors and near:
         yield (
-            f"With nothing set, engines are wrong by {min(s.error for s in nothing):.0f} to"
-            f" {max(s.error for s in nothing):.0f} % of the cube's width; friction explains most of that."
+            f"With nothing set, engines are wrong by {min(stock_errors):.0f} to"
+            f" {max(stock_errors):.0f} % of the cube's width; friction explains most of that."
         )
     yield from _noise_verdict(scores)
     yield from _slope_verdict(results)
@@ -175,10 +181,11 @@ def _elastic(scores: Sequence[SettingScore]) -> list[tuple[str, list[SettingScor
     wanted = (NOTHING, FRICTION, RESTITUTION, PLUGIN_E)
     rows = []
     for name in ("ellipse", "ball", "alumina"):
-        of_set = [
-            s for s in scores
-            if s.set == name and (s.engine == NO_ENGINE or s.setting in wanted or "identified" in s.setting)
-        ]  # fmt: skip
+        of_set = []
+        for score in scores:
+            is_wanted = score.setting in wanted or "identified" in score.setting
+            if score.set == name and (score.engine == NO_ENGINE or is_wanted):
+                of_set.append(score)
         if of_set:
             rows.append((name, of_set))
     return rows

@@ -118,12 +118,13 @@ def read(paths: Sequence[Path], body: Body) -> Tosses:
 def _rows(path: Path) -> Floats:
     """The frames of a CSV file, shape (n, columns): time, s, position, m, and quaternion."""
     try:
-        reader = csv.DictReader(read_text(path, "utf-8-sig").splitlines(), skipinitialspace=True)
-        rows = np.array([[float(row[name]) for name in COLUMNS] for row in list(reader)])
+        frames = csv.DictReader(read_text(path, "utf-8-sig").splitlines(), skipinitialspace=True)
+        numbers = [[float(frame[name]) for name in COLUMNS] for frame in frames]
     except (OSError, UnicodeDecodeError) as error:
         raise UserError("--poses", f"{path}: {error}", "a CSV file") from None
     except (KeyError, TypeError, ValueError):
         raise UserError("--poses", f"{path} has no {', '.join(COLUMNS)}", "these columns, s and m") from None
+    rows = np.array(numbers)
     if len(rows) < _LEAST or not np.isfinite(rows).all():
         raise UserError("--poses", f"{path} has {len(rows)} frames", f"{_LEAST} or more, all finite")
     return rows

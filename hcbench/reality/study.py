@@ -166,11 +166,10 @@ def _is_in_switches(cell: Cell) -> bool:
 def _exact(data: str) -> tuple[str, ContactSetting, ContactSetting] | None:
     """An engine whose plug-in sets e of every impact, with its settings of constant e and of α."""
     for engine in installed():
-        own = {
-            setting.name: setting
-            for name, setting in settings_of(data)
-            if name == engine and setting.cone != "pyramidal"
-        }
+        own = {}
+        for name, setting in settings_of(data):
+            if name == engine and setting.cone != "pyramidal":
+                own[setting.name] = setting
         if PLUGIN_E in own and PLUGIN_ALPHA in own:
             return engine, own[PLUGIN_E], own[PLUGIN_ALPHA]
     return None
@@ -179,25 +178,26 @@ def _exact(data: str) -> tuple[str, ContactSetting, ContactSetting] | None:
 def _floors(
     request: RealityRequest, parameters: Parameters, pool: WorkerPool, data: str
 ) -> Iterator[SettingScore]:
+    """Scores of what no engine gives: the best that a law can do, and what noise alone does."""
     outcomes: dict[str, Any] = {}
-    if data == "cube" and (exact := _exact(data)):
+    exact = _exact(data) if data == "cube" else None
+    if exact is not None:
         engine, constant, _ = exact
         grid = [request.cell(data, engine, constant, (friction,)) for friction in floors.FRICTIONS]
         outcomes[floors.BEST_OF_EACH] = floors.best(run_each(pool, floors.of_friction, grid))
-        cell = request.cell(data, engine, constant)
-        if (values := values_of(parameters, data, cell)) is not None:
+        values = values_of(parameters, data, request.cell(data, engine, constant))
+        if values is not None:
             same = request.cell(data, engine, constant, values)
             (outcomes[floors.NOISE],) = run_each(pool, floors.of_noise, [same])
-    elif data in ("ellipse", "ball"):
-        training, judged = _both_parts(request, data)
-        outcomes = (
-            floors.of_ellipse(training, judged) if data == "ellipse" else floors.of_ball(training, judged)
-        )
+    elif data == "ellipse":
+        outcomes = floors.of_ellipse(*_both_parts(request, data))
+    elif data == "ball":
+        outcomes = floors.of_ball(*_both_parts(request, data))
     elif data == "alumina":
-        cases = SETS[data].cases(SETS[data].VALIDATION)
-        outcomes[floors.RIGID] = SETS[data].rigid(
-            cases, SETS[data].FIXED["restitution"], SETS[data].FIXED["friction"]
-        )
+        alumina = SETS[data]
+        fixed = alumina.FIXED
+        cases = alumina.cases(alumina.VALIDATION)
+        outcomes[floors.RIGID] = alumina.rigid(cases, fixed["restitution"], fixed["friction"])
     for name, outcome in outcomes.items():
         yield of_outcome(data, NO_ENGINE, name, "", outcome)
 
@@ -206,19 +206,25 @@ def _impacts(
     request: RealityRequest, parameters: Parameters, pool: WorkerPool
 ) -> tuple[list[ImpactRead], dict[str, list[ImpactRead]]]:
     """Impacts of the tosses that are judged and those of the training part, and of their twins."""
-    parts = (*SETS["cube"].TRAINING, *SETS["cube"].VALIDATION) if request.part is None else (request.part,)
+    parts: tuple[int, ...] = (*SETS["cube"].TRAINING, *SETS["cube"].VALIDATION)
+    if request.part is not None:
+        parts = (request.part,)
     folder = request.folders.get("cube")
     reading = pool.threads.submit(call, _read, parts, folder, limit=None)
     twins: dict[str, list[ImpactRead]] = {}
-    if exact := _exact("cube"):
+    exact = _exact("cube")
+    if exact is not None:
         engine, constant, falling = exact
+        friction = 0.18
         known = values_of(parameters, "cube", request.cell("cube", engine, constant))
-        friction = known[1] if known else 0.18
+        if known:
+            _e, friction = known
         cells = [
             Cell("cube", engine, constant.key, (TWIN_E, friction), parts, folder),
             Cell("cube", engine, falling.key, (TWIN_ALPHA, friction), parts, folder),
         ]
-        twins = dict(zip(("constant e", "alpha"), run_each(pool, _read_twins, cells), strict=True))
+        of_constant, of_falling = run_each(pool, _read_twins, cells)
+        twins = {"constant e": of_constant, "alpha": of_falling}
     return reading.result(), twins
 
 

@@ -70,8 +70,10 @@ class Worker:
         if self._process is not None:
             self._process.returncode = 0  # nothing to wait for here
             self._pipe.close()
-        self._process, self._is_up = None, False
-        self._lock, self._closed = threading.Lock(), False
+        self._process = None
+        self._is_up = False
+        self._lock = threading.Lock()
+        self._closed = False
 
     def at(self, interpreter: Interpreter | None) -> Worker:
         """The worker beside this one that another interpreter runs; it ends with this one."""
@@ -120,10 +122,16 @@ class Worker:
                 self._start((module, function, args))
 
     def _start(self, first: FirstCall | None = None) -> None:
+        """Start a process in place of the one before, as a copy of this one where that is safe.
+
+        first: called in it before anything else. Raises CannotRun where the worker was closed meanwhile.
+        """
         self._kill()
         self._pipe, end = Pipe()
+        # A fork copies the locks that other threads hold, and nobody there lets them go.
+        can_fork = AVAILABLE and IS_COMMAND.get() and threading.active_count() == 1
         with end:
-            if first is not None and AVAILABLE and IS_COMMAND.get() and threading.active_count() == 1:
+            if first is not None and can_fork:
                 self._process = Fork(partial(serve_forked, end, first))
             else:
                 self._process = self._spawn(end, first)
@@ -131,14 +139,17 @@ class Worker:
             raise CannotRun("worker", "is no longer needed", "")
 
     def _spawn(self, end: Connection, first: FirstCall | None) -> subprocess.Popen[bytes]:
-        """A fresh interpreter that serves one end of a pipe."""
+        """A fresh interpreter that serves one end of a pipe. EngineMissing where its environment is gone."""
         path = [str(entry) for entry in sys.path]
-        setup, command, name = f"import sys; sys.path[:] = {path!r}", [sys.executable], ""
+        setup = f"import sys; sys.path[:] = {path!r}"
+        command = [sys.executable]
+        name = ""
         if self._interpreter is not None:
             # -I: nothing of this process' environment is found there, regardless of PYTHONPATH.
-            setup, command = self._interpreter.setup, [self._interpreter.python, "-I"]
+            setup = self._interpreter.setup
+            command = [self._interpreter.python, "-I"]
             name = self._interpreter.name
-            if not Path(command[0]).exists():
+            if not Path(self._interpreter.python).exists():
                 raise EngineMissing(f"engine {name!r}", "its environment is gone", "", f"Try: {ADD} {name}")
         code = f"{setup}\nfrom {serve.__module__} import serve\nserve({end.fileno()}, {name!r}, {first!r})"
         return subprocess.Popen(
@@ -175,6 +186,7 @@ class Worker:
         return True
 
     def _cause_of_death(self, error: Exception) -> str:
+        """The reason why the process no longer answers, in words: too late, a signal, or its exit code."""
         if isinstance(error, TimeoutError):
             return str(error)
         code = None
