@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import cycle
+from itertools import cycle, product
 from typing import Any
 
 import numpy as np
@@ -106,24 +106,27 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     """
     figure = new_figure(8.6, 4.4)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    end, period = HARD_CYCLES / HARD.frequency, 1.0 / HARD.frequency
+    period = 1.0 / HARD.frequency
+    end = HARD_CYCLES / HARD.frequency
     clear = simulate(LOOSE, 0.0, START, CLEAR_FOR, CLEAR, step_max=4e-5)
-    squeezed = simulate(SQUEEZED, 0.0, 0.0, end, HARD, step_max=0.01 * period).during(end - period, end)
+    squeezed = simulate(SQUEEZED, 0.0, 0.0, end, HARD, step_max=0.01 * period)
+    last_cycle = squeezed.during(end - period, end)
     broad: dict[str, Any] = {"color": GREY, "linewidth": 4.5, "alpha": 0.55, "label": "reference, eq. (16)"}
     handles = left.plot(clear.time * 1e3, clear.position * 1e3, **broad)
-    right.plot(squeezed.position * 1e6, squeezed.resultant, **broad)
+    right.plot(last_cycle.position * 1e6, last_cycle.resultant, **broad)
     distances = []
-    cases = [(name, tuned_at) for tuned_at in (None, STAND_IN_SPEED) for name in engines_with_two_blocks()]
-    for i, (name, tuned_at) in zip(cycle(_OVERLAID), cases, strict=False):
+    engines = engines_with_two_blocks()
+    for i, (tuned_at, name) in zip(cycle(_OVERLAID), product((None, STAND_IN_SPEED), engines), strict=False):
         with suppress(EngineMissing):
             in_gap, pressed = _in_engine(name, tuned_at, effort)
             line: dict[str, Any] = {**numbered_line(i), "linewidth": 1.2}
-            title, contacts = engine_title(name), _contact_names(name, tuned_at)
+            title = engine_title(name)
+            contacts = _contact_names(name, tuned_at)
             label = f"{title} {'; right: '.join(contacts)}"
             handles += left.plot(in_gap.time * 1e3, in_gap.position * 1e3, **line, label=label)
             right.plot(pressed.position * 1e6, pressed.resultant, **line)
             path = _distance(in_gap.time, in_gap.position, clear, clear.position)
-            loop = _distance(pressed.time, pressed.resultant, squeezed, squeezed.resultant)
+            loop = _distance(pressed.time, pressed.resultant, last_cycle, last_cycle.resultant)
             both = ", ".join(f"{title} {contact}" for contact in contacts)
             distances.append(f"{both} {_percent(path)} and {_percent(loop)}")
     left.set_xlabel("time, ms")
@@ -133,7 +136,9 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     right.set_ylabel("force against it, N")
     right.set_title("squeezed by 5 µm")
     legend_below(figure, handles)
-    return figure, f" {'; '.join(distances)}." if distances else " No engine is installed."
+    if not distances:
+        return figure, " No engine is installed."
+    return figure, f" {'; '.join(distances)}."
 
 
 def _distance(time: Floats, values: Floats, reference: SimulatedMotion, expected: Floats) -> float:

@@ -90,7 +90,7 @@ def _flights(height: Floats) -> list[tuple[int, int]]:
 
 
 def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
-    """The impacts of a box's motion, each at the vertex that is lowest after the flight before."""
+    """Impacts of a box's motion, each at the vertex that is lowest after the flight before."""
     corners = vertices(body)
     up = rotation(motion.quaternion).as_matrix()[:, 2, :]
     heights = motion.position[:, 2:] + up @ corners.T  # m, shape (frames, 8)

@@ -100,7 +100,7 @@ def band_text(view: View) -> str:
 
 
 def _speed_span(view: View, unit: float) -> str:
-    """The ends of the study's band, in two digits. unit: of speed, m/s."""
+    """Ends of the study's band, in two digits. unit: of speed, m/s."""
     low, high = view.band / unit
     return wording.span(f"{low:.2g}", f"{high:.2g}")
 

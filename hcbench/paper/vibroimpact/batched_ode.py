@@ -61,13 +61,20 @@ class _Batch:
     def __init__(
         self, system: TwoSidedContact, y: Floats, checkpoints: Floats, step_max: Floats, observe: Observer
     ) -> None:
-        self.system, self.checkpoints, self.step_max, self.observe = system, checkpoints, step_max, observe
+        """See `integrate`. observe: called with each step that is taken."""
         count = y.shape[1]
-        self.t, self.y, self.mode = np.zeros(count), y.copy(), system.first_modes(y)
+        self.system = system
+        self.checkpoints = checkpoints
+        self.step_max = step_max
+        self.observe = observe
+        self.t = np.zeros(count)
+        self.y = y.copy()
+        self.mode = system.first_modes(y)
         self.passed = np.zeros(count, dtype=np.intp)
         self.h = system.first_step(self.mode, np.arange(count))
         self.goal = np.full(count, NOTHING)
-        self.low, self.high = np.zeros(count), np.zeros(count)
+        self.low = np.zeros(count)
+        self.high = np.zeros(count)
         self.rounding = max(1e-15, 1e-4 * system.tolerance)
 
     def try_steps(self, rows: Indices) -> None:
@@ -95,14 +102,18 @@ class _Batch:
             self._take(rows[takes], h[takes], y[:, takes])
 
     def _try(self, rows: Indices, h: Floats) -> tuple[Floats, Floats]:
-        """y after steps of h, and the errors of these steps over the tolerance."""
-        t, y, mode = self.t[rows], self.y[:, rows], self.mode[:, rows]
+        """y after steps of h (s), and the errors of these steps over the tolerance."""
+        t = self.t[rows]
+        y = self.y[:, rows]
+        mode = self.mode[:, rows]
         k = np.empty((_STAGES, *y.shape))
         k[0] = self.system.rates(t, y, mode, rows)
         for i in range(1, _STAGES):
             k[i] = self.system.rates(t + _C[i] * h, y + h * _mix(_A[i], k[:i]), mode, rows)
         size = self.system.tolerance * self.system.size[:, rows]
-        fifth, third = (((_mix(e, k) / size) ** 2).sum(axis=0) for e in _ERRORS)
+        of_fifth, of_third = _ERRORS
+        fifth = ((_mix(of_fifth, k) / size) ** 2).sum(axis=0)
+        third = ((_mix(of_third, k) / size) ** 2).sum(axis=0)
         bottom = np.sqrt(len(y) * (fifth + 0.01 * third))
         return y + h * _mix(_B, k), h * fifth / np.maximum(bottom, 1e-300)
 
@@ -130,16 +141,23 @@ class _Batch:
         return np.asarray(distance / (self.rounding + rounding))
 
     def _narrow(self, rows: Indices, h: Floats, y: Floats) -> None:
-        """Choose the next step of a search from the last one: by Newton's method, else by bisection."""
+        """Choose the next step of a search from the last one: by Newton's method, else by bisection.
+
+        h: length of the last step, s. y: at its end.
+        """
 
         def value(y: Floats) -> Floats:
             return np.where(self.goal[rows] == TURN, self._speed(rows, y), self._distance(rows, y))
 
-        now, ahead = value(y), _AHEAD * h
+        now = value(y)
+        ahead = _AHEAD * h
         rates = self.system.rates(self.t[rows] + h, y, self.mode[:, rows], rows)
         slope = (value(y + ahead * rates) - now) / ahead
-        self.low[rows], self.high[rows] = np.where(now > 0.0, (h, self.high[rows]), (self.low[rows], h))
-        low, high = self.low[rows], self.high[rows]
+        # The value falls from above 0 to below it: a step before the crossing is the new low end.
+        low = np.where(now > 0.0, h, self.low[rows])
+        high = np.where(now > 0.0, self.high[rows], h)
+        self.low[rows] = low
+        self.high[rows] = high
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = h - now / slope
         self.h[rows] = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))

@@ -176,8 +176,9 @@ def linearized(system: VibroImpact) -> Linear:
     """
     expected = "a gap below 0 m: with clearance there is no spring in the middle to linearise"
     require("gap", system.gap, system.gap < 0.0, expected, "See `kelvin_voigt_blocks`")
-    slopes = [tangent(law, system.squeeze) for law in (system.right, system.left)]
-    return Linear(sum(k for k, _ in slopes), sum(c for _, c in slopes), system.mass)
+    right_stiffness, right_damping = tangent(system.right, system.squeeze)
+    left_stiffness, left_damping = tangent(system.left, system.squeeze)
+    return Linear(right_stiffness + left_stiffness, right_damping + left_damping, system.mass)
 
 
 def kelvin_voigt_blocks(system: VibroImpact, speed: float) -> VibroImpact:
