@@ -71,21 +71,33 @@ class BatchResult:
 
 def result_of(impacts: Impacts, batch: Batch) -> BatchResult:
     """Return the columns and loops that are kept of a batch's impacts."""
-    loops = [(i, _loop(i, impacts, batch)) for i in batch.kept]
-    columns = columns_of(impacts) | (oblique_columns(impacts, batch.scene) if batch.oblique else {})
-    return BatchResult(columns, [(i, loop) for i, loop in loops if loop is not None])
+    columns = columns_of(impacts)
+    if batch.oblique:
+        columns |= oblique_columns(impacts, batch.scene)
+    loops = []
+    for i in batch.kept:
+        loop = _loop(i, impacts, batch)
+        if loop is not None:
+            loops.append((i, loop))
+    return BatchResult(columns, loops)
 
 
 def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
     """The loop of one impact: simulated once more where no step was recorded, on a device."""
-    impact, scene, setting = impacts[i], batch.scene, batch.setting
+    impact = impacts[i]
+    setting = batch.setting
     if "device" not in setting.options or not impact.is_measured:
         return impact.loop
-    start, stop = int(impacts.start[i]), int(impacts.start[i]) + impact.samples
+    start = int(impacts.start[i])  # the first step in contact
+    stop = start + impact.samples
     engine = registry.engine(setting.engine)
-    path = engine.trajectory(scene, setting, impact.launch, stop * setting.timestep)
-    states = path.penetration, path.rate, path.force
-    return Loop(path.time[: impact.samples], *(column[start:stop] for column in states))
+    path = engine.trajectory(batch.scene, setting, impact.launch, stop * setting.timestep)
+    return Loop(
+        time=path.time[: impact.samples],
+        penetration=path.penetration[start:stop],
+        rate=path.rate[start:stop],
+        force=path.force[start:stop],
+    )
 
 
 def columns_of(impacts: Impacts) -> dict[str, Any]:
@@ -100,10 +112,17 @@ def columns_of(impacts: Impacts) -> dict[str, Any]:
 
 def oblique_columns(impacts: Impacts, scene: Scene) -> dict[str, Any]:
     """OBLIQUE_COLUMNS -> values, one an impact; NaN where it was not measured, or not along the plate."""
-    each = list(impacts)
-    seen = [along_plate(impact) for impact in each]
-    law = [0.0 if i.tangential is None else coulomb_ratio(i.tangential, scene) for i in each]
-    columns = np.array([i.launch.angle for i in each]), *np.array(seen).T, np.array(law)
+    angles = []
+    seen_along_plate = []
+    coulomb = []
+    for impact in impacts:
+        angles.append(impact.launch.angle)
+        seen_along_plate.append(along_plate(impact))
+        ratio = 0.0
+        if impact.tangential is not None:
+            ratio = coulomb_ratio(impact.tangential, scene)
+        coulomb.append(ratio)
+    columns = [np.array(angles), *np.array(seen_along_plate).T, np.array(coulomb)]
     return dict(zip(OBLIQUE_COLUMNS, columns, strict=True))
 
 

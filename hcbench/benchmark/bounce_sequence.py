@@ -47,16 +47,26 @@ def bounces(path: Trajectory, count: int) -> list[Bounce]:
     A height over the surface is the highest sample of a flight and its two neighbours', by the parabola
     through them.
     """
-    gap, acting, bounces = -path.penetration, path.force != 0, []
+    gap = -path.penetration
+    acting = path.force != 0
+    last = len(gap) - 1
+    # Last samples of contacts that a flight follows, not a loss of touch while the body still goes in.
     partings = np.flatnonzero(acting[:-1] & ~acting[1:] & (path.rate[1:] < 0))
-    for before, start, end in zip([-1, *partings], partings, [*partings[1:], len(gap) - 1], strict=False):
-        top = start + int(gap[start : end + 1].argmax())
-        if 0 < top < len(gap) - 1 and gap[top] > 0 and gap[top] >= gap[top + 1]:
-            low, here, high = gap[top - 1 : top + 2]
-            bend = low - 2 * here + high
-            height = float(here - (high - low) ** 2 / (8 * bend)) if bend < 0 else float(here)
-            touch = before + 1 + int(acting[before + 1 :].argmax())
-            bounces.append(Bounce(float(path.time[touch]), float(path.time[start + 1]), height))
+    previous_partings = [-1, *partings]
+    ends = [*partings[1:], last]
+    bounces = []
+    for previous, parting, end in zip(previous_partings, partings, ends, strict=False):
+        top = parting + int(gap[parting : end + 1].argmax())
+        # A flight that is cut off by the end of the path may have its top later.
+        if not (0 < top < last and gap[top] > 0 and gap[top] >= gap[top + 1]):
+            continue
+        low, here, high = gap[top - 1 : top + 2]
+        bend = low - 2 * here + high
+        height = float(here)
+        if bend < 0:
+            height = float(here - (high - low) ** 2 / (8 * bend))
+        touch = previous + 1 + int(acting[previous + 1 :].argmax())
+        bounces.append(Bounce(float(path.time[touch]), float(path.time[parting + 1]), height))
     return bounces[:count]
 
 
@@ -118,39 +128,57 @@ def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUN
 
 def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[Drop]:
     """A drop of each setting that the study drops, for its main α. mapper: as of `make_plan`."""
-    study, height = plan.study, plan.study.train_height
+    study = plan.study
+    height = study.train_height
     if height is None:
         return []
     law = HuntCrossley(study.scene.stiffness, study.main_alpha, study.scene.exponent)
-    heights = tuple(*mapper(partial(law_heights, law, study.scene.mass), [height]))
-    falls = [math.sqrt(2 * h / STANDARD_GRAVITY) for h in (height, *heights)]
-    bouncing = _SLACK * (falls[0] + 2 * sum(falls[1:]))
+    (heights,) = mapper(partial(law_heights, law, study.scene.mass), [height])
+    first_fall, *falls = [math.sqrt(2 * h / STANDARD_GRAVITY) for h in (height, *heights)]
+    # After the first fall a body goes up and comes down: two falls a bounce.
+    bouncing = _SLACK * (first_fall + 2 * sum(falls))
     drops = {}
     for grid in plan.grids:
         wanted = grid.dropped or grid.setting.timestep == study.train_step
         if wanted and study.main_alpha in grid.alphas and not grid.scene.off_axis:
-            duration = max(bouncing, _REST_S) if grid.dropped else bouncing
-            drop = Drop(grid.setting, height, heights, duration, grid.dropped, plan.inputs_of(grid))
-            drops[grid.scene, grid.setting.key] = drop
+            drops[grid.scene, grid.setting.key] = Drop(
+                setting=grid.setting,
+                height=height,
+                law_heights=tuple(heights),
+                duration=max(bouncing, _REST_S) if grid.dropped else bouncing,
+                rests=grid.dropped,
+                inputs=plan.inputs_of(grid),
+            )
     return list(drops.values())
 
 
 def simulate_bounces(scene: Scene, drop: Drop) -> Dropped:
     """A drop under the scene's gravity, or the standard one where it has none."""
     with_gravity = dataclasses.replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
-    engine, launch = registry.engine(drop.setting.engine), Launch(0.0, height=drop.height)
+    engine = registry.engine(drop.setting.engine)
+    launch = Launch(0.0, height=drop.height)
     path = engine.trajectory(with_gravity, drop.setting, launch, drop.duration)
-    return Dropped(bounces(path, BOUNCES), rest(path) if drop.rests else None)
+    at_rest = None
+    if drop.rests:
+        at_rest = rest(path)
+    return Dropped(bounces(path, BOUNCES), at_rest)
 
 
 def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float, encode: Encode) -> bytes:
     """TRAIN_COLUMNS, as the bytes of a file, with how the bodies lie at the end in its metadata."""
-    tables, rests = [], []
+    tables = []
+    rests = []
     for drop, seen in dropped:
         key = run_key(drop.inputs.scene, drop.setting, alpha)
         count = len(seen.bounces)
-        reached = np.array([dataclasses.astuple(bounce) for bounce in seen.bounces]).reshape(count, 3).T
-        columns = (*key.values(), np.arange(1, count + 1), *reached, np.array(drop.law_heights[:count]))
+        columns = [
+            *key.values(),
+            np.arange(1, count + 1),
+            np.array([bounce.touch for bounce in seen.bounces]),
+            np.array([bounce.parting for bounce in seen.bounces]),
+            np.array([bounce.height for bounce in seen.bounces]),
+            np.array(drop.law_heights[:count]),
+        ]
         tables.append(dict(zip(TRAIN_COLUMNS, columns, strict=True)))
         if seen.rest is not None:
             lies = {"followed_s": drop.duration, "depth_m": seen.rest.depth, "motion_m": seen.rest.motion}

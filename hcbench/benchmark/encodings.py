@@ -133,19 +133,24 @@ def metadata_in(content: bytes) -> dict[str, bytes]:
 
 def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str, Any]:
     """The columns of a table of either kind as arrays, with texts as such; or those of some that it has."""
+    if content.startswith(_PARQUET):
+        return _parquet_columns(content, names)
+    columns = {}
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        for name in file.files:
+            is_column = not name.startswith((_ABOUT, _WORDS))
+            if is_column and (names is None or name in names):
+                columns[name] = _array_column(file, name)
+    return columns
 
-    def is_wanted(name: str) -> bool:
-        return names is None or name in names
 
-    if not content.startswith(_PARQUET):
-        with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            columns = [name for name in file.files if not name.startswith((_ABOUT, _WORDS))]
-            return {name: _array_column(file, name) for name in columns if is_wanted(name)}
+def _parquet_columns(content: bytes, names: Collection[str] | None) -> dict[str, Any]:
+    """The columns of a Parquet file; or those of some names that it has."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     file = pq.ParquetFile(pa.BufferReader(content))
-    wanted = [name for name in file.schema_arrow.names if is_wanted(name)]
+    wanted = [name for name in file.schema_arrow.names if names is None or name in names]
     table = file.read(wanted, use_threads=False)
     return {name: _parquet_values(table[name].combine_chunks()) for name in wanted}
 
@@ -175,5 +180,8 @@ def frame_of(tables: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Tables as `columns_in` reads them, one or more, below one another."""
     import pandas as pd
 
-    joined = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-    return pd.DataFrame(joined).astype({name: str for name in joined if name in _TEXTS})
+    joined = {}
+    for name in tables[0]:
+        joined[name] = np.concatenate([table[name] for table in tables])
+    texts = [name for name in joined if name in _TEXTS]
+    return pd.DataFrame(joined).astype(dict.fromkeys(texts, str))

@@ -124,25 +124,37 @@ class Folder:
 
     def add(self, columns: _Columns) -> None:
         """Add the columns FOLDED of one impact or more, and FOLDED_OBLIQUE where there are such."""
-        e, law, speed_in, depth = (
-            to_digits(columns[name])
-            for name in ("restitution", "restitution_law", "speed_in_m_per_s", "penetration_max_m")
-        )
-        status, asked = columns["status"], columns["speed_m_per_s"]
+        e = to_digits(columns[RESTITUTION.key])
+        law = to_digits(columns[LAW.key])
+        speed_in = to_digits(columns[SPEED_IN.key])
+        depth = to_digits(columns[PENETRATION_MAX.key])
+        status = columns[STATUS.key]
+        asked = columns[SPEED.key]
+        angle = columns.get(ANGLE.key, np.zeros(len(e)))
         self._status.update(status.tolist())
         off = np.abs(e - law)
         self._reach(depth=depth, e=e, off=off, off_parted=off[status == "parted"])
         self._reach(rested=asked[status == "rested"], minus_e=-e)
-        angle = columns.get("angle_rad", np.zeros(len(e)))
-        if "angle_rad" in columns:
-            slip, ratio, coulomb = (to_digits(columns[name]) for name in FOLDED_OBLIQUE[1:])
+        if ANGLE.key in columns:
+            slip = to_digits(columns[SLIP_IN.key])
+            ratio = to_digits(columns[IMPULSE_RATIO.key])
+            coulomb = to_digits(columns[COULOMB.key])
             self._slid |= bool((slip != 0).any())
             self._reach(friction=np.abs(ratio - coulomb))
         head_on = angle == angle.min()
-        seen = (e, law, speed_in, columns["samples"], columns["phase"], asked, angle)
-        self._parts.append(self._part(*(each[head_on] for each in seen)))
+        part = self._part(
+            e=e[head_on],
+            law=law[head_on],
+            speed_in=speed_in[head_on],
+            samples=columns[SAMPLES.key][head_on],
+            phase=columns[PHASE.key][head_on],
+            asked=asked[head_on],
+            angle=angle[head_on],
+        )
+        self._parts.append(part)
 
     def _reach(self, **values: Floats) -> None:
+        """Raise the largest values so far, by name, to those of some more impacts; NaN counts as none."""
         for name, some in values.items():
             self._most[name] = float(np.fmax.reduce(some, initial=self._most[name]))
 
@@ -194,22 +206,26 @@ class Folder:
     def folded(self) -> Folded:
         """Fold what was added."""
         angle = min(part.angle for part in self._parts)
+        # Parts at other angles have a curve of their own, which is not shown.
         parts = [part for part in self._parts if part.angle == angle]
-        at_step = [part.at_step for part in parts if part.at_step is not None]
+        at_steps = [part.at_step for part in parts if part.at_step is not None]
         most = self._most
+        friction = None
+        if self._slid:
+            friction = most["friction"]
         return Folded(
             status=dict(self._status),
             angle=angle,
             curve=Curve.joined([part.curve for part in parts]),
             of_loops=ShownLaunches.joined([part.of_loops for part in parts]),
             half_way=ShownLaunches.joined([part.half_way for part in parts]),
-            at_step=at_step[0] if at_step else None,
+            at_step=at_steps[0] if at_steps else None,
             depth=most["depth"],
             restitution=(-most["minus_e"], most["e"]),
             off=most["off"],
             off_parted=most["off_parted"],
             rested=most["rested"],
-            friction=most["friction"] if self._slid else None,
+            friction=friction,
         )
 
 

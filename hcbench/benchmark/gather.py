@@ -41,26 +41,29 @@ class Gathered:
 
 def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> list[Gathered]:
     """Collect the shards of one setting, for each α. job: their store, the study as JSON, and their
-    numbers.
+    numbers and names.
     """
     store, study, shards = job
     seen: dict[Key, _Gathering] = {}
-    for shard in shards:
-        impacts, loops = store.tables(*shard)
+    for number, name in shards:
+        impacts, loops = store.tables(number, name)
         columns = columns_in(impacts, _READ)
-        kept = _loops_in(loops)
+        loops_by_alpha = _loops_in(loops)
         for key, rows in places_of(impacts).items():
             one = seen.setdefault(key, _Gathering(key, study))
-            one.add({name: values[rows] for name, values in columns.items()}, kept.get(one.alpha, {}))
+            one.add(_rows(columns, rows), loops_by_alpha.get(one.alpha, {}))
     return [one.gathered() for one in seen.values()]
 
 
 def places_of(impacts: bytes) -> dict[Key, slice]:
     """Rows of a shard's table that belong to each key."""
-    places, begin = {}, 0
-    for summary in metadata_of(impacts)[1]:
+    places = {}
+    begin = 0
+    _loops_digest, summaries = metadata_of(impacts)
+    for summary in summaries:
         end = begin + summary["impacts"]
-        places[tuple(summary[name] for name in RUN_KEY)] = slice(begin, end)
+        key = tuple(summary[name] for name in RUN_KEY)
+        places[key] = slice(begin, end)
         begin = end
     return places
 
@@ -94,42 +97,58 @@ class _Gathering:
     def add(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> None:
         """Add impacts in the order of their launches, and the loops of some of these."""
         self._waiting.append(columns)
-        self._loops |= {launch: loop.simplified(LOOP_TOLERANCE) for launch, loop in loops.items()}
-        scores = [
-            scoring.score_loop(impact, self._law, self._mass) for impact in self._looped(columns, loops)
-        ]
-        self._tally.add_loops([score for score in scores if score is not None])
-        if sum(len(each["status"]) for each in self._waiting) >= _PIECE:
+        for launch, loop in loops.items():
+            self._loops[launch] = loop.simplified(LOOP_TOLERANCE)
+        for impact in self._looped(columns, loops):
+            score = scoring.score_loop(impact, self._law, self._mass)
+            if score is not None:
+                self._tally.add_loops([score])
+        waiting = sum(len(each["status"]) for each in self._waiting)
+        if waiting >= _PIECE:
             whole = _joined(self._waiting)
             place = self._folder.place(whole["speed_m_per_s"])
             last = place == place[-1]  # more of these may be in the next shard
-            self._use({name: values[~last] for name, values in whole.items()})
-            self._waiting = [{name: values[last] for name, values in whole.items()}]
+            self._use(_rows(whole, ~last))
+            self._waiting = [_rows(whole, last)]
 
     def _looped(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> Iterator[Impact]:
         """Impacts whose loops are scored."""
-        speeds, phases = columns["speed_m_per_s"], columns["phase"]
+        speeds = columns["speed_m_per_s"]
+        phases = columns["phase"]
         head_on = columns.get("angle_rad", np.zeros(len(speeds))) == 0.0
-        for launch, loop in loops.items():
-            if launch[0] in self._scored:
-                here = head_on & (speeds == launch[0]) & (phases == launch[1])
-                for i in np.flatnonzero(here).tolist():
-                    about = (Launch(*launch), Status(columns["status"][i]), columns["reason"][i])
-                    seen: dict[str, Any] = {f.name: float(columns[f.key][i]) for f in MEASURED}
-                    yield Impact(*about, **seen, samples=int(columns["samples"][i]), loop=loop)
+        for (speed, phase), loop in loops.items():
+            if speed not in self._scored:
+                continue
+            here = head_on & (speeds == speed) & (phases == phase)
+            for i in np.flatnonzero(here).tolist():
+                measured: dict[str, Any] = {field.name: float(columns[field.key][i]) for field in MEASURED}
+                yield Impact(
+                    launch=Launch(speed, phase),
+                    status=Status(columns["status"][i]),
+                    reason=columns["reason"][i],
+                    samples=int(columns["samples"][i]),
+                    loop=loop,
+                    **measured,
+                )
 
     def _use(self, columns: _Columns) -> None:
+        """Score and fold impacts: all phases of their speeds; none is nothing to do."""
         if not len(columns["status"]):
             return
-        status, e = columns["status"], columns["restitution"]
+        status = columns["status"]
+        e = columns["restitution"]
+        speed = columns["speed_m_per_s"]
         angle = columns.get("angle_rad", np.zeros(len(e)))
+        # One number for each pair of speed and angle: as complex numbers, NumPy tells the pairs apart.
+        _, launch = np.unique(speed + 1j * angle, return_inverse=True)
         measured = scoring.Measured(
-            speed=columns["speed_m_per_s"],
-            launch=np.unique(columns["speed_m_per_s"] + 1j * angle, return_inverse=True)[1],
+            speed=speed,
+            launch=launch,
             parted=status == Status.PARTED.value,
             rested=status == Status.RESTED.value,
             speed_in=columns["speed_in_m_per_s"],
             e=e,
+            # Along the plate an oblique impact loses energy too, which e does not tell.
             energy_lost=np.where(angle == 0.0, 1.0 - e**2, np.nan),
             samples=columns["samples"],
             gained=any("energy" in reason for reason in set(columns["reason"].tolist())),
@@ -141,11 +160,19 @@ class _Gathering:
         """Finish and return the collection."""
         self._use(_joined(self._waiting))
         self._waiting = []
-        score = dataclasses.astuple(self._tally.score())
         return Gathered(
-            self._key, self._folder.folded(), score, sorted(self._loops.items(), key=lambda k: k[0])
+            key=self._key,
+            folded=self._folder.folded(),
+            score=dataclasses.astuple(self._tally.score()),
+            loops=sorted(self._loops.items(), key=lambda launch_and_loop: launch_and_loop[0]),
         )
 
 
 def _joined(parts: Sequence[_Columns]) -> _Columns:
+    """Impacts of parts, one or more, as one."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _rows(columns: _Columns, which: slice | NDArray[np.bool_]) -> _Columns:
+    """Some of the impacts."""
+    return {name: values[which] for name, values in columns.items()}

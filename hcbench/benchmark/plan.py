@@ -169,7 +169,9 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
 
 def _inputs(study: Study, engines: Sequence[str], versions: Mapping[str, str]) -> dict[str, Inputs]:
     """Inputs of the study's results, by the names of its scenes."""
-    scenes = {scene.name: scene for scene in (study.scene, *(run.scene for run in study.runs))}
+    scenes = {study.scene.name: study.scene}
+    for run in study.runs:
+        scenes[run.scene.name] = run.scene
     inputs = {}
     for name, scene in scenes.items():
         digests = {engine: digests_of(scene, engine) for engine in engines}

@@ -6,7 +6,7 @@ import itertools
 import json
 import os
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -59,7 +59,8 @@ def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """Read a store in as much memory as its page takes: rows are read when they are asked for.
 
-    mapper: scores settings, as `map` does; that of a pool scores them side by side. Raises as `read`.
+    mapper: scores settings, as `map` does; that of a pool scores them side by side.
+    Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
     """
     import pandas as pd  # here, as a sweep itself needs none of it
 
@@ -73,22 +74,27 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
         impacts, _ = store.tables(*shards[begin])
         any_key = next(iter(places_of(impacts)))
         shards_of.setdefault(_setting_of(any_key), []).extend(shards[begin:end])
-    gathered = {}
-    for of_setting in mapper(gather, [(store, study, own) for own in shards_of.values()]):
-        for one in of_setting:
-            gathered[one.key] = one
-    results = [gathered[key] for key in _keys(about)]
-    scores = [(*one.key, *one.score) for one in results]
-    return Results(
+    by_key: dict[Key, Gathered] = {}
+    jobs = [(store, study, shards_of_setting) for shards_of_setting in shards_of.values()]
+    for all_alphas in mapper(gather, jobs):
+        for gathered in all_alphas:
+            by_key[gathered.key] = gathered
+    in_order = [by_key[key] for key in _keys(about)]
+    folded = {gathered.key: gathered.folded for gathered in in_order}
+    scores = [(*gathered.key, *gathered.score) for gathered in in_order]
+    results = Results(
         study=study,
         settings=about["settings"],
         versions=_versions(about["versions"]),
-        table=ImpactTable({one.key: one.folded for one in results}, _StoredRows(store, shards_of)),
-        loops=_rounded(_loop_table(results)),
+        table=ImpactTable(folded, _StoredRows(store, shards_of)),
+        loops=_rounded(_loop_table(in_order)),
         scores=_rounded(pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS])),
-        **{name: _rounded(table) for name, table in _drops(store, study).items()},
         answers=usual_answers(study, about["versions"]),
     )
+    if study["train_height"] is None:
+        return results
+    trains, rests = _drops(store)
+    return replace(results, trains=_rounded(trains), rests=_rounded(rests))
 
 
 def _keys(about: Mapping[str, Any]) -> dict[Key, None]:
@@ -144,23 +150,25 @@ def _rounded(table: pd.DataFrame) -> pd.DataFrame:
 
 def _versions(versions: Mapping[str, str]) -> dict[str, str]:
     """Versions of what made the results, of the sweep, and of what makes their page, of this process."""
-    here = {"matplotlib": version("matplotlib"), "python": platform.python_version()}
     packages = ("hcbench", "matplotlib", "numpy", "scipy", "python")
+    stated = dict(versions)
+    stated["matplotlib"] = version("matplotlib")
+    stated["python"] = platform.python_version()
+    of_packages = {name: stated[name] for name in packages}
     engines = {name: text for name, text in versions.items() if name not in (*packages, "pyarrow")}
-    return {**{name: {**versions, **here}[name] for name in packages}, **engines}
+    return of_packages | engines
 
 
-def _drops(store: Store, study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    """The tables of drops under gravity."""
+def _drops(store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """TRAIN_COLUMNS and REST_COLUMNS of the drops under gravity. UserError where the store lacks them."""
     import pandas as pd
 
-    if study["train_height"] is None:
-        return {}
-    if (table := store.bounces()) is None:
+    table = store.bounces()
+    if table is None:
         got = f"{store.where} holds no bounces under gravity, or they are damaged"
         raise UserError("folder", got, "a finished sweep", "Finish it by --resume")
     rests = json.loads(metadata_in(table).get(RESTS, b"[]"))
-    return {"trains": frame([table]), "rests": pd.DataFrame(rests, columns=REST_COLUMNS)}
+    return frame([table]), pd.DataFrame(rests, columns=REST_COLUMNS)
 
 
 def _loop_table(results: Sequence[Gathered]) -> pd.DataFrame:

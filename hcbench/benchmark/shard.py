@@ -94,24 +94,38 @@ def simulate_shard(shard: Shard, scene: Scene, encode: Encode) -> ShardFiles:
 def _in_batches(
     shard: Shard, scene: Scene, run: Callable[[Batch], BatchResult], encode: Encode
 ) -> ShardFiles:
-    grid, part = shard.grid, shard.part
-    launches, looped = grid.launches(part), grid.looped(part)
+    """The files of a shard, simulated batch by batch, each as large as its loops fit in memory.
+
+    run: simulates a batch. encode: makes the bytes of a table. Raises what `run` raises.
+    """
+    setting = shard.grid.setting
+    launches = shard.grid.launches(shard.part)
+    looped = shard.grid.looped(shard.part)
+    size = _FIRST
+    if "device" in setting.options:  # which takes all at once, and records no loop
+        size = len(launches)
     results: list[BatchResult] = []
-    total = len(launches)
-    done, size = 0, total if "device" in grid.setting.options else _FIRST
-    while done < total:
-        end = min(done + size, total)
-        kept = [i - done for i in looped if done <= i < end]
-        results.append(run(Batch(scene, grid.setting, launches[done:end], kept, shard.oblique)))
-        done, size = end, max(_FIRST, int(_SAMPLES // (1 + results[-1].columns["samples"].mean())))
+    begin = 0
+    while begin < len(launches):
+        end = min(begin + size, len(launches))
+        kept = [i - begin for i in looped if begin <= i < end]
+        batch = Batch(scene, setting, launches[begin:end], kept, shard.oblique)
+        results.append(run(batch))
+        mean_samples = results[-1].columns["samples"].mean()
+        size = max(_FIRST, int(_SAMPLES // (1 + mean_samples)))
+        begin = end
     return shard_files(shard, results, encode)
 
 
 def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
-    limit = partial(timeouts.limit, batch.setting.timestep)
+    """Run a batch in a worker process, or where that fails each of its launches.
+
+    Raises UserError for what the engine refuses.
+    """
+    timestep = batch.setting.timestep
     where = interpreter_of(registry.engine(batch.setting.engine))
     try:
-        return call(run_batch, batch, limit=limit(len(batch.launches)), at=where)
+        return call(run_batch, batch, limit=timeouts.limit(timestep, len(batch.launches)), at=where)
     except UserError:
         raise
     except Exception:  # which launch it was, and why, is found by running each alone
@@ -120,7 +134,7 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
             range(len(batch.launches)),
             batch,
             lost=lambda i, reason: Impact(batch.launches[i], Status.CRASHED, reason),
-            limit=limit(1),
+            limit=timeouts.limit(timestep, 1),
             give_up=_GIVE_UP,
             at=where,
         )
@@ -138,15 +152,15 @@ def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
 
 def _scene_here(inputs: Inputs, engine: str) -> Scene:
     """The scene with its files as they lie here; CannotRun where anything is not as it was planned."""
-    here = versions_here(engine)
-    differ = [name for name in here if inputs.versions.get(name) != here[name]]
-    if differ:
-        raise CannotRun(
-            "worker",
-            f"has {', '.join(f'{name} {here[name]}' for name in differ)}",
-            ", ".join(f"{name} {inputs.versions.get(name, 'none')}" for name in differ),
-            "Install the same everywhere",
-        )
+    got = []
+    planned = []
+    for name, version in versions_here(engine).items():
+        if inputs.versions.get(name) != version:
+            got.append(f"{name} {version}")
+            planned.append(f"{name} {inputs.versions.get(name, 'none')}")
+    if got:
+        advice = "Install the same everywhere"
+        raise CannotRun("worker", f"has {', '.join(got)}", ", ".join(planned), advice)
     for scene in _candidates(inputs.scene):
         if digests_of(scene, engine) == inputs.digests[engine]:
             return dataclasses.replace(inputs.scene, models=scene.models)

@@ -62,40 +62,52 @@ class Store:
         except ValueError:
             content = {}
         description: dict[str, Any] = content if isinstance(content, dict) else {}
-        if description.get("schema") != SCHEMA or description.get("kind") != "hcbench sweep":
-            got = f"schema {description.get('schema')!r:.40}" if description else "no table in JSON"
-            former = f", {FORMER_E}" if description.get("schema") in (1, 2) else ""
-            what = f"{self.where}: {DESCRIPTION} has {got}{former}"
-            versions = description.get("versions")
-            by = sanitized(versions.get("hcbench")) if isinstance(versions, dict) else "unknown"
-            advice = f"hcbench {by} wrote it: finish it with that one, or sweep into a new folder"
-            raise UserError("folder", what, f"schema {SCHEMA}", advice)
+        self._require_schema(description)
         validate(ResultTable, description, UserError, f"{self.where}/{DESCRIPTION}: {{}}")
-        starts, parts = description.get("parts_of_settings"), description.get("parts")
-        numbers = [*(starts if isinstance(starts, list) else ()), parts]
-        whole = all(type(number) is int for number in numbers) and numbers == sorted(numbers)
-        if not whole or len(numbers) < 3 or numbers[0] or numbers[-2] != parts or not parts:
+        parts = description.get("parts")
+        if not _are_starts(description.get("parts_of_settings"), parts):
             got = f"{self.where}: {DESCRIPTION} has parts {parts!r:.40}"
             raise UserError("folder", got, "what a sweep wrote")
         return description
 
+    def _require_schema(self, description: Mapping[str, Any]) -> None:
+        """Raise UserError for a description of another schema, with the hcbench that wrote it."""
+        schema = description.get("schema")
+        if schema == SCHEMA and description.get("kind") == "hcbench sweep":
+            return
+        got = "no table in JSON"
+        if description:
+            got = f"schema {schema!r:.40}"
+        if schema in (1, 2):
+            got += f", {FORMER_E}"
+        by = "unknown"
+        versions = description.get("versions")
+        if isinstance(versions, dict):
+            by = sanitized(versions.get("hcbench"))
+        advice = f"hcbench {by} wrote it: finish it with that one, or sweep into a new folder"
+        raise UserError("folder", f"{self.where}: {DESCRIPTION} has {got}", f"schema {SCHEMA}", advice)
+
     def create_or_verify(self, plan: Plan, resume: bool) -> None:
         """Make the folder that of a plan, or see that it is. UserError for any other."""
-        there, content = self.description(), _json(plan.described())
+        there = self.description()
+        content = _json(plan.described())
         if there is None:
             strangers = [name for name in self._files.names() if name != LOCK]
             if strangers:
                 got = f"{self.where} holds {strangers[0]!r} and no sweep"
                 raise UserError("folder", got, "an empty or a new folder")
             self._write(DESCRIPTION, content)
-        elif (difference := _difference(there, json.loads(content))) is not None:
+            return
+        # What was written and read, as JSON has no tuples.
+        difference = _difference(there, json.loads(content))
+        if difference is not None:
             raise UserError(
                 "folder",
                 f"{self.where} holds another sweep: {difference}",
                 "the same study with the same versions",
                 "Take another folder, or what that sweep was begun with",
             )
-        elif not resume:
+        if not resume:
             got = f"{self.where} holds a sweep already"
             raise UserError("folder", got, "a new folder", "Go on with it by --resume")
 
@@ -106,11 +118,15 @@ class Store:
         table.
         """
         for number, name in self._shards(count).items():
+            summary = None
             with self._output_errors("a folder that can be read and written to"):
                 tables = self._read_shard(number, name)
                 if tables is None:
                     self._files.move(name, f"{DAMAGED}/{_base(name)}")
-            yield number, metadata_of(tables[0])[1] if tables else None
+            if tables is not None:
+                impacts, _loops = tables
+                _loops_digest, summary = metadata_of(impacts)
+            yield number, summary
 
     def shards(self, count: int) -> dict[int, str]:
         """The names of all of `count` shards, by number. UserError where one is missing."""
@@ -136,14 +152,16 @@ class Store:
             names = self._files.names()
             for folder in filter(_FOLDER.fullmatch, self._files.folders()):
                 names += [f"{folder}/{name}" for name in self._files.names(folder)]
-            tables = [n for n in names if n.endswith(".parquet") and not _BOUNCES.fullmatch(n)]
-        for name in tables:
+        for name in names:
+            if not name.endswith(".parquet") or _BOUNCES.fullmatch(name):
+                continue
             match = _SHARD.fullmatch(name)
             number = int(match[1]) if match else count
             if number >= count or number in shards:
+                what = "twice that part" if number in shards else "no part"
                 raise UserError(
                     "folder",
-                    f"{self.where} holds {name!r}, " + ("twice that part" if number in shards else "no part"),
+                    f"{self.where} holds {name!r}, {what}",
                     f"each of its {count} parts once and no other table",
                     "Move it elsewhere: pandas would read it too",
                 )
@@ -191,13 +209,13 @@ class Store:
 
     def write_summary(self, settings: Sequence[Mapping[str, Any]], totals: Totals) -> None:
         """Bring the summary up to date: one line a setting, α and step, in the study's order."""
-        lines, nothing = totals.lines(), {"impacts": 0}
+        lines = totals.lines()
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow([*RUN_KEY, *SUMMARY])
         for setting in settings:
             key = tuple(setting[name] for name in RUN_KEY)
-            line = lines.get(key, nothing)
+            line = lines.get(key, {"impacts": 0})
             writer.writerow([*key, *(line.get(name, "") for name in SUMMARY)])
         self._write(SUMMARY_FILE, text.getvalue().encode())
 
@@ -228,16 +246,35 @@ def _json(content: Mapping[str, Any]) -> bytes:
     return (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode()
 
 
+def _are_starts(starts: Any, parts: Any) -> bool:
+    """True for the numbers of the settings' first parts, rising from 0, with that of all parts at the end."""
+    if not isinstance(starts, list) or len(starts) < 2:
+        return False
+    # By type: True is an int too.
+    if not all(type(number) is int for number in (*starts, parts)):
+        return False
+    return starts == sorted(starts) and starts[0] == 0 and starts[-1] == parts and parts > 0
+
+
 def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     """Name the first difference between two sweeps; None if they are equal."""
-    old, new = there["versions"], here["versions"]
+    old = there["versions"]
+    new = here["versions"]
     if old != new:
-        pairs = [(name, old.get(name, "none"), new.get(name, "none")) for name in sorted({*old, *new})]
-        return ", ".join(f"{name} {there} instead of {here}" for name, there, here in pairs if there != here)
+        differences = []
+        for name in sorted({*old, *new}):
+            before = old.get(name, "none")
+            now = new.get(name, "none")
+            if before != now:
+                differences.append(f"{name} {before} instead of {now}")
+        return ", ".join(differences)
     for name, value in here["study"].items():
         if there["study"].get(name) != value:
             return f"{name} {there['study'].get(name)!r:.60} instead of {value!r:.60}"
-    for part, words in (("files", "the scene's files differ"), ("settings", "the settings differ")):
-        if there[part] != here[part]:
-            return words
-    return None if there == here else "it is cut into other parts"
+    if there["files"] != here["files"]:
+        return "the scene's files differ"
+    if there["settings"] != here["settings"]:
+        return "the settings differ"
+    if there != here:
+        return "it is cut into other parts"
+    return None

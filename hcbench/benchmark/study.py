@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -107,14 +107,22 @@ class Study:
 
     def described(self) -> dict[str, Any]:
         """The study as JSON, defaults filled in."""
-        skipped = {"scene", "runs", *(name for name in ("left_out", "device") if not getattr(self, name))}
+        left_out = {"scene", "runs"}
+        for name in ("left_out", "device"):
+            if not getattr(self, name):
+                left_out.add(name)
         if self.page == "report":
-            skipped |= {"page", *(() if self.missing else ("missing",))}
-        names = [f.name for f in dataclasses.fields(self) if f.name not in skipped]
-        values = {name: getattr(self, name) for name in names}
+            left_out.add("page")
+            if not self.missing:
+                left_out.add("missing")
+        described: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            if field.name not in left_out:
+                value = getattr(self, field.name)
+                described[field.name] = list(value) if isinstance(value, tuple) else value
         scene = self.scene
         return {
-            **{k: list(v) if isinstance(v, tuple) else v for k, v in values.items()},
+            **described,
             "scene": scene.name,
             "form": scene.form,
             "gravity": scene.gravity,
@@ -185,22 +193,22 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     file = validate(StudyFile, content, StudyError, f"{where}: {{}}")
     scene = load_scene(file.scene, folder)
     scene = dataclasses.replace(scene, **_stated(file))
-    main_alpha = file.alphas[len(file.alphas) // 2] if file.main_alpha is None else file.main_alpha
+    main_alpha = file.main_alpha
+    if main_alpha is None:
+        main_alpha = file.alphas[len(file.alphas) // 2]
     if main_alpha not in file.alphas:
         raise StudyError(f"{where}: main_alpha", f"{main_alpha:.6g} s/m", "one of the study's alphas")
     step_speed = file.step_speed or file.speeds[len(file.speeds) // 2]
     if not any(math.isclose(step_speed, speed) for speed in (*file.speeds, *file.loop_speeds)):
         raise StudyError(f"{where}: step_speed", f"{step_speed:.6g} m/s", "one of the study's speeds")
-    lines = [(f"{where}: run {i}", run) for i, run in enumerate(file.run, 1)]
-    tables = [(line, validate(RunTable, run, StudyError, f"{line}: {{}}")) for line, run in lines]
-    runs = tuple(run for line, table in tables for run in _runs(table, line, file, scene, folder))
-    if file.train_height is not None:
-        steps = [step for run in runs if run.dropped for step in run.timesteps]
-        seconds = 42.0 * math.sqrt(file.train_height / 5.0)  # in which ten bounces are over, twice
-        count = seconds / min(*steps, file.train_step or math.inf, math.inf)
-        if count > _MOST_STEPS:
-            got = f"{file.train_height:g} m, a drop of {count:.2g} steps"
-            raise StudyError(f"{where}: train_height", got, f"up to {_MOST_STEPS:g} steps")
+    tables: dict[str, RunTable] = {}
+    for number, table in enumerate(file.run, 1):
+        line = f"{where}: run {number}"
+        tables[line] = validate(RunTable, table, StudyError, f"{line}: {{}}")
+    runs: list[Run] = []
+    for line, run_table in tables.items():
+        runs += _runs(run_table, line, file, scene, folder)
+    _require_short_drop(file, runs, where)
     return Study(
         title=file.title or scene.title,
         scene=scene,
@@ -210,13 +218,28 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
         phases=file.phases,
         main_alpha=main_alpha,
         step_speed=step_speed,
-        runs=runs,
+        runs=tuple(runs),
         train_height=file.train_height,
         train_step=file.train_step,
         page=file.page,
         speed_unit="in/s" if "in" in str(content.get("speeds")) else "m/s",
         all_loops=file.all_loops,
     )
+
+
+def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> None:
+    """Raise StudyError where bodies are dropped from so high that too many steps are to be simulated."""
+    if file.train_height is None:
+        return
+    steps = [file.train_step or math.inf]
+    for run in runs:
+        if run.dropped:
+            steps += run.timesteps
+    seconds = 42.0 * math.sqrt(file.train_height / 5.0)  # in which ten bounces are over, twice
+    count = seconds / min(steps)
+    if count > _MOST_STEPS:
+        got = f"{file.train_height:g} m, a drop of {count:.2g} steps"
+        raise StudyError(f"{where}: train_height", got, f"up to {_MOST_STEPS:g} steps")
 
 
 def _runs(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Iterator[Run]:
@@ -228,11 +251,13 @@ def _runs(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pa
     if not run.scene.gravity or table.speeds is not None or table.heights is not None:
         expected = 'default_band alone, with gravity = "9.81 m/s^2"'
         raise StudyError(f"{where}: default_band", "given without gravity or with speeds", expected)
+    last = table.default_band - 1
     for timestep in run.timesteps:
         low, high = default_band(timestep, run.scene.gravity)
-        last = table.default_band - 1
-        speeds = (*(low + (high - low) * (i / last) ** 2 for i in range(last)), high)
-        yield dataclasses.replace(run, timesteps=(timestep,), speeds=speeds, dropped=True)
+        # Denser at the slow end.
+        speeds = [low + (high - low) * (i / last) ** 2 for i in range(last)]
+        speeds.append(high)
+        yield dataclasses.replace(run, timesteps=(timestep,), speeds=tuple(speeds), dropped=True)
 
 
 def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Run:
@@ -247,9 +272,11 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
         raise StudyError(f"{where}: {error.slot}", error.got, error.expected, error.advice) from None
     speeds = table.speeds or file.speeds
     if table.heights is not None:
-        if not own.gravity or table.speeds is not None:
-            given = "given with speeds" if table.speeds is not None else "given without gravity"
-            raise StudyError(f"{where}: heights", given, 'heights alone, with gravity = "9.81 m/s^2"')
+        expected = 'heights alone, with gravity = "9.81 m/s^2"'
+        if table.speeds is not None:
+            raise StudyError(f"{where}: heights", "given with speeds", expected)
+        if not own.gravity:
+            raise StudyError(f"{where}: heights", "given without gravity", expected)
         speeds = tuple(math.sqrt(2.0 * own.gravity * height) for height in table.heights)
     return Run(
         engine=table.engine,
@@ -308,17 +335,24 @@ def preview(study: Study) -> Study:
 
 
 def _is_shown(run: Run, study: Study) -> bool:
-    plain = study.main_alpha in run.alphas and not (run.is_oblique or run.scene.off_axis)
-    return plain and (run.dropped or run.speeds != study.speeds or set(run.alphas) == set(study.alphas))
+    """True for a run that a preview has: see `preview`."""
+    if study.main_alpha not in run.alphas or run.is_oblique or run.scene.off_axis:
+        return False
+    over_band = not run.dropped and run.speeds == study.speeds
+    return not over_band or set(run.alphas) == set(study.alphas)
 
 
 def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
+    """A run as a preview has it. speeds: m/s, in place of the study's band."""
     run = replace(run, alphas=(study.main_alpha,))
     if run.dropped:
         return replace(run, speeds=(*run.speeds[:-2:2], run.speeds[-1]))  # its band stays
-    over_band = run.speeds == study.speeds
     steps = run.timesteps[::2]
     if study.page == "field":
-        shown = sorted({step for other in study.runs for step in other.timesteps})[1::2]
+        # Every second step of all engines: those of one engine alone may be others.
+        steps_of_study = {step for other in study.runs for step in other.timesteps}
+        shown = sorted(steps_of_study)[1::2]
         steps = tuple(step for step in run.timesteps if step in shown)
-    return replace(run, speeds=speeds if over_band else run.speeds, timesteps=steps)
+    if run.speeds != study.speeds:
+        speeds = run.speeds
+    return replace(run, speeds=speeds, timesteps=steps)

@@ -56,10 +56,15 @@ def phase_spread(impacts: Sequence[Impact]) -> float:
 
 
 def _columns(impacts: Sequence[Impact]) -> Measured:
+    """Impacts as columns; launches that differ in phase alone share a number."""
     numbers: dict[Launch, int] = {}
+    launch = []
+    for impact in impacts:
+        at_any_phase = impact.launch.at_any_phase
+        launch.append(numbers.setdefault(at_any_phase, len(numbers)))
     return Measured(
         speed=np.array([i.launch.speed for i in impacts]),
-        launch=np.array([numbers.setdefault(i.launch.at_any_phase, len(numbers)) for i in impacts]),
+        launch=np.array(launch),
         parted=np.array([i.status is Status.PARTED for i in impacts]),
         rested=np.array([i.status is Status.RESTED for i in impacts]),
         speed_in=np.array([i.speed_in for i in impacts]),

@@ -50,15 +50,17 @@ def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | No
         return None
     speed = impact.speed_in
     truth = _law_loop(law, mass, speed)
-    force_max, force = float(closed_form.force_max(law, mass, speed)), loop.force
+    law_force_max = float(closed_form.force_max(law, mass, speed))
+    force = loop.force
     largest = float(force.max())
     impulse = np.abs(force).sum()
+    area_ratio = math.nan
+    if law.alpha > 0:  # a law without damping encloses no area
+        area_ratio = loop_area(loop) / float(closed_form.energy_loss(law, mass, speed))
     return LoopScore(
-        rms=_force_distance(loop, truth) / force_max,
-        area_ratio=loop_area(loop) / float(closed_form.energy_loss(law, mass, speed))
-        if law.alpha > 0
-        else math.nan,
-        force_ratio=largest / force_max,
+        rms=_force_distance(loop, truth) / law_force_max,
+        area_ratio=area_ratio,
+        force_ratio=largest / law_force_max,
         penetration_ratio=impact.penetration_max / float(closed_form.penetration_max(law, mass, speed)),
         duration_ratio=impact.duration / float(closed_form.duration(law, mass, speed)),
         touch_force=abs(_at_surface(loop.penetration[:2], force[:2])) / largest,
@@ -69,8 +71,10 @@ def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | No
 
 
 def _at_surface(x: Floats, f: Floats) -> float:
-    """Force at which the line through two samples meets x = 0, N."""
-    return float(f[0] - x[0] * (f[1] - f[0]) / (x[1] - x[0])) if x[1] != x[0] else float(f[0])
+    """Force at which the line through two samples meets x = 0, N. x: m, f: N, shape (2,)."""
+    if x[1] == x[0]:
+        return float(f[0])
+    return float(f[0] - x[0] * (f[1] - f[0]) / (x[1] - x[0]))
 
 
 def loop_area(loop: Loop) -> float:
@@ -79,24 +83,30 @@ def loop_area(loop: Loop) -> float:
     Before the first sample the force is what the first two point to at x = 0; after the last it ends in a
     step.
     """
-    x, f = loop.penetration, loop.force
+    x = loop.penetration
+    f = loop.force
     if len(x) < 2:
         return math.nan
     at_touch = float(np.clip(_at_surface(x[:2], f[:2]), 0.0, max(f[0], 0.0)))
     gone = max(0.0, float(x[-1] + loop.rate[-1] * (loop.time[-1] - loop.time[-2])))
+    before = (at_touch + float(f[0])) / 2 * float(x[0])
     inside = float(np.sum((f[1:] + f[:-1]) / 2 * np.diff(x)))
-    return (at_touch + float(f[0])) / 2 * float(x[0]) + inside + float(f[-1]) / 2 * (gone - float(x[-1]))
+    after = float(f[-1]) / 2 * (gone - float(x[-1]))
+    return before + inside + after
 
 
 def _force_distance(loop: Loop, truth: Loop) -> float:
-    """Root mean square of F - F_law at equal penetration on the same branch, weighted by path length in x.
+    """Root mean square of F - F_law at equal penetration on the same branch, N, weighted by path length in x.
 
     Past the law's own largest penetration its two branches end in one point, whose force stands in.
     """
-    peak, top = int(truth.penetration.argmax()), int(loop.penetration.argmax())
-    x, f = loop.penetration, loop.force
-    going_in = np.interp(x, truth.penetration[: peak + 1], truth.force[: peak + 1])
-    coming_out = np.interp(x, truth.penetration[peak:][::-1], truth.force[peak:][::-1])
-    wrong = f - np.where(np.arange(len(x)) <= top, going_in, coming_out)
+    x = loop.penetration
+    top = int(x.argmax())
+    law_x = truth.penetration
+    law_top = int(law_x.argmax())
+    going_in = np.interp(x, law_x[: law_top + 1], truth.force[: law_top + 1])
+    # Reversed, as `interp` takes x that rise.
+    coming_out = np.interp(x, law_x[law_top:][::-1], truth.force[law_top:][::-1])
+    wrong = loop.force - np.where(np.arange(len(x)) <= top, going_in, coming_out)
     weight = np.abs(np.gradient(x))
     return math.sqrt(float(np.sum(wrong**2 * weight) / np.sum(weight)))

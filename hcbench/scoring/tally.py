@@ -253,18 +253,24 @@ def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
 
 
 def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]:
+    """α (s/m) and what is left (rms, of e), by pairs of impact speeds (m/s) and e; at least one number."""
     # here, as simulating without scoring needs none of it
     from scipy.optimize import minimize_scalar
 
     count = sum(len(speed_in) for speed_in, _ in pairs)
+    mean_speed = sum(float(np.sum(speed_in)) for speed_in, _ in pairs) / count
 
     def misfit(log_alpha: float) -> float:
         alpha = math.exp(log_alpha)
-        off = (closed_form.restitution(alpha, speed_in) - e for speed_in, e in pairs)
-        return sum(float(np.sum(each**2)) for each in off) / count
+        total = 0.0
+        for speed_in, e in pairs:
+            off = closed_form.restitution(alpha, speed_in) - e
+            total += float(np.sum(off**2))
+        return total / count
 
-    scale = sum(float(np.sum(speed_in)) for speed_in, _ in pairs) / count
-    best = minimize_scalar(misfit, bounds=(math.log(1e-6 / scale), math.log(1e3 / scale)), method="bounded")
+    # From hardly any loss to hardly any bounce.
+    bounds = (math.log(1e-6 / mean_speed), math.log(1e3 / mean_speed))
+    best = minimize_scalar(misfit, bounds=bounds, method="bounded")
     return math.exp(best.x), math.sqrt(best.fun)
 
 
