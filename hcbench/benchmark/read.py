@@ -98,8 +98,12 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 
 
 def _keys(about: Mapping[str, Any]) -> dict[Key, None]:
-    """Keys of all settings, in the study's order."""
-    return dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in about["settings"])
+    """Keys of all settings, in the study's order, each once. about: description of the sweep."""
+    keys: dict[Key, None] = {}
+    for setting in about["settings"]:
+        key = tuple(setting[name] for name in RUN_KEY)
+        keys[key] = None
+    return keys
 
 
 @dataclass(frozen=True)
