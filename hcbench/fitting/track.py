@@ -37,7 +37,7 @@ _FALLEN = 0.05
 # Standard deviations of g from which on the scale or the clock is called wrong
 _OFF = 3.0
 _NEAR = 0.01  # of g: less does not matter, at any standard deviation
-_GROSS = 0.2  # of g: more is no error of measuring, and no fit is made
+_GROSS = 0.2  # of g: more is not an error of measuring, and no fit is made
 _FRAMES_OF_G = 6  # of a flight from which its bend tells g
 
 
