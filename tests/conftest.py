@@ -120,3 +120,10 @@ def nothing_kept() -> Iterator[None]:
     mujoco_engine.cached_pool.cache_clear()
     yield
     mujoco_engine.cached_pool.cache_clear()
+
+
+@pytest.fixture
+def with_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A folder for compiled plug-ins that outlives a process; a user without a home has none by default."""
+    if not os.access(Path.home(), os.W_OK):
+        monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path / "cache"))

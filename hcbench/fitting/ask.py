@@ -56,7 +56,7 @@ def fit(
     touches : text, optional
         Touches of a recording to use: "2:14", train "B", or "B2:14".
     against : path or several, optional
-        Files of another material, of the same kind; `against` of the result says whether the two differ.
+        Files of another material; `against` of the result says whether the two differ.
     begin, end : float, text or quantity of Pint's, optional
         Part of a recording to read, s or with a unit.
     height, gravity, mass, diameter, drag_coefficient, contact_time : optional
@@ -173,7 +173,7 @@ def fit_files(
 
 def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
     """The part of a recording that a user names: times, SI or with units, and touches such as "B2:14"."""
-    first = 0.0 if begin is None else units.parse(begin, "time", "from")
+    first = 0.0 if begin is None else units.parse(begin, "time", "from", least=0)
     last = None if end is None else units.parse(end, "time", "to", above=0)
     train, numbers = _touches(touches)
     return Excerpt(first, last, train, numbers)

@@ -24,6 +24,7 @@ _EDGE = 0.05  # of the largest force: where a pulse begins and ends
 # Of e by shape and by impulse: standard deviations, and at least so much.
 _APART, _NO_CONTRADICTION = 3.0, 0.01
 _LEAST_POINTS = 20
+_SIGMAS_BELOW = 3.0  # of α below 0, by which energy is gained for sure
 # Rms over the largest force from which on the loop is another law's
 _OFF_LAW = 0.05
 
@@ -233,15 +234,19 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
         order = [0, 2, 1]
     done = least_squares(residual, start, x_scale="jac")
     n = exponent or float(done.x[2])
+    alpha = float(done.x[1])
     turn = np.eye(3)
     turn[0, 1] = -math.log(depth)  # ln k is ln of the force at `depth` less n ln depth
     covariance = turn @ _covariance(done, order) @ turn.T
+    if alpha < -_SIGMAS_BELOW * math.sqrt(covariance[2, 2]):
+        got = f"α {alpha:.3g} s/m: the force is larger on rebound than on approach"
+        raise UserError(name, got, "0 s/m or more", "Look at the sign of the rate: above 0 on approach")
     return ForceFit(
         file=name,
         kind="loop",
         stiffness=math.exp(float(done.x[0])) / depth**n,
         exponent=n,
-        alpha=float(done.x[1]),
+        alpha=alpha,
         covariance=covariance,
         e=math.nan,
         e_uncertainty=math.nan,

@@ -158,11 +158,32 @@ def _decoded(path: Path) -> str:
 def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
     """A table with one header line. Separators: comma, semicolon, tab; # begins a comment.
 
-    Raises UserError with the file, the line, what it has and what was expected.
+    A header may be the last comment before the numbers, as `numpy.savetxt` writes it. Raises UserError with
+    the file, the line, what it has and what was expected.
     """
-    return table_of(
-        path, [(n, _COMMENT.sub("", line)) for n, line in lines if not line.lstrip().startswith("#")]
-    )
+    kept: list[tuple[int, str]] = []
+    comment = None
+    for number, line in lines:
+        if line.lstrip().startswith("#"):
+            if not kept:
+                comment = (number, line.strip().removeprefix("#").strip())
+            continue
+        kept.append((number, _COMMENT.sub("", line)))
+    if comment is not None and kept and _is_header_of(comment[1], kept[0][1]):
+        kept.insert(0, comment)
+    return table_of(path, kept)
+
+
+def _is_header_of(comment: str, first: str) -> bool:
+    """Say whether a comment names the cells of the first line of numbers."""
+    if not _ONLY_NUMBERS.fullmatch(first):
+        return False
+    counts = [(comment.count(sign), first.count(sign)) for sign in ("\t", ";", ",")]
+    in_comment, in_first = next((pair for pair in counts if any(pair)), (0, 0))
+    if in_comment != in_first:
+        return False
+    name, _ = split_header(comment.rpartition(",")[2].rpartition(";")[2].rpartition("\t")[2].strip())
+    return any(letter.isalpha() for letter in name)
 
 
 def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
@@ -297,6 +318,7 @@ _UNITS = frozenset(
 )
 _SUFFIX = re.compile(r"(.+?)(?:\s*/\s*|_|\s*,\s*|\s+in\s+|\s+)([^\s/,_]+(?:/s|/h)?)")
 _NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
+_ONLY_NUMBERS = re.compile(r"[-+\d.,;\teE\s±()%]*\d[-+\d.,;\teE\s±()%]*")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _UNCERTAIN = re.compile(rf"\s*({_NUMBER})\s*(?:±|\+-|\+/-)\s*({_NUMBER})\s*")
 _SHORT = re.compile(r"\s*([-+]?\d*[.,]?(\d*))\((\d+)\)\s*")

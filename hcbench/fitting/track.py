@@ -37,7 +37,8 @@ _FALLEN = 0.05
 # Standard deviations of g from which on the scale or the clock is called wrong
 _OFF = 3.0
 _NEAR = 0.01  # of g: less does not matter, at any standard deviation
-_GROSS = 0.2  # of g: more is not an error of measuring, and no fit is made
+_GROSS = 0.2  # of g: no measurement is that far off, and none is fitted
+_SHORTER = 1.1  # times the flight before, with what frames round: the longest that a flight can be
 _FRAMES_OF_G = 6  # of a flight from which its bend tells g
 
 
@@ -185,13 +186,17 @@ def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, 
     """
     measured = 0.0
     expected = 0.0
+    longest = math.inf
     for a, b in itertools.pairwise(lows):
+        duration = float(times[b] - times[a])
+        if duration > longest:
+            break  # flights get shorter: in a longer one a touch was missed
+        longest = _SHORTER * duration
         inside = slice(a + 1, b)
         aloft = times[inside] - times[a]
         if len(aloft) < _FRAMES_OF_G:
             continue
-        launch = 0.5 * ball.gravity * float(times[b] - times[a])
-        ideal, _, _ = ball.path(launch, aloft)
+        ideal, _, _ = ball.path(0.5 * ball.gravity * duration, aloft)
         weight = float(aloft[-1] - aloft[0]) ** 4  # of a parabola's bend, over the noise of its heights
         measured += weight * float(np.polyfit(aloft, heights[inside], 2)[0])
         expected += weight * float(np.polyfit(aloft, ideal, 2)[0])

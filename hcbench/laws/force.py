@@ -49,9 +49,10 @@ class HuntCrossley:
         return 1.5 * self.alpha
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
-        """F(x, v) in N, eq. (16)."""
+        """F(x, v) in N, eq. (16); 0 where the bodies are apart, x <= 0."""
+        depth = np.maximum(x, 0.0)
         return np.asarray(
-            self.stiffness * np.power(x, self.exponent) * (1.0 + self.dissipation * np.asarray(v))
+            self.stiffness * np.power(depth, self.exponent) * (1.0 + self.dissipation * np.asarray(v))
         )
 
 

@@ -13,6 +13,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from hcbench.system.errors import QuantityError
+
 Floats = NDArray[np.float64]
 
 
@@ -51,6 +53,14 @@ class Launch:
     height: float | None = None
     slip: tuple[float, float] = (0.0, 0.0)
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.speed < math.inf:
+            raise QuantityError("speed", f"{self.speed!r} m/s", "0 m/s or more, towards the plate")
+        if not 0.0 <= self.phase < 1.0:
+            raise QuantityError("phase", f"{self.phase!r}", "0 up to below 1, of a time step")
+        if self.height is not None and not 0.0 <= self.height < math.inf:
+            raise QuantityError("height", f"{self.height!r} m", "0 m or more over the plate")
 
     @classmethod
     def dropped(

@@ -215,6 +215,7 @@ def test_a_script_of_pybullets_plug_in_runs_by_itself(recipe: str, timestep: flo
 
 
 @pytest.mark.needs_engine("pybullet")
+@pytest.mark.usefixtures("with_cache")
 def test_the_path_of_pybullets_plug_in_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(["plugin", "pybullet"]) == 0
     assert Path(capsys.readouterr().out.strip()).is_file()

@@ -113,3 +113,12 @@ def test_a_shape_that_contradicts_its_impulse_leaves_the_impulses_restitution(
     truth = synthesise.hunt_crossley(ALPHA)(0.8)
     assert low < truth < high and 0.001 < high - low < 0.1
     assert abs(found["restitution_by_shape"] - truth) > 0.01
+
+
+def test_a_rate_of_the_wrong_sign_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, x, v, f = pushed(0.8)
+    path = tmp_path / "loop.csv"
+    lines = [f"{1e6 * a:.4f},{-b:.5f},{c:.3f}" for a, b, c in zip(x, v, f, strict=True) if a > 0]
+    path.write_text("penetration [um],rate [m/s],force [N]\n" + "\n".join(lines) + "\n")
+    assert run(["fit", str(path)]) == 2
+    assert "sign of the rate" in capsys.readouterr().err

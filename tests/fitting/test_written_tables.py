@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -138,4 +139,49 @@ def test_a_table_is_read_as_it_says(tmp_path: Path, kind: str, name: str, conten
 def test_what_may_be_something_else_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "data.csv").write_text(text)
     with pytest.raises(UserError):
+        read_dataset(tmp_path / "data.csv", EXACT)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('speed [mm/s],e\n"1,050",0.8259\n"1,256",0.7985\n', "'1,050' and '0.8259'"),
+        ("speed [mm/s];e\n1.050;0,8259\n1.256;0,7985\n", "'0,8259' and '1.050'"),
+        ("speed [mm/s];e\n922;0,8432\n1.067;0,8259\n", "'0,8432' and '1.067'"),
+        ("time [ms]\n1,769\n2,351\n2,718\n", "expected 1769 or 1.769"),
+        ("time [us]\n176,905\n235,075\n271,837\n", "expected 176905 or 176.905"),
+    ],
+)
+def test_a_sign_that_may_part_thousands_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "data.csv").write_text(text)
+    with pytest.raises(UserError, match=re.escape(said)):
+        read_dataset(tmp_path / "data.csv", EXACT)
+
+
+def test_a_comma_is_a_decimal_sign_where_one_number_of_the_file_says_so(tmp_path: Path) -> None:
+    (tmp_path / "data.csv").write_text("time [s]\n0,443\n0,842\n1,201\n1,524\n")
+    (tmp_path / "points.csv").write_text("time [s]\n0.443\n0.842\n1.201\n1.524\n")
+    with_commas = read_dataset(tmp_path / "data.csv", EXACT)
+    with_points = read_dataset(tmp_path / "points.csv", EXACT)
+    assert isinstance(with_commas, TouchTimes) and isinstance(with_points, TouchTimes)
+    assert with_commas.times.tolist() == with_points.times.tolist()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# speed [m/s],restitution\n" + rows(V, E),  # numpy.savetxt
+        "# made by hand\n# speed [m/s];restitution\n" + rows(V, E).replace(",", ";"),
+        ",speed [m/s],restitution\n" + rows([str(i) for i in range(len(V))], V, E),  # pandas, with its index
+        "#,speed [m/s],restitution\n" + rows([str(i + 1) for i in range(len(V))], V, E),
+    ],
+)
+def test_headers_of_numpy_and_pandas_are_read(tmp_path: Path, text: str) -> None:
+    (tmp_path / "data.csv").write_text(text)
+    assert is_right(read_dataset(tmp_path / "data.csv", EXACT), "pairs")
+
+
+def test_a_comment_over_numbers_is_not_a_header(tmp_path: Path) -> None:
+    (tmp_path / "data.csv").write_text("# measured on Monday, by Ann\n" + rows(V, E, E))
+    with pytest.raises(UserError, match="a header"):
         read_dataset(tmp_path / "data.csv", EXACT)

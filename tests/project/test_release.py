@@ -55,7 +55,9 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sdist, and the wheel that is built from it."""
     folder = tmp_path_factory.mktemp("dist")
     command = [sys.executable, "-m", "uv", "build", "--quiet", "--out-dir", str(folder), str(ROOT)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    # of its own, for users without a home
+    cache = {"UV_CACHE_DIR": str(tmp_path_factory.mktemp("cache"))} if not Path.home().is_dir() else {}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **cache})
     if done.returncode and "fetch" in done.stderr:
         pytest.skip("no package index to take the build backend from")
     assert done.returncode == 0, done.stderr

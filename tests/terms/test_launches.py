@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
 
+from hcbench.system.errors import QuantityError
 from hcbench.terms.impact import Floats, Launch
 
 G, H = 9.8, 0.01  # m/s², s
@@ -42,3 +46,20 @@ def test_a_body_too_slow_for_a_whole_step_falls_from_rest() -> None:
     launch = Launch.touching(slow, 0.9, H, G)
     assert launch.speed == 0.0
     assert launch.height == pytest.approx((0.64 - 0.25) * G * H * H / 2.0)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"speed": math.nan},
+        {"speed": -1.0},
+        {"speed": math.inf},
+        {"speed": 1.0, "phase": 1.0},
+        {"speed": 1.0, "phase": -0.1},
+        {"speed": 1.0, "height": -1e-3},
+    ],
+)
+def test_a_launch_that_no_body_can_have_is_refused(given: dict[str, Any]) -> None:
+    name = list(given)[-1]
+    with pytest.raises(QuantityError, match=f"^{name}: "):
+        Launch(**given)

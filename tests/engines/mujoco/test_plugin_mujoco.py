@@ -338,6 +338,7 @@ def test_a_batch_varies_the_numerics_that_a_config_points_to() -> None:
 # The library
 
 
+@pytest.mark.usefixtures("with_cache")
 def test_the_command_prints_a_path_that_plain_mujoco_loads(capsys: Any, tmp_path: Path) -> None:
     assert run_command(["plugin", "mujoco"]) == 0
     path = capsys.readouterr().out.strip()
@@ -357,6 +358,7 @@ def test_the_command_prints_a_path_that_plain_mujoco_loads(capsys: Any, tmp_path
         assert done.stderr == ""
 
 
+@pytest.mark.usefixtures("with_cache")
 def test_a_written_scene_says_in_its_first_comment_how_plain_mujoco_loads_it(tmp_path: Path) -> None:
     """Every instruction of the comment is followed to the letter, in processes of their own."""
     model = tmp_path / "drop.xml"
