@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -23,8 +23,10 @@ from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
+from hcbench.sim.packages import EXPAND_XACRO
 from hcbench.sim.remote import interpreter_of
 from hcbench.system.errors import EngineFailed, HcbenchError, SceneError, UserError
+from hcbench.system.memory import memory_limit
 from hcbench.system.text import sanitized
 from hcbench.terms.arguments import checked
 from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
@@ -193,7 +195,7 @@ def _label(source: str | tuple[str, ...]) -> str:
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
     try:
-        with _memory_limit(), beyond_bounds(job.beyond_bounds):
+        with memory_limit(_memory()), beyond_bounds(job.beyond_bounds):
             return work(job)
     except MemoryError:
         needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"
@@ -247,26 +249,6 @@ def _memory() -> int:
     return max(LEAST_MEMORY, int(MEMORY_SHARE * installed))
 
 
-@contextmanager
-def _memory_limit() -> Iterator[None]:
-    """Hold this process to `_memory` more than it has, where the system knows such a limit."""
-    try:
-        import resource
-
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-    except (ImportError, OSError):
-        yield
-        return
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limits = [pages * resource.getpagesize() + _memory()]
-    limits += [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
-    resource.setrlimit(resource.RLIMIT_AS, (min(limits), hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
-
-
 def _open(job: Job) -> ModelUnderTest:
     engine, source, rebuild = source_of(job)
     return engine.open(source, job.request, rebuild)
@@ -310,7 +292,12 @@ def _model_file_error(source: str | Path) -> SceneError:
     for engine in _openers():
         suffixes |= dict.fromkeys(engine.suffixes)
     reason = "is not the name of a model file" if Path(source).exists() else "is not there"
-    advice = _FROM_USD if Path(source).suffix.lower().startswith(".usd") else ""
+    suffix = Path(source).suffix.lower()
+    advice = ""
+    if suffix.startswith(".usd"):
+        advice = _FROM_USD
+    elif suffix == ".xacro":
+        advice = EXPAND_XACRO
     return SceneError("model", f"{source} {reason}", f"a model file: {', '.join(suffixes)}", advice)
 
 

@@ -13,6 +13,7 @@ from hcbench.system.files import is_file, read_text
 
 Id = TypeVar("Id")
 
+EXPAND_XACRO = "Expand it first: xacro robot.urdf.xacro > robot.urdf"
 _LISTED = 12  # names that an error shows
 
 

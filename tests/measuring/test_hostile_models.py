@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 import pytest
 
 import hcbench as hb
@@ -70,3 +71,21 @@ def test_arguments_that_name_no_file_are_refused() -> None:
         hb.pairs([None], engine="mujoco")
     with pytest.raises(UserError, match="null byte"):
         hb.fit("a\0b")
+
+
+def test_a_binary_model_whose_sizes_ask_for_gigabytes_is_refused(tmp_path: Path) -> None:
+    """MuJoCo would take up to 19 GB for a file of 5 KB before it finds out that its sizes are wrong."""
+    path = tmp_path / "model.mjb"
+    mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(MODEL.format(solref="0.02 1")), str(path))
+    sound = path.read_bytes()
+    assert len(hb.pairs(path)) == 1
+    sizes = np.frombuffer(sound[:400], dtype=np.int32)
+    said = set()
+    for place in np.flatnonzero((sizes > 0) & (sizes < 100))[:12]:
+        content = bytearray(sound)
+        content[4 * place + 3] = 0x10  # the highest byte of a size: 268 million more
+        path.write_bytes(content)
+        with pytest.raises(SceneError) as refused:
+            hb.pairs(path)
+        said.add(str(refused.value).partition(": ")[2].partition(": ")[2])
+    assert any("more memory than the file has numbers for" in words for words in said)

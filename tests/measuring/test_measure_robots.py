@@ -338,3 +338,11 @@ def test_a_usd_file_is_refused_with_what_to_convert_it_with(tmp_path: Path) -> N
     (tmp_path / "robot.usda").write_text("#usda 1.0")
     with pytest.raises(UserError, match="URDF exporter makes a URDF of a USD file"):
         measure(tmp_path / "robot.usda", "a,b")
+
+
+def test_xacro_is_refused_with_what_expands_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="l"/></robot>'
+    for name in ("robot.urdf.xacro", "robot.urdf"):
+        (tmp_path / name).write_text(text)
+        assert run(["pairs", str(tmp_path / name)]) == 2
+        assert "xacro robot.urdf.xacro > robot.urdf" in capsys.readouterr().err

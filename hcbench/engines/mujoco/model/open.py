@@ -15,6 +15,7 @@ from hcbench.engines.mujoco.model.place import require_plausible_model
 from hcbench.sim.packages import with_absolute_files
 from hcbench.system.errors import EngineFailed, SceneError
 from hcbench.system.files import read_bytes, read_text, require_small_archive
+from hcbench.system.memory import memory_limit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from hcbench.sim.packages import Packages
 
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".mjb", ".mjz")
+_BINARY_ROOM = 1 << 28  # bytes: what MuJoCo takes besides a model
 
 
 def live_state(source: Any) -> tuple[Any, Any] | None:
@@ -93,9 +95,23 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
         return _compiled(partial(mujoco.MjModel.from_xml_string, text), str(path))
     if path.suffix.lower() == ".mjz":
         return _compiled(partial(_unzipped, mujoco, path), str(path))
-    binary = path.suffix.lower() == ".mjb"
-    read = mujoco.MjModel.from_binary_path if binary else mujoco.MjModel.from_xml_path
-    return _compiled(partial(read, str(path)), str(path))
+    if path.suffix.lower() == ".mjb":
+        return _compiled(partial(_from_binary, mujoco, path), str(path))
+    return _compiled(partial(mujoco.MjModel.from_xml_path, str(path)), str(path))
+
+
+def _from_binary(mujoco: Any, path: Path) -> Any:
+    """The model of a binary file, which holds its arrays as they are in memory.
+
+    MuJoCo allocates what the sizes at the file's begin ask for before it compares them with the file.
+    """
+    with memory_limit(_BINARY_ROOM + 4 * path.stat().st_size):
+        try:
+            return mujoco.MjModel.from_binary_path(str(path))
+        except Exception as error:
+            if "allocate" not in str(error):
+                raise
+            raise ValueError("its sizes ask for more memory than the file has numbers for") from None
 
 
 def _unzipped(mujoco: Any, path: Path) -> Any:

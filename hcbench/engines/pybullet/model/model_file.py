@@ -8,8 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hcbench.sim.packages import EXPAND_XACRO
 from hcbench.system.errors import SceneError
-from hcbench.system.files import is_file
+from hcbench.system.files import is_file, read_text
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     from hcbench.terms.scene import Scene
 
+_XACRO = "//www.ros.org/wiki/xacro"  # its namespace
 _RADIUS_TOLERANCE = 1e-9  # m
 # a file's first tag, by its suffix
 _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
@@ -63,6 +65,8 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
     expected = _ROOTS.get(path.suffix.lower(), root.tag)
     if root.tag != expected:
         raise SceneError("model", f"{path} begins with <{root.tag[:40]}>", f"<{expected}>")
+    if _XACRO in read_text(path):
+        raise SceneError("model", f"{path} is written in xacro", "a URDF", EXPAND_XACRO)
     for mass in root.iter("mass"):
         text = mass.get("value") or mass.text or ""
         _check_number(path, "mass", text, "0 kg (fixed) or more", lambda mass: 0 <= mass < math.inf)
