@@ -136,8 +136,9 @@ class Target:
     def described(self) -> tuple[str, str]:
         """Return the option by which the user gave the target, and its value in words."""
         if self.reading == "points":
-            pairs = f"{len(self.points)} pairs of v and e"
-            return "restitution", pairs if len(self.points) > 1 else "one e for all speeds"
+            if len(self.points) > 1:
+                return "points", f"{len(self.points)} pairs of v and e"
+            return "restitution", "one e for all speeds"
         return "target", _WORDS[self.reading].partition(",")[0]
 
     def fitting_law(self) -> str:

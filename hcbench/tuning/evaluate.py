@@ -34,7 +34,7 @@ DEEPEST_STEPS = 2.5  # v h at the highest speed: a deeper contact is deep
 _AS_LAW = 1.5  # unless the law's own is as deep, but for so much
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Evaluation:
     """Errors and extremes of a setting, run in the target's conditions: gravity, friction.
 
@@ -47,22 +47,22 @@ class Evaluation:
     failed: impacts that gave no restitution, with the first reason. max_e: the largest e of all.
     """
 
+    max_error: float = math.nan
+    at_speed: float = math.nan
     constant: float
     constant_error: float
     phase_spread: float
+    steps_min: int = 0
+    steps_max: int = 0
+    penetration_max: float = math.nan
+    force_max: float = math.nan
     loop_rms: float
     failed: int
     reason: str
     launches: int
     friction_error: float
-    max_error: float = math.nan
-    at_speed: float = math.nan
-    steps_min: int = 0
-    steps_max: int = 0
-    penetration_max: float = math.nan
-    force_max: float = math.nan
-    max_e: float = math.nan
     deep: bool = False
+    max_e: float = math.nan
 
 
 def held_out_launches(target: Target) -> list[Launch]:

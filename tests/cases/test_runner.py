@@ -20,7 +20,7 @@ from hcbench.cases.run import RUNNER, adapters, run_engines
 from hcbench.cases.score import known_failures, regressions, score, the_cases
 
 LINES = 350
-ADAPTER_LINES = 70
+ADAPTER_LINES = 80
 
 
 @pytest.fixture(scope="module")

@@ -243,7 +243,7 @@ def test_two_that_meet_at_an_edge_are_met_from_above() -> None:
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
-        (ARM.format(kp=0), {"qpos": "shoulder=2"}, r"outside their limits.*shoulder by 24.6 deg.*--qpos"),
+        (ARM.format(kp=0), {"qpos": "shoulder=2"}, r"outside their limits.*shoulder by 24.6 deg.*from qpos"),
         (ARM.format(kp=0), {"qpos": "sholder=1"}, "Did you mean 'shoulder'"),
         (ARM.format(kp=0), {"qpos": "shoulder=1 2"}, "2 numbers; expected 1"),
         (ARM.format(kp=0), {"qpos": "shoulder"}, "joints with their values"),

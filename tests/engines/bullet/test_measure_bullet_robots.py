@@ -168,7 +168,7 @@ def test_joints_are_posed_by_name_and_held_within_limits(script: Path) -> None:
         f"{script}:plain", TIP, qpos="lbr_iiwa_joint_2=80 deg", speeds=[0.5], phases=1, diagnose=False
     )
     assert found.facts.effective_mass > 0
-    with pytest.raises(UserError, match=r"lbr_iiwa_joint_2 by 51.9 deg.*--qpos"):
+    with pytest.raises(UserError, match=r"lbr_iiwa_joint_2 by 51.9 deg.*from qpos"):
         measure(f"{script}:plain", TIP, qpos="lbr_iiwa_joint_2=3.0", speeds=[0.5])
     with pytest.raises(UserError, match="Did you mean 'lbr_iiwa_joint_2'"):
         measure(f"{script}:plain", TIP, qpos="lbr_iiwa_joint2=1", speeds=[0.5])
