@@ -30,7 +30,8 @@
 
 #include "collision.c"
 
-#define HCB_RESTING_SWEEPS 30
+#define HCB_RESTING_SWEEPS 10
+#define HCB_RESTING_SETTLED 1e-3 /* of the fastest rate: slip is worked out about */
 #define HCB_FEW 8 /* contacts of a group whose rates stand for its velocities */
 
 typedef struct { /* room, as `work` is divided */
@@ -185,7 +186,7 @@ void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, do
   set_steps(&g);
   for (int i = 0; i < 3 * count; i++) fastest = fmax(fastest, fabs(g.before[i]));
   for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) {
-    if (friction_sweep(&g, 1, 1) <= HCB_SETTLED * fastest) break;
+    if (friction_sweep(&g, 1, 1) <= HCB_RESTING_SETTLED * fastest) break;
   }
   for (int i = 0; i < count; i++) slip[r.of[i]] = length(rate_in(&g, i, 1, g.v), rate_in(&g, i, 2, g.v));
 }

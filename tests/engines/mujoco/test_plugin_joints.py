@@ -80,5 +80,7 @@ def test_a_body_with_joints_that_turns_too_far_in_a_step_is_named_once(h: float,
         mujoco.mj_step(model, data, nstep=5)
     finally:
         mujoco.set_mju_user_warning(None)
-    assert len(warned) == bool(words)
-    assert re.search(words, "".join(warned))
+    turning = [one for one in warned if "turns by" in one]
+    assert len(turning) == bool(words)
+    assert re.search(words, "".join(turning))
+    assert len(warned) <= 2 * len(turning)  # and once of the impact that would let it turn faster

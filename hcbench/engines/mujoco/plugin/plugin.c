@@ -19,6 +19,7 @@
 #include "../../../laws/published.c"
 
 enum { ROWS = 10, NAME = 64 };
+enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4 }; /* of hcbench.restitution */
 
 static const char* const FORCE_NAME = "hcbench.hunt_crossley";
 static const char* const RESTITUTION_NAME = "hcbench.restitution";
@@ -52,6 +53,7 @@ typedef struct { /* an instance, in mjData.plugin_data */
   /* of the first instance: the state from which a step with impacts is made again (again.c) */
   double* start;
   int starts, is_again;
+  int trees, *wild; /* of the first instance: which trees turn too far in a step for impacts */
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
   int entries;
 } instance;
@@ -233,6 +235,7 @@ static void destroy(mjData* d, int i) {
   free(own->impulse);
   free(own->planned);
   free(own->start);
+  free(own->wild);
   free(own);
   d->plugin_data[i] = 0;
 }

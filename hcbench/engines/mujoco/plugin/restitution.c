@@ -232,34 +232,108 @@ static void warn_of_iterations(const mjModel* m, const mjData* d, instance* memo
 }
 
 /* How far the joint turns in a step, rad. */
-static double turn_of(const mjModel* m, const mjData* d, int joint) {
-  const double* v = d->qvel + m->jnt_dofadr[joint];
+static double turn_of(const mjModel* m, const double* velocity, int joint) {
+  const double* v = velocity + m->jnt_dofadr[joint];
   int type = m->jnt_type[joint];
   if (type == mjJNT_SLIDE) return 0;
   return m->opt.timestep * (type == mjJNT_HINGE ? fabs(v[0]) : mju_norm3(type == mjJNT_FREE ? v + 3 : v));
 }
 
-static void warn_of_turn(const mjModel* m, instance* memory, int body, double turn) {
+static void warn_of_turn(const mjModel* m, instance* memory, int body, double turn, int wild) {
   double h = m->opt.timestep, finer = h * HCB_FAST / turn, digit = pow(10, floor(log10(finer)));
   const char* name = mj_id2name(m, mjOBJ_BODY, body);
-  if (!(turn > HCB_FAST) || memory->warned) return;
-  memory->warned = 1;
-  mju_warning("plugin %s: body %d \"%s\" turns by %.2g rad in a step of %g s, in which MuJoCo's own step may gain energy: set a "
-              "timestep of %g", RESTITUTION_NAME, body, name ? name : "", turn, h, digit * floor(finer / digit));
+  int kind = wild ? WARNED_WILD : WARNED_FAST;
+  if (!(turn > HCB_FAST) || memory->warned & kind) return;
+  memory->warned |= kind | WARNED_FAST;
+  mju_warning("plugin %s: body %d \"%s\" %s by %.2g rad in a step of %g s, in which MuJoCo's own step may gain energy: set a "
+              "timestep of %g", RESTITUTION_NAME, body, name ? name : "",
+              wild ? "has MuJoCo's own contact, as after the impact it would turn" : "turns", turn, h,
+              digit * floor(finer / digit));
 }
 
 /* Names once a body whose joint turns so far in a step that MuJoCo's own step gains energy; free bodies that nothing holds
    do so only where they roll. */
 static void warn_of_turns(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
-  for (int j = 0; j < m->njnt && count && !memory->warned; j++) {
-    if (d->ne > 0 || !is_lone(m, m->jnt_dofadr[j])) warn_of_turn(m, memory, m->jnt_bodyid[j], turn_of(m, d, j));
+  if (memory->warned & WARNED_FAST) return;
+  for (int j = 0; j < m->njnt && count; j++) {
+    if (d->ne > 0 || !is_lone(m, m->jnt_dofadr[j])) warn_of_turn(m, memory, m->jnt_bodyid[j], turn_of(m, d->qvel, j), 0);
   }
-  for (int i = 0; i < count && !memory->warned; i++) {
+  for (int i = 0; i < count; i++) {
     for (int side = 0; side < 2 && all[i].rests; side++) {
       int body = all[i].body[side];
-      warn_of_turn(m, memory, body, m->opt.timestep * mju_norm3(d->cvel + 6 * body));
+      warn_of_turn(m, memory, body, m->opt.timestep * mju_norm3(d->cvel + 6 * body), 0);
     }
   }
+}
+
+/* The joint of a tree (-1: of any) that turns furthest in a step at these velocities, without free bodies that nothing holds;
+   -1: none by more than HCB_FAST. */
+static int furthest_joint(const mjModel* m, const mjData* d, const double* velocity, int tree) {
+  double most = HCB_FAST;
+  int found = -1;
+  for (int j = 0; j < m->njnt; j++) {
+    int dof = m->jnt_dofadr[j];
+    double turn = turn_of(m, velocity, j);
+    if (turn <= most || (d->ne == 0 && is_lone(m, dof)) || (tree >= 0 && m->dof_treeid[dof] != tree)) continue;
+    most = turn;
+    found = j;
+  }
+  return found;
+}
+
+/* Marks trees that impacts would let turn so fast that MuJoCo's own step gains energy without end, and names one once; whether
+   there are any. In them a step's Coriolis and centrifugal forces change the velocities, in the norm of kinetic energy, by
+   more than that share, less what the tree has as a whole; those of bodies that equalities hold are in the equalities, so
+   there the angle stands for it. A wheel may turn as fast as it likes. */
+static int find_wild(const mjModel* m, mjData* d, instance* memory, const double* impulse) {
+  int nv = m->nv, found = 0;
+  mj_markStack(d);
+  double *after = stack(d, nv), *momentum = stack(d, nv), *force = stack(d, nv), *acceleration_ = stack(d, nv);
+  mj_solveM(m, d, after, impulse, 1);
+  mju_addTo(after, d->qvel, nv);
+  if (furthest_joint(m, d, after, -1) >= 0) {
+    double* still = momentum;
+    mju_copy(acceleration_, d->qvel, nv);
+    mju_zero(still, nv);
+    bias_at(m, d, still, force);
+    mju_scl(still, force, -1, nv);
+    bias_at(m, d, after, force);
+    mju_addTo(force, still, nv);
+    mju_copy(d->qvel, acceleration_, nv);
+    mj_comVel(m, d);
+    mj_mulM(m, d, momentum, after);
+    mj_solveM(m, d, acceleration_, force, 1);
+    for (int tree = 0; tree < m->ntree; tree++) {
+      int joint = furthest_joint(m, d, after, tree);
+      double before = 0, change = 0, share = HCB_FAST / m->opt.timestep;
+      for (int k = 0; k < nv; k++) {
+        if (m->dof_treeid[k] != tree) continue;
+        before += momentum[k] * after[k];
+        change += force[k] * acceleration_[k];
+        if (m->jnt_type[m->dof_jntid[k]] != mjJNT_FREE || k - m->jnt_dofadr[m->dof_jntid[k]] >= 3) continue;
+        before -= momentum[k] * momentum[k] / m->body_subtreemass[m->dof_bodyid[k]]; /* of the tree as a whole */
+      }
+      if (memory->wild[tree] || joint < 0 || (d->ne == 0 && change <= share * share * before)) continue;
+      memory->wild[tree] = found = 1;
+      warn_of_turn(m, memory, m->jnt_bodyid[joint], turn_of(m, after, joint), 1);
+    }
+  }
+  mj_freeStack(d);
+  return found;
+}
+
+/* Leaves out contacts of trees that are marked; how many are left. */
+static int leave_out_wild(const mjModel* m, const instance* memory, blow* all, int count) {
+  int left = 0;
+  for (int i = 0; i < count; i++) {
+    int wild = 0;
+    for (int side = 0; side < 2 && all[i].tendon < 0; side++) {
+      int tree = m->body_treeid[all[i].body[side]];
+      wild |= tree >= 0 && memory->wild[tree];
+    }
+    if (!wild) all[left++] = all[i];
+  }
+  return left;
 }
 
 /* Refuses what it is wrong under, and names once what it was never tried with: an option of a later MuJoCo. */
@@ -287,6 +361,55 @@ static void check_options(const mjModel* m, instance* memory, int first) {
   warn_of_flags(m->opt.disableflags, mjDISABLESTRING, mjNDISABLE);
 }
 
+/* Whether all of a vector is finite, and no larger than what MuJoCo takes. */
+static int is_sound(const double* x, int n) {
+  for (int k = 0; k < n; k++) {
+    if (mju_isBad(x[k])) return 0;
+  }
+  return 1;
+}
+
+/* Impulses of contacts that touch, without trees that they would let turn too fast; how many contacts are left. */
+static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse) {
+  instance* memory = instance_of(d, first);
+  double* gravity = stack(d, m->nv);
+  int any = gravity_force(m, d, gravity);
+  for (int wild = 1; wild;) {
+    mju_zero(impulse, m->nv);
+    collide(m, d, first, all, count, impulse, any ? gravity : NULL);
+    wild = !memory->is_again && find_wild(m, d, memory, impulse);
+    count = leave_out_wild(m, memory, all, count);
+  }
+  return count;
+}
+
+/* Adds to the passive forces what lets contacts collide, over the step. Where that is without bound nothing is added, and it
+   says so once. How many contacts are left. */
+static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow* all, int count) {
+  instance* memory = instance_of(d, first);
+  int nv = m->nv;
+  double *impulse = stage ? memory->impulse : stack(d, nv), *without = stack(d, nv);
+  mju_copy(without, d->qfrc_passive, nv);
+  count = collide_tame(m, d, first, all, count, impulse);
+  int sound = is_sound(impulse, nv);
+  if (sound) {
+    mju_addToScl(d->qfrc_passive, impulse, 1 / m->opt.timestep, nv);
+    shift_bias(m, d, impulse, 1, d->qfrc_passive);
+  }
+  if (!sound || !is_sound(d->qfrc_passive, nv)) {
+    mju_zero(impulse, nv);
+    mju_copy(d->qfrc_passive, without, nv);
+    if (!(memory->warned & WARNED_UNSOUND)) {
+      mju_warning("plugin %s: impacts at %g s came out without bound, so contact is MuJoCo's own in such steps: masses or speeds are "
+                  "too far apart", RESTITUTION_NAME, d->time);
+    }
+    memory->warned |= WARNED_UNSOUND;
+    return 0;
+  }
+  if (stage) start_again(m, d, memory, impulse);
+  return count;
+}
+
 static void add_impacts(const mjModel* m, mjData* d, int first) {
   instance* memory = instance_of(d, first);
   int stage = stage_of(m, d, memory), nv = m->nv, busy = 0;
@@ -307,20 +430,16 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
     }
     warn_of_turns(m, d, all, count, memory);
+    if (memory->trees != m->ntree) memory->wild = realloc(memory->wild, ((memory->trees = m->ntree) + 1) * sizeof(int));
+    if (!memory->is_again) memset(memory->wild, 0, m->ntree * sizeof(int));
     if (stage) {
       if (memory->dofs < nv) memory->impulse = realloc(memory->impulse, (memory->dofs = nv) * sizeof(double));
       mju_zero(memory->impulse, nv);
       memory->starts = 0;
     }
-    if (busy) {
-      double *impulse = stage ? memory->impulse : stack(d, nv), *gravity = stack(d, nv);
-      mju_zero(impulse, nv);
-      collide(m, d, first, all, count, impulse, gravity_force(m, d, gravity) ? gravity : NULL);
-      for (int j = 0; j < nv; j++) d->qfrc_passive[j] += impulse[j] / h;
-      shift_bias(m, d, impulse, 1, d->qfrc_passive);
-      if (stage) start_again(m, d, memory, impulse);
-    }
+    if (busy) count = add_impulses(m, d, first, stage, all, count);
   } else {
+    count = leave_out_wild(m, memory, all, count);
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
     shift_bias(m, d, memory->impulse, stage == 4 ? 0 : 0.5, d->qfrc_passive);
   }
