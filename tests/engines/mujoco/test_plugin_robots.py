@@ -198,6 +198,20 @@ def test_a_solver_that_stops_early_is_named_once_where_robots_stand(iterations: 
     assert re.search(words, "".join(warned))
 
 
+@pytest.mark.parametrize(("step", "words"), [(4e-3, "may land more than 1 mm deeper"), (2e-3, "")])
+def test_a_robot_that_may_land_deeper_than_on_native_contact_is_named(step: float, words: str) -> None:
+    """By more than 1 mm, and at a step of more than an eighth of the contact's time constant."""
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        landing(robot("quadruped", LAWS[0], timestep=step), 0.1, seconds=0.4)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    deeper = [one for one in warned if "deeper" in one]
+    assert len(deeper) == bool(words)
+    assert re.search(words, "".join(deeper))
+
+
 WHEEL = """
 <mujoco>
   <option timestep="0.005" iterations="1"/>
@@ -214,6 +228,7 @@ WHEEL = """
 </mujoco>"""
 STOPS = 'the solver stops after iterations="1"'
 TURNS = "rad in a step of 0.005 s"
+DEEPER = "mm deeper than on MuJoCo's own contact"
 
 
 def driven_wheel() -> str:
@@ -226,8 +241,8 @@ def driven_wheel() -> str:
 
 def test_a_landing_shows_each_warning_of_the_plugin_once() -> None:
     landings = hcbench.land(driven_wheel(), heights="5, 10 cm")
-    assert len(landings.notes) == 2
-    assert [words for note in landings.notes for words in (STOPS, TURNS) if words in note] == [STOPS, TURNS]
+    assert len(landings.notes) == 3
+    assert all(sum(words in note for note in landings.notes) == 1 for words in (STOPS, TURNS, DEEPER))
     shown = landing_text([landings])
     assert all(shown.count(f"note: {note}\n") == 1 for note in landings.notes)
 

@@ -15,7 +15,8 @@
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
   int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
-  double rate[6], friction[5], slip, parting, swing, x; /* swing: at most what turning adds to the rate in a step */
+  double rate[6], friction[5], slip, parting, swing, x, constant; /* swing: at most what turning adds to the rate in a step;
+                                                            constant: solref's first number */
   const double *point, *frame;
   hcb_contact law;
 } blow;

@@ -5,6 +5,8 @@
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
 #define HCB_FAST 0.1       /* rad a step: bodies that turn faster gain energy by MuJoCo's own step */
+#define HCB_COARSE_STEP 0.125 /* of a contact's time constant: from there on limbs sink deeper in a step than MuJoCo's contact, ... */
+#define HCB_DEEPER 1e-3    /* ... named where that may be more, m */
 #define HCB_ITERATIONS 5   /* of the solver Newton, without which robots sink; ... */
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
@@ -40,6 +42,7 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
   b->rows = b->cone ? 2 * (c->dim - 1) : c->dim;
   b->x = c->includemargin - c->dist;
   b->touches = b->x >= 0;
+  b->constant = c->solref[0];
   for (int i = 0; i < 5; i++) b->friction[i] = c->dim > 1 ? c->friction[i] : 0;
   velocity_at(m, d, b->body[0], c->pos, v1);
   velocity_at(m, d, b->body[1], c->pos, v2);
@@ -361,6 +364,27 @@ static void check_options(const mjModel* m, instance* memory, int first) {
   warn_of_flags(m->opt.disableflags, mjDISABLESTRING, mjNDISABLE);
 }
 
+/* Names once a landing of a body with joints that may end deeper than on MuJoCo's own contact: bodies go in by up to a step's
+   travel before they meet their impact, and MuJoCo's contact by about a third of the travel in its time constant. */
+static void warn_of_depth(const mjModel* m, const blow* all, int count, instance* memory) {
+  double h = m->opt.timestep;
+  for (int i = 0; i < count && !(memory->warned & WARNED_DEEPER); i++) {
+    const blow* b = all + i;
+    int coarse = b->tendon < 0 && b->touches && b->constant > 0 && h > HCB_COARSE_STEP * b->constant;
+    if (!coarse || !(-h * b->rate[0] > HCB_DEEPER)) continue;
+    for (int side = 0; side < 2; side++) {
+      int body = m->body_weldid[b->body[side]], dof = m->body_dofadr[m->body_rootid[body]];
+      if (body == 0 || m->body_dofnum[body] == 0 || (dof >= 0 && is_lone(m, dof))) continue;
+      const char* name = mj_id2name(m, mjOBJ_BODY, body);
+      memory->warned |= WARNED_DEEPER;
+      mju_warning("plugin %s: body %d \"%s\" may land more than %g mm deeper than on MuJoCo's own contact, whose time constant is "
+                  "%g s: set a timestep of at most %g", RESTITUTION_NAME, body, name ? name : "", 1e3 * HCB_DEEPER, b->constant,
+                  HCB_COARSE_STEP * b->constant);
+      return;
+    }
+  }
+}
+
 /* Whether all of a vector is finite, and no larger than what MuJoCo takes. */
 static int is_sound(const double* x, int n) {
   for (int k = 0; k < n; k++) {
@@ -430,6 +454,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
     }
     warn_of_turns(m, d, all, count, memory);
+    warn_of_depth(m, all, count, memory);
     if (memory->trees != m->ntree) memory->wild = realloc(memory->wild, ((memory->trees = m->ntree) + 1) * sizeof(int));
     if (!memory->is_again) memset(memory->wild, 0, m->ntree * sizeof(int));
     if (stage) {
