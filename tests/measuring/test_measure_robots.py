@@ -341,7 +341,7 @@ def test_a_usd_file_is_refused_with_what_to_convert_it_with(tmp_path: Path) -> N
 
 
 def test_xacro_is_refused_with_what_expands_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="l"/></robot>'
+    text = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:leg/></robot>'
     for name in ("robot.urdf.xacro", "robot.urdf"):
         (tmp_path / name).write_text(text)
         assert run(["pairs", str(tmp_path / name)]) == 2

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from hcbench.terms.scene import Scene
 
-_XACRO = "//www.ros.org/wiki/xacro"  # its namespace
+_XACRO = "<xacro:"  # not its namespace alone, which an expanded file keeps
 _RADIUS_TOLERANCE = 1e-9  # m
 # a file's first tag, by its suffix
 _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
