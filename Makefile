@@ -54,7 +54,7 @@ fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, 10
 test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option, 2000 random scenes, a minute at rest
 	HCBENCH_PLUGINS=1 $(BIN)/python -m pytest -q -s -n 2 tests/engines/mujoco/test_plugin_options.py \
 	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_rest.py \
-	  tests/engines/bullet/test_plugin_random_energy.py
+	  tests/engines/bullet/test_bullet_random_scenes.py
 
 test-compilers: $(INSTALLED)  ## the plug-ins under every gcc, clang and zig of this machine, for several versions of MuJoCo
 	for version in $(MUJOCOS); do \

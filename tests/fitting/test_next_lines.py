@@ -57,3 +57,7 @@ def test_a_scene_that_was_written_is_checked_within_what_makes_up_for_its_contac
     assert line[:2] == ["check", "s.xml"]
     assert run(line) == 0
     assert "Both trains of touches" in (tmp_path / "p.html").read_text(encoding="utf-8")
+    comment, _, model = (tmp_path / "s.xml").read_text(encoding="utf-8").partition("-->")
+    assert 'plugin="hcbench.restitution"' in model
+    assert comment.startswith("<!--")
+    assert "`hcbench plugin mujoco`" in comment

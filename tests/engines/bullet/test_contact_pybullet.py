@@ -9,6 +9,7 @@ import bullet_scenes
 import numpy as np
 import pytest
 
+from hcbench.cli import run as run_command
 from hcbench.contact import pybullet as contact
 from hcbench.contact.pybullet import ConstantRestitution, Friction, HuntCrossley, Restitution
 from hcbench.laws import closed_form
@@ -573,3 +574,70 @@ def test_a_step_too_coarse_names_one_that_is_not_and_the_other_kind(
     world.place(ball, (0, 0, RADIUS + 1e-3), (0, 0, -60))
     world.step(10)
     assert "too coarse" in capfd.readouterr().err
+
+
+def test_an_overlap_that_contact_erp_lifts_is_named_once(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for erp in (0.0, 0.08):
+        world.set(1e-3, 9.81)
+        bullet.setPhysicsEngineParameter(contactERP=erp, physicsClientId=world.client)
+        ball = world.ball(MASS, (0, 0, RADIUS - 1e-3))
+        world.add(ConstantRestitution(0.5), ball, world.plate())
+        world.step(3)
+        said = capfd.readouterr().err
+        assert said.count("overlap by 0.001 m, and contactERP 0.08 lifts them") == (erp > 0)
+
+
+def test_a_body_that_a_constraint_holds_is_named_at_its_first_impact(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    world.set(1e-3, 9.81)
+    balls, plate = [world.ball(MASS, (x, 0, RADIUS + 1e-2)) for x in (0.0, 0.3, 0.6)], world.plate()
+    for ball in balls:
+        world.add(ConstantRestitution(0.5), ball, plate)
+    held = bullet.createConstraint(
+        *(balls[0], -1, balls[1], -1, bullet.JOINT_FIXED, [0, 0, 0], [0.15, 0, 0], [-0.15, 0, 0]),
+        physicsClientId=world.client,
+    )
+    assert capfd.readouterr().err == ""
+    world.step(300)
+    said = capfd.readouterr().err
+    assert [said.count(f"body {ball} is held by constraint {held}, which") for ball in balls] == [1, 1, 0]
+
+
+def test_a_joint_that_an_impact_turns_faster_than_bullet_lets_it_is_named(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A hammer of 10 kg at 12 m/s gives a bob of 0.1 kg about 20 m/s, on an arm of 8 cm: 250 rad/s."""
+    world.set(0.25e-3)
+    shape = bullet.createCollisionShape(
+        bullet.GEOM_SPHERE,
+        radius=0.03,
+        collisionFramePosition=[0, 0, -0.08],
+        physicsClientId=world.client,
+    )
+    arm = bullet.createMultiBody(
+        0, -1, basePosition=[0, 0, 1], linkMasses=[0.1], linkCollisionShapeIndices=[shape],
+        linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+        linkInertialFramePositions=[[0, 0, -0.08]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+        linkParentIndices=[0], linkJointTypes=[bullet.JOINT_REVOLUTE], linkJointAxis=[[0, 1, 0]],
+        physicsClientId=world.client,
+    )  # fmt: skip
+    hammer = world.ball(10.0)
+    world.place(hammer, (-0.2, 0, 0.92), (12, 0, 0))
+    world.add(ConstantRestitution(0.9), (arm, 0), hammer)
+    world.step(100)
+    said = capfd.readouterr().err
+    assert said.count("set a larger maxJointVelocity by changeDynamics") == 1
+
+
+def test_a_written_script_says_first_how_to_get_the_library_elsewhere(tmp_path: Path) -> None:
+    script = tmp_path / "drop.py"
+    asked = ["--plugin", "--alpha", "0.3 s/m", "--timestep", "2 ms", "--speeds", "0.1:2 m/s"]
+    assert run_command(["tune", "pybullet", *asked, "--write-scene", str(script)]) == 0
+    lines = script.read_text(encoding="utf-8").splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("#"))
+    assert "`hcbench plugin pybullet`" in f"{lines[first]} {lines[first + 1]}"
+    (loaded,) = [line for line in lines if "loadPlugin(" in line]
+    assert loaded == f"plugin = pybullet.loadPlugin({str(contact.library())!r})"

@@ -11,6 +11,7 @@ typedef struct {
 
 typedef struct {
   int id, links, stale, freedoms, is_tree, placed; /* no freedoms: it cannot move; placed: its position matters */
+  int struck; /* before this impact */
   long tick;
   link_state *base, *link; /* base = link - 1 */
   /* of a tree: each freedom's link, and its twist (angular velocity, velocity at the origin) */
@@ -39,7 +40,7 @@ typedef struct {
   struct contact* contacts;
   int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, outdated;
   long tick;
-  double h, gravity[3];
+  double h, gravity[3], contact_erp;
   char message[1024];
 } world;
 
@@ -170,6 +171,19 @@ static void forget_body(world* w, int id) {
   free(w->bodies[id]->falling);
   free(w->bodies[id]);
   w->bodies[id] = NULL;
+}
+
+/* The number of a constraint that holds a body, -1 without one: Bullet tells this client of them along with all bodies. */
+static int constraint_of(world* w, int id) {
+  b3Constraint held;
+  send(w, b3InitSyncBodyInfoCommand(w->client));
+  w->outdated = 0;
+  for (int i = 0; i < b3GetNumUserConstraints(w->client); i++) {
+    int number = b3GetUserConstraintId(w->client, i);
+    int known = b3GetUserConstraintInfo(w->client, number, &held);
+    if (known && (held.body[0] == id || held.body[2] == id)) return number;
+  }
+  return -1;
 }
 
 static int carries(const body* b, int owner, int link) {

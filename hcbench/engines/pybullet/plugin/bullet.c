@@ -49,10 +49,18 @@ typedef struct {
 } b3Shapes;
 
 typedef struct {
+  int body[4]; /* parent, its link, child, its link; -1: the world */
+  double rest[32];
+} b3Constraint;
+
+typedef struct {
   double time_step, time, gravity[3];
   int substeps, iterations;
   double warm[2];
-  int real_time;
+  int real_time, split_impulse;
+  double split_threshold, breaking_threshold;
+  int flags;
+  double contact_erp;
   char rest[1024];
 } b3Parameters;
 
@@ -100,6 +108,8 @@ typedef struct {
   X(int, b3GetStatusPhysicsSimulationParameters, (void*, b3Parameters*)) \
   X(void*, b3InitSyncBodyInfoCommand, (void*)) X(void*, b3InitRequestBodyInfoCommand, (void*, int)) \
   X(int, b3GetNumJoints, (void*, int)) \
+  X(int, b3GetNumUserConstraints, (void*)) X(int, b3GetUserConstraintId, (void*, int)) \
+  X(int, b3GetUserConstraintInfo, (void*, int, b3Constraint*)) \
   X(int, b3GetJointInfo, (void*, int, int, b3JointInfo*)) \
   X(void*, b3GetDynamicsInfoCommandInit, (void*, int, int)) X(int, b3GetDynamicsInfo, (void*, b3DynamicsInfo*)) \
   X(void*, b3RequestActualStateCommandInit, (void*, int)) \

@@ -1,5 +1,7 @@
 /* Pairs that a law is for, where they touch, and what a force there does. */
 
+#define HCB_ROUNDING 1e-12 /* of the inverse of a mass */
+
 enum { CUP = 100, ANY = -2 }; /* a shape, beside SPHERE and PLANE; any link */
 
 typedef struct law {
@@ -7,7 +9,7 @@ typedef struct law {
   hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
   hcb_contact impact;                 /* of a restitution law */
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
-  int warned;
+  int warned, lifted; /* what was named: a body that is too fast, an overlap that Bullet lifts */
   char text[1024];                    /* of the command that added it */
   int shape[2];                       /* SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
   double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre */
@@ -139,6 +141,16 @@ static contact* room_for(world* w, int count) {
   return w->contacts;
 }
 
+/* Across the axes of their joints two bodies move by rounding alone, which a force would divide by. */
+static int can_part(const contact* c) {
+  double lightest = INFINITY;
+  for (int side = 0; side < 2; side++) {
+    double mass = c->body[side]->link[c->link[side]].info.mass;
+    if (moves(c, side) && mass > 0) lightest = fmin(lightest, mass);
+  }
+  return c->inverse_mass * lightest > HCB_ROUNDING;
+}
+
 /* Of a point that Bullet or `exact_point` found; forces act in one place, on the surface of the body that moves. */
 static int set_contact(world* w, law* of, const b3Contact* p, contact* c) {
   c->of = of;
@@ -151,7 +163,7 @@ static int set_contact(world* w, law* of, const b3Contact* p, contact* c) {
   double share = moves(c, 0) ? moves(c, 1) ? 0.5 : 1 : 0;
   for (int i = 0; i < 3; i++) c->at[i] = share * p->on[0][i] + (1 - share) * p->on[1][i];
   complete(w, c);
-  return isfinite(c->distance) && isfinite(c->rate[0]) && c->inverse_mass > 0;
+  return isfinite(c->distance) && isfinite(c->rate[0]) && can_part(c);
 }
 
 /* The unit vector out of a box with half sizes `size` to a point in its frame; the distance, below 0 inside. */

@@ -150,9 +150,20 @@ static double turn_of(const world* w, const body* b, double (*motion)[6]) {
   return w->h * sqrt(most);
 }
 
+/* The fastest that the base or a joint of a body turns, rad/s. */
+static double rate_of_joints(const body* b, double (*motion)[6]) {
+  double most = dot(motion[0] + 3, motion[0] + 3);
+  for (int i = 0; i < b->links; i++) {
+    const double *own = motion[i + 1] + 3, *above = motion[b->link[i].parent + 1] + 3;
+    double turn[3] = {own[0] - above[0], own[1] - above[1], own[2] - above[2]};
+    most = fmax(most, dot(turn, turn));
+  }
+  return sqrt(most);
+}
+
 /* Pushes a body so that its step goes on from the velocities after an impact, which changes its freedoms; how far it then
-   turns in a step if it has joints, rad. */
-static double go_on_from(world* w, const body* b, const double* change) {
+   turns in a step if it has joints, rad; rate: as `rate_of_joints`. */
+static double go_on_from(world* w, const body* b, const double* change, double* rate) {
   size_t links = (size_t)b->links + 1;
   double(*motion)[6] = (double(*)[6])take(w, 12 * links), (*wrench)[6] = motion + links;
   memset(wrench, 0, links * sizeof(*wrench));
@@ -166,5 +177,6 @@ static double go_on_from(world* w, const body* b, const double* change) {
   for (int i = -1; i < b->links; i++) add_motion(b, i, change, motion[i + 1]);
   add_inertial(w, b, motion, -1, wrench);
   for (int i = -1; i < b->links; i++) push_wrench(w, b, i, wrench[i + 1]);
+  *rate = rate_of_joints(b, motion);
   return turn_of(w, b, motion);
 }

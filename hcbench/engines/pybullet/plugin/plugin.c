@@ -238,6 +238,7 @@ int preTickPluginCallback(b3Context* context) {
   b3GetStatusPhysicsSimulationParameters(send(w, b3InitRequestPhysicsParamCommand(w->client)), &now);
   w->substeps = now.substeps;
   w->h = now.time_step / (now.substeps > 1 ? now.substeps : 1);
+  w->contact_erp = now.contact_erp;
   memcpy(w->gravity, now.gravity, sizeof(w->gravity));
   w->tick++;
   free_taken(w);

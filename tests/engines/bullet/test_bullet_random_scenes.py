@@ -1,0 +1,75 @@
+"""Energy in random scenes under PyBullet's plug-in: 100 of a design here, 2000 under `make test-plugins`.
+
+The long run writes its table into docs/reference/plugins.md; the short one holds what the page says.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pybullet", reason="no PyBullet for this Python")
+
+from bullet_random import FACTORS, World, allowed, classes, design, simulate
+from covering import fewest
+from gain_tables import Gains, on_the_page
+
+from hcbench.contact import pybullet as contact
+
+LONG = "HCBENCH_PLUGINS" in os.environ  # make test-plugins
+COUNT, SECONDS = (2000, 0.6) if LONG else (100, 0.3)
+TABLE = "random in PyBullet"
+NAMED = (  # what the plug-in says of a body or a pair, and to do
+    r"body \d+ turns by [\d.e+]+ rad in a step of [\d.e-]+ s, too far for Bullet's joints: take [\d.e-]+ s",
+    r"body \d+ turns by [\d.e+]+ rad/s, and Bullet cuts the rates of joints at 100 rad/s: set a larger"
+    r" maxJointVelocity by changeDynamics",
+    r"body \d+ is held by constraint \d+, which has no part in impacts: e may differ, and energy may be"
+    r" gained; a joint has its part",
+    r"bodies \d+ and \d+ overlap by [\d.e-]+ m, and contactERP 0\.08 lifts them, which gains energy: set"
+    r" contactERP=0",
+)
+
+
+def test_each_pair_of_levels_comes_at_least_20_times() -> None:
+    assert fewest(design(2000), FACTORS, allowed) >= 20
+
+
+def test_contact_gains_no_more_than_the_page_says_of_each_class() -> None:
+    rows = design(COUNT)
+    found = Gains.empty(COUNT)
+    said: set[str] = set()
+    for i, row in enumerate(rows):
+        seen = simulate(row, i, SECONDS)
+        if seen is None:
+            continue
+        found.gain[i], found.named[i] = seen.gain, bool(seen.named)
+        said |= {seen.named} - {""}
+        if LONG or not np.isfinite(seen.gain):
+            native = simulate(row, i, SECONDS, native=True)
+            assert native is not None
+            found.deeper[i] = max(0.0, seen.depth - native.depth)
+            found.diverged[i] = np.isfinite(native.depth) and not np.isfinite(seen.gain)
+    if LONG:
+        found.write(TABLE, classes(rows))
+    found.require_no_more_than(TABLE, classes(rows))
+    for words in said:
+        assert re.fullmatch(rf"restitution, law \d+: ({'|'.join(NAMED)})", words)
+
+
+def test_the_page_has_a_row_for_each_class() -> None:
+    assert list(on_the_page(TABLE)) == list(classes([]))
+
+
+def test_slides_that_touch_across_their_axes_do_not_push_each_other() -> None:
+    """A scene in which their normal meets the axes at a right angle, but for rounding."""
+    world = World(design(2000)[1404], 1404, "plug-in")
+    assert (world.row["joint"], world.row["law"]) == ("slide", "force")
+    forces = []
+    for _ in range(200):
+        world.step()
+        forces += [contact.force(law, client=world.client) for law in range(3)]
+    world.close()
+    assert 0 < max(forces) < 1000

@@ -1,0 +1,88 @@
+"""Tables of docs/reference/plugins.md of the energy that contact gains in random scenes, by class."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from hcbench.terms.impact import Floats
+
+    Flags = NDArray[np.bool_]
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "plugins.md"
+
+
+@dataclass
+class Gains:
+    """Each scene's gain of energy over the first, NaN where none is known, and what else became of it.
+
+    deeper: than with native contact, m. named: by the plug-in. diverged: where native contact does not.
+    """
+
+    gain: Floats
+    deeper: Floats
+    named: Flags
+    diverged: Flags
+
+    @classmethod
+    def empty(cls, count: int) -> Gains:
+        """Of scenes not simulated yet."""
+        flags = np.zeros((2, count), dtype=bool)
+        return cls(np.full(count, np.nan), np.full(count, np.nan), flags[0], flags[1])
+
+    def require_no_more_than(self, mark: str, classes: Mapping[str, list[int]]) -> None:
+        """Assert that the page says as much of each class."""
+        said = on_the_page(mark)
+        assert not (self.diverged & ~self.named).any()
+        for name, chosen in classes.items():
+            quiet = [i for i in chosen if not self.named[i]]
+            assert np.nanmax(self.gain[quiet], initial=0.0) <= float(said[name][4]) / 100, name
+        assert np.nanmax(self.gain, initial=0.0) <= max(float(said["all"][i]) for i in (4, 7)) / 100
+        assert self.diverged.sum() <= int(said["all"][8])
+
+    def write(self, mark: str, classes: Mapping[str, list[int]]) -> None:
+        """Write the page's table of this mark."""
+        lines = [
+            "| class | scenes | median, % | 90 %, % | 99 %, % | largest, % | deeper, mm |"
+            " named | largest of these, % | NaN |",
+            "|---|---|---|---|---|---|---|---|---|---|",
+        ]
+        for name, chosen in classes.items():
+            seen = np.isfinite(self.gain) & np.isin(np.arange(len(self.gain)), chosen)
+            quiet, loud = self.gain[seen & ~self.named], self.gain[seen & self.named]
+            cells = [percent(x) for x in np.quantile(quiet, [0.5, 0.9, 0.99, 1.0])]
+            depth = np.quantile(self.deeper[seen & ~self.named], 0.99) * 1e3
+            worst = percent(np.max(loud, initial=0.0)) if len(loud) else ""
+            counts = self.named[chosen].sum(), worst, self.diverged[chosen].sum()
+            row = [name, len(quiet), *cells, f"{depth:.1f}", *counts]
+            lines.append(f"| {' | '.join(map(str, row))} |")
+        begin, end = _marks(mark)
+        head, _, rest = PAGE.read_text(encoding="utf-8").partition(begin)
+        table = "".join(f"{line}\n" for line in lines)
+        PAGE.write_text(f"{head}{begin}{table}{end}{rest.partition(end)[2]}", encoding="utf-8")
+
+
+def _marks(mark: str) -> tuple[str, str]:
+    return f"<!-- begin {mark} -->\n", f"<!-- end {mark} -->"
+
+
+def on_the_page(mark: str) -> dict[str, list[str]]:
+    """The page's cells by class."""
+    begin, end = _marks(mark)
+    table = PAGE.read_text(encoding="utf-8").split(begin)[1].split(end)[0]
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.strip().splitlines()[2:]]
+    return {cells[0]: cells[1:] for cells in lines}
+
+
+def percent(share: float) -> str:
+    """A share in per cent, rounded up to two digits, from 0.001 % on."""
+    digit = 10.0 ** (np.floor(np.log10(max(share, 1e-5))) - 1)
+    return f"{100 * np.ceil(max(share, 1e-5) / digit - 1e-9) * digit:.2g}"
