@@ -34,7 +34,7 @@ class Gains:
 
     @classmethod
     def empty(cls, count: int) -> Gains:
-        """Of scenes not simulated yet."""
+        """Return those of scenes not simulated yet."""
         flags = np.zeros((2, count), dtype=bool)
         return cls(np.full(count, np.nan), np.full(count, np.nan), flags[0], flags[1])
 

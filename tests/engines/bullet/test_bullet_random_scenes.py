@@ -1,4 +1,4 @@
-"""Energy in random scenes under PyBullet's plug-in: 100 of a design here, 2000 under `make test-plugins`.
+"""Energy in random scenes under PyBullet's plug-in: 60 of a design here, 2000 under `make test-plugins`.
 
 The long run writes its table into docs/reference/plugins.md; the short one holds what the page says.
 """
@@ -20,7 +20,7 @@ from gain_tables import Gains, on_the_page
 from hcbench.contact import pybullet as contact
 
 LONG = "HCBENCH_PLUGINS" in os.environ  # make test-plugins
-COUNT, SECONDS = (2000, 0.6) if LONG else (100, 0.3)
+COUNT, SECONDS = 2000 if LONG else 60, 0.6
 TABLE = "random in PyBullet"
 NAMED = (  # what the plug-in says of a body or a pair, and to do
     r"body \d+ turns by [\d.e+]+ rad in a step of [\d.e-]+ s, too far for Bullet's joints: take [\d.e-]+ s",
