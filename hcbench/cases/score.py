@@ -206,7 +206,7 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
     return "mixed", threshold
 
 
-class _Bounce(NamedTuple):
+class _CaseBounce(NamedTuple):
     """Impact of a case: its speed, m/s, and the restitution that is asked for and that is measured."""
 
     speed: float
@@ -219,7 +219,7 @@ class _Bounce(NamedTuple):
         return self.e < _HALF * self.asked
 
 
-def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_Bounce]:
+def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_CaseBounce]:
     """The impacts of the runs that have states."""
     for each, result in zip(case["runs"], results, strict=False):
         if "states" not in result:
@@ -231,7 +231,7 @@ def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_Bounce]:
         *_, height = ball["position"]
         # At the touch, by the energy of the fall from where the ball starts.
         speed = math.sqrt(velocity_z**2 - 2.0 * gravity_z * (height - ball["radius"]))
-        yield _Bounce(speed, world["restitution"], restitution(each, result["states"]))
+        yield _CaseBounce(speed, world["restitution"], restitution(each, result["states"]))
 
 
 def regressions(scores: Sequence[EngineScore]) -> list[str]:
