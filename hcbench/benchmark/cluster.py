@@ -48,23 +48,26 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             f"{address or repr(address)} does not answer: {reason:.100}",
             "the address of a running Dask scheduler, like tcp://host:8786",
         ) from None
-    try:
-        with _quiet():
+    with _quiet():
+        try:
             _require_workers(client, address)
             yield client.get_executor(pure=False), _width(client, address)
-    except Exception:
-        if client.status == "running":
-            raise
-        got = f"{address} went away, and did not come back within {_CONNECT_S:g} s"
-        raise CannotRun("scheduler", got, "one that lasts as long as the sweep", GO_ON) from None
-    finally:
-        client.close()
+        except Exception:
+            if client.status == "running":
+                raise
+            got = f"{address} went away, and did not come back within {_CONNECT_S:g} s"
+            raise CannotRun("scheduler", got, "one that lasts as long as the sweep", GO_ON) from None
+        finally:
+            client.close()
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence Dask's lines about a lost scheduler: the error that is raised says it."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    """Silence Dask's lines about a lost scheduler, and about answers to tasks that an interrupt cancelled:
+    the error that is raised says it.
+    """
+    names = ("distributed", "distributed.client", "tornado.application")
+    loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
