@@ -4,6 +4,7 @@
    that part. So resting loads, stacks and friction at rest are the solver's. */
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
+#define HCB_CREEPS 1e-3    /* of that speed: contacts that rest and slip no faster stick, as the slip of others is known no better */
 #define HCB_FAST 0.1       /* rad a step: bodies that turn faster gain energy by MuJoCo's own step */
 #define HCB_COARSE_STEP 0.125 /* of a contact's time constant: from there on limbs sink deeper in a step than MuJoCo's contact, ... */
 #define HCB_DEEPER 1e-3    /* ... named where that may be more, m */
@@ -173,7 +174,8 @@ static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, 
   return (hcb_system){n, t->parts, t->at, rows, c};
 }
 
-/* Impacts of contacts that touch, into `impulse`; which of them rest then, and slip how fast. gravity: NULL without. */
+/* Impacts of contacts that touch, into `impulse`; which of them rest then, and slip how fast. impulse: NULL where none collides;
+   gravity: NULL without. */
 static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* gravity) {
   int n = 0;
   mj_markStack(d);
@@ -189,13 +191,13 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   double* work = stack(d, hcb_impacts_work(n, t.parts, m->nv));
   double within = m->opt.integrator == mjINT_RK4 ? 0 : 0.5; /* of the step, where impacts are (hcb_under_gravity) */
   for (size_t i = 0; i < rows; i++) u[i] += within * gains[i];
-  hcb_impacts(&s, u, p, work);
+  if (impulse) hcb_impacts(&s, u, p, work);
   int* rests = ints(d, n);
   for (int i = 0; i < (int)rows; i++) {
     u[i] -= within * gains[i];
     gains[i] += u[i];
     const hcb_rows* r = s.rows + i / 3;
-    for (int side = 0; side < 2 && r->part[side] >= 0 && p[i] != 0; side++) {
+    for (int side = 0; side < 2 && r->part[side] >= 0 && impulse && p[i] != 0; side++) {
       part_add(&t, r->part[side], r->J[side] + (size_t)(i % 3) * part_size(&t, r->part[side]), p[i], impulse);
     }
   }
@@ -243,10 +245,10 @@ static double turn_of(const mjModel* m, const double* velocity, int joint) {
 }
 
 static void warn_of_turn(const mjModel* m, instance* memory, int body, double turn, int wild) {
-  double h = m->opt.timestep, finer = h * HCB_FAST / turn, digit = pow(10, floor(log10(finer)));
-  const char* name = mj_id2name(m, mjOBJ_BODY, body);
   int kind = wild ? WARNED_WILD : WARNED_FAST;
   if (!(turn > HCB_FAST) || memory->warned & kind) return;
+  double h = m->opt.timestep, finer = h * HCB_FAST / turn, digit = pow(10, floor(log10(finer)));
+  const char* name = mj_id2name(m, mjOBJ_BODY, body);
   memory->warned |= kind | WARNED_FAST;
   mju_warning("plugin %s: body %d \"%s\" %s by %.2g rad in a step of %g s, in which MuJoCo's own step may gain energy: set a "
               "timestep of %g", RESTITUTION_NAME, body, name ? name : "",
@@ -257,6 +259,7 @@ static void warn_of_turn(const mjModel* m, instance* memory, int body, double tu
 /* Names once a body whose joint turns so far in a step that MuJoCo's own step gains energy; free bodies that nothing holds
    do so only where they roll. */
 static void warn_of_turns(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
+  double fastest = HCB_FAST / m->opt.timestep;
   if (memory->warned & WARNED_FAST) return;
   for (int j = 0; j < m->njnt && count; j++) {
     if (d->ne > 0 || !is_lone(m, m->jnt_dofadr[j])) warn_of_turn(m, memory, m->jnt_bodyid[j], turn_of(m, d->qvel, j), 0);
@@ -264,7 +267,8 @@ static void warn_of_turns(const mjModel* m, const mjData* d, const blow* all, in
   for (int i = 0; i < count; i++) {
     for (int side = 0; side < 2 && all[i].rests; side++) {
       int body = all[i].body[side];
-      warn_of_turn(m, memory, body, m->opt.timestep * mju_norm3(d->cvel + 6 * body), 0);
+      const double* w = d->cvel + 6 * body;
+      if (dot(w, w) > fastest * fastest) warn_of_turn(m, memory, body, m->opt.timestep * mju_norm3(w), 0);
     }
   }
 }
@@ -436,7 +440,7 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
 
 static void add_impacts(const mjModel* m, mjData* d, int first) {
   instance* memory = instance_of(d, first);
-  int stage = stage_of(m, d, memory), nv = m->nv, busy = 0;
+  int stage = stage_of(m, d, memory), nv = m->nv, collides = 0, slides = 0;
   double h = m->opt.timestep;
   check_options(m, memory, first);
   warn_of_iterations(m, d, memory);
@@ -449,9 +453,9 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       b->rests = b->touches && b->rate[0] <= b->law.still;
       b->parting = b->rate[0];
       b->slip = b->rests ? 0 : hypot(b->rate[1], b->rate[2]);
-      double slow = 1e-6 * b->law.still, *u = b->rate;
-      int slides = b->rests && b->friction[0] > 0 && u[1] * u[1] + u[2] * u[2] > slow * slow;
-      busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
+      double slow = HCB_CREEPS * b->law.still, *u = b->rate;
+      slides |= b->rests && b->friction[0] > 0 && u[1] * u[1] + u[2] * u[2] > slow * slow;
+      collides |= b->touches && (-b->rate[0] > b->law.still || b->tendon >= 0);
     }
     warn_of_turns(m, d, all, count, memory);
     warn_of_depth(m, all, count, memory);
@@ -462,7 +466,12 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       mju_zero(memory->impulse, nv);
       memory->starts = 0;
     }
-    if (busy) count = add_impulses(m, d, first, stage, all, count);
+    if (collides) {
+      count = add_impulses(m, d, first, stage, all, count);
+    } else if (slides) {
+      double* gravity = stack(d, nv);
+      collide(m, d, first, all, count, NULL, gravity_force(m, d, gravity) ? gravity : NULL);
+    }
   } else {
     count = leave_out_wild(m, memory, all, count);
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
