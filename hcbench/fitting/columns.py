@@ -240,12 +240,6 @@ def _is_beside(table: Table, i: int, role: str, named: set[str]) -> bool:
         return False
     if name in _BESIDE:
         return True
-    cells = [row[i].strip() for row in table.cells if i < len(row)]
-    if not name and cells in _row_numbers(len(cells)):  # the index, as pandas writes it
-        return True
-    return not any(math.isfinite(table.number(cell)) for cell in cells)
-
-
-def _row_numbers(count: int) -> list[list[str]]:
-    """Numbers of rows in text, counted from 0 and from 1."""
-    return [[str(first + i) for i in range(count)] for first in (0, 1)]
+    numbers = [table.number(row[i]) for row in table.cells if i < len(row)]
+    is_index = not name and numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
+    return is_index or not any(map(math.isfinite, numbers))  # pandas writes its index without a name

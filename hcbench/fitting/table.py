@@ -182,7 +182,8 @@ def _is_header_of(comment: str, first: str) -> bool:
     in_comment, in_first = next((pair for pair in counts if any(pair)), (0, 0))
     if in_comment != in_first:
         return False
-    name, _ = split_header(comment.rpartition(",")[2].rpartition(";")[2].rpartition("\t")[2].strip())
+    last = re.split(r"[\t;,]", comment)[-1].strip()
+    name, _ = split_header(last)
     return any(letter.isalpha() for letter in name)
 
 

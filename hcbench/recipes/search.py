@@ -92,7 +92,7 @@ class Search:
         return evaluate
 
     @contextmanager
-    def return_best_on_interrupt(self) -> Iterator[None]:
+    def interrupt_with_best(self) -> Iterator[None]:
         """Turn a KeyboardInterrupt in the block into SearchInterrupted, once there is a best."""
         try:
             yield

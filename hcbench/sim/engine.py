@@ -221,8 +221,6 @@ def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
         finite = False
     if not finite:
         raise SettingError("launch", f"{launch!r:.200}", "finite numbers")
-    if height < 0:
-        raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
     if launch.speed < 0 or (launch.speed == 0 and not launch.height):
         raise SettingError("speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from")
     if not oblique and launch.is_oblique:

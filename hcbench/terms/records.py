@@ -1,4 +1,4 @@
-"""The table of fields: each record's fields with name, unit, key and meaning, stated once.
+"""Fields of the records that hcbench writes: name, unit, key and meaning of each, stated once.
 
 JSON, CSV files, data frames, baselines and the documentation's tables take their keys from here.
 """

@@ -92,7 +92,7 @@ def test_a_search_that_is_interrupted_hands_out_its_best(recipe: str) -> None:
 
 def test_the_best_of_a_search_is_the_least_error_seen() -> None:
     search = Search(10)
-    with pytest.raises(SearchInterrupted) as caught, search.return_best_on_interrupt():
+    with pytest.raises(SearchInterrupted) as caught, search.interrupt_with_best():
         search.record(np.array([[1.0], [2.0]]), np.array([0.3, math.nan]))
         search.record(np.array([[3.0], [4.0]]), np.array([0.1, 0.2]))
         search.record(np.array([[5.0]]), np.array([0.4]))

@@ -11,12 +11,11 @@ import numpy as np
 import pybullet as bullet
 from bullet_scenes import flight_energy
 from covering import covering_rows
+from drawn_laws import LAWS, law_of
 
 from hcbench.contact import pybullet as contact
-from hcbench.contact.pybullet import ConstantRestitution, HuntCrossley, Restitution
 
 if TYPE_CHECKING:
-    from hcbench.laws.contact_law import Law
     from hcbench.terms.impact import Floats
 
 FACTORS: dict[str, tuple[Any, ...]] = {
@@ -27,7 +26,7 @@ FACTORS: dict[str, tuple[Any, ...]] = {
     "coordinates": ("reduced", "maximal"),
     "step": (0.25e-3, 0.5e-3, 1e-3, 2e-3, 4e-3, 5e-3),
     "substeps": (1, 4),
-    "law": ("e 0", "e 0.5", "e 0.9", "e 1", "alpha 0.3 s/m", "alpha 3 s/m", "force"),
+    "law": LAWS,
     "bodies": (1, 2, 4),
     "friction": (0.0, 0.1, 0.5, 1.0),
     "rolling": ("no rolling friction", "rolling friction"),
@@ -49,15 +48,6 @@ CLASSES = (
     "contactERP",
 )
 GRAVITY = 9.81
-_LAWS: dict[str, Law] = {
-    "e 0": ConstantRestitution(0.0),
-    "e 0.5": ConstantRestitution(0.5),
-    "e 0.9": ConstantRestitution(0.9),
-    "e 1": ConstantRestitution(1.0),
-    "alpha 0.3 s/m": Restitution(0.3),
-    "alpha 3 s/m": Restitution(3.0),
-}
-_STEPS_A_CONTACT = 30
 _NO_TURN = [0, 0, 0, 1]
 
 
@@ -265,7 +255,7 @@ class World:
         for one, two in combinations([*self.bodies, self.floor], 2):
             if {one, two} == self.held:
                 continue
-            text = contact.command(_law(self.row))
+            text = contact.command(law_of(self.row))
             made = bullet.executePluginCommand(plugin, text, [one, -2, two, -2], **self.here)
             assert made >= 0, self.message()
         return plugin
@@ -331,14 +321,6 @@ def _part(kind: str, half: Floats, rng: Any) -> dict[str, Any]:
     shape = {"sphere": bullet.GEOM_SPHERE, "capsule": bullet.GEOM_CAPSULE, "cylinder": bullet.GEOM_CYLINDER}
     made = {"shapeType": shape[kind], "radius": float(half[0])}
     return made if kind == "sphere" else made | {"height": 2 * float(half[1])}
-
-
-def _law(row: dict[str, Any]) -> Law:
-    if row["law"] != "force":
-        return _LAWS[row["law"]]
-    # The contact of 1 kg at 1 m/s lasts 30 steps: T = 2.94 (m/k)^0.4 v^-0.2 of Hertz's theory, with its 5/4.
-    duration = _STEPS_A_CONTACT * row["step"]
-    return HuntCrossley(stiffness=1.25 * (2.94 / duration) ** 2.5, alpha=0.3)
 
 
 @dataclass

@@ -12,8 +12,9 @@ import mujoco
 import numpy as np
 from contact_scenes import add_equality, require_plugins_in_specs
 from covering import covering_rows
+from drawn_laws import LAWS, law_of
 
-from hcbench.contact.mujoco import ConstantRestitution, HuntCrossley, Restitution, add_to_spec
+from hcbench.contact.mujoco import add_to_spec
 
 if TYPE_CHECKING:
     from hcbench.laws.contact_law import Law
@@ -29,21 +30,12 @@ FACTORS: dict[str, tuple[Any, ...]] = {
     "multiccd": ("multiccd on", "multiccd off"),
     "island": ("island on", "island off"),
     "step": (0.25e-3, 0.5e-3, 1e-3, 2e-3, 4e-3, 5e-3),
-    "law": ("e 0", "e 0.5", "e 0.9", "e 1", "alpha 0.3 s/m", "alpha 3 s/m", "force"),
+    "law": LAWS,
     "bodies": (1, 2, 4),
     "friction": (0.0, 0.1, 0.5, 1.0),
     "condim": (1, 3, 4, 6),
 }
 CLASSES = ("shape", "floor", "joint", "centre", "integrator", "cone", "solver", "step", "law")
-_LAWS: dict[str, Law] = {
-    "e 0": ConstantRestitution(0.0),
-    "e 0.5": ConstantRestitution(0.5),
-    "e 0.9": ConstantRestitution(0.9),
-    "e 1": ConstantRestitution(1.0),
-    "alpha 0.3 s/m": Restitution(0.3),
-    "alpha 3 s/m": Restitution(3.0),
-}
-_STEPS_A_CONTACT = 30
 
 
 def allowed(row: dict[str, Any]) -> bool:
@@ -81,7 +73,7 @@ def make(row: dict[str, Any], seed: int) -> Made:
             _add_part(spec, row, i, rng)
         _join(spec, row)
         if has_law:
-            _add_laws(spec, _law(row))
+            _add_laws(spec, law_of(row))
         models.append(spec.compile())
     rng = np.random.default_rng([seed, 1])
     start = rng.normal(size=models[0].nv) * 3
@@ -202,14 +194,6 @@ def _join(spec: Any, row: dict[str, Any]) -> None:
                 gainprm=[0.3, *[0] * 9], biastype=mujoco.mjtBias.mjBIAS_AFFINE,
                 biasprm=[0, -0.3 if i % 2 else 0.0, *[0] * 8],
             )  # fmt: skip
-
-
-def _law(row: dict[str, Any]) -> Law:
-    if row["law"] != "force":
-        return _LAWS[row["law"]]
-    # The contact of 1 kg at 1 m/s lasts 30 steps: T = 2.94 (m/k)^0.4 v^-0.2 of Hertz's theory, with its 5/4.
-    duration = _STEPS_A_CONTACT * row["step"]
-    return HuntCrossley(stiffness=1.25 * (2.94 / duration) ** 2.5, alpha=0.3)
 
 
 def _add_laws(spec: Any, law: Law) -> None:

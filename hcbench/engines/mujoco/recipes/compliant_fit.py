@@ -149,7 +149,7 @@ def pushing_row(
     search, random = Search(_ALONE * (1 + _ALONE)), np.random.default_rng(_SEED)
     first = random.uniform(*bounds, (_ALONE, len(lowest)))
     first[0, :2] = whole
-    with map_result(lambda best: fit.rows(best, timestep, high)[0]), search.return_best_on_interrupt():
+    with map_result(lambda best: fit.rows(best, timestep, high)[0]), search.interrupt_with_best():
         best = evolve(search.recorded(fit.errors), first, _ALONE, bounds, random)
     return fit.rows(best[0], timestep, high)[0]
 
@@ -173,7 +173,7 @@ def _search(coarse: RowFit, fine: RowFit) -> Floats:
     first = random.uniform(fine.lowest, fine.highest, (_MEMBERS, len(fine.lowest)))
     first[: len(_STARTS)] = np.clip(_STARTS, fine.lowest, fine.highest)
     bounds = fine.lowest, fine.highest
-    with search.return_best_on_interrupt():
+    with search.interrupt_with_best():
         best = evolve(search.recorded(coarse.errors), first, _GENERATIONS, bounds, random)
         polished = evolve(search.recorded(fine.errors), best[:_BEST], _POLISH, bounds, random, True)
     return np.asarray(polished[0])

@@ -126,7 +126,7 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
     def population_errors(parameters: Floats) -> Any:
         return errors(parameters.T)
 
-    with search.return_best_on_interrupt():
+    with search.interrupt_with_best():
         evolved = differential_evolution(
             population_errors,
             Bounds(_LOWEST, _HIGHEST),

@@ -127,7 +127,7 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
         return np.asarray(off / _UNIT)
 
     best, error = starts[0], np.inf
-    with map_result(pairs.rows), search.return_best_on_interrupt():
+    with map_result(pairs.rows), search.interrupt_with_best():
         for start in starts:
             fit = least_squares(
                 misfit,

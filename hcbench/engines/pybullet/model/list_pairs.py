@@ -188,7 +188,7 @@ def _by_name(parts: list[_NamedPart], name: str) -> BodyPart:
 
 
 def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
-    """The part of a body's id, or a (body id, link index)."""
+    """Return the part that a body's id, or a (body id, link index), stands for."""
     if isinstance(part, int):
         part = (part, ANY_LINK)
     body, link = part

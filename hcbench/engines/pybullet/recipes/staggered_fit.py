@@ -255,7 +255,7 @@ def fit_contacts(
     first = min(max(_FIRST * top, _FIRST_STEP * launches.h * target.speed_max), 0.5 * top)
     search = Search(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
     fits = []
-    with map_result(lambda best: result(misfit.contacts(best))), search.return_best_on_interrupt():
+    with map_result(lambda best: result(misfit.contacts(best))), search.interrupt_with_best():
         for tried in _FIRST_TRIED:
             onset = np.concatenate([[0.0], np.geomspace(tried * first, top, count)[:-1]])
             start = misfit.parameters(loops.first_guess(onset, launches.h))
