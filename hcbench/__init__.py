@@ -10,7 +10,9 @@ engines are here, too. Each name is imported when first used, so that `import hc
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # as type checkers read it; `typing` takes its time, in which Ctrl-C shows a traceback
+# Type checkers read the name like `typing`'s. Importing `typing` takes time in which Ctrl-C would
+# show a traceback.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
@@ -64,7 +66,8 @@ _VERBS = {
     "tune": "tuning.ask",
     "tune_model": "tuning.ask",
 }
-_CLASSES = {  # and functions, of studies, engines and results
+# Classes and functions of studies, engines and results.
+_CLASSES = {
     "Answer": "tuning.answer",
     "HuntCrossley": "laws.force",
     "Impact": "terms.impact",

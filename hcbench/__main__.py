@@ -1,6 +1,7 @@
 """The command from its first instant on: until its modules are there, a signal ends it at once."""
 
-import _signal as signal  # type: ignore[import-not-found]  # built in: `signal` itself is read for a while
+# Built into the interpreter: the file of `signal` itself takes a while to read.
+import _signal as signal  # type: ignore[import-not-found]
 import gc
 import os
 

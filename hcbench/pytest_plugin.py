@@ -30,7 +30,8 @@ from hcbench.terms.options import (
     Quantity,
 )
 
-pytest.register_assert_rewrite("hcbench.testing")  # so that a failure shows both numbers
+# A failure then shows both numbers.
+pytest.register_assert_rewrite("hcbench.testing")
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -61,7 +62,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """The markers, for --strict-markers and --markers."""
     config.addinivalue_line("markers", _MARKER)
-    if not config.pluginmanager.hasplugin("xdist"):  # which has it, and for which `hcbench.testing` sets it
+    # pytest-xdist declares this marker itself; `hcbench.testing` sets it for its tests.
+    if not config.pluginmanager.hasplugin("xdist"):
         config.addinivalue_line("markers", "xdist_group(name): tests that run in one process of pytest-xdist")
 
 
@@ -73,7 +75,8 @@ def restitution(request: pytest.FixtureRequest) -> Iterator[RestitutionFixture]:
         value = request.config.getini(name)
         if value not in (None, "", []):
             defaults[name.removeprefix("restitution_")] = value
-    for marker in reversed(list(request.node.iter_markers("restitution"))):  # the nearest has the last word
+    # The nearest marker is applied last and wins.
+    for marker in reversed(list(request.node.iter_markers("restitution"))):
         if marker.args:
             pytest.fail("@pytest.mark.restitution: positional arguments; expected keywords", pytrace=False)
         _require_known("@pytest.mark.restitution", marker.kwargs)
@@ -177,7 +180,8 @@ class ModelBounce:
         """Fail a test whose target is None: it would hold the pair to nothing, and pass."""
         __tracebackhide__ = True
         if all(target is None for target in targets):
-            self.is_measured = True  # this failure says enough
+            # This failure says enough: the next check need not complain that nothing was measured.
+            self.is_measured = True
             pytest.fail(f"restitution({self.name!r}).{verb}(): no target; {_EXPECTED}", pytrace=False)
 
     def _hold(self, max_error: float | None = None, **against: Any) -> Measurement:

@@ -41,8 +41,10 @@ from hcbench.workers import call
 
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
 LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)
-ALPHA = 0.008 / 0.0254  # s/m, of the paper's Fig. 4
-BAND = (0.0254, 0.508)  # m/s: 1 ... 20 in/s
+# α of the paper's Fig. 4, s/m.
+ALPHA = 0.008 / 0.0254
+# 1 to 20 in/s, in m/s.
+BAND = (0.0254, 0.508)
 GRAVITY = 9.80665  # m/s²
 _LIMIT_S = 60.0
 Answer = TypeVar("Answer")
@@ -53,7 +55,8 @@ def target_for(recipe: Recipe, scene: Scene) -> Target:
     if recipe.role is Role.STOCK or recipe.one_step:
         timestep = 1e-3
     elif registry.engine(recipe.engine).bits == 32:
-        timestep = 1e-5  # in shorter ones a float32 position moves by a few of its last digits
+        # In shorter steps a float32 position moves by only a few of its last digits.
+        timestep = 1e-5
     else:
         # Published laws are many, and the same lines for all: coarser is enough.
         timestep = 4e-6 if recipe.role is Role.CONSTANT_E and not recipe.native else 1e-6
@@ -236,14 +239,17 @@ class EngineConformance:
         with_gravity = dataclasses.replace(load_scene(scene), gravity=GRAVITY)
         height = 1e-4 if setting.timestep < 1e-4 else 1e-2
         (impact,) = engine.run(with_gravity, setting, [Launch(0.0, height=height)])
-        fall = GRAVITY * setting.timestep  # m/s, that a step adds
+        # Speed that one step of free fall adds, m/s.
+        fall = GRAVITY * setting.timestep
         speed = (2 * GRAVITY * height) ** 0.5
         off = 2 * fall
         if isinstance(adapter_of(engine), SteppedEngine):
             reading = _run_where(engine, _reading_of, with_gravity, setting, BAND[1])
-            if reading is SpeedReading.TOUCH_PLANE:  # a body released at rest moves by g h² in its first step
+            # A body released at rest moves by g h² in its first step.
+            if reading is SpeedReading.TOUCH_PLANE:
                 speed = math.hypot(speed, fall / 2)
-            if "touch plane" in reading:  # where it is enters by v² - 2 g x
+            # The place of the touch enters by v² - 2 g x.
+            if "touch plane" in reading:
                 off = 1e-8 * speed + GRAVITY * rounding(recipe) * with_gravity.touch_radius / speed
         assert impact.speed_in == pytest.approx(speed, abs=off)
 

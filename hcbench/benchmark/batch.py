@@ -88,7 +88,8 @@ def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
     setting = batch.setting
     if "device" not in setting.options or not impact.is_measured:
         return impact.loop
-    start = int(impacts.start[i])  # the first step in contact
+    # The first step in contact.
+    start = int(impacts.start[i])
     stop = start + impact.samples
     engine = registry.engine(setting.engine)
     path = engine.trajectory(batch.scene, setting, impact.launch, stop * setting.timestep)
@@ -144,4 +145,5 @@ def run_one_by_one(which: Sequence[int], batch: Batch) -> Iterator[Impact]:
         except Exception as error:
             reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(":")
             impact = Impact(launch, Status.CRASHED, reason)
-        yield impact if i in batch.kept else dataclasses.replace(impact, loop=None)  # light to send
+        # An impact without its loop is small to send between processes.
+        yield impact if i in batch.kept else dataclasses.replace(impact, loop=None)

@@ -27,9 +27,12 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Setting
 
 BOUNCES = 10
-RESTS = "hcbench.rests"  # in the metadata of the table: how the bodies lie at the end
-_SLACK = 2.0  # of the law's time for as many bounces, for engines that bounce higher
-_REST_S = 6.0  # after a drop: what buzzes or sinks then does so for good
+# Key of the table's metadata that holds how the bodies lie at the end.
+RESTS = "hcbench.rests"
+# Multiple of the law's time for as many bounces, for engines that bounce higher.
+_SLACK = 2.0
+# s after a drop: what still vibrates or sinks then never stops.
+_REST_S = 6.0
 
 
 @dataclass(frozen=True, slots=True)

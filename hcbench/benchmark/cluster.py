@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 # As Dask reads them; what it cannot read leaves it a client that cannot even be closed.
 _ADDRESS = re.compile(r"inproc://\S+|(\w+://)?[^\s/]+:\d+")
 _CONNECT_S, _WORKERS_S = 10.0, 60.0
-_COUNT_S = 1.0  # between two counts of the workers, which cost an answer of the scheduler each
+# s between two counts of the workers: each costs an answer of the scheduler.
+_COUNT_S = 1.0
 _INSTALL = "pip install distributed pyarrow"
 
 
@@ -88,7 +89,8 @@ def _width(client: Any, address: str) -> Callable[[], int]:
         nonlocal threads, counted, seen
         now = time.monotonic()
         if now - counted >= _COUNT_S:
-            with suppress(OSError):  # no answer: Dask connects again, or gives up and closes the client
+            # Without an answer Dask connects again, or gives up and closes the client.
+            with suppress(OSError):
                 threads, counted = sum(client.ncores().values()), now
         if threads:
             seen = now
@@ -107,7 +109,8 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 def _require_workers(client: Any, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
-    except OSError:  # a timeout is one
+    # OSError is the base of TimeoutError.
+    except OSError:
         raise _without_workers(address, "Start some: `dask worker`") from None
     here = hcbench.__version__
     # In the standard library's words: a worker without hcbench can say so.

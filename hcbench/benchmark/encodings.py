@@ -23,13 +23,16 @@ if TYPE_CHECKING:
 
 _TEXTS = ("scene", "engine", "setting", "status", "reason")
 _WHOLE = ("samples", "bounce")
-_PARQUET = b"PAR1"  # how its files begin
-_ABOUT, _WORDS = "metadata:", "texts:"  # before names of arrays other than columns
+# First bytes of a Parquet file.
+_PARQUET = b"PAR1"
+# Prefixes of the names of arrays that are not columns.
+_ABOUT, _WORDS = "metadata:", "texts:"
 
 
 def require_parquet() -> None:
     """Raises CannotRun where pyarrow is not installed."""
-    if find_spec("pyarrow") is None:  # not imported: it takes memory, and workers write the parts
+    # find_spec does not import pyarrow, which takes memory: workers write the parts.
+    if find_spec("pyarrow") is None:
         got, advice = "pyarrow is not installed", "Try: pip install pyarrow"
         raise CannotRun("sweep", got, "the package that writes Parquet", advice)
 
@@ -79,7 +82,8 @@ def parquet(
     tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
 ) -> bytes:
     """Tables below one another, as the bytes of a Parquet file."""
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own keeps 10 MB of what is freed
+    # Arrow's own pool keeps 10 MB of memory that is freed.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -29,10 +29,8 @@ from hcbench.system.errors import CannotRun, OutputError, UserError
 from hcbench.system.files import parse_json, replace_file
 
 LOCK = "_lock"
-_FRESHEN_S, _STALE_S = (
-    30.0,
-    300.0,
-)  # how often a lock file is written, and how old it is when its owner has ended
+# Time between two writes of a lock file, and age at which its owner has ended.
+_FRESHEN_S, _STALE_S = 30.0, 300.0
 
 
 class Files:
@@ -108,7 +106,8 @@ class Files:
                 if time.time() - parse_json(owner)["time"] < _STALE_S:
                     raise _taken(self.where, owner)
         self.write(LOCK, json.dumps(me).encode())
-        if parse_json(self.read(LOCK)).get("token") != me["token"]:  # another was as quick
+        # Another sweep wrote its lock at the same time, and the last to write has it.
+        if parse_json(self.read(LOCK)).get("token") != me["token"]:
             raise _taken(self.where, "")
 
 
@@ -124,7 +123,8 @@ class LocalFiles(Files):
         """While no other sweep writes here; CannotRun where one does."""
         with super().locked() if sys.platform == "win32" else self._flocked():
             for unfinished in Path(self._root).rglob(".*.new"):
-                unfinished.unlink()  # what a killed sweep was writing
+                # A killed sweep leaves the file that it was writing.
+                unfinished.unlink()
             yield
 
     @contextmanager
@@ -141,7 +141,9 @@ class LocalFiles(Files):
                     file.seek(0)
                     raise _taken(self.where, file.read()) from None
                 if not _is_at(file.fileno(), path):
-                    continue  # its owner removed it since: this lock would keep no sweep out
+                    # The owner removed the file meanwhile: a lock without a name keeps no sweep
+                    # out.
+                    continue
                 try:
                     file.truncate(0)
                     file.write(json.dumps(_myself()))

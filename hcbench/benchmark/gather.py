@@ -23,10 +23,12 @@ from hcbench.terms.records import LOOP, REASON, keys
 if TYPE_CHECKING:
     from hcbench.benchmark.store import Store
 
-_PIECE = 16_384  # impacts of a setting, α and step that are folded at once; fewer where speeds are cut
+# Impacts of a setting, α and step that are folded at once; fewer if speeds are cut.
+_PIECE = 16_384
 _READ = {*FOLDED, *FOLDED_OBLIQUE, *keys(MEASURED), REASON.key}
 _Columns = dict[str, NDArray[Any]]
-_Launched = tuple[float, float]  # speed, m/s, and phase
+# Speed, m/s, and phase of a launch.
+_Launched = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +109,8 @@ class _Gathering:
         if waiting >= _PIECE:
             whole = _joined(self._waiting)
             place = self._folder.place(whole["speed_m_per_s"])
-            last = place == place[-1]  # more of these may be in the next shard
+            # The next shard may have more impacts of this place.
+            last = place == place[-1]
             self._use(_rows(whole, ~last))
             self._waiting = [_rows(whole, last)]
 

@@ -36,11 +36,14 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Setting
 
 SCHEMA = 3
-_Job: TypeAlias = "tuple[Run, Target, Path | None]"  # of which a setting is made, and where it is kept
-_NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')  # how MJCF and URDF name meshes and parts
+# A run, the target that its setting is made for, and the file that keeps the setting.
+_Job: TypeAlias = "tuple[Run, Target, Path | None]"
+# MJCF and URDF name meshes and parts like this.
+_NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')
 # In a shard, at most: about a second of work, a fine grain for 10^8 impacts.
 SHARD_IMPACTS, _STEPS = 4096, 5_000_000
-_ON_A_DEVICE = 2**20  # impacts in a shard, at most: there they are one batch
+# Impacts of a shard, at most: on a device they are one batch.
+_ON_A_DEVICE = 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +137,8 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
         study = study.of_engines(registry.is_there)
     recipes = [_recipe(run) for run in study.runs]
     engines = sorted({run.engine for run in study.runs})
-    versions = versions_here(*engines)  # a missing engine is an error before any recipe runs
+    # A missing engine is an error before any recipe runs.
+    versions = versions_here(*engines)
     if study.device:
         for engine in engines:
             _require_device(study.device, engine)
@@ -289,7 +293,8 @@ def _shard_size(grid: LaunchGrid) -> int:
     scene = grid.scene
     slowest = min(grid.speeds)
     elastic = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, slowest)
-    steps = math.ceil(elastic / grid.setting.timestep) + 8  # a scale, no more
+    # A scale, no more: elastic contact, and a few steps of flight.
+    steps = math.ceil(elastic / grid.setting.timestep) + 8
     return even_size(len(grid), max(1, min(SHARD_IMPACTS, _STEPS // steps)))
 
 
@@ -297,7 +302,8 @@ def _shard_size(grid: LaunchGrid) -> int:
 def versions_here(*engines: str) -> Mapping[str, str]:
     """Versions of everything that the bytes of a shard depend on: package or engine -> version."""
     packages = {name: version(name) for name in ("hcbench", "numpy", "scipy")}
-    with suppress(PackageNotFoundError):  # which only sweeps need
+    # Only sweeps need pyarrow.
+    with suppress(PackageNotFoundError):
         packages["pyarrow"] = version("pyarrow")
     return {**packages, **{name: registry.require(name) for name in engines}}
 

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
 _LAUNCH = ["speed_m_per_s", "phase"]
 _SETTING = [name for name in RUN_KEY if name != "alpha_s_per_m"]
-_PIECE = 16_384  # rows that are read at once
+# Rows that are read at once.
+_PIECE = 16_384
 
 
 def is_sweep(folder: str | Path) -> bool:
@@ -62,14 +63,16 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
     mapper: scores settings, as `map` does; that of a pool scores them side by side.
     Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
     """
-    import pandas as pd  # here, as a sweep itself needs none of it
+    # Imported here: a sweep itself needs no pandas.
+    import pandas as pd
 
     about = store.description()
     if about is None:
         raise UserError("folder", f"{store.where} holds no sweep", "what `hcbench sweep` wrote")
     study = about["study"]
     shards = list(store.shards(about["parts"]).items())
-    shards_of = dict[Key, list[tuple[int, str]]]()  # by _SETTING
+    # Keys are those of _SETTING.
+    shards_of = dict[Key, list[tuple[int, str]]]()
     for begin, end in itertools.pairwise(about["parts_of_settings"]):
         impacts, _ = store.tables(*shards[begin])
         any_key = next(iter(places_of(impacts)))
@@ -115,7 +118,8 @@ class _StoredRows:
 
     def __call__(self, keys: Collection[Key]) -> Iterator[pd.DataFrame]:
         """Rows of these keys, in tables of about _PIECE rows."""
-        decoded = lru_cache(maxsize=8)(self._decoded)  # for each α of a setting
+        # One entry for each α of a setting.
+        decoded = lru_cache(maxsize=8)(self._decoded)
         pieces: list[dict[str, Any]] = []
         count = 0
         for key in keys:

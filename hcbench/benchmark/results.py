@@ -34,17 +34,22 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Setting
 
 SCHEMA = 4
-FORMER = (1, 2)  # have FORMER_E
-_FORMER_SPEEDS = "speeds_m_s"  # of an answer in schema 3, which is else the same
+# Schemas of earlier versions, which have FORMER_E.
+FORMER = (1, 2)
+# Name in an answer of schema 3, which is otherwise the same.
+_FORMER_SPEEDS = "speeds_m_s"
 TABLES = ("restitution", "loops", "scores", "trains", "rests")
-CONDITIONS = keys(records.CONDITIONS)  # under which a setting ran in its scene
-RUN_KEY = keys(RUN)  # a setting at a step for an α
+# Conditions under which a setting ran in its scene.
+CONDITIONS = keys(records.CONDITIONS)
+# Names a setting at a step for an α.
+RUN_KEY = keys(RUN)
 IMPACT_COLUMNS = keys((*RUN, *STUDY_IMPACT))
 TRAIN_COLUMNS = keys((*RUN, *BOUNCE))
 REST_COLUMNS = keys((*RUN, *LAID))
 LOOP_COLUMNS = keys((*RUN, SPEED, PHASE, *LOOP))
 
-Key: TypeAlias = tuple[Any, ...]  # the values of RUN_KEY
+# Values of RUN_KEY.
+Key: TypeAlias = tuple[Any, ...]
 
 
 def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
@@ -55,7 +60,8 @@ def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
 
 
 def _none(columns: list[str]) -> pd.DataFrame:
-    import pandas as pd  # here, as sweeps and worker processes need none of it
+    # Imported here: sweeps and worker processes need no pandas.
+    import pandas as pd
 
     return pd.DataFrame(columns=columns)
 
@@ -220,7 +226,8 @@ def read_table(path: Path) -> pd.DataFrame:
     """A table of a results folder, each number with its last digit."""
     import pandas as pd
 
-    if path.exists() and not path.is_file():  # a device, or a link to one, has no end
+    # A device, or a link to one, has no end.
+    if path.exists() and not path.is_file():
         raise OSError(f"{path.name} is not a regular file")
     # Before version 3 pandas reads the last digit wrong unless told not to; since then it must not be told.
     exact: dict[str, Any] = (

@@ -36,12 +36,18 @@ if TYPE_CHECKING:
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-_AHEAD = 2  # tasks handed out for each that is running
-_TOGETHER = 16  # jobs in a task, at most
-_TASK_S = 1.0  # of a task on a cluster, about: each costs its scheduler milliseconds
-_SUMMARY_S = 5.0  # between two summaries
-_LOOK_S = 1.0  # between two looks at workers while nothing comes back
-_TRIES = 2  # of a task that its executor fails
+# Tasks handed out for each one that runs: no worker waits for its next.
+_AHEAD = 2
+# Jobs of a task, at most.
+_TOGETHER = 16
+# Length of a task on a cluster, s: each task costs the scheduler milliseconds.
+_TASK_S = 1.0
+# Seconds between two summaries.
+_SUMMARY_S = 5.0
+# Seconds between two looks at the workers while nothing comes back.
+_LOOK_S = 1.0
+# Tries of a task that its executor fails.
+_TRIES = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +214,8 @@ def _imap_unordered(
     def submit(task: list[Job], tries: int) -> None:
         try:
             running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
-        except RuntimeError as error:  # broken, or shut down
+        # The executor is broken, or shut down.
+        except RuntimeError as error:
             raise CannotRun("executor", str(error), "one that takes work", workers.advice) from error
 
     try:

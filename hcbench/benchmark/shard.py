@@ -34,10 +34,14 @@ if TYPE_CHECKING:
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-_FIRST = 64  # launches in the first batch of a shard: it shows how long contacts last
-_SAMPLES = 500_000  # steps in contact in a batch, at most: 16 MB of loops
-_STEP_S = 1e-3  # for one step of a drop: hundreds of times what it takes
-_GIVE_UP = 32  # crashes in a row: all phases of a few speeds, which fail together
+# Launches of a shard's first batch, which shows how long contacts last.
+_FIRST = 64
+# Steps in contact of a batch, at most: 16 MB of loops.
+_SAMPLES = 500_000
+# s for one step of a drop: hundreds of times what it takes.
+_STEP_S = 1e-3
+# Crashes in a row: all phases of a few speeds, which fail together.
+_GIVE_UP = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +78,11 @@ def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> Sha
     use_own_worker()
     engine = shard.grid.setting.engine
     scene = _scene_here(shard.inputs, engine)
-    if interpreter_of(registry.engine(engine)) is None:  # others have no package that writes tables
+    # An engine in an environment of its own has no package there that writes tables.
+    if interpreter_of(registry.engine(engine)) is None:
         limit = timeouts.limit(shard.grid.setting.timestep, len(shard))
-        with suppress(EngineFailed):  # which launch it was, and why, is found by smaller batches
+        # Smaller batches show which launch failed, and why.
+        with suppress(EngineFailed):
             return call(simulate_shard, shard, scene, encode, limit=limit)
     return _in_batches(shard, scene, partial(_run, timeouts=timeouts), encode)
 
@@ -102,7 +108,8 @@ def _in_batches(
     launches = shard.grid.launches(shard.part)
     looped = shard.grid.looped(shard.part)
     size = _FIRST
-    if "device" in setting.options:  # which takes all at once, and records no loop
+    # A device takes all launches at once, and records no loop.
+    if "device" in setting.options:
         size = len(launches)
     results: list[BatchResult] = []
     begin = 0
@@ -128,7 +135,8 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
         return call(run_batch, batch, limit=timeouts.limit(timestep, len(batch.launches)), at=where)
     except UserError:
         raise
-    except Exception:  # which launch it was, and why, is found by running each alone
+    # Running each launch alone shows which one failed, and why.
+    except Exception:
         impacts = map_surviving_crashes(
             run_one_by_one,
             range(len(batch.launches)),

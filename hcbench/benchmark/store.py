@@ -24,7 +24,8 @@ DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loo
 GO_ON = "Then go on with --resume"
 _SHARD = re.compile(r"(?:\d{4,}/)?part-(\d{7})-([0-9a-f]{16})\.parquet")
 _FOLDER = re.compile(r"\d{4,}")
-_IN_A_FOLDER = 1000  # shards at most; where there are more, each thousand has a folder of its own
+# Shards of a folder, at most; of more, each thousand has a folder of its own.
+_IN_A_FOLDER = 1000
 _BOUNCES = re.compile(r"_bounces-([0-9a-f]{16})\.parquet")
 
 
@@ -33,7 +34,8 @@ class Store:
 
     def __init__(self, files: Files) -> None:
         self.where, self._files = files.where, files
-        self._advice = "" if isinstance(files, TemporaryFiles) else GO_ON  # a report goes on with nothing
+        # A report starts anew and has nothing to resume.
+        self._advice = "" if isinstance(files, TemporaryFiles) else GO_ON
 
     @contextmanager
     def locked(self) -> Iterator[None]:

@@ -20,9 +20,11 @@ from hcbench.terms.fields import (
 from hcbench.terms.scene import Scene, load_scene
 
 _MOST_PHASES = 1000
-_MOST_STEPS = 1e9  # of a drop
+# Steps of one drop, at most.
+_MOST_STEPS = 1e9
 _PACKAGE = Path(__file__).parents[1]
-_BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")  # a checkout's, a wheel's
+# Studies lie beside the package in a checkout, and inside it in a wheel.
+_BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +237,8 @@ def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> Non
     for run in runs:
         if run.dropped:
             steps += run.timesteps
-    seconds = 42.0 * math.sqrt(file.train_height / 5.0)  # in which ten bounces are over, twice
+    # Within this time, s, ten bounces are over, twice.
+    seconds = 42.0 * math.sqrt(file.train_height / 5.0)
     count = seconds / min(steps)
     if count > _MOST_STEPS:
         got = f"{file.train_height:g} m, a drop of {count:.2g} steps"
@@ -311,7 +314,8 @@ def preview(study: Study) -> Study:
     """
     speeds = study.speeds[3::4]
     if len(speeds) < 2:
-        speeds = study.speeds[:: max(1, len(study.speeds) - 1)]  # the ends
+        # Few speeds: the ends of the band stand for it.
+        speeds = study.speeds[:: max(1, len(study.speeds) - 1)]
     phases = max(1, study.phases // 2)
     runs = tuple(_thinned(run, study, speeds) for run in study.runs if _is_shown(run, study))
     runs = tuple(run for run in runs if run.timesteps)
@@ -346,7 +350,8 @@ def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
     """A run as a preview has it. speeds: m/s, in place of the study's band."""
     run = replace(run, alphas=(study.main_alpha,))
     if run.dropped:
-        return replace(run, speeds=(*run.speeds[:-2:2], run.speeds[-1]))  # its band stays
+        # Every second speed, and the last one: the band stays.
+        return replace(run, speeds=(*run.speeds[:-2:2], run.speeds[-1]))
     steps = run.timesteps[::2]
     if study.page == "field":
         # Every second step of all engines: those of one engine alone may be others.

@@ -24,14 +24,19 @@ if TYPE_CHECKING:
     from hcbench.benchmark.encodings import Encode
     from hcbench.benchmark.plan import Shard
 
-_LOOPS = "hcbench.loops"  # in the metadata of a shard's table: the digest of its loops, or nothing
-_SUMMARY = "hcbench.summary"  # and what it adds to the summary
+# Key of a shard's metadata: the digest of its loops, or nothing.
+_LOOPS = "hcbench.loops"
+# Key of what a shard adds to the summary.
+_SUMMARY = "hcbench.summary"
 SUMMARY = ("impacts", "parted", "rested", "failed", "max_error_law", "rms_error_law", "max_error_linear")
 _COUNTS = ("impacts", "parted", "rested", "failed")
 _MOST = ("max_error_law", "max_error_linear")
 _SQUARES = "sum_square_error_law"
-_SMALLEST = 1 << 1074  # one over the smallest float, of which each is a whole multiple
-Summary = dict[str, Any]  # of the impacts of a shard for one α
+# One over the smallest float: every float is a whole multiple of that, so sums of integers are
+# exact.
+_SMALLEST = 1 << 1074
+# Summary of the impacts of a shard for one α.
+Summary = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +130,8 @@ def _largest(values: Floats) -> float:
     return float(np.abs(values).max()) if len(values) else 0.0
 
 
-@lru_cache(maxsize=1)  # a shard is verified, and then read
+# A shard is verified and then read: two calls with the same bytes.
+@lru_cache(maxsize=1)
 def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
     """Metadata of a shard's table: the digest of its loops, "" for none, and its part of the
     summary.

@@ -28,7 +28,8 @@ from hcbench.terms.bounds import BOUNDS
 from hcbench.terms.impact import FORMER_E, Launch, Status
 from hcbench.terms.records import BASELINE_IMPACT, record
 
-SCHEMA = 2  # 1 has FORMER_E
+# Schema 1 has FORMER_E.
+SCHEMA = 2
 KIND = "hcbench baseline"
 _KEYS = {field.name: field.key for field in BASELINE_IMPACT}
 _Number = Annotated[StrictFloat, Field(allow_inf_nan=False)]
@@ -142,7 +143,8 @@ def read_baseline(path: Path, name: str) -> Baseline:
     checks = content.get("checks")
     checks = checks if isinstance(checks, dict) else {}
     entry = checks.get(name)
-    if entry is None and len(checks) == 1:  # one model: its name may have changed
+    # A file with one model: its name may have changed since.
+    if entry is None and len(checks) == 1:
         (entry,) = checks.values()
     if entry is None:
         names = ", ".join(map(str, checks)) or "none"

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from hcbench.checking.spec import Check
 
 _NO_END = (Status.CRASHED, Status.UNFINISHED)
-_REST_UNITS = {"penetration": (1e-3, "mm"), "vibration": (1.0, "m/s")}  # name -> (in SI, unit)
+# Name of a quantity at rest -> (size of the printed unit in SI, printed unit).
+_REST_UNITS = {"penetration": (1e-3, "mm"), "vibration": (1.0, "m/s")}
 
 
 def run_checks(checks: Sequence[Check], progress: Callable[[int, int], None] | None = None) -> Report:
@@ -263,7 +264,8 @@ def _rows(impacts: pd.DataFrame, reading: Reading) -> Curve:
     """One point for each speed and angle of a study's impacts, in their order."""
     place = ["speed_m_per_s"]
     angle = np.zeros(len(impacts))
-    if "angle_rad" in impacts:  # of studies with oblique launches only
+    # Only studies with oblique launches have this column.
+    if "angle_rad" in impacts:
         place.append("angle_rad")
         angle = impacts["angle_rad"].to_numpy(float)
     return curve_of_columns(

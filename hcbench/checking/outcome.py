@@ -23,9 +23,12 @@ class Verdict(StrEnum):
     """Result of a check."""
 
     PASSED = "passed"
-    MEASURED = "measured"  # and held against nothing
-    FAILED = "failed"  # a limit was exceeded
-    MISTAKE = "mistake"  # something to correct in what was asked
+    # Measured without a limit or a target.
+    MEASURED = "measured"
+    # A limit was exceeded.
+    FAILED = "failed"
+    # The user has to correct the request.
+    MISTAKE = "mistake"
     COULD_NOT_RUN = "could not run"
 
 

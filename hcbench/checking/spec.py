@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from hcbench.checking.baseline import Baseline
 
 MAX_ERROR = 0.02
-MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees
+# Largest change of e from a baseline: far above round-off, far below what can be seen.
+MAX_DRIFT = 1e-4
 
 
 def _no_truth_value(value: Any) -> Any:
@@ -63,7 +64,8 @@ def _keys(declared: type) -> dict[str, Any]:
     return keys
 
 
-if TYPE_CHECKING:  # which knows no fields that are derived
+# Type checkers know no fields that are derived at run time.
+if TYPE_CHECKING:
     _SharedTable = FileTable
 else:
     _SharedTable = create_model("_SharedTable", __base__=FileTable, **_keys(SharedOptions))
@@ -224,7 +226,8 @@ def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
     given = {name: value for name, value in falls.items() if value is not None}
     is_of_motion = options["trajectory"] is not None
     if options["require"] is None:
-        of_limits = list(given)  # options that mean nothing without limits
+        # Options that mean nothing without limits.
+        of_limits = list(given)
         if is_of_motion:
             of_limits.append("trajectory")
         if of_limits:

@@ -19,7 +19,8 @@ from hcbench.system.errors import UserError
 from hcbench.system.text import number, sanitized, table, without_empty
 from hcbench.terms.fields import read_toml, validate
 
-SCHEMA = 2  # 1 had a row of other keys, whose error was that of the worst phase
+# Schema 1 had a row of other keys, whose error was that of the worst phase.
+SCHEMA = 2
 _MARKS = {
     Verdict.PASSED: "✅",
     Verdict.MEASURED: "📏",
@@ -27,7 +28,8 @@ _MARKS = {
     Verdict.MISTAKE: "⚠️",
     Verdict.COULD_NOT_RUN: "💥",
 }
-_DECIMALS = 4  # of e
+# Decimals of e.
+_DECIMALS = 4
 _HEADER = ("launch m/s", "deg", "impact m/s", "e", "lowest", "highest", "target", "error", "worst phase")
 
 

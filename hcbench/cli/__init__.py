@@ -42,7 +42,8 @@ from hcbench.terms.bounds import beyond_bounds
 
 _INTERRUPTED = "interrupted; nothing was left half-written"
 _INTERRUPTED_CODE = 130
-_LONGEST = 80  # of a file's name in a line
+# Characters of a file's name in a line, at most.
+_LONGEST = 80
 
 
 @group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=START)
@@ -68,7 +69,8 @@ def main() -> None:
     try:
         IS_COMMAND.set(True)
         install_signal_handlers()
-        os.environ.pop("MPLBACKEND", None)  # of a notebook: here figures are files
+        # A notebook sets its own backend; here figures are files.
+        os.environ.pop("MPLBACKEND", None)
         warnings.formatwarning = lambda message, *_, **__: f"hcbench: {message}\n"
         wrap_stdio()
         code = run(sys.argv[1:])
@@ -97,7 +99,8 @@ def run(arguments: list[str]) -> int:
 
 def _run(arguments: list[str]) -> int:
     try:
-        if asked := os.environ.get(VARIABLE):  # by a shell, for completions
+        # The shell sets the variable to ask for completions.
+        if asked := os.environ.get(VARIABLE):
             return shell_complete(app, {}, "hcbench", VARIABLE, asked)
         # Not app(...): at Ctrl-C it prints an empty line before anything of ours is asked.
         with app.make_context("hcbench", list(arguments)) as context:
@@ -116,7 +119,8 @@ def _run(arguments: list[str]) -> int:
         return _fail(UserError.exit_code, sanitized(error.format_message(), LONGEST - len(hint) - 3) + hint)
     except (KeyboardInterrupt, click.Abort) as error:
         return _fail(_INTERRUPTED_CODE, str(error) or _INTERRUPTED)
-    except BrokenPipeError:  # the reader of our output went away, as `head` does
+    # The reader of our output went away, as `head` does.
+    except BrokenPipeError:
         return 0
     except OSError as error:
         if os.environ.get("HCBENCH_DEBUG"):
@@ -148,6 +152,7 @@ def _fail(code: int, message: str) -> int:
     if INTERRUPTS.came and code != _INTERRUPTED_CODE:
         # Python makes a RuntimeError of what is raised while a class is made, a KeyError in an import.
         code, message = _INTERRUPTED_CODE, _INTERRUPTED
-    with suppress(OSError):  # the exit code says it too
+    # The exit code says it too.
+    with suppress(OSError):
         print(f"hcbench: {message}", file=sys.stderr, flush=True)
     return code

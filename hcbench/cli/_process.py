@@ -18,9 +18,12 @@ from hcbench.cli.outputs import require_outputs
 from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import SIGNALS
 
-_REPEAT_S = 1.0  # signals that come within this time count as one
-_AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02  # None on Windows
-_DEFERRED_S = 0.5  # that an interrupt waits for the end of an import, at most
+# Signals within this time count as one, s.
+_REPEAT_S = 1.0
+# Windows has no SIGALRM; the time is in s.
+_AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02
+# An interrupt waits so long at most for the end of an import, s.
+_DEFERRED_S = 0.5
 # Slots that belong to options of another name.
 _OPTIONS = {
     "lowest speed": ("--speeds",),
@@ -56,7 +59,8 @@ class _Stream(io.TextIOWrapper):
 
 def wrap_stdio() -> None:
     """Make standard output fail with OutputError, here where it is closed, and standard error not at all."""
-    while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:  # closed: the next file opened would be taken for it
+    # If one of the three is closed, the next file opened would get its number and its output.
+    while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
     os.close(fd)
     if sys.stderr is None:
@@ -109,7 +113,8 @@ class _Interrupts:
         if number != _AGAIN:
             before, self._last = self._last, now
             if now - before < _REPEAT_S:
-                return  # one press may come as several, while what is running is being ended
+                # One press may come as several signals while what is running is being ended.
+                return
             self.came, self._begin = True, now
         if _AGAIN is not None and now - self._begin < _DEFERRED_S and _is_importing(frame):
             signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
@@ -138,9 +143,11 @@ INTERRUPTS = _Interrupts()
 def install_signal_handlers() -> None:
     """TERM and HUP end a command as Ctrl-C does: nothing is left half-written. Ignored ones stay ignored."""
     sys.unraisablehook = INTERRUPTS.on_ignored
-    for name in ("SIGALRM", *SIGNALS):  # the first is set by the others
+    # The other signals set SIGALRM.
+    for name in ("SIGALRM", *SIGNALS):
         number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
+        # A command under nohup ignores SIGHUP, and must go on to do so.
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, INTERRUPTS.on_signal)
 
 
@@ -167,9 +174,11 @@ def translate_errors(command: click.Command) -> click.Command:
             if (option := _option_of(error.slot, click.get_current_context())) is None:
                 raise
             raise type(error)(option, error.got, error.expected, error.advice) from error
-        except KeyboardInterrupt:  # for which Click would print an empty line
+        # Click would print an empty line for this.
+        except KeyboardInterrupt:
             raise click.Abort from None
-        except BrokenPipeError:  # the reader of our output went away, as `head` does; Click would exit with 1
+        # The reader of our output went away, as `head` does; Click would exit with 1.
+        except BrokenPipeError:
             return 0
 
     command.callback = outer

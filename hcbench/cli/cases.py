@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from hcbench.cases.score import EngineScore
 
-_SIDE_BY_SIDE = 4  # engines, at most: more are a row each
+# Engines side by side, at most; more get a row each.
+_SIDE_BY_SIDE = 4
 _SIGN = {"pass": "pass", "fail": "FAIL", "unsupported": "-", "error": "ERROR"}
 
 

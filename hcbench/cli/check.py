@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from hcbench.measuring.measurement import Measurement
 
 
-_NO_BOUNCE = 0.01  # e below which a bounce is not seen
-_EXAMPLE_ALPHA = "0.3 s/m"  # steel's
+# A bounce with a lower e cannot be seen.
+_NO_BOUNCE = 0.01
+# α of steel.
+_EXAMPLE_ALPHA = "0.3 s/m"
 
 
 _PAIR = click.option("--pair", help="Two bodies or geoms, first the one that moves: 'ball,plate'.")

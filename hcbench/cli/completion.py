@@ -6,7 +6,8 @@ import click
 
 from hcbench.cli.help import command
 
-VARIABLE = "_HCBENCH_COMPLETE"  # which such a shell sets to ask for completions
+# A shell sets this variable to ask for completions.
+VARIABLE = "_HCBENCH_COMPLETE"
 
 
 @command()

@@ -81,7 +81,8 @@ def _list(recipes: bool, as_json: bool) -> None:
             own = [_record(name, {**_beside(name), "settings": settings})]
             own += [_record(e.name, _elsewhere(e)) for e in store.environments(name)]
             if len(own) > 1 and not own[0]["version"]:
-                own[0]["install"] = ""  # a version is there
+                # Another environment has a version: nothing needs to be installed.
+                own[0]["install"] = ""
             listed += own
     if as_json:
         print_json(listed)
@@ -159,7 +160,8 @@ def plugin(engine: str, install: bool) -> None:
 
     with status("compiling the plug-in"):
         path = plugin_of(registry.engine(engine), install)
-    if not install and path.parent.name.startswith("hcbench-"):  # a temporary folder
+    # A temporary folder stands in for a cache that cannot be used.
+    if not install and path.parent.name.startswith("hcbench-"):
         got, advice = f"{user_folder('cache')} cannot be written to, by you alone", "Set $HCBENCH_CACHE"
         raise OutputError("cache", got, "a folder of your own", advice)
     print(path)

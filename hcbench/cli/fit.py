@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 _LAWS = ("auto", "hunt-crossley", "constant", "viscoelastic", "plastic")
 
 
-_TYPED = "hcbench.fit"  # key of the words typed after `hcbench`
+# Key of the words that the user typed after `hcbench`.
+_TYPED = "hcbench.fit"
 
 
 class _FilesAfterAgainst(Command):

@@ -14,7 +14,8 @@ import click
 from hcbench.system.errors import UserError
 from hcbench.system.outputs import require_output
 
-_LONGEST_NAME = 255  # bytes, on every common file system
+# Bytes of a name: the limit of every common file system.
+_LONGEST_NAME = 255
 
 
 class PathType(click.Path):

@@ -24,8 +24,10 @@ _COLOURS = {
     "COULD NOT RUN": "red",
 }
 _VERDICT = re.compile(rf"^({'|'.join(_COLOURS)})\b", re.MULTILINE)
-_NAME = re.compile(r"\S.*?\s{2,}(?=\S)")  # what stands before a value in a line `name   value`
-_AFTER_S = 0.5  # of silence, until work is named
+# The text before the value in a line `name   value`.
+_NAME = re.compile(r"\S.*?\s{2,}(?=\S)")
+# Seconds of silence after which hcbench names its work.
+_AFTER_S = 0.5
 
 
 def show(text: str) -> None:
@@ -135,7 +137,9 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
     At 100 % the bar becomes indeterminate, since writing takes time too.
     """
-    if not sys.stderr.isatty():  # asked before Rich, which takes a while to import, and knows more terminals
+    # Asked before the import of Rich, which takes a while and takes more kinds of output for
+    # terminals.
+    if not sys.stderr.isatty():
         yield lambda done, total: None
         return
     from rich.console import Console
@@ -160,6 +164,7 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
             bar.update(task, completed=done, total=total, count=f"{done}/{total}", rate=rate)
             if done >= total:
                 bar.update(task, description=f"{what}: putting together", rate="")
-                bar.tasks[0].total = None  # a bar that moves
+                # A bar without a total moves from end to end.
+                bar.tasks[0].total = None
 
         yield tick

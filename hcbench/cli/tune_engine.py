@@ -230,7 +230,8 @@ def _friction(result: Evaluation, target: Target) -> str:
     return f"impulse wrong by at most {off}"
 
 
-def _percent(share: float) -> str:  # three digits, and no power of ten above 1 %
+def _percent(share: float) -> str:
+    # Three digits below 1, and no exponent above.
     return f"{100 * share:.{'3g' if share < 1 else '0f'}} %"
 
 

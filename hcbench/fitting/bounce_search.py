@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     Indices = NDArray[np.int64]
 
-_LONGEST = 2.5  # s, of a flight: 7.6 m high
+# Longest flight that the search tries, s: a ball that rises 7.6 m.
+_LONGEST = 2.5
 _LEAST_E, _MOST_E = 0.05, 1.01
 # Clutter: clicks at least as loud as this one less 3 dB, a second of the recording, and some never seen.
 _AS_LOUD, _UNSEEN = 3.0, 0.3
@@ -35,9 +36,11 @@ _UNHEARD, _MOST_UNHEARD = 3.0, 2
 _INSIDE, _INSIDE_FROM, _MOST_INSIDE = 2.0, 60e-3, 4
 # Of the score by the last touch; less is what a chance click adds
 _LEAST_GAIN, _LEAST_OF_WEAK = 2.0, 5.0
-_SHARED = 0.7  # of the clicks, from which on two trains are one
+# Two trains with this share of their clicks in common are one train.
+_SHARED = 0.7
 _SAME = 3e-4  # s
-_ENDS = 3000  # flights tried as the last of a train
+# Flights that the search tries as the last of a train.
+_ENDS = 3000
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +126,8 @@ class _Search:
         # A train that begins with this flight, whose length may be any up to the longest.
         self.score[i, to] = of_two - math.log(_LONGEST) - 0.5 * np.minimum(louder**2, _CUT) - inside
         self.last[i, to] = flight
-        heard = np.flatnonzero(self.score[:, i] > -math.inf)  # where flights to click i begin
+        # Clicks at which a flight to click i begins.
+        heard = np.flatnonzero(self.score[:, i] > -math.inf)
         if heard.size:
             for gap in (False, True):
                 self._extend_from(heard, i, to, flight, inside, gap)
@@ -163,7 +167,9 @@ class _Search:
         self.before[i, j] = h
         self.last[i, j] = flight[better]
         if gap:
-            self.last[i, j] = flight[better] * (e_now / (1.0 + e_now))  # the second of the two
+            # A gap is two flights with an unheard touch between; the later one is e times the
+            # earlier.
+            self.last[i, j] = flight[better] * (e_now / (1.0 + e_now))
         self.gap[i, j] = gap
         self.unheard[i, j] = self.unheard[h, i] + gap
 
@@ -204,7 +210,8 @@ class _Search:
     def walk_back(self, i: int, j: int) -> Train:
         """The train that ends with a flight, without last clicks that are echoes."""
         score = float(self.score[i, j])
-        clicks = [j, i]  # the last one first
+        # Clicks from the last to the first: the best train is found from its end.
+        clicks = [j, i]
         gaps = []
         while True:
             gaps.append(2 if self.gap[i, j] else 1)

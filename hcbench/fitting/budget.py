@@ -88,7 +88,8 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
         reduced = reduce(model, residuals.T, offsets)
         matrix, _ = reduced.profile(np.array(fit.scatter), np.array(noise))
         total += matrix[:q]
-    hessian, slopes = total[:, :q], total[:, q + 1 :]  # column q is the residual's own
+    # Column q belongs to the residual itself, which no input moves.
+    hessian, slopes = total[:, :q], total[:, q + 1 :]
     return np.asarray(np.linalg.lstsq(hessian, slopes, rcond=1e-12)[0].T)
 
 

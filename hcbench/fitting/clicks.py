@@ -24,7 +24,8 @@ _BANDS = ((1200.0, None), (4000.0, None), (8000.0, None), (1200.0, 5000.0), (500
 _NEXT, _LAST = 0.6e-3, 4e-3
 _RISE = 2.5
 _OVER_NOISE = 6.0
-_APART = 6e-3  # s
+# Shortest time between two clicks, s.
+_APART = 6e-3
 _MOST_CLICKS = 150
 _OVERSAMPLING = 4
 

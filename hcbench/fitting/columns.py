@@ -233,7 +233,8 @@ def _is_beside(table: Table, i: int, role: str, named: set[str]) -> bool:
     name = " ".join(table.header[i][0].split())
     if role == "interval":
         return "time" in named
-    if role == "penetration":  # x of a track
+    # A track of a video gives the place of the ball as x: only a force makes it a penetration.
+    if role == "penetration":
         is_track = {"time", "height"} <= named and "force" not in named
         return name == "x" and is_track
     if role:
@@ -242,4 +243,5 @@ def _is_beside(table: Table, i: int, role: str, named: set[str]) -> bool:
         return True
     numbers = [table.number(row[i]) for row in table.cells if i < len(row)]
     is_index = not name and numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
-    return is_index or not any(map(math.isfinite, numbers))  # pandas writes its index without a name
+    # pandas writes its index as a first column without a name.
+    return is_index or not any(map(math.isfinite, numbers))

@@ -117,7 +117,8 @@ def bounce_train(
     """
     q = curve.count
     impacts = len(latent)
-    count = impacts if dropped else impacts + 1  # of launches
+    # Number of launches: a thrown ball has one more, the throw itself.
+    count = impacts if dropped else impacts + 1
     launch = np.empty(count)
     touch = np.empty(impacts)
     by = np.zeros((count, 1 + q + impacts))
@@ -126,7 +127,8 @@ def bounce_train(
     gradient = np.zeros(1 + q + impacts)
     gradient[0] = first
     for i in range(count):
-        at = i if dropped else i - 1  # the impact before launch i; none before the first that is thrown
+        # The impact before launch i; none before the first launch of a thrown ball.
+        at = i if dropped else i - 1
         if at >= 0:
             if i:
                 speed, slope = ballistics.touch(speed)
@@ -218,7 +220,8 @@ class TouchTimes(Dataset):
         ballistics = self.setup.ballistics
         dropped = self.setup.height is not None
         train = bounce_train(curve, ballistics, math.exp(own[1]), latent, dropped)
-        aloft = np.array([ballistics.aloft(w) for w in train.launch])  # s, and its slope by speed
+        # Time of each flight, s, and its slope by the launch speed: shape (launches, 2).
+        aloft = np.array([ballistics.aloft(w) for w in train.launch])
         # Hertz: a contact lasts as v^(-1/5).
         contact = self.setup.contact_time.value * (train.launch / train.launch[0]) ** -0.2
         times = own[0] + np.concatenate([[0.0], np.cumsum(aloft[:, 0] + contact)])
@@ -263,7 +266,8 @@ class TouchTimes(Dataset):
         """Labels for the columns of by_scatter."""
         heard = dict(zip(self._which.tolist(), self.rows(), strict=True))
         first = 0 if self.setup.height is not None else 1
-        last = int(self._which[-1])  # no flight follows it, so it has no e
+        # No flight follows the last touch, so that it has no e.
+        last = int(self._which[-1])
         return [heard.get(i, f"touch {i + 1}, unheard") for i in range(first, last)]
 
 

@@ -22,12 +22,15 @@ if TYPE_CHECKING:
 
 
 _STEPS = 25
-_LONGEST_STEP = 0.5  # in ln e and in ln of a speed
+# Longest Newton step of a parameter: a change of ln e, or of the ln of a speed.
+_LONGEST_STEP = 0.5
 # How far ln of e may come out above 0: data about 0 lie on both sides of it
 _BEYOND = 0.05
 # Of the grid over a parameter, and its half width in standard deviations
 _POINTS, _WIDTH = 121, 8.0
-_SHARES = 41  # of the loss at the reference speed that goes with α
+# Grid points over the share of the loss at the reference speed that α explains; e0 explains the
+# rest.
+_SHARES = 41
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +123,8 @@ def fit_law(
         move, hessian = _law_step(reduced, scatter, noise, _BEYOND - parameters)
         own_moves = [r.own_step(scatter, n, move) for r, n in zip(reduced, noise, strict=True)]
         share = _share_of_step(move, own_moves)
-        decrement = float(move @ hessian @ move)  # twice what the step gains, in ln
+        # Twice what the quadratic model promises that this step gains in ln of the density.
+        decrement = float(move @ hessian @ move)
         if decrement < 1e-6 and step > 2:
             break
         for k, (r, n, own_move, wide) in enumerate(zip(reduced, noise, own_moves, width, strict=True)):
@@ -311,8 +315,10 @@ def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = OD
     if len(estimates) == 1:
         return estimates[0]
     lead = plain.log_evidence - lossy.log_evidence
-    lead = min(max(lead, -700.0), 700.0)  # exp of more overflows
-    share = 1.0 / (1.0 + math.exp(lead) / _PRIOR_OF_E0)  # of the law with e0
+    # exp of more than 709 overflows a float.
+    lead = min(max(lead, -700.0), 700.0)
+    # Posterior share of the law with e0, by Bayes' rule.
+    share = 1.0 / (1.0 + math.exp(lead) / _PRIOR_OF_E0)
     values = np.concatenate([fit.values("alpha") for fit in kept])
     weight = np.concatenate([(1.0 - share) * plain.posterior.weight, share * lossy.posterior.weight])
     both = _estimate(values, weight, inputs, 0.0, math.inf)

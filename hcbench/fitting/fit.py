@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from hcbench.fitting.flags import Flag
     from hcbench.terms.impact import Floats
 
-_SHOWN = 4  # impacts named in a warning
+# Impacts that a warning names.
+_SHOWN = 4
 # Share of the posterior at e > 1 from which on the data cannot be right
 _GAINS = 0.999
 
@@ -78,7 +79,8 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
     widths = scatter_widths(LAWS[WITH_E0], sets, reference)
     impacts = doubted_impacts(sets, widths)
     count = sum(len(wide) for wide in widths)
-    if len(impacts) > MOST_OUTLIERS * count:  # no outliers, but another curve
+    # So many outliers are none: another curve fits the data.
+    if len(impacts) > MOST_OUTLIERS * count:
         return _Fitted(sets, fits, best.width, flags, ())
     fits = {name: fit_law(law, sets, reference, widths) for name, law in LAWS.items()}
     return _Fitted(sets, fits, widths, flags, tuple(impacts))

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from hcbench.fitting.linear import Reduced
     from hcbench.terms.impact import Floats
 
-_CHANCE = 0.01  # that good data have a touch flagged
-_LEAST_FREE = 3  # degrees of freedom below which nothing can be said
+# Chance that good data have one touch flagged.
+_CHANCE = 0.01
+# With fewer degrees of freedom no outlier can be told from the scatter.
+_LEAST_FREE = 3
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ import numpy as np
 if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
-AIR_DENSITY = 1.204  # kg/m³: 20 °C, 101325 Pa
+# Density of air at 20 °C and 101325 Pa, kg/m³.
+AIR_DENSITY = 1.204
 # a sphere at Reynolds numbers 1e3 ... 1e5
 DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY = 0.47, 0.05
 

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 
-_EDGE = 0.05  # of the largest force: where a pulse begins and ends
+# A pulse begins and ends at this share of its largest force.
+_EDGE = 0.05
 # Of e by shape and by impulse: standard deviations, and at least so much.
 _APART, _NO_CONTRADICTION = 3.0, 0.01
 _LEAST_POINTS = 20
-_SIGMAS_BELOW = 3.0  # of α below 0, by which energy is gained for sure
+# Standard deviations of α below 0 from which the data surely gain energy.
+_SIGMAS_BELOW = 3.0
 # Rms over the largest force from which on the loop is another law's
 _OFF_LAW = 0.05
 
@@ -164,13 +166,16 @@ def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]
     before = force[:first]
     after = force[last + 1 :]
     quiet = np.concatenate([before, after])
-    noise = float(np.std(quiet))  # N
-    lasts = float(time[end - 1] - time[begin])  # s
+    # Standard deviation of the force outside the pulse, N.
+    noise = float(np.std(quiet))
+    # Duration of the pulse, s.
+    lasts = float(time[end - 1] - time[begin])
     step = float(np.median(np.diff(time)))
     drift = 0.0
     if len(before) and len(after):
         drift = 0.5 * abs(float(np.median(before)) - float(np.median(after)))
-    zero = noise / math.sqrt(len(quiet))  # standard uncertainty of the zero, N
+    # Standard uncertainty of the zero, N.
+    zero = noise / math.sqrt(len(quiet))
     # An error of the zero adds up over the whole time; noise adds up as its root.
     uncertainty = math.hypot(lasts * (drift + zero), noise * math.sqrt(lasts * step))
     return float(np.trapezoid(force[begin:end], time[begin:end])), uncertainty
@@ -227,8 +232,10 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
         n = exponent or float(p[2])
         return np.asarray((f - math.exp(p[0]) * (x / depth) ** n * (1.0 + 1.5 * p[1] * v)) / top)
 
-    start = [math.log(top), 0.1 / float(np.abs(v).max())]  # ln of the force at `depth`, α
-    order: list[int | None] = [0, None, 1]  # of ln k, n and α among the parameters
+    # Starting values: the ln of the force at `depth`, and α.
+    start = [math.log(top), 0.1 / float(np.abs(v).max())]
+    # Places of ln k, n and α among the parameters; None for an exponent that is given.
+    order: list[int | None] = [0, None, 1]
     if not exponent:
         start.append(1.5)
         order = [0, 2, 1]
@@ -236,7 +243,8 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
     n = exponent or float(done.x[2])
     alpha = float(done.x[1])
     turn = np.eye(3)
-    turn[0, 1] = -math.log(depth)  # ln k is ln of the force at `depth` less n ln depth
+    # ln k is the ln of the force at `depth` less n ln depth.
+    turn[0, 1] = -math.log(depth)
     covariance = turn @ _covariance(done, order) @ turn.T
     if alpha < -_SIGMAS_BELOW * math.sqrt(covariance[2, 2]):
         got = f"α {alpha:.3g} s/m: the force is larger on rebound than on approach"

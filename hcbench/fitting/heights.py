@@ -96,10 +96,13 @@ class Heights(Dataset):
 
 # Grid of the scatter between drops
 _BETWEEN = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 60)])
-_SCALE = 0.05  # of its half-Cauchy prior
-_ODD = 4.0  # standard deviations from the others at which a file is named
+# Scale of the half-Cauchy prior of the scatter between drops.
+_SCALE = 0.05
+# A file so many standard deviations from the others is named.
+_ODD = 4.0
 _LEAST_OTHERS = 2
-_LOWEST = 1e-2  # of a value: the lower end of an interval that reaches 0
+# Stands for the lower end of an interval that reaches 0, as a share of the value.
+_LOWEST = 1e-2
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +170,8 @@ def _logs(each: Sequence[Estimate]) -> tuple[Floats, Floats]:
     logs = np.log([e.value for e in each])
     deviations = []
     for e in each:
-        low = max(e.low, _LOWEST * e.value)  # an interval may begin at 0, which has no logarithm
+        # An interval may begin at 0, which has no logarithm.
+        low = max(e.low, _LOWEST * e.value)
         deviations.append(np.log(e.high / low) / (2.0 * SIGMAS_95))
     return logs, np.maximum(np.array(deviations), 1e-9)
 

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from hcbench.fitting.estimate import LawFit
     from hcbench.terms.impact import Floats
 
-ODDS_AGAINST = 10.0  # from which on no law of the list fits
+# From these odds on, a change besides the law is certain, and no law of the list fits.
+ODDS_AGAINST = 10.0
 # Odds against a constant loss e0, which is the rule
 PRIOR_OF_ADHESION = 1.0 / 3.0
 # Odds of adhesion from which on it may be what seems a constant loss

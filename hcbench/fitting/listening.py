@@ -30,9 +30,12 @@ if TYPE_CHECKING:
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 
-SHORTEST = 0.02  # s between touches, below which a train ends
-_MOST = 6  # trains kept
-_SAME = 2e-3  # s within which clicks of two bands are one
+# A train ends where its touches come faster than this, s.
+SHORTEST = 0.02
+# Trains that are kept for a comparison.
+_MOST = 6
+# Clicks of two frequency bands within this time are one touch, s.
+_SAME = 2e-3
 _SHARED = 0.7
 # s, dB: clicks that may be the touch in place of one nearby
 _NEAR, _QUIETER = 45e-3, 15.0
@@ -43,10 +46,12 @@ _SWAPS, _TRIED = 4, 2
 _ROUGH, _SMOOTHER = 8e-3, 1.6
 # First clicks that may be none of the ball's: s_e without them
 _KNOCKS, _FAR_SMOOTHER = 2, 2.0
-_LEAST_LEFT = 5  # touches, where some are left out
+# Touches that must remain where some are left out.
+_LEAST_LEFT = 5
 # Share of the best score of a train that is taken if its s_e is this share
 _CLOSE, _SMOOTH = 0.7, 0.5
-_HALF = 0.5  # of the best score, below which a train does not rival it
+# A train below this share of the best score does not rival the best one.
+_HALF = 0.5
 
 
 def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
@@ -75,7 +80,8 @@ def _ranked(heard: list[_Heard]) -> list[Picks]:
     others = []
     for one in heard[1:]:
         is_close = one.train.score > _CLOSE * best.train.score
-        others.append(one.improved() if is_close else one)  # a fit each: only where it may be taken
+        # A fit takes long: only trains that may replace the best one get it.
+        others.append(one.improved() if is_close else one)
     for other in others:
         is_close = other.train.score > _CLOSE * best.train.score
         is_smoother = other.scatter < _SMOOTH * best.scatter
@@ -127,7 +133,8 @@ class _Heard:
     numbers: Indices
     reference: float
     fit: LawFit | None
-    begin: float  # of the recording in its file, s
+    # Start of the recording in its file, s.
+    begin: float
 
     @classmethod
     def of(cls, band: FrequencyBand, train: Train, setup: MeasurementSetup, recording: Recording) -> _Heard:
@@ -160,7 +167,8 @@ class _Heard:
         try:
             with np.errstate(all="ignore"):
                 return replace(self, fit=fit_law(LAWS[WITH_E0], [self.data()], self.reference))
-        except (ArithmeticError, ValueError):  # no train of any law
+        # No law fits this train.
+        except (ArithmeticError, ValueError):
             return replace(self, fit=None)
 
     @property
@@ -197,7 +205,8 @@ class _Heard:
             later = replace(
                 self, places=self.places[count:], numbers=self.numbers[count:] - self.numbers[count]
             )
-            if len(later.data().pairs()[0]) < _LEAST_LEFT - 2:  # where many are unheard
+            # Many touches of this train are unheard.
+            if len(later.data().pairs()[0]) < _LEAST_LEFT - 2:
                 break
             if later.plain().scatter * _FAR_SMOOTHER < rough:
                 return later.fitted()
@@ -251,7 +260,8 @@ class _Heard:
         """
         clicks, level = self.band.places, self.band.level
         place = self.places[k]
-        own = float(level[np.searchsorted(clicks, place)])  # dB
+        # Level of this touch's own click, dB.
+        own = float(level[np.searchsorted(clicks, place)])
         after = self.places[k - 1] if k else -1
         before = self.places[k + 1] if k + 1 < len(self.places) else len(self.band.sound)
         near = (np.abs(clicks - place) < _NEAR * self.band.rate) & (clicks > after) & (clicks < before)

@@ -90,7 +90,8 @@ def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
     if at is None:
         return None
     header, below = rows[at][1], rows[at + 1 :]
-    if below and below[0][1][0].strip().isalpha():  # units follow: no Tracker
+    # Tracker writes no line of units: this file is of another program.
+    if below and below[0][1][0].strip().isalpha():
         return None
     if lines[0][1].startswith("#multi:"):
         raise UserError(path.name, "several tracks", "one", "Export the ball's track alone")
@@ -123,7 +124,8 @@ def phyphox_times(path: Path, lines: list[tuple[int, str]]) -> Floats | None:
         return None
     table = table_of(path, lines[:2])
     row = table.cells[0]
-    places = []  # (number of the bounce, column)
+    # Pairs of (number of the bounce, column).
+    places = []
     for column, (name, _) in enumerate(table.header):
         if match := _BOUNCE.fullmatch(name):
             places.append((int(match[1]), column))

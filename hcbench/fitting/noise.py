@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
 # Of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
 SCATTER_SCALE = 0.0035
-_SPAN = 1e4  # widest range on either side of what is likely
+# The grid reaches so many times below and above what is likely.
+_SPAN = 1e4
 _FACTOR = math.log(3.0)
 # Of e: impacts of bodies other than balls scatter by a third
 MOST_SCATTER = 1.0
 _COARSE, _FINE = 19, 13
-_NEGLIGIBLE = 9.0  # in ln of the density
+# A point of the grid is dropped if the ln of its density is this far below the largest.
+_NEGLIGIBLE = 9.0
 
 
 def scatter_prior(log_scatter: Floats) -> Floats:

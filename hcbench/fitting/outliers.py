@@ -15,9 +15,12 @@ if TYPE_CHECKING:
     from hcbench.fitting.which_law import CandidateLaw
     from hcbench.terms.impact import Floats
 
-LOW_WEIGHT = 0.3  # below which an impact is named
-MOST_OUTLIERS = 0.25  # of the impacts; where more lie off, the law is another
-_FREEDOM = 4.0  # degrees of freedom of the t distribution
+# An impact with a lower weight is named.
+LOW_WEIGHT = 0.3
+# With a larger share of outliers another law is at work.
+MOST_OUTLIERS = 0.25
+# Degrees of freedom of Student's t distribution, which stands for the scatter with outliers.
+_FREEDOM = 4.0
 _ROUNDS = 3
 
 

@@ -75,7 +75,8 @@ class SpeedPairs(Dataset):
             # e is v_out/v_in: an error of v_in changes e itself, too.
             shape = np.hypot((1.0 + slope) * (self.speed_uncertainty / self.speed), of_e)
         else:
-            shape = np.hypot(1.0 + slope, np.ones(n))  # both speeds alike uncertain
+            # Both speeds have the same uncertainty.
+            shape = np.hypot(1.0 + slope, np.ones(n))
         return LinearModel(
             residual=self.restitution / e - 1.0,
             by_own=np.zeros((n, 0)),

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 
-_MOST_E = 0.999  # of a ball over several bounces: steel on steel reaches 0.99
+# Largest e of a ball over several bounces: steel on steel reaches 0.99.
+_MOST_E = 0.999
 # e of the first touch by the height, over that of the second by the times
 _HEIGHT_E = (0.33, 1.05)
 
@@ -50,7 +51,8 @@ def require_different(files: tuple[Path, ...]) -> None:
     for path in files if len(files) > 1 else ():
         try:
             content = read_bytes(path)
-        except OSError:  # what is wrong with it is reported where it is read
+        # The function that reads the file for the fit reports what is wrong with it.
+        except OSError:
             continue
         if (other := seen.setdefault(content, path)) is not path:
             got = f"{path} has the same content as {other}"

@@ -60,10 +60,13 @@ class Excerpt:
 WHOLE = Excerpt()
 KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
 _MOST_TOUCHES = 60
-_MOST_PAIRS = 500  # a dozen seconds; they are as many unknowns
+# Each pair adds an unknown; so many take a dozen seconds.
+_MOST_PAIRS = 500
 _LEAST_SAMPLES = 12
-_ONE_SPEED = 1e-6  # share of a speed within which all are one
-_TRAINS = "ABCDEF"  # letters of the trains in a recording, the likeliest first
+# Speeds that differ by less than this share are one speed.
+_ONE_SPEED = 1e-6
+# Letters of the trains in a recording, the likeliest first.
+_TRAINS = "ABCDEF"
 
 
 def read_dataset(
@@ -210,7 +213,8 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
     if setup.height is not None and len(heights) and abs(heights[0] / setup.height.value - 1.0) < 1e-6:
-        heights = heights[1:]  # the drop itself
+        # The first row is the height of the drop itself: it comes before the first bounce.
+        heights = heights[1:]
     columns.require(
         "height", np.concatenate([[True], np.diff(columns.get("height")) < 0]), "heights that fall"
     )

@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
     from hcbench.terms.impact import Floats
 
-_WHOLE = 24.0  # s, up to which a recording is taken whole
+# A recording up to this length, s, is searched whole, without windows.
+_WHOLE = 24.0
 # s: of a longer one the window is taken in which the best train is heard
 _WINDOW, _OVERLAP = 20.0, 8.0
-_BLOCK = 1 << 18  # samples read at once
+# Samples that are read at once: a long recording never lies in memory whole.
+_BLOCK = 1 << 18
 _PHONES = (".m4a", ".mp4", ".mov", ".aac", ".opus", ".ogg", ".oga", ".mp3", ".flac", ".3gp", ".caf", ".amr",
            ".wma", ".webm", ".mkv")  # fmt: skip
 
@@ -49,7 +51,8 @@ def is_sound(path: Path) -> bool:
     try:
         with path.open("rb") as file:
             head = file.read(12)
-    except (OSError, ValueError):  # of a name with a null
+    # ValueError: a name with a null character.
+    except (OSError, ValueError):
         return False
     return (head[:4] in (b"RIFF", b"RIFX", b"RF64") and head[8:12] == b"WAVE") or _is_of_phone(path)
 
@@ -78,8 +81,10 @@ def read_recording(
         raise UserError("--to", f"{end:g} s", f"after --from, {begin:g} s")
     kept = round(_WINDOW * source.rate)
     gone = kept - round(_OVERLAP * source.rate)
-    window = np.zeros((0, 0))  # channels, samples
-    at = first  # of the window's first sample
+    # Shape (channels, samples).
+    window = np.zeros((0, 0))
+    # The window's first sample, counted from the start of the file.
+    at = first
     best: Recording | None = None
     top = -math.inf
     for block in source.blocks(first, last):
@@ -118,10 +123,12 @@ class _Wav:
 
     def __init__(self, path: Path) -> None:
         with _reading(path, "WAV", "a WAV recording, PCM or float"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # chunks that it does not know
+            # SciPy warns of chunks that it does not know, such as a title.
+            warnings.simplefilter("ignore")
             try:
                 self.rate, samples = wavfile.read(path, mmap=True)
-            except ValueError:  # 24 bits cannot be mapped
+            # Samples of 24 bits cannot be mapped into memory.
+            except ValueError:
                 self.rate, samples = wavfile.read(path)
         self._samples = samples[:, None] if samples.ndim == 1 else samples
         self._file: tuple[Path, int, np.dtype[Any]] | None = None

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
-NEAR = 0.06  # s, by which the train may be off at its worst
+# Largest error of a touch's time, s, with which a train counts as replayed.
+NEAR = 0.06
 _POINTS = 20
 # Of the search for the scene's α, and its longest step, a share of α
 _ROUNDS, _SECANT = 4, 0.04
@@ -183,7 +184,8 @@ def touches_of(path: Trajectory) -> Floats:
     """Times at which the surfaces met before each turn of the body, s."""
     turns = np.flatnonzero((path.rate[:-1] > 0) & (path.rate[1:] <= 0))
     touches = []
-    last = 0  # step from which the body has left
+    # The step from which the body has left the plate after the turn before.
+    last = 0
     for turn in turns:
         inside = np.flatnonzero(path.penetration[last : turn + 2] > 0)
         first = last + int(inside[0]) if inside.size else 0
@@ -192,7 +194,8 @@ def touches_of(path: Trajectory) -> Floats:
         else:
             touches.append(path.time[turn])
         last = int(turn) + 1
-        while last < len(path.rate) - 1 and path.penetration[last] > 0:  # until it has left
+        # Skip the rest of this contact, until the surfaces have parted.
+        while last < len(path.rate) - 1 and path.penetration[last] > 0:
             last += 1
     return np.array(touches)
 

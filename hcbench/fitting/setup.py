@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 
 # Over the Earth g is 9.764 ... 9.834 m/s²: as a standard deviation, (9.834 - 9.764)/(2 sqrt 3).
 GRAVITY_UNCERTAINTY = 0.02
-HEIGHT_UNCERTAINTY = 1e-3  # m
-_SMALLEST, _LARGEST = 1e-9, 1e9  # of what anybody measures of bounces
+# Standard uncertainty of a drop height where none is given, m.
+HEIGHT_UNCERTAINTY = 1e-3
+# Bounds of every measured value, in SI: no measurement of a bounce lies outside.
+_SMALLEST, _LARGEST = 1e-9, 1e9
 
 
 @checked_fields

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 
-_LARGEST = 16 << 20  # bytes
+# Largest file that is read, bytes.
+_LARGEST = 16 << 20
 # Of what anybody measures of bounces, SI; its inverse is the largest
 _SMALLEST = 1e-12
 # Of a picture, though of some length in print
@@ -55,7 +56,8 @@ class Table:
 
     def number(self, text: str) -> float:
         """A cell as a number; NaN for what is none."""
-        if "_" in text:  # which Python takes for a sign between digits
+        # Python's float takes "1_0" for 10.
+        if "_" in text:
             return math.nan
         try:
             return float(text.strip().replace(self.decimal, "."))
@@ -90,7 +92,8 @@ def computed(name: str) -> Iterator[None]:
     try:
         with np.errstate(all="ignore"):
             yield
-    except (ArithmeticError, ValueError) as error:  # NumPy's LinAlgError is a ValueError
+    # ValueError is the base of NumPy's LinAlgError.
+    except (ArithmeticError, ValueError) as error:
         got = "numbers that lead to no finite result"
         raise UserError(name, got, "bounces of one ball on one plate", "Look at the units") from error
 
@@ -132,7 +135,8 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
         raise UserError(name, "is neither UTF-8 text nor a WAV recording", expected) from None
     except OSError as error:
         raise UserError(name, error.strerror or str(error), "a file that can be read") from None
-    except ValueError as error:  # of a name with a null
+    # ValueError: a name with a null character.
+    except ValueError as error:
         raise UserError(name, str(error), "a file that can be read") from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:

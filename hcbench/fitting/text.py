@@ -46,7 +46,8 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
     The band spans the law with and without e0 where that is open.
     """
     speeds = speeds_over(result, count)
-    bands = np.array([_band_of(fit, speeds) for fit in result.curves])  # (laws, 3, count)
+    # Shape (laws, 3, speeds).
+    bands = np.array([_band_of(fit, speeds) for fit in result.curves])
     best = [fit is result.best for fit in result.curves].index(True)
     low = bands[:, 0].min(axis=0)
     middle = bands[best, 1]
@@ -59,7 +60,8 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
 def _band_of(fit: LawFit, speeds: Floats) -> Floats:
     """2.5 %, 50 % and 97.5 % of e at each speed: (3, n)."""
     posterior = fit.posterior
-    keep = posterior.weight > 1e-4 * posterior.weight.max()  # a curve each costs more than it would add
+    # Draws of little weight do not move the band, and each costs a curve.
+    keep = posterior.weight > 1e-4 * posterior.weight.max()
     weight = posterior.weight[keep] / posterior.weight[keep].sum()
     curves = []
     for parameters in posterior.parameters[keep]:

@@ -28,18 +28,24 @@ if TYPE_CHECKING:
 _SIGMAS = 7.0
 # The same of flights that follow on one another: where they are is known
 _FOLLOWS = 5.0
-_SHARE = 0.005  # of the highest point, likewise
-_LEAST_FRAMES = 4  # of a flight
+# The same, as a share of the highest point.
+_SHARE = 0.005
+# Frames that a flight has at least.
+_LEAST_FRAMES = 4
 # Of the last flight: whether its end is still flight, nothing after it tells
 _UNSURE = 0.1
 # Share of the drop after which the ball is falling freely for sure
 _FALLEN = 0.05
 # Standard deviations of g from which on the scale or the clock is called wrong
 _OFF = 3.0
-_NEAR = 0.01  # of g: less does not matter, at any standard deviation
-_GROSS = 0.2  # of g: no measurement is that far off, and none is fitted
-_SHORTER = 1.1  # times the flight before, with what frames round: the longest that a flight can be
-_FRAMES_OF_G = 6  # of a flight from which its bend tells g
+# A difference of g below this share does not matter, whatever its standard deviation.
+_NEAR = 0.01
+# No measurement of g is wrong by this share: the scale or the times are.
+_GROSS = 0.2
+# Longest flight, as a multiple of the flight before: bounces get lower, and frames round times.
+_SHORTER = 1.1
+# Frames from which the bend of a flight shows g.
+_FRAMES_OF_G = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +135,8 @@ class Track(Dataset):
     def touches(self) -> list[str]:
         """Labels for the columns of by_scatter."""
         labels = [f"touch {i + 1} at {t:.3f} s" for i, t in enumerate(self.touch_times)]
-        first = 0 if self._dropped else 1  # only a drop tells the speed into the first touch
+        # Only a drop tells the speed into the first touch.
+        first = 0 if self._dropped else 1
         return labels[first:-1]
 
 
@@ -165,7 +172,8 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     begin = int(gone[-1]) + 1 if gone.size else 0
     has_fall = int(lows[0]) - begin >= _LEAST_FRAMES
     touches = times[lows].tolist()
-    for _ in range(2):  # the floor tells touches, and they tell the floor
+    # Two rounds: the floor's height gives the touches, and the touches give the floor.
+    for _ in range(2):
         touches = _extended(touches, times, heights - floor, follows, frame, gravity)
         touches, floor = _refined(touches, times[begin:], heights[begin:], floor, frame, gravity)
     needed = 2 if has_fall or setup.height is not None else 4
@@ -190,14 +198,16 @@ def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, 
     for a, b in itertools.pairwise(lows):
         duration = float(times[b] - times[a])
         if duration > longest:
-            break  # flights get shorter: in a longer one a touch was missed
+            # A flight longer than the one before hides a touch that was missed.
+            break
         longest = _SHORTER * duration
         inside = slice(a + 1, b)
         aloft = times[inside] - times[a]
         if len(aloft) < _FRAMES_OF_G:
             continue
         ideal, _, _ = ball.path(0.5 * ball.gravity * duration, aloft)
-        weight = float(aloft[-1] - aloft[0]) ** 4  # of a parabola's bend, over the noise of its heights
+        # Inverse variance of a parabola's bend, up to the noise of the heights.
+        weight = float(aloft[-1] - aloft[0]) ** 4
         measured += weight * float(np.polyfit(aloft, heights[inside], 2)[0])
         expected += weight * float(np.polyfit(aloft, ideal, 2)[0])
     if not expected:
@@ -228,7 +238,8 @@ def _refined(
     ends = [float(times[0]) - frame, *touches]
     # Straight lines, in free flight
     raised = heights + 0.5 * gravity * times**2
-    arcs = []  # slope and height of each flight's line; None where it has too few frames
+    # Slope and height of the line of each flight; None for a flight with too few frames.
+    arcs = []
     for begin, end in itertools.pairwise(ends):
         inside = (times > begin + 0.5 * frame) & (times < end - 0.5 * frame)
         arcs.append(np.polyfit(times[inside], raised[inside], 1) if inside.sum() > 1 else None)

@@ -54,7 +54,8 @@ def odds_of(evidence: Mapping[str, float]) -> dict[str, float]:
     odds = {}
     for name, one in evidence.items():
         best_of_others = max(e for other, e in evidence.items() if other != name)
-        log_odds = max(-700.0, min(700.0, one - best_of_others))  # exp of more overflows
+        # exp of more than 709 overflows a float.
+        log_odds = max(-700.0, min(700.0, one - best_of_others))
         odds[name] = math.exp(log_odds)
     return odds
 
@@ -118,9 +119,11 @@ class _PowerCurve(FittedCurve):
     def local(self, speed: float) -> Local:
         moving = self.factor * speed**self.power
         e = self.level + moving
-        if e < _LEAST_E:  # the law's own formula ends here
+        # Below this e the formula of the law no longer holds.
+        if e < _LEAST_E:
             return math.log(_LEAST_E), 0.0, (0.0,)
-        if self.level == 0.0 and e > 1.0:  # plastic, below the speed of first yield
+        # The power law of plastic impact starts at the speed of first yield; below it e is 1.
+        if self.level == 0.0 and e > 1.0:
             return 0.0, 0.0, (0.0,)
         at_reference = self.level + self.factor * self.reference**self.power
         by_parameter = at_reference / e * (speed / self.reference) ** self.power if self.power else 1.0
@@ -203,7 +206,8 @@ def dissipation_of(log_e: float) -> float:
 class _HuntCrossleyCurve(FittedCurve):
     """ln e = ln e0 + ln e of eq. (16)."""
 
-    rate: float  # (3/2) α, s/m
+    # (3/2) α, s/m: times a speed it is the dissipation d of the law.
+    rate: float
     reference: float
     log_e0: float | None
 

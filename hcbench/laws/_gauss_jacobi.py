@@ -17,7 +17,8 @@ def gauss_jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
     """Nodes and weights, `count` of each, for the weight (1 - x)^a (1 + x)^b on -1 ... 1; a, b > -1."""
     k = np.arange(count, dtype=np.float64)
     total = 2.0 * k + a + b
-    with np.errstate(divide="ignore", invalid="ignore"):  # 0/0 at the first of either where a + b is 0 or -1
+    # The first row is 0/0 where a + b is 0 or -1; the next lines replace it.
+    with np.errstate(divide="ignore", invalid="ignore"):
         middle = (b * b - a * a) / (total * (total + 2.0))
         beside = 4.0 * k * (k + a) * (k + b) * (k + a + b) / (total**2 * (total + 1.0) * (total - 1.0))
     middle[0] = (b - a) / (a + b + 2.0)

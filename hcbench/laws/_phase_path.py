@@ -48,7 +48,8 @@ def rate_ratio(q: Floats) -> Floats:
     ratio = np.where(near > 2.0, far, series)
     for _ in range(4):
         y = near * ratio
-        root = ratio * np.sqrt(g_ratio(y))  # 1 at the solution
+        # The root that Newton's method seeks makes this 1.
+        root = ratio * np.sqrt(g_ratio(y))
         ratio = ratio - (root - 1.0) * root * (1.0 + y) / ratio
     low = q < _SERIES_FROM
     if low.any():

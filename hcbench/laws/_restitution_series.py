@@ -67,7 +67,8 @@ def _series(d: Floats, top: float) -> Floats:
     x2 -= 2.0
     b1 = np.zeros_like(d)
     b2 = np.zeros_like(d)
-    work = np.empty_like(d)  # the three take turns: no array is made in the loop
+    # Three arrays take turns in Clenshaw's recurrence: the loop allocates no memory.
+    work = np.empty_like(d)
     for coefficient in series[:0:-1]:
         np.multiply(x2, b1, out=work)
         work -= b2

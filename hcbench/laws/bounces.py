@@ -7,10 +7,11 @@ import numpy as np
 
 from hcbench.terms.impact import Floats, Impact, Trajectory
 
-_REST_SPEED = 1e-6  # m/s: touching slower than this counts as rest
-_SAME_IMPACT = (
-    1e-3  # impacts whose speeds differ by less have one loop: thousands of bounces that lose nothing
-)
+# A body that touches more slowly than this is at rest, m/s.
+_REST_SPEED = 1e-6
+# Impacts whose speeds differ by less share one loop: a ball that loses nothing bounces thousands of
+# times.
+_SAME_IMPACT = 1e-3
 
 
 def successive_bounces(
@@ -26,7 +27,8 @@ def successive_bounces(
     x = np.zeros_like(times)
     v = np.zeros_like(times)
     f = np.zeros_like(times)
-    start = 0.0  # of the flight, s
+    # Start of the flight, s.
+    start = 0.0
     gap = height
     rate = speed
     impact = None
@@ -34,7 +36,8 @@ def successive_bounces(
         if rate > 0 or gap > 0:
             touch = math.sqrt(rate**2 + 2 * gravity * gap)
         else:
-            touch = -rate  # it leaves the plate, and comes back as fast
+            # The body leaves the plate and, without gravity or height to fall, comes back as fast.
+            touch = -rate
         if touch < _REST_SPEED:
             return Trajectory(times, x, v, f)
         flight = (touch - rate) / gravity if gravity > 0 else gap / touch

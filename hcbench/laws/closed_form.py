@@ -101,7 +101,8 @@ def force_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     m, v = _positive("mass", mass, "kg"), _not_negative("speed", speed, "m/s")
     n, k = law.exponent, law.stiffness
     d = np.asarray(law.dissipation * v)
-    share = largest_force_rate(d, n)  # y / d²
+    # y / d²: finite even where d, and with it y, is 0.
+    share = largest_force_rate(d, n)
     x = (n * m * v**2 * share / k) ** (1.0 / (n + 1.0))
     return np.asarray(k * x**n * (1.0 + d**2 * share))
 

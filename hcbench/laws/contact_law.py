@@ -24,7 +24,8 @@ from hcbench.terms.resolution import STEPS_OF_A_LAW
 require = partial(require_that, error=SettingError)
 
 
-_AS_STATIC = -1e-300  # no coefficient; what a user gives is another number
+# Stands for a coefficient that was not given: no user writes this number.
+_AS_STATIC = -1e-300
 
 
 @checked_fields
@@ -120,7 +121,8 @@ def _published_law(kind: str, given: dict[str, Any]) -> Law:
         numbers = _numbers(given, ("restitution", "stiffness"), ("exponent",))
         return TouchSpeedLaw(law_named(name), **numbers)
     numbers = _numbers(given, ("restitution",))
-    any_stiffness = 1.0  # e does not depend on it
+    # e does not depend on the stiffness, which only scales time.
+    any_stiffness = 1.0
     return ConstantRestitution(TouchSpeedLaw(law_named(name), any_stiffness, **numbers).delivered)
 
 

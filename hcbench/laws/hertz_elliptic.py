@@ -53,7 +53,8 @@ class Surface:
                 not math.isnan(radius) and radius != 0.0,
                 "a radius other than 0 m; inf: straight",
             )
-        hertz.compliance(self.material)  # refuses a material that cannot be
+        # Raises for a material that cannot exist, before any contact uses it.
+        hertz.compliance(self.material)
 
 
 def sphere(radius: float, material: Material) -> Surface:
@@ -179,7 +180,8 @@ def axis_stresses(kappa: float, poisson_ratio: float, depth: Floats | float) -> 
     Thomas and V. A. Hoersch, 1930. Here with e² divided out by hand, so that the circle needs no
     branch.
     """
-    zeta = np.asarray(depth, dtype=float) * kappa  # z / a
+    # Depth over the half axis: z / a.
+    zeta = np.asarray(depth, dtype=float) * kappa
     m = 1.0 - kappa * kappa
     wide = 1.0 + zeta * zeta
     t = np.sqrt((kappa * kappa + zeta * zeta) / wide)

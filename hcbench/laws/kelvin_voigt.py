@@ -26,8 +26,10 @@ from hcbench.terms.impact import Floats, Loop
 class Ending(StrEnum):
     """Condition that ends the contact."""
 
-    SURFACE = "surface"  # x = 0
-    FORCE = "force"  # F = 0
+    # The contact ends when the surfaces part: x = 0.
+    SURFACE = "surface"
+    # The contact ends when the force ends, so that it never pulls: F = 0.
+    FORCE = "force"
 
 
 def damping_ratio(law: KelvinVoigt, mass: float) -> float:

@@ -69,7 +69,8 @@ def impact(
     parted = bool(at_surface.size or at_no_force.size)
     end = float(path.t[-1])
     tau = np.linspace(0.0, end, count)
-    xi, eta = path.sol(tau)  # penetration over the depth, rate over the speed
+    # Penetration over its scale, and rate over the impact speed.
+    xi, eta = path.sol(tau)
     # The interpolant misses its ends in the last digits; they are known.
     xi[0] = 0.0
     eta[0] = 1.0

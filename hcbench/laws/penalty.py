@@ -47,7 +47,8 @@ class AdamsImpact:
 
     def restitution(self, mass: float, speed: float) -> float:
         """e of an effective mass (kg) at an impact speed (m/s), by integration over time."""
-        from hcbench.laws import ode  # slow to import
+        # SciPy's integrators are slow to import.
+        from hcbench.laws import ode
 
         impact = ode.impact(self, mass, speed, count=3)
         return impact.speed_out / impact.speed_in

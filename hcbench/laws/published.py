@@ -193,7 +193,8 @@ def law_named(name: str) -> PublishedLaw:
         if str(name).casefold() in (law.name.casefold(), law.slug):
             return law
     require("law", name, False, f"one of {', '.join(law.slug for law in LAWS.values())}")
-    raise AssertionError  # `require` has raised
+    # Never reached: `require` has raised.
+    raise AssertionError
 
 
 @checked_fields

@@ -78,7 +78,8 @@ def turning_point(u: Floats | float) -> Floats:
     s = 1.125 * np.asarray(u, dtype=float) ** 2
     wanted = np.sqrt(2.0 * s)
     z = np.where(wanted < 1.0, wanted, np.log1p(s))
-    for _ in range(60):  # Newton on √(2 f), which is nearly straight where f is a parabola
+    # Newton's method on √(2 f), which is nearly straight where f itself is a parabola.
+    for _ in range(60):
         root = np.sqrt(2.0 * _f(z))
         step = np.divide((root - wanted) * root, z * np.exp(z), out=np.zeros_like(z), where=z > 0.0)
         z = np.maximum(z - step, 0.0)

@@ -24,17 +24,20 @@ def root(
     f = function(x)
     if f_before == 0.0:
         return before
-    other = low  # the root lies between x and it
+    # The root lies between x and `other`.
+    other = low
     f_other = 0.0
     step = 0.0
-    earlier = 0.0  # the step before the last
+    # The step before the last.
+    earlier = 0.0
     for _ in range(_MOST_STEPS):
         if f != 0.0 and (f_before < 0.0) != (f < 0.0):
             other = before
             f_other = f_before
             step = x - before
             earlier = step
-        if abs(f_other) < abs(f):  # x is to be the better end of the bracket
+        # x is to be the better end of the bracket.
+        if abs(f_other) < abs(f):
             before, f_before = x, f
             x, f = other, f_other
             other, f_other = before, f_before
@@ -71,6 +74,7 @@ def _guess(a: float, b: float, c: float, f_a: float, f_b: float, f_c: float) -> 
     slope_a = (f_a - f_b) / (a - b)
     slope_c = (f_c - f_b) / (c - b)
     bent = slope_c * slope_a * (f_c - f_a)
-    if not bent:  # it underflows
+    # The product of the slopes underflows to 0.
+    if not bent:
         return math.inf
     return -f_b * (f_c * slope_c - f_a * slope_a) / bent

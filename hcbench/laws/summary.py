@@ -13,7 +13,8 @@ from hcbench.terms.units import INCH
 
 # 1/(1/R1 + 1/R2) of section 3.1: 1 in convex on 2 in concave
 PAPER_RELATIVE_RADIUS = 2 * INCH
-SPEED_LIMIT = 20 * INCH  # m/s, section 1.2: impact speeds below 20 in/s
+# The paper's section 1.2 treats impacts slower than 20 in/s, m/s.
+SPEED_LIMIT = 20 * INCH
 # α v_i at the ends of what the paper calls reasonable: α = 0.008 s/in at 20 in/s. Eq. (2) is 0.02 low there.
 ALPHA_SPEED_LIMIT = 0.16
 
@@ -56,7 +57,8 @@ def summarize(law: HuntCrossley, mass: float, speed: float, relative_radius: flo
 
 def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str, ...]:
     warnings = []
-    if speed > SPEED_LIMIT * (1 + 1e-12):  # 20 in/s itself, however it was converted, is within
+    # The margin lets 20 in/s itself pass, whatever unit it was converted from.
+    if speed > SPEED_LIMIT * (1 + 1e-12):
         warnings.append(
             f"speed {speed:.4g} m/s is above {SPEED_LIMIT:.3g} m/s (20 in/s):"
             " past the paper's range of e = 1 - α v"
@@ -76,8 +78,10 @@ def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str
     return tuple(warnings)
 
 
-Adams = str | AdamsImpact  # "k, e, cmax, d", SI or with units
-Newton = str | NewtonSpring  # "SOLVER, ke, kd"
+# The text "k, e, cmax, d", each in SI or with a unit.
+Adams = str | AdamsImpact
+# The text "SOLVER, ke, kd".
+Newton = str | NewtonSpring
 
 
 def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:

@@ -15,10 +15,14 @@ from hcbench.system.text import time_step
 from hcbench.terms.impact import Impact, Status
 from hcbench.terms.resolution import STEPS_BY_CHANCE
 
-NOTABLE_GRAVITY = TOLERANCE  # of the impact speed, gained in a step or a contact: e then shifts by as much
-ENERGY_GAIN = "energy-gain"  # a cause of the user's own model only, not of a copy with fixes
-NO_PUSH = "no-push"  # a contact that begins, and has no force
-BOUNCY = 0.9  # the e that a fix is written for where no target is given
+# A speed gained in a step or a contact, as a share of the impact speed, shifts e by as much.
+NOTABLE_GRAVITY = TOLERANCE
+# Only the user's own model has this cause, not a copy with fixes.
+ENERGY_GAIN = "energy-gain"
+# A contact that begins but exerts no force.
+NO_PUSH = "no-push"
+# The e that a fix is written for where no target is given.
+BOUNCY = 0.9
 
 
 @dataclass(frozen=True, slots=True)

@@ -229,10 +229,14 @@ def step_shares(phases: Floats, starts: Whole) -> Floats:
     return (gap_after + gap_before) / 2
 
 
-_NARROWEST = 1 / 256  # of a step: two phases nearer than this are not told apart
-_SAME_E = 2e-3  # neighbours nearer than this have nothing between them
-_SAME_SHARE = 0.2  # of the scatter found so far: the same
-_PHASES_MAX = 32  # a speed
+# Two phases nearer than this share of a step are not simulated apart.
+_NARROWEST = 1 / 256
+# Between neighbours whose e differ by less nothing is looked for.
+_SAME_E = 2e-3
+# The same, as a share of the scatter found so far.
+_SAME_SHARE = 0.2
+# Phases of one speed, at most.
+_PHASES_MAX = 32
 
 
 def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
@@ -243,13 +247,15 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
     """
     if not request.adapt_phases:
         return simulate.impacts_in(model, request.launches())
-    wanted: list[list[Launch]] = []  # of each speed and angle: a launch at each phase asked for
+    # One list for each speed and angle, with a launch at each phase asked for.
+    wanted: list[list[Launch]] = []
     for speed, angle in itertools.product(request.speeds, request.angle):
         wanted.append(replace(request, speeds=(speed,), angle=(angle,)).launches())
     # All speeds together in each round, for engines that take as long for many as for one.
     first = simulate.impacts_in(model, [launches[0] for launches in wanted])
     groups = [[impact] for impact in first]
-    new: dict[int, list[Launch]] = {}  # launches of the next round, by their group's place
+    # Launches of the next round, by the place of their group.
+    new: dict[int, list[Launch]] = {}
     for place, impact in enumerate(first):
         if impact.samples < STEPS_WITHOUT_CHANCE:
             new[place] = wanted[place][1:]
@@ -282,7 +288,8 @@ def _between(impacts: Sequence[Impact]) -> list[Launch]:
     phases = [impact.launch.phase for impact in impacts]
     e.append(e[0])
     phases.append(phases[0] + 1.0)
-    gaps: list[tuple[float, float]] = []  # minus the difference in e, and the phase half-way
+    # Pairs of (minus the difference in e, the phase half-way): sorting puts the largest first.
+    gaps: list[tuple[float, float]] = []
     for i in range(len(impacts)):
         difference = abs(e[i + 1] - e[i])
         if difference > notable and phases[i + 1] - phases[i] > _NARROWEST:

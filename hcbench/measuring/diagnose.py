@@ -27,14 +27,22 @@ if TYPE_CHECKING:
     Goal = Callable[[float], float]
 
 _PROBE_PHASES = 4
-_COSTLY, _ALIKE = 3.0, 1e-3  # step cost of a robot: where its phases differ in e by less, one is tried
-_PROBE_STEPS = 20_000  # in contact, for all probes of one trial: slow contacts get fewer probes
-_HALF = 0.5  # of the error: what a fix must take away, where that is less than the tolerance
-_NOTABLE = 0.05  # of the error: what a fix must take away in any case
-_NO_BOUNCE = 1.0  # an error of e of a pair that has none, or bounces fully where it should not at all
+# A model with such costly steps is tried at one phase where its phases differ in e by less than
+# _ALIKE.
+_COSTLY, _ALIKE = 3.0, 1e-3
+# Steps in contact, for all probes of one trial: slow contacts get fewer probes.
+_PROBE_STEPS = 20_000
+# A fix must take away this share of the error if that is less than the tolerance.
+_HALF = 0.5
+# A fix must take away this share of the error in any case.
+_NOTABLE = 0.05
+# Error of e of a pair that has no bounce, or bounces fully where it should not at all.
+_NO_BOUNCE = 1.0
 _NO_FIX = "No fix that hcbench knows helps: with all of them made, some launches still have no restitution."
-_GRADES = 4  # of strength: among equals the order is that of the suspects
-_FLAT = 0.1  # of the span of e that is wanted: a contact whose own e spans less has one e for all speeds
+# Grades of strength: causes of one grade keep the order of the suspects.
+_GRADES = 4
+# A contact whose e spans less than this share of the target's span has one e for all speeds.
+_FLAT = 0.1
 
 
 def goal_of(asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None) -> Goal:
@@ -45,7 +53,8 @@ def goal_of(asked: Sequence[float], speeds: Sequence[float], wanted: Restitution
         return lambda speed: float(wanted.at(speed))
     if not len(asked):
         return lambda _: math.nan
-    order = np.argsort(speeds)  # np.interp takes rising speeds only
+    # np.interp needs rising speeds.
+    order = np.argsort(speeds)
     rising = np.asarray(speeds)[order]
     e = np.clip(np.asarray(asked)[order], 0.0, 1.0)
     return lambda speed: float(np.interp(speed, rising, e))
@@ -66,7 +75,8 @@ def diagnose(
     impacts = touched or impacts
     suspects = model.suspects(impacts, wanted)
     if not touched and not any(s.code == NO_PUSH for s in suspects):
-        return (), ""  # something stopped them before the contact could do anything
+        # Something stopped the bodies before the contact could act.
+        return (), ""
 
     assumed = _assumed_e(suspects)
     if assumed is not None:
@@ -152,7 +162,8 @@ def _error(impact: Impact, goal: Goal) -> float:
     if math.isnan(e):
         return 1.0
     error = abs(e - goal(impact.speed_in))
-    if math.isnan(error):  # no goal: only a gain of energy is surely wrong
+    # Without a target only a gain of energy is surely wrong.
+    if math.isnan(error):
         return max(0.0, e - 1.0)
     return error
 
@@ -183,7 +194,8 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
     for speed in sorted({worst, min(speeds), max(speeds)}):
         probes += _probe_phases([i for i in impacts if i.launch.speed == speed], step_cost)
 
-    longest = max(10, *(impact.samples for impact in impacts))  # steps in contact
+    # Steps in contact of the longest impact.
+    longest = max(10, *(impact.samples for impact in impacts))
     affordable = max(1, int(_PROBE_STEPS / (step_cost * longest)))
     if affordable >= len(probes):
         return probes
@@ -193,7 +205,8 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
 def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
     """Evenly chosen launches of one speed; one only where steps cost much and all phases have the same e."""
     e = [impact.restitution for impact in impacts]
-    are_alike = max(e) - min(e) <= _ALIKE  # False where one is NaN
+    # False where one of them is NaN.
+    are_alike = max(e) - min(e) <= _ALIKE
     count = 1 if step_cost >= _COSTLY and are_alike else _PROBE_PHASES
     launches = [impact.launch for impact in impacts]
     stride = max(1, len(launches) // count)
@@ -209,7 +222,8 @@ def _hidden_suspects(
     if not fixes or not impacts or trials.max_error(fixes) <= tolerance:
         return []
     known = {suspect.code for suspect in suspects}
-    known.add(ENERGY_GAIN)  # the fixes may cause one, which the model itself does not have
+    # The fixes may bring a gain of energy that the model itself does not have.
+    known.add(ENERGY_GAIN)
     with trials.model.fixed(fixes) as fixed:
         return [s for s in fixed.suspects(impacts, wanted) if s.code not in known]
 
@@ -241,7 +255,8 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
     def strength(suspect: Suspect) -> int:
         return round(_GRADES * error_without[suspect.code] / largest)
 
-    reported.sort(key=lambda s: -strength(s))  # stable: among equals the likeliest first
+    # The sort is stable: among equals the likeliest stays first.
+    reported.sort(key=lambda s: -strength(s))
     return [_cause(s, trials.max_error([s]), error_without[s.code]) for s in reported]
 
 

@@ -31,8 +31,10 @@ from hcbench.terms.options import (
 from hcbench.terms.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LANDING_TIME, record
 
 HEIGHTS = "1:20:5 cm"
-_HIGHEST = 100.0  # m
-_STAYS = "stays"  # in place of a contact time: on the floor until the end of the window
+# Highest drop that `land` simulates, m.
+_HIGHEST = 100.0
+# Printed in place of a contact time if the body stays on the floor until the end of the window.
+_STAYS = "stays"
 _HEADER = (
     *("drop m", "deg", "model", "impact m/s", "e", "peak/weight", "impulse N s"),
     *("contact ms", "slip mm", "depth mm", "feet", "bounce"),

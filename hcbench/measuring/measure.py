@@ -36,9 +36,12 @@ from hcbench.workers import WorkerDied, begin, call
 
 Answer = TypeVar("Answer")
 
-LIMIT_S = 60.0  # at least, for one model, which takes a second or two on an idle machine
-LEAST_MEMORY = 4 << 30  # bytes that any model may take
-MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
+# Least time limit of one model, s: on an idle machine a model takes a second or two.
+LIMIT_S = 60.0
+# Memory that any model may take, bytes.
+LEAST_MEMORY = 4 << 30
+# A model may take this share of the machine's memory if that is more than LEAST_MEMORY.
+MEMORY_SHARE = 0.8
 _FROM_USD = "Isaac Sim's URDF exporter makes a URDF of a USD file"
 
 
@@ -162,7 +165,8 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
     """Let a worker process import what measuring these files takes, while its parent reads what is asked."""
-    with suppress(HcbenchError):  # it is raised again where the model is needed
+    # The error is raised again where the model is needed.
+    with suppress(HcbenchError):
         opener = _engine_for(_as_files(tuple(models)), engine)
         if interpreter_of(opener) is None:
             begin(__name__, "prepare", opener.name)
@@ -180,7 +184,8 @@ def _as_files(model: Any) -> str | tuple[str, ...] | None:
     an engine.
     """
     if isinstance(model, list | tuple) and len(model) == 1:
-        model = model[0]  # opened by the engine of its kind, not by one that opens several files
+        # One file is opened by the engine of its kind, not by one that opens several files.
+        model = model[0]
     if isinstance(model, str | Path):
         return str(model)
     if isinstance(model, list | tuple) and model and all(isinstance(part, str | Path) for part in model):
@@ -216,12 +221,14 @@ def _measured(job: Job) -> Measurement:
         impacts = impacts_of(model, request)
         facts = model.facts()
         promise = facts.promise
-        is_as_chosen = False  # hcbench wrote this contact, and it keeps its promise
+        # True if hcbench wrote this contact and the contact keeps its promise.
+        is_as_chosen = False
         if promise is not None:
             facts = dataclasses.replace(facts, notes=(promise.note(impacts), *facts.notes))
             is_as_tuned = promise.is_kept(impacts) and not facts.changed
             is_as_chosen = is_as_tuned and job.wanted in (None, promise.curve)
-        rest, suspects = at_rest(model, job.rest, impacts)  # before trials end what a user's function made
+        # Measured before the trials, which end what a user's function made.
+        rest, suspects = at_rest(model, job.rest, impacts)
         if job.diagnose and not is_as_chosen:
             goal = goal_of(facts.asked, request.speeds, job.wanted)
             causes, remedy = diagnose(model, impacts, goal, job.wanted, job.tolerance)
@@ -274,7 +281,8 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
             if _opens(opener):
                 return opener
         raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in _openers())}")
-    for each in registry.names():  # versions are read of those that open such a model only
+    # Only engines that open such a model are asked for their version, which takes time.
+    for each in registry.names():
         adapter = registry.adapter(each)
         if _opens(adapter) and adapter.accepts(source):
             engine = registry.engine(each)
@@ -288,7 +296,8 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
 
 def _model_file_error(source: str | Path) -> SceneError:
     """The error for a path that no engine opens."""
-    suffixes: dict[str, None] = {}  # each once, in order
+    # A dict keeps each suffix once, in order.
+    suffixes: dict[str, None] = {}
     for engine in _openers():
         suffixes |= dict.fromkeys(engine.suffixes)
     reason = "is not the name of a model file" if Path(source).exists() else "is not there"

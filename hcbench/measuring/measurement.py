@@ -31,10 +31,14 @@ from hcbench.terms.impact import Impact, Status
 from hcbench.terms.options import Quantity
 from hcbench.terms.resolution import STEPS_TO_COMPARE, STEPS_TO_SHOW
 
-TOLERANCE = 0.02  # of e
-GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off
-NOTABLE_GAIN = 1e-3  # e above 1 by more than this: the causes are looked for
-_LEAST_E = 0.1  # below it no law of a bounce is fitted
+# Default tolerance of e: causes are looked for only where the error is larger.
+TOLERANCE = 0.02
+# An e above 1 by more than this is a gain of energy, not round-off.
+GAIN = 1e-6
+# Causes are looked for if e is above 1 by more than this.
+NOTABLE_GAIN = 1e-3
+# No law of a bounce is fitted if every e is lower.
+_LEAST_E = 0.1
 
 
 @checked

@@ -40,7 +40,8 @@ def read_joints(text: Any) -> Pose:
     pose: list[tuple[str, tuple[float, ...]]] = []
     for part in str(text).split(","):
         name, equals, values = (piece.strip() for piece in part.rpartition("="))
-        if not equals and pose and values:  # further values of the joint before
+        # A further value of the joint before.
+        if not equals and pose and values:
             pose[-1] = pose[-1][0], (*pose[-1][1], *_values(pose[-1][0], values))
             continue
         if not (name and equals and values):
@@ -107,7 +108,8 @@ def _arrays(content: bytes) -> dict[str, Any]:
         require_small_archive(content)
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    except Exception as error:  # a damaged header raises what Python's tokenizer and zipfile have
+    # A damaged header raises anything that Python's tokenizer and zipfile raise.
+    except Exception as error:
         raise ValueError(f"is damaged: {error}") from None
 
 

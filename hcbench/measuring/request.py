@@ -40,7 +40,8 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
         fields[name] = value if read is None else read(value)
     return Request(
         pair=read_pair(pair),
-        pose=(*state, *joints),  # joints that are named replace those of the state
+        # Joints that are named replace those of the state.
+        pose=(*state, *joints),
         packages=packages,
         adapt_phases="phases" not in given,
         **fields,
@@ -144,7 +145,8 @@ def _gravity(gravity: Any) -> Vector:
         if not down >= 0:
             advice = "Give three for any other way: 0,0,1"
             raise QuantityError("gravity", f"{down:g} m/s^2", "0 or more, along -z", advice)
-        return 0.0, 0.0, -down + 0.0  # of 0 no -0
+        # Adding 0.0 turns -0.0 into 0.0, which prints without a sign.
+        return 0.0, 0.0, -down + 0.0
     values = [units.parse(part, "acceleration", "gravity") for part in gravity]
     if len(values) != 3:
         advice = "Write for example 0,0,-9.81"

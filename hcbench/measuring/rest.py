@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from hcbench.sim.rest import Rest
     from hcbench.terms.impact import Impact
 
-_OTHER_WEIGHT = ("gravity",)  # whose fix takes the weight away
+# The fix of this cause takes the weight away, so that nothing rests.
+_OTHER_WEIGHT = ("gravity",)
 _UNITS = {"penetration": "m", "vibration": "m/s"}
-_HELPS = 0.5  # of what is too much: a fix that helps leaves less
+# A fix helps if it leaves less than this share of the excess.
+_HELPS = 0.5
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,11 +17,16 @@ from hcbench.terms.records import IMPACT, LOOP, PHASE, REST, SPEED, record
 
 SCHEMA = 1
 _LOOP_SAMPLES = 200
-_LOSSY = 1e-3  # α v from which a loop of the law has an area to compare with
-_NOTABLE_SHARE = 0.005  # of the impact speed: speed lost other than to the contact, reported above this share
-_FASTER = 1.5  # times the launch speed, from which the impact speed is warned of
-_FLIGHT_STEPS = 5  # of a launch: two to three, and as many again for what a body falls meanwhile
-_FAILURES = 3  # impacts without an e that are listed
+# From this α v on a loop of the law has an area to compare with.
+_LOSSY = 1e-3
+# Speed lost other than to the contact is reported above this share of the impact speed.
+_NOTABLE_SHARE = 0.005
+# A warning names impact speeds above this multiple of the launch speed.
+_FASTER = 1.5
+# Steps of a launch: two to three of flight, and as many again for the fall under gravity.
+_FLIGHT_STEPS = 5
+# Impacts without an e that are listed, at most.
+_FAILURES = 3
 
 
 def as_record(measurement: Measurement) -> dict[str, Any]:
@@ -107,7 +112,8 @@ def as_text(measurement: Measurement) -> str:
     lines += _score_lines(measurement)
     lines += cause_lines(measurement.causes, measurement.remedy)
     lines += cause_lines(measurement.rest_causes, "")
-    return re.sub("\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"  # one empty line between parts
+    # One empty line between parts.
+    return re.sub("\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
 
 
 def _curve_lines(measurement: Measurement) -> list[str]:
@@ -240,7 +246,8 @@ def _score_lines(measurement: Measurement) -> list[str]:
     if score is None or law is None or score.rested:
         return []
     lines = []
-    if math.isfinite(score.alpha_fit):  # not of one speed
+    # NaN for one speed.
+    if math.isfinite(score.alpha_fit):
         lines.append(f"fitted α {score.alpha_fit:.4g} s/m (rms {score.alpha_fit_rms:.2g})")
     if math.isfinite(score.energy_exponent):
         powers = f"v^{score.energy_exponent:.3g}, the law's as v^{number(score.energy_exponent_law, '.3g')}"

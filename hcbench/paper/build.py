@@ -19,7 +19,8 @@ from hcbench.reporting.wording import engine_title, listed
 from hcbench.sim import registry
 from hcbench.system.files import atomic_folder, read_text, write_text
 
-ASKED = (0.3, 0.5, 0.7, 0.9)  # restitutions of the table of laws
+# Restitutions in the table of laws.
+ASKED = (0.3, 0.5, 0.7, 0.9)
 
 
 def drawings(effort: Effort) -> list[Drawing]:

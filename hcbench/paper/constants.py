@@ -7,11 +7,14 @@ from hcbench.terms.scene import Material
 from hcbench.terms.units import INCH, POUND, POUND_FORCE, PSI
 
 MASS = POUND
-STIFFNESS = 3.1e7 * POUND_FORCE / INCH**1.5  # K3 as printed, N/m^1.5
+# The paper prints K3 in pounds and inches; here N/m^1.5.
+STIFFNESS = 3.1e7 * POUND_FORCE / INCH**1.5
 # s/m, section 3.2
 ALPHAS = tuple(a / INCH for a in (0.002, 0.004, 0.008, 0.016))
-SPEEDS = tuple(v * INCH for v in (4.0, 8.0, 12.0, 16.0))  # m/s, Fig. 4
-STEEL = Material(30e6 * PSI, 0.30)  # section 1.9
+# Impact speeds of Fig. 4, m/s.
+SPEEDS = tuple(v * INCH for v in (4.0, 8.0, 12.0, 16.0))
+# The paper's section 1.9 gives the modulus and Poisson's ratio.
+STEEL = Material(30e6 * PSI, 0.30)
 RADIUS_1, RADIUS_2 = 1.0 * INCH, -2.0 * INCH
 
 

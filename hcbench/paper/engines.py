@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
     from hcbench.terms.impact import Floats
 
-LIMIT = 120.0  # s of wall time for one simulation
+# Wall time of one simulation, s: an engine that runs longer counts as hung.
+LIMIT = 120.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,8 @@ def simulate_in_engine(
     if tuned_at is not None:
         positive("tuned_at", tuned_at, "m/s")
     engine = registry.engine(name)
-    engine.version()  # raises EngineMissing
+    # Raises EngineMissing before the simulation starts.
+    engine.version()
     count = math.ceil(until / timestep) + 1
     forces = np.array([0.0 if drive is None else drive(i * timestep) for i in range(count)])
     start = velocity - 0.5 * timestep * float(forces[0]) / system.mass

@@ -44,7 +44,8 @@ QUICK = Effort(6, cycles=6, drawn_cycles=3, response_frequencies=6, timestep=2e-
 LAW = constants.law(constants.ALPHAS[-1])
 SQUEEZED, FORCES = VibroImpact(constants.MASS, -1e-5, LAW, LAW), (4.0, 120.0, 400.0)
 LOOSE, PUSH = VibroImpact(constants.MASS, 1.5e-3, LAW, LAW), 150.0
-STAND_IN_SPEED = 0.4  # m/s, at which other contacts are as the law
+# Speed, m/s, at which the other contacts have the law's e.
+STAND_IN_SPEED = 0.4
 
 
 def response_figure(effort: Effort) -> Figure:
@@ -72,7 +73,8 @@ def response_figure(effort: Effort) -> Figure:
     return figure
 
 
-CLEAR, CLEAR_FOR, START = Sinusoid(PUSH, 90.0), 0.03, 0.1  # N at Hz; s; m/s
+# Force, N, at 90 Hz; duration, s; start speed, m/s.
+CLEAR, CLEAR_FOR, START = Sinusoid(PUSH, 90.0), 0.03, 0.1
 HARD, HARD_CYCLES = Sinusoid(1200.0, 3e3), 12
 # Line styles with ever more gaps: these lines lie on one another
 _OVERLAID = (0, 1, 5, 4)
@@ -172,6 +174,7 @@ def bifurcation_figure(effort: Effort) -> tuple[Figure, str]:
 def _draw_dots(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
     """Thousands of dots as one line of round ends: a tenth of the bytes that markers take."""
     nowhere = np.full_like(x, np.nan)
-    tiny = 5e-4 * float(np.ptp(x))  # a line of no length is not drawn
+    # Half length of a dot: Matplotlib draws no line of length 0.
+    tiny = 5e-4 * float(np.ptp(x))
     ends = np.stack([x - tiny, x + tiny, nowhere], axis=1).ravel(), np.stack([y, y, nowhere], axis=1).ravel()
     axes.plot(*ends, color=colour, linewidth=1.5, solid_capstyle="round")

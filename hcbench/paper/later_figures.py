@@ -25,7 +25,8 @@ from hcbench.reporting.plot_style import (
 )
 from hcbench.terms.impact import Floats
 
-LEVELS = (0.01, 0.1)  # errors that are marked
+# Errors of e that the figure marks.
+LEVELS = (0.01, 0.1)
 
 
 def approximations_figure() -> Figure:
@@ -76,7 +77,8 @@ def quadratic_figure() -> Figure:
     right.plot(loop.penetration * 1e6, loop.force, color=GREY, linewidth=4.0, alpha=0.6)
     x, force = _quadratic_loop(two, 0.5)
     right.plot(x * 1e6, force, color=BLUE)
-    out = slice(None, int(x.argmax()) - 1, -1)  # the way out, x rising
+    # The way out, in the order of rising x.
+    out = slice(None, int(x.argmax()) - 1, -1)
     pulls: dict[str, Any] = {"where": force[out] < 0.0, "interpolate": True, "linewidth": 0}
     right.fill_between(x[out] * 1e6, force[out], color=RED, alpha=0.4, **pulls)
     right.annotate(
@@ -99,7 +101,8 @@ def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floa
     # F starts with x^(1/4): points crowd towards both ends of the loop.
     theta = np.linspace(0.0, 1.0, 401)
     theta = np.pi * theta**4 / (theta**4 + (1.0 - theta) ** 4)
-    s = z * np.sin(theta)  # b y
+    # b y, where y = x^((n+1)/2): v² is linear in y plus an exponential of it.
+    s = z * np.sin(theta)
     scale = kappa / b**2
     inward = (speed**2 - scale) * np.exp(-s) - scale * (s - 1.0)
     outward = scale * ((s + 1.0) - (z + 1.0) * np.exp(s - z))

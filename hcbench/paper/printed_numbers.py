@@ -13,7 +13,8 @@ from hcbench.reporting.wording import four_digits
 from hcbench.terms.units import INCH, POUND, POUND_FORCE, PSI
 
 Agreement = Literal["agrees", "rounded", "differs"]
-STEEL_DENSITY = 7850.0  # kg/m³, of carbon steel
+# Density of carbon steel, kg/m³.
+STEEL_DENSITY = 7850.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,8 @@ from hcbench.terms.impact import Floats
 
 TITLE = "alumina on glass"
 UNIT = "of e_t"
-TRAINING: tuple[int, ...] = ()  # e and the friction are published
+# No tosses to learn from: e and the friction are published.
+TRAINING: tuple[int, ...] = ()
 VALIDATION = (0,)
 TIMESTEP = 5e-5
 DURATION = 0.06  # s

@@ -28,13 +28,17 @@ FIXED = {"friction": 0.266}
 TIMESTEP = 2e-3
 DURATION = 0.06  # s
 RADIUS, MASS = 0.02, 0.0027  # m, kg
-INERTIA = 2.0 / 3.0 * MASS * RADIUS**2  # of a shell
+# A thin shell.
+INERTIA = 2.0 / 3.0 * MASS * RADIUS**2
 FILE = "data/trajectories/trajectories.zip"
 SHA256 = "c2a5e0597117c5af59d0e56a95aa3e35f541ad255b3e2687d92dc3e0c5fb5474"
-_AIR = 1.2  # kg/m³
-_DRAG = 0.5 * _AIR * np.pi * RADIUS**2 * 0.45 / MASS  # 1/m
+# Density of air, kg/m³.
+_AIR = 1.2
+# 1/m: times the speed squared it is a deceleration. 0.45 is the drag coefficient.
+_DRAG = 0.5 * _AIR * np.pi * RADIUS**2 * 0.45 / MASS
 _LIFT = 0.5 * _AIR * np.pi * RADIUS**3 * 0.6 / MASS
-_FRAMES = 22  # of a side of a bounce, at most
+# Frames of either side of a bounce, at most.
+_FRAMES = 22
 _LEAST = 6
 # Share of the spin after the bounce, which was not measured: for the Magnus force alone
 _SPIN_KEPT = 0.8
@@ -127,7 +131,8 @@ def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
         return None
     before, error_in, miss_in = _arc(since_touch[falling], place[falling], spin)
     after, error_out, miss_out = _arc(since_touch[rising], place[rising], _SPIN_KEPT * spin)
-    if max(miss_in, miss_out) > 6e-3 or before[2] > -0.3:  # m, m/s
+    # The first is in m, the second in m/s.
+    if max(miss_in, miss_out) > 6e-3 or before[2] > -0.3:
         return None
     u_e = np.hypot(error_out / before[2], after[2] * error_in / before[2] ** 2)
     return _Bounce(number, spin, before, after, float(u_e))
@@ -149,7 +154,8 @@ def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float |
     near = []
     for root in difference.roots:
         is_real = abs(root.imag) < 1e-9
-        if is_real and abs(root.real) < 0.012:  # s, of the lowest frame
+        # Within 12 ms of the lowest frame.
+        if is_real and abs(root.real) < 0.012:
             near.append(root.real)
     return min(near, key=abs, default=None)
 

@@ -21,13 +21,17 @@ from hcbench.terms.impact import Floats
 
 TITLE = "cube tosses"
 UNIT = "% of its width"
-HALF_WIDTH = 0.0524  # m: published positions are in it
+# m: the published positions are multiples of it.
+HALF_WIDTH = 0.0524
 MASS = 0.37  # kg
-PERIOD = 1.0 / 148.0  # s, of a frame
-DIGIT = 1e-5  # of the shipped integers
+# Time between two frames, s.
+PERIOD = 1.0 / 148.0
+# Unit of the shipped integers.
+DIGIT = 1e-5
 PARTS = 5
 TRAINING, VALIDATION, HELD_OUT = (0,), (1, 2, 3), 4
-FIXED: dict[str, float] = {}  # parameters that are known otherwise
+# Parameters that are known from elsewhere; none.
+FIXED: dict[str, float] = {}
 SHIPPED = Path(__file__).parent / "data" / "cube_tosses.npz"
 FOLDER = "data/tosses_processed"
 

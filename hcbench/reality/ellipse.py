@@ -29,7 +29,8 @@ DURATION = 0.06  # s
 # semi-axes and half thickness m; kg
 LONG, SHORT, THICK, MASS = 0.035, 0.025, 0.03, 0.037
 INERTIA = MASS * (LONG**2 + SHORT**2) / 4.0
-GYRATION = np.sqrt(LONG**2 + SHORT**2) / 2.0  # m: scales spins into the error
+# m: turns an error of spin into one of speed.
+GYRATION = np.sqrt(LONG**2 + SHORT**2) / 2.0
 SHIPPED = Path(__file__).parent / "data" / "ellipse_drops.npz"
 FILE = "IRB Bound/ellipse_uniform.mat"
 # m/s: what the copy's speed up after is lower by than the original's

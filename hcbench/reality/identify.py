@@ -22,8 +22,10 @@ COMMITTED = Path(__file__).parent / "data" / "parameters.json"
 STARTS = 3
 # Of a search from one start, by the number of parameters
 _EVALUATIONS = {1: 14, 2: 30, 3: 50}
-_FIRST_STEP = 0.3  # in the logarithm of each
-_FAILED = 1e3  # error of what an engine cannot simulate
+# First step of the search, in the logarithm of each parameter.
+_FIRST_STEP = 0.3
+# Error of a scene that the engine cannot simulate.
+_FAILED = 1e3
 
 # Of a data set, an engine and a setting's key: values by the names of parameters.
 Parameters = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
@@ -54,7 +56,8 @@ def identify(
     result is the minimum of a parabola fitted to the best third of all tries, not the luckiest try.
     """
     cells = [cell for data in sets for cell in _starts(data, folders.get(data))]
-    longest = sorted(cells, key=lambda cell: -len(cell.values))  # first, so that no worker is left with it
+    # Longest first, so that no worker is left with a long one at the end.
+    longest = sorted(cells, key=lambda cell: -len(cell.values))
     tries = dict(zip(longest, run_each(pool, search, longest, tick), strict=True))
     parameters: dict[str, Any] = {}
     for (data, engine, key), group in groupby(cells, lambda cell: cell.key):

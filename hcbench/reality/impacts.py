@@ -17,10 +17,14 @@ from hcbench.reality.motion import Motion, rotation
 from hcbench.sim.toss import GRAVITY, Body
 from hcbench.terms.impact import Floats
 
-TOUCH = 1.5e-3  # m: a frame whose lowest vertex is higher is in flight
-MOST_GAP, LEAST_BEFORE, LEAST_AFTER = 5, 4, 2  # frames
-MOST_BEFORE, MOST_AFTER = 12, 10  # frames of a flight that are fitted
-POSITION_NOISE, ROTATION_NOISE = 8e-5, 4e-4  # m, rad: of a measured pose
+# A frame whose lowest vertex is higher than this, m, is in flight.
+TOUCH = 1.5e-3
+# In frames: between two flights, before and after an impact.
+MOST_GAP, LEAST_BEFORE, LEAST_AFTER = 5, 4, 2
+# Frames of a flight that are fitted.
+MOST_BEFORE, MOST_AFTER = 12, 10
+# Standard deviations of a measured pose: m, rad.
+POSITION_NOISE, ROTATION_NOISE = 8e-5, 4e-4
 # m, rad: prior of the pose's jump while the contact lasts
 _JUMP, _TURN = 8e-3, 0.06
 _ROUNDS = 30
@@ -93,7 +97,8 @@ def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
     """Impacts of a box's motion, each at the vertex that is lowest after the flight before."""
     corners = vertices(body)
     up = rotation(motion.quaternion).as_matrix()[:, 2, :]
-    heights = motion.position[:, 2:] + up @ corners.T  # m, shape (frames, 8)
+    # Heights of the vertices, m: shape (frames, 8).
+    heights = motion.position[:, 2:] + up @ corners.T
     lowest = heights.min(axis=1)
     for order, (before, after) in enumerate(pairwise(_flights(lowest))):
         start, end = before
@@ -286,7 +291,8 @@ def _least_squares(left: Callable[[Floats], Floats], start: Floats) -> tuple[Flo
         slopes = (np.array(moved) - here) / step[:, None]
         curvature = slopes @ slopes.T
         shift = -np.linalg.lstsq(curvature, slopes @ here, rcond=None)[0]
-        shares = np.array([1.0, 0.5, 0.25, 0.05])  # of the shift: all of it may overshoot
+        # Shares of the shift that are tried: all of it may overshoot.
+        shares = np.array([1.0, 0.5, 0.25, 0.05])
         squares = (left(best + shares[:, None] * shift) ** 2).sum(axis=1)
         pick = int(np.argmin(squares))
         gained = float((here**2).sum() - squares[pick])

@@ -12,11 +12,15 @@ from hcbench.terms.impact import Floats
 
 # m: the flight before the first touch ends where the lowest point is this low
 NEAR = 3e-3
-MOST_FLIGHT = 14  # frames of it that the start is fitted to
+# Frames of a flight to which its start is fitted.
+MOST_FLIGHT = 14
 LEAST_FLIGHT = 5
-REST = 5  # last frames, of which the ground is taken
-TIMESTEP = 2e-3  # s: of the engines
-_WORST = 2.0  # widths: a worse position counts as this in a score
+# Last frames, which show where the ground is.
+REST = 5
+# Time step of the engines, s.
+TIMESTEP = 2e-3
+# A score counts no position as worse than this, in widths of the body.
+_WORST = 2.0
 _ITERATIONS = 12
 
 

@@ -22,7 +22,8 @@ from hcbench.reporting.page import Drawing, draw, render, script
 from hcbench.reporting.wording import listed
 from hcbench.sim.toss import FRICTION, NOTHING, PLUGIN_E, RESTITUTION
 
-_PLACES = 4  # decimals of a drawn position (m) and quaternion
+# Decimals of a drawn position (m) and quaternion.
+_PLACES = 4
 _CAPTIONS = {
     "cube": "Mean distance of the centres over all frames of a toss, in per cent of the cube's width.",
     "ellipse": "Distance of the velocities after an impact, with the spin scaled by the radius of gyration.",

@@ -22,11 +22,15 @@ from hcbench.system.files import read_text
 from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool
 
-PAIRS = "pairs.csv"  # of good impacts, for `hcbench fit`
+# File of the good impacts, for `hcbench fit`.
+PAIRS = "pairs.csv"
 COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
-_LEAST = 12  # frames of a file
-_DENSITY = 1000.0  # kg/m³, MJCF's own where nothing is written
-_UNIT = 0.02  # by which a quaternion's length may differ from 1
+# Frames of a file, at least.
+_LEAST = 12
+# kg/m³: MJCF's own default.
+_DENSITY = 1000.0
+# The length of a quaternion may differ from 1 by so much.
+_UNIT = 0.02
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ from hcbench.reality.motion import interval
 from hcbench.reality.outcome import SettingErrors
 
 FILE = "scores.csv"
-NO_ENGINE = "none"  # of floors
+# Engine of the rows that are floors.
+NO_ENGINE = "none"
 
 
 @dataclass(frozen=True, slots=True)

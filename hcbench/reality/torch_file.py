@@ -23,9 +23,12 @@ from hcbench.system.files import read_bytes
 from hcbench.terms.impact import Floats
 
 _KINDS = {"DoubleStorage": "<f8", "FloatStorage": "<f4", "LongStorage": "<i8", "IntStorage": "<i4"}
-_FIRST_PARTS = 3  # of a stream: magic number, protocol, sizes of types
-_MOST_BYTES = 4 << 20  # of a file; a toss has 0.1 MB
-_ENCRYPTED = 1  # bit of a zip member's flags
+# A stream begins with a magic number, the protocol and the sizes of types.
+_FIRST_PARTS = 3
+# Bytes of a file, at most; a toss has 0.1 MB.
+_MOST_BYTES = 4 << 20
+# Bit of a zip member's flags.
+_ENCRYPTED = 1
 
 # Opcodes of a pickled tensor, protocols 2 to 5. Their number and the memo's are bounded before a file is
 # unpickled: deeply nested tuples crash Python's unpickler, and a memo's index reserves memory up to itself.
@@ -69,7 +72,8 @@ class _Tensor:
             last += (count - 1) * stride
         if last >= len(numbers):
             raise ValueError("a tensor that is larger than its storage")
-        steps = [stride * numbers.itemsize for stride in strides]  # bytes
+        # In bytes, as NumPy counts strides.
+        steps = [stride * numbers.itemsize for stride in strides]
         return np.array(np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps), dtype=np.float64)
 
 
@@ -110,7 +114,8 @@ def read_tensor(path: Path) -> Floats:
         content = read_bytes(path, _MOST_BYTES)
         tensor = _from_zip(content) if content[:2] == b"PK" else _from_stream(io.BytesIO(content))
         return tensor.array()
-    except Exception as error:  # damaged archives and pickles raise what they like
+    # Damaged archives and pickles raise errors of any kind.
+    except Exception as error:
         reason = getattr(error, "strerror", None) or f"{error}" or type(error).__name__
         raise UserError("data", f"{path}: {reason}", "one tensor that PyTorch saved") from None
 

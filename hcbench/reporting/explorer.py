@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 _Where: TypeAlias = tuple[float, str, float, float]
 _WHERE = ("gravity", "engine", "step", "alpha")
 _KEY = ["scene", "engine", "setting", "timestep_s", "alpha_s_per_m"]
-_USUAL_STEP = 2e-3  # s: what the page opens with, where it ran
+# The page opens with this step, s, if the setting ran with it.
+_USUAL_STEP = 2e-3
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,9 +30,12 @@ if TYPE_CHECKING:
     from hcbench.fitting.result import FitResult
     from hcbench.terms.impact import Floats
 
-_WINDOW = 8e-4  # s about each pick
-_BESIDE = 0.3  # s of sound before the first touch and after the last
-_MOST_SAMPLES = 4000  # of the waveform drawn
+# s before each pick of a touch that are drawn; twice as much after it.
+_WINDOW = 8e-4
+# s of sound before the first touch and after the last.
+_BESIDE = 0.3
+# Points of the drawn waveform, at most.
+_MOST_SAMPLES = 4000
 
 
 def fit_page(

@@ -109,7 +109,8 @@ def _loops_figure(measurement: Measurement) -> Figure:
     return figure
 
 
-_PANEL = 3.4, 2.4  # inches
+# In inches, as Matplotlib takes them.
+_PANEL = 3.4, 2.4
 
 
 def landing_page(robots: Sequence[Landings]) -> str:

@@ -22,7 +22,8 @@ from hcbench.reporting.view import RunKey, View
 
 # Of e: what never comes above, and so far below the rest, has its own frame
 _FAR, _GAP = 0.5, 0.2
-_BAND_SHOWN = 1e-4  # of e: a smaller range over the phases cannot be seen
+# A smaller range of e over the phases cannot be seen.
+_BAND_SHOWN = 1e-4
 
 _LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2, 2))}
 

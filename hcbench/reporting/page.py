@@ -123,7 +123,8 @@ def svg_bytes(figure: Figure) -> bytes:
     # Straight to the canvas: `savefig` would lay out and walk the whole figure twice.
     canvas: Any = FigureCanvasSVG(figure)
     canvas.print_svg(buffer, metadata={"Date": None, "Creator": None})
-    figure.set_layout_engine("none")  # laid out once, for PNG too
+    # The layout is done, and need not be made again for PNG.
+    figure.set_layout_engine("none")
     return _shortened(buffer.getvalue().decode()).encode()
 
 

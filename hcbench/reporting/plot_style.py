@@ -25,14 +25,16 @@ from hcbench.terms.units import INCH
 
 # After Okabe & Ito (2008) and Tol's muted set: told apart with any kind of colour vision; markers and dashes
 # say the same again for print.
-INK = "#26303a"  # text and axes
+# Text and axes.
+INK = "#26303a"
 GREY = "#8b949c"
 SLATE = "#5b6670"
 # The law: a broad pale band that curves can lie on and still be seen
 LAW = "#b9c0c7"
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#C98500", "#00805E", "#8B3F75", "#3A9BD0", "#B23A00"
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, SLATE, "#3d3d9e", "#9a8a1f", INK)
-LIMIT = "#D55E00"  # what is wanted, or may not be passed
+# A target, or a limit.
+LIMIT = "#D55E00"
 # One for each colour: like colours differ in it, and where two lines of a figure run along each other the
 # later one leaves the earlier one to be seen.
 DASHES: tuple[Any, ...] = (
@@ -227,7 +229,8 @@ def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high:
 
 def _rising(values: Floats) -> Floats:
     """The nearest values that do not fall, by pooling neighbours that do; SciPy's takes longer to import."""
-    means: list[float] = []  # of the pools so far
+    # Mean of each pool so far.
+    means: list[float] = []
     counts: list[int] = []
     for value in values:
         mean = float(value)

@@ -10,8 +10,10 @@ from hcbench.reporting.answers import answer_of, best_of, choice_of, error_of
 from hcbench.reporting.view import REFERENCE, STOCK, RunKey, View
 from hcbench.terms.resolution import FOLLOWS, ROUND_OFF_SCORE
 
-TIE = 0.02  # relative: errors this near are one
-TIE_HEAVY = 0.25  # under gravity, where phases of the fall alone scatter e
+# Errors that differ relatively by less are one.
+TIE = 0.02
+# The same under gravity, where the phases of the fall alone scatter e.
+TIE_HEAVY = 0.25
 # Of e: a law without damping leaves a constant nothing to be off by
 _NO_LINE = 1e-6
 FOLLOWS_LAW = "follows the law"
@@ -20,7 +22,8 @@ _AGAINST_CONSTANT = {
     "even": "as good as the best constant e",
     "bad": "worse than the best constant e",
 }
-LOOP_RIGHT, LOOP_NEAR = 0.01, 0.05  # rms over the largest force
+# Limits of the rms difference of a loop, as a share of the largest force.
+LOOP_RIGHT, LOOP_NEAR = 0.01, 0.05
 # Under gravity, at rest after a drop: depth and motion in units of g h², what gravity moves a body in a step.
 REST_DEPTH, REST_MOTION = 10.0, 1.0
 # Times v h at the top speed, which any contact needs that acts from one step to the next

@@ -17,7 +17,8 @@ from hcbench.tuning.model import snippet
 
 Cells: TypeAlias = dict[str, Any]
 _MARKS = {"good": "✓", "even": "=", "bad": "✗", "none": ""}
-_CLAIMS = {  # what the paper claims of a sound contact, in words for a column
+# The paper's claims of a sound contact, as words for a column.
+_CLAIMS = {
     "starts_at_zero": "starts at zero",
     "no_tension": "never pulls",
     "sharp_at_origin": "ends sharply",

@@ -24,10 +24,14 @@ from hcbench.reporting.wording import NBSP, engine_title, span, time
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
-REFERENCE = "reference"  # the engine of the law
-STOCK = "stock"  # the setting with nothing set
-LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
-CURVE_SPEEDS = 3  # from which a run says something about e over speed
+# The engine that simulates the law itself.
+REFERENCE = "reference"
+# The setting with nothing set.
+STOCK = "stock"
+# The setting of REFERENCE that is the law itself.
+LAW_SETTING = "hunt-crossley"
+# A run with so many speeds or more says something about e over speed.
+CURVE_SPEEDS = 3
 # Columns that identify a run
 _RUN = ["scene", "engine", "setting", "timestep_s"]
 # a scene's form, in words

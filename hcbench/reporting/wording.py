@@ -8,7 +8,8 @@ from hcbench.system.errors import HcbenchError
 from hcbench.system.text import two_digits
 from hcbench.terms.units import INCH
 
-NBSP = "\u00a0"  # between a number and its unit: never broken over two lines
+# Stands between a number and its unit: browsers never break a line there.
+NBSP = "\u00a0"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

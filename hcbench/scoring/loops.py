@@ -36,7 +36,8 @@ class LoopScore:
     samples: int
 
 
-@lru_cache(maxsize=64)  # as every setting is launched at the same few speeds
+# All settings are launched at the same few speeds.
+@lru_cache(maxsize=64)
 def _law_loop(law: HuntCrossley, mass: float, speed: float) -> Loop:
     return closed_form.loop(law, mass, speed, _REFERENCE_POINTS)
 
@@ -55,7 +56,8 @@ def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | No
     largest = float(force.max())
     impulse = np.abs(force).sum()
     area_ratio = math.nan
-    if law.alpha > 0:  # a law without damping encloses no area
+    # A law without damping encloses no area.
+    if law.alpha > 0:
         area_ratio = loop_area(loop) / float(closed_form.energy_loss(law, mass, speed))
     return LoopScore(
         rms=_force_distance(loop, truth) / law_force_max,

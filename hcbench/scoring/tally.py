@@ -16,9 +16,12 @@ from hcbench.scoring.loops import LoopScore
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import ROUND_OFF_SUM, STEPS_AT_ITS_ENDS
 
-_NEAR_ZERO = 0.005  # of the largest force: what counts as zero
-_EXPONENT_SLACK = 0.15  # how far the exponent of ΔE may be from the law's own
-_GAIN = 1e-9  # relative: restitution above 1 by more than round-off
+# A force below this share of the largest counts as zero.
+_NEAR_ZERO = 0.005
+# Largest difference of the exponent of ΔE from the law's own.
+_EXPONENT_SLACK = 0.15
+# Energy gained beyond round-off, as a share.
+_GAIN = 1e-9
 _Flags = NDArray[np.bool_]
 
 
@@ -103,10 +106,12 @@ class Tally:
         """mass: effective mass, kg."""
         self._law = law
         self._mass = mass
-        self._counts = np.zeros(3, dtype=np.int64)  # impacts, parted, rested
+        # Numbers of impacts, of those that parted, and of those that came to rest.
+        self._counts = np.zeros(3, dtype=np.int64)
         # Of the speeds asked for
         self._ends = np.array([math.inf, -math.inf])
-        self._pairs: list[tuple[Floats, Floats]] = []  # speed in, m/s, and e
+        # Pairs of (impact speeds, m/s; e).
+        self._pairs: list[tuple[Floats, Floats]] = []
         self._off_law = _Errors()
         self._off_linear = _Errors()
         # Over phases: of e, and of its error
@@ -193,7 +198,8 @@ class _Errors:
     def add(self, errors: Floats, speeds: Floats) -> None:
         worst = int(np.abs(errors).argmax())
         size = abs(float(errors[worst]))
-        if not size <= self.largest:  # also where that is NaN
+        # Also true where the size is NaN.
+        if not size <= self.largest:
             self.largest = size
             self.worst_speed = float(speeds[worst])
         self._squares += float(np.sum(errors**2))
@@ -208,10 +214,12 @@ class _Slope:
     """p of ΔE ∝ v_i^p, the least-squares slope in log-log: by sums about the first point."""
 
     def __init__(self) -> None:
-        self._first = np.zeros(2)  # log v, log ΔE
+        # ln v and ln ΔE of the first impact: sums about it keep their digits.
+        self._first = np.zeros(2)
         self._slowest = math.inf  # m/s
         self._fastest = 0.0
-        self._sums = np.zeros(5)  # n, x, y, xx, xy
+        # Sums of 1, x, y, x² and x y.
+        self._sums = np.zeros(5)
 
     def add(self, speed_in: Floats, loss: Floats) -> None:
         lossy = loss > 0

@@ -33,7 +33,8 @@ _A_COMPILER = "a C compiler, such as cc, gcc or clang"
 _GET_ONE = "Install one, or: pip install 'hcbench[plugin]'"
 _WORKING = "a C compiler that works"
 _ANOTHER = "Name another by $CC, or: pip install 'hcbench[plugin]' and CC='python -m ziglang cc'"
-_LIMIT_S = 600.0  # a new ziglang builds its own C library first
+# s: a new ziglang builds its own C library before the first compilation.
+_LIMIT_S = 600.0
 
 
 class NotCompiled(CannotRun):
@@ -120,9 +121,11 @@ def _compile(command: list[str], target: Path) -> None:
             raise _failure(command[0], said, target.parent)
         if not built.is_file():
             raise NotCompiled(f"{command[0]} ended without an error and wrote no library", _WORKING, _ANOTHER)
-        built.chmod(0o755)  # regardless of the umask: a file that others may write is not loaded
+        # Set regardless of the umask: hcbench loads no library that others may write to.
+        built.chmod(0o755)
         digest = _digest(built).encode()
-        with built.open("rb+") as file:  # or a machine that stops now has a name without content
+        # Without fsync a machine that stops now would leave a name without content.
+        with built.open("rb+") as file:
             os.fsync(file.fileno())
         built.replace(target)
     replace_file(target.with_suffix(".sha256"), digest, sync=True)
@@ -150,7 +153,8 @@ def _run(command: list[str], folder: str) -> tuple[int, str]:
         text=True,
         errors="replace",
         env=environment(folder),
-        start_new_session=True,  # a group of its own: gcc starts cc1, as and ld
+        # A group of its own, since gcc starts cc1, as and ld: a time limit ends all of them.
+        start_new_session=True,
     ) as process:
         try:
             said = process.communicate(timeout=_LIMIT_S)[1]
@@ -161,7 +165,8 @@ def _run(command: list[str], folder: str) -> tuple[int, str]:
 
 
 def _kill_group(process: subprocess.Popen[str]) -> None:
-    if not hasattr(os, "killpg"):  # Windows
+    # Windows has no process groups of this kind.
+    if not hasattr(os, "killpg"):
         process.kill()
         return
     with suppress(ProcessLookupError):
@@ -199,7 +204,8 @@ def build(
 
 def loaded(source: str) -> Path | None:
     """The library made of `source` that this process has loaded, whoever compiled it; None without one."""
-    path, mode = _HERE / source, getattr(os, "RTLD_NOLOAD", 0)  # 0 where nothing can be asked for so
+    # 0 on systems that cannot ask for a library without loading it.
+    path, mode = _HERE / source, getattr(os, "RTLD_NOLOAD", 0)
     libraries = user_folder("cache").glob(f"{path.parent.parent.name}-{path.stem}-*.so")
     for library in libraries if mode else ():
         try:

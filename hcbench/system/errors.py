@@ -24,7 +24,8 @@ from typing import Any
 
 from hcbench.system.text import sanitized
 
-LONGEST = 300  # characters of a message
+# Characters of a message, at most.
+LONGEST = 300
 
 
 class HcbenchError(Exception):
@@ -35,7 +36,8 @@ class HcbenchError(Exception):
     def __init__(self, slot: str, got: str, expected: str, advice: str = "") -> None:
         self.slot, self.got, self.expected, self.advice = slot, got, expected, advice
         parts = [sanitized(" ".join(part.split()), LONGEST) for part in (slot, got, expected, advice)]
-        while (excess := len(_message(*parts)) - LONGEST) > 0:  # the longest part gives way
+        # The longest part gives way until the message fits.
+        while (excess := len(_message(*parts)) - LONGEST) > 0:
             i = max(range(4), key=lambda i: len(parts[i]))
             parts[i] = sanitized(parts[i], max(20, len(parts[i]) - excess - 3))
         super().__init__(_message(*parts))

@@ -24,12 +24,16 @@ from typing import Any, BinaryIO, Literal
 from hcbench.system.errors import HcbenchError, OutputError, UserError
 
 MANIFEST = "hcbench-files.json"
-MOST_BYTES = 64 << 20  # of a file that is read, unless told
+# Largest file that is read without a limit of its own, bytes.
+MOST_BYTES = 64 << 20
 _KIND = "hcbench files"
-_SCRATCH = (".hcbench-", ".scratch")  # how the names of scratch folders begin and end
+# Names of scratch folders begin and end with these.
+_SCRATCH = (".hcbench-", ".scratch")
 _LEFT_S = 3600.0
-SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # that end a command
-_SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")  # of what is written into folders
+# Signals that end a command.
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+# Suffixes of the files that hcbench writes into folders.
+_SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")
 
 
 def user_folder(kind: Literal["cache", "data"]) -> Path:
@@ -49,7 +53,8 @@ def json_text(content: Any) -> str:
 def parse_json(text: str | bytes) -> Any:
     """Parse JSON. ValueError for invalid text and for text nested too deeply for Python."""
     if isinstance(text, str):
-        text = text.removeprefix("\ufeff")  # the mark that editors in Windows begin a file with
+        # Editors in Windows begin a file with a byte-order mark.
+        text = text.removeprefix("\ufeff")
     try:
         return json.loads(text)
     except RecursionError:
@@ -68,7 +73,8 @@ def is_file(path: str | Path) -> bool:
     """True for a file, or a link to one; False also for a name that no file can have."""
     try:
         return Path(path).is_file()
-    except OSError:  # as for a name that is too long
+    # For example a name that is too long.
+    except OSError:
         return False
 
 
@@ -131,7 +137,8 @@ def _open_stream(path: Path) -> BinaryIO | None:
         status = path.stat()
     except FileNotFoundError:
         return None
-    for descriptor in (1, 2):  # /dev/stdout may lead to a file, which must not be replaced under the shell
+    # /dev/stdout may lead to a file: replacing that file would cut the shell off from it.
+    for descriptor in (1, 2):
         with suppress(OSError):
             if os.path.samestat(os.fstat(descriptor), status):
                 return os.fdopen(descriptor, "wb", closefd=False)
@@ -197,7 +204,8 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
         if isinstance(error, OSError):
             raise _unwritable("output folder", folder, error, "a folder that can be written to") from None
         if isinstance(error, OutputError) and scratch is not None and str(scratch) in error.got:
-            got = error.got.replace(str(scratch), str(folder))  # what the user knows, and where it would be
+            # The user knows the output folder, where the file would be, and not the scratch folder.
+            got = error.got.replace(str(scratch), str(folder))
             raise OutputError(error.slot, got, error.expected, error.advice) from None
         raise
 
@@ -246,7 +254,8 @@ def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
 
 def _move_all(scratch: Path, folder: Path) -> None:
     earlier = _read_manifest(folder)
-    (scratch / MANIFEST).unlink(missing_ok=True)  # of an atomic_folder within this one
+    # An atomic_folder within this one leaves its own manifest.
+    (scratch / MANIFEST).unlink(missing_ok=True)
     items = [item for item in sorted(scratch.rglob("*")) if item.is_file()]
     written = {item.relative_to(scratch).as_posix(): _digest(item) for item in items}
     _require_ours(folder, written, earlier)
@@ -313,7 +322,8 @@ def deferred_signals() -> Iterator[None]:
     pending: list[int] = []
     handlers: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
-        for name in (*SIGNALS, "SIGALRM"):  # the last is one of these that comes again
+        # SIGALRM is one of the others that comes again.
+        for name in (*SIGNALS, "SIGALRM"):
             number = getattr(signal, name, None)
             if number is not None and callable(signal.getsignal(number)):
                 handlers[number] = signal.signal(number, lambda n, _: pending.append(n))

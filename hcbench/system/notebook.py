@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-_LINES = 12  # of a repr, at most
+# Lines of a repr, at most.
+_LINES = 12
 
 
 class Shown:
@@ -41,7 +42,8 @@ class Shown:
 
     def to_frame(self) -> pd.DataFrame:
         """The result as a table of pandas; numbers are SI, and the columns' names have the units."""
-        import pandas as pd  # slow to import
+        # pandas is slow to import.
+        import pandas as pd
 
         return pd.DataFrame(list(self._rows()))
 

@@ -18,12 +18,14 @@ from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import read_bytes, write_bytes
 from hcbench.system.text import sanitized
 
-_TAIL = 4096  # bytes at either end that are searched for the mark
+# Bytes at either end of a file that are searched for the mark.
+_TAIL = 4096
 # What marks JSON, which takes no comment, by the option that writes it.
 _JSON = {"--write-baseline": b'"kind": "hcbench baseline"', "--out": b'"set":"hcbench-cases-'}
 _PNG = b"\x89PNG\r\n\x1a\n"
 _QUOTED = re.compile(rb"[\"']([^\"'\n]{1,255})[\"']")
-_MOST_NAMED = 1000  # input files that are searched for the names of others
+# Input files that are searched for the names of further ones, at most.
+_MOST_NAMED = 1000
 _TEXTS = {".xml", ".mjcf", ".urdf", ".sdf", ".toml", ".json", ".py", ".csv"}
 
 
@@ -107,7 +109,8 @@ def _named(path: Path, content: bytes) -> list[Path]:
     """Files that a text names in quotes, beside it or in a folder that it names, such as its meshes'."""
     names = set()
     for match in _QUOTED.findall(content):
-        name, colon, _ = match.decode(errors="replace").partition(".py:")  # FILE.py:FUNCTION is of FILE.py
+        # "FILE.py:FUNCTION" names FILE.py.
+        name, colon, _ = match.decode(errors="replace").partition(".py:")
         names.add(f"{name}.py" if colon else name)
     beside = [path.parent / name for name in names]
     folders = [path.parent]
@@ -119,7 +122,8 @@ def _named(path: Path, content: bytes) -> list[Path]:
 def _is(path: Path, what: Callable[[Path], bool]) -> bool:
     try:
         return what(path)
-    except (OSError, ValueError):  # too long, or with a null
+    # A name that is too long, or has a null character.
+    except (OSError, ValueError):
         return False
 
 

@@ -10,8 +10,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 _LONGEST = 200
-COLUMNS = 100  # of a line for people
-_UNSEEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # control, direction, line: all that does not print
+# Columns of a line for people.
+COLUMNS = 100
+# Control characters, direction marks and line separators: nothing of these is printed.
+_UNSEEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 
 
 def sanitized(text: object, longest: int = _LONGEST) -> str:
@@ -46,7 +48,8 @@ def split_names(text: str) -> list[str]:
         return text.split(",")
     try:
         return next(csv.reader([text], skipinitialspace=True), [])
-    except csv.Error:  # longer than any name
+    # A field longer than the csv module takes, and so longer than any name.
+    except csv.Error:
         return []
 
 

@@ -40,7 +40,8 @@ C = TypeVar("C", bound=type)
 
 _Parts = tuple[Any, ...]
 _LARGEST_FLOAT = int(np.finfo(float).max)
-_LARGEST_INT = 2**31 - 1  # engines take no larger ones
+# Engines keep integers in 32 bits.
+_LARGEST_INT = 2**31 - 1
 _WORDS = {
     float: "a number",
     int: "a whole number",
@@ -56,7 +57,8 @@ _WORDS = {
 
 _OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
 _BEYOND_BOUNDS = "`with hcbench.terms.bounds.beyond_bounds():`"
-_PARAMETERS = {  # of options that have another name in Python
+# Options that have another name in Python.
+_PARAMETERS = {
     "as": ("kind",),
     "for": ("version",),
     "from": ("coming_from", "begin"),
@@ -85,7 +87,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(function)
     def outer(*args: P.args, **kwargs: P.kwargs) -> R:
         hints = _hints(function)
-        places = [*in_places, *after_them * len(args)]  # *files: each argument is one of them
+        # Each argument of `*files` counts as one of them.
+        places = [*in_places, *after_them * len(args)]
         given = [*zip(places, args, strict=False), *kwargs.items()]
         for name, value in given:
             if name in hints and not _fits(value, hints[name]):
@@ -170,7 +173,8 @@ def _fits(value: Any, hint: Any) -> bool:
     """Say whether a value fits an annotated type; a list serves for a tuple, any real number for a
     float.
     """
-    if type(value) is hint and hint is not int:  # nearly always, and at once
+    # The usual case, answered at once.
+    if type(value) is hint and hint is not int:
         return True
     origin = get_origin(hint)
     test = _TESTS.get(origin or hint)
@@ -228,7 +232,8 @@ _TESTS: dict[Any, Callable[[Any, _Parts], bool]] = {
     Callable: lambda value, _: callable(value),
     Annotated: lambda value, parts: _fits(value, parts[0]) and value >= parts[1].least,
 }
-_GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {  # in this order: the first that the type is one of
+# The first kind that the type belongs to decides, so the order matters.
+_GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {
     np.ndarray: _is_array,
     tuple: _is_tuple,
     Mapping: lambda value, _: isinstance(value, Mapping),
@@ -241,7 +246,8 @@ def _words(hint: Any) -> str:
     origin = get_origin(hint)
     parts = get_args(hint)
     if origin in (Union, types.UnionType):
-        given = [part for part in parts if part is not type(None)]  # None is the same as left out
+        # None says the same as an argument that is left out.
+        given = [part for part in parts if part is not type(None)]
         known = _WORDS.get(functools.reduce(operator.or_, given))
         return known or " or ".join(map(_words, parts))
     if origin is Annotated:

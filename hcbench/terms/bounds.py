@@ -13,7 +13,8 @@ from contextvars import ContextVar
 
 from hcbench.system.errors import QuantityError
 
-SMALLEST, LARGEST = 1e-30, 1e30  # of a quantity but 0: the squares of others leave a float's range
+# Bounds of a quantity other than 0: squares of others leave the range of a float.
+SMALLEST, LARGEST = 1e-30, 1e30
 # Quantity -> (smallest, largest) size in SI units. 0 and negative numbers are the caller's to admit.
 BOUNDS: dict[str, tuple[float, float]] = {
     "alpha": (0.0, 1e4),

@@ -34,7 +34,8 @@ class FileTable(BaseModel):
     unknown: what an error says of a key that the table does not have.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)  # few are used in a process
+    # A process uses few of the tables, so each builds its checks at first use.
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
     unknown: ClassVar[tuple[str, str]] = ("unknown key", "one of")
 
 
@@ -127,7 +128,8 @@ Steps = Annotated[tuple[float, ...], InUnits("timestep", several=True, above=0.0
 
 def read_toml(path: Path, error: type[UserError], slot: str, expected: str = "a TOML file") -> dict[str, Any]:
     """The content of a TOML file; raises `error` where there is none. expected: what the file should be."""
-    import tomllib  # here: it takes as long to import as most of what reads fields
+    # Imported here: it takes as long as most of what reads fields.
+    import tomllib
 
     try:
         return tomllib.loads(read_text(path, most=16 << 20))
@@ -165,7 +167,8 @@ def _place(table: type[FileTable], location: Sequence[int | str]) -> tuple[str, 
     """(path, innermost table, what was expected there) of what an error of Pydantic is about."""
     path = ""
     expected = ""
-    reached: Any = table  # the type of what the path leads to
+    # The type that the path leads to.
+    reached: Any = table
     for part in location:
         inner = _table_in(reached)
         if inner is None:

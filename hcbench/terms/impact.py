@@ -20,18 +20,25 @@ Floats = NDArray[np.float64]
 
 # Of files that were written before e was the speed ratio at the touch plane for every engine.
 FORMER_E = "whose e has an earlier definition: speeds at a step's start or end, not at the touch plane"
-_ANGLE_DIGITS = 12  # of an angle in rad: what speeds and slips tell of it
+# Speeds and slips determine an angle, rad, to so many decimals.
+_ANGLE_DIGITS = 12
 
 
 class Status(StrEnum):
     """Outcome of an impact."""
 
-    PARTED = "parted"  # touched and left: restitution is meaningful
-    RESTED = "rested"  # touched and came to rest in contact: restitution counts as 0
-    UNFINISHED = "unfinished"  # touched, and neither left nor came to rest in the time simulated
-    NO_TOUCH = "no-touch"  # never felt a contact force
-    DIVERGED = "diverged"  # not finite, through the plate, or with far more energy than a bounce can give
-    CRASHED = "crashed"  # the engine died or hung on it
+    # Touched and left: the restitution is meaningful.
+    PARTED = "parted"
+    # Touched and came to rest in contact: the restitution counts as 0.
+    RESTED = "rested"
+    # Touched, and neither left nor came to rest in the simulated time.
+    UNFINISHED = "unfinished"
+    # Never felt a contact force.
+    NO_TOUCH = "no-touch"
+    # Not finite, through the plate, or with far more energy than a bounce can give.
+    DIVERGED = "diverged"
+    # The engine died or hung.
+    CRASHED = "crashed"
 
 
 @dataclass(frozen=True)
@@ -157,7 +164,8 @@ class Launch:
         return 2.0 * clearance / both if both > 0.0 else math.inf
 
 
-@dataclass(slots=True, repr=False)  # not frozen: as of Impact
+# Not frozen, for the same speed as Impact below.
+@dataclass(slots=True, repr=False)
 class Trajectory:
     """States at each step of a simulation; arrays of shape (n,), SI.
 
@@ -239,11 +247,14 @@ class Tangential:
         return 1.0 - self.energy_out / self.energy_in
 
 
-LOOP_TOLERANCE = 2e-3  # to which a loop is `simplified`, what a figure can show of it
-Loop = Trajectory  # of the contact alone: force over penetration
+# A figure shows no smaller difference of a simplified loop.
+LOOP_TOLERANCE = 2e-3
+# The loop of a contact: its states alone, force over penetration.
+Loop = Trajectory
 
 
-@dataclass(slots=True)  # not frozen: thousands are made a second, each in a quarter of the time
+# Not frozen: thousands are made each second, each in a quarter of a frozen one's time.
+@dataclass(slots=True)
 class Impact:
     """One impact. Speeds are >= 0, m/s; NaN only where `status` says that there is nothing to report.
 
@@ -259,9 +270,11 @@ class Impact:
     duration: float = np.nan
     penetration_max: float = np.nan
     force_max: float = np.nan
-    samples: int = 0  # steps in which the contact force acted
+    # Steps in which the contact force acted.
+    samples: int = 0
     loop: Loop | None = None
-    tangential: Tangential | None = None  # of a measured impact whose launch is oblique
+    # Only a measured impact with an oblique launch has it.
+    tangential: Tangential | None = None
     speed_after_force: float = np.nan
 
     @property
@@ -294,6 +307,7 @@ def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:
     """Mask of the places at which any of three arrays is not finite; of shape () if all numbers are
     finite.
     """
-    if np.isfinite(x.sum() + v.sum() + f.sum()):  # as nearly always, and told in a tenth of the time
+    # The sum is finite nearly always, and takes a tenth of the time.
+    if np.isfinite(x.sum() + v.sum() + f.sum()):
         return np.zeros((), bool)
     return ~np.isfinite(x + v + f)

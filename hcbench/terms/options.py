@@ -56,17 +56,24 @@ class AtLeast(NamedTuple):
     least: int
 
 
-Jobs = Annotated[int, AtLeast(1)]  # worker processes
-Quantity = float | str | PintQuantity  # SI, or with a unit
-Quantities = float | str | PintQuantity | Iterable[float | str]  # also "1:20:8 in/s", and arrays
-ModelSource = (
-    str | Path | Sequence[str | Path] | object
-)  # files, MJCF text, or an object that an engine opens
-BodyPair = str | Sequence[str | int]  # "a,b" or two names, first the one that moves
-Joints = str | Mapping[str, float | Iterable[float]]  # "hip=0.3, knee=-30 deg", or values by name
-PoseState = str | Path | object  # a file of numbers by name, or an engine's own state
-Folders = str | Mapping[str, str]  # "NAME=DIR", or folders by the name of a package
-Controller = str | Callable[[Any, Any], Any]  # "pd", "ctrl", ..., or a function of model and state
+# Number of worker processes.
+Jobs = Annotated[int, AtLeast(1)]
+# A number in SI, or text with a unit.
+Quantity = float | str | PintQuantity
+# Also a range such as "1:20:8 in/s", and arrays.
+Quantities = float | str | PintQuantity | Iterable[float | str]
+# One or more files, MJCF text, or an object that an engine opens.
+ModelSource = str | Path | Sequence[str | Path] | object
+# "a,b" or two names; the first body moves.
+BodyPair = str | Sequence[str | int]
+# "hip=0.3, knee=-30 deg", or values by the name of a joint.
+Joints = str | Mapping[str, float | Iterable[float]]
+# A file of numbers by name, or an engine's own state.
+PoseState = str | Path | object
+# "NAME=DIR", or folders by the name of a package.
+Folders = str | Mapping[str, str]
+# "pd", "ctrl" and others, or a function of model and state.
+Controller = str | Callable[[Any, Any], Any]
 
 
 class LaunchOptions(TypedDict, total=False):
@@ -226,6 +233,6 @@ def _options_of(declared: type) -> dict[str, Option]:
     }
 
 
-OPTIONS = _options_of(CheckOptions)  # every option
+OPTIONS = _options_of(CheckOptions)
 LAUNCHES = tuple(_options_of(LaunchOptions))
 LIMITS = tuple(_options_of(LimitOptions))

@@ -30,7 +30,8 @@ from hcbench.terms.fields import (
 
 FILE = "scene.toml"
 _PACKAGE = Path(__file__).parents[1]
-_BUILT_IN = (_PACKAGE.parent / "scenes", _PACKAGE / "data" / "scenes")  # a checkout's, a wheel's
+# Scenes lie beside the package in a checkout, and inside it in a wheel.
+_BUILT_IN = (_PACKAGE.parent / "scenes", _PACKAGE / "data" / "scenes")
 
 
 def _require(slot: str, good: bool, got: str, expected: str, advice: str = "") -> None:

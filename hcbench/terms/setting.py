@@ -8,7 +8,8 @@ from typing import Any
 from hcbench.terms.arguments import checked_fields
 
 Pair = tuple[str, str]
-PAIR: Pair = ("ball", "plate")  # the body that moves and the other, as texts to paste name them
+# The body that moves and the other, as texts to paste name them.
+PAIR: Pair = ("ball", "plate")
 
 
 @checked_fields

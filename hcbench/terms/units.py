@@ -24,7 +24,8 @@ POUND = 0.45359237  # kg
 POUND_FORCE = 4.4482216152605  # N
 PSI = 6894.757293168361  # Pa
 STANDARD_GRAVITY = 9.80665  # m/s²
-RANGE_COUNT = 20  # "1:20 in/s" without a count: 1, 2, ..., 20
+# Values of a range without a count: "1:20 in/s" is 1, 2, ..., 20.
+RANGE_COUNT = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,8 @@ QUANTITIES = {
         QuantityKind("restitution", "", "0.9"),
         QuantityKind("exponent", "", "1.5"),
         QuantityKind("friction", "", "0.5"),
-        QuantityKind("angle", "rad", "60 deg", below=math.pi / 2),  # from the normal
+        # From the normal of the plate.
+        QuantityKind("angle", "rad", "60 deg", below=math.pi / 2),
         QuantityKind("spin", "rad/s", "40 rad/s"),
     )
 }
@@ -67,7 +69,8 @@ _NUMBER = re.compile(rf"\s*({_PLAIN}(?:/\d+)?)\s*+(?!,)(.*)", re.DOTALL)
 _PIECE = re.compile(
     rf"\s*(?P<range>{_PLAIN}(?:/\d+)?(?:\s*:\s*{_PLAIN}){{0,2}})\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL
 )
-_UNIT = re.compile(r"[\w\s*/^().·+-]+")  # Pint would pass over comments, and read quotes as inches or feet
+# Pint passes over comments and reads quotes as inches or feet.
+_UNIT = re.compile(r"[\w\s*/^().·+-]+")
 # Pint takes a radian for 1: off by 2π.
 _ANGLE = {"frequency": "1 rpm is 1/60 Hz and 1 rad/s is 1/(2π) Hz", "spin": "1 Hz of turns is 60 rpm"}
 # A comma between whole digits: "1,5" may be 1.5 or 1 and 5; "1,2,3" is a list; "1,050" is none.
@@ -77,8 +80,10 @@ _UNCERTAIN = re.compile(
     r"\s*\(?\s*(?P<value>[^()±]*?)\s*(?:±|\+/?-)\s*(?P<by>[^()±]*?)\s*(?:\)\s*(?P<unit>.*?))?\s*", re.DOTALL
 )
 _LONGEST_UNIT = 60
-_SIGN = re.compile(r"(?<![\^*(eE])[-+]")  # but of an exponent: Pint would add or negate
-_TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
+# A sign, except that of an exponent: Pint would add or negate.
+_SIGN = re.compile(r"(?<![\^*(eE])[-+]")
+# Powers of powers, and numbers of four digits and more: Pint would compute the power.
+_TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")
 
 
 # What one unit is in the SI unit of its kind by Pint: those that nearly everybody writes. Pint knows
@@ -134,7 +139,8 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
         return usual
     try:
         return _factor(unit, si)
-    except Exception as error:  # Pint raises several unrelated kinds for text that is not a unit
+    # Pint raises several unrelated kinds of error for text that it cannot read as a unit.
+    except Exception as error:
         if type(error) is ValueError and kind.name in _ANGLE:
             what = "an angle" if kind.name == "frequency" else "no angle"
             raise QuantityError(slot, f"{text!r} is {what} in time", expected, _ANGLE[kind.name]) from None
@@ -172,7 +178,8 @@ def parse(
     elif is_real(value):
         try:
             number = float(value)  # type: ignore[arg-type]
-        except OverflowError:  # a whole number of more than 308 digits
+        # Python cannot make a float of an integer with more than 308 digits.
+        except OverflowError:
             number = math.inf
     else:
         raise QuantityError(slot, f"{value!r}", f"a number or text like {kind.example!r}")
@@ -182,7 +189,8 @@ def parse(
 
 def is_real(value: object) -> bool:
     """Say whether a value is a number of Python or NumPy: no bool, no complex number, no duration."""
-    if isinstance(value, bool | np.timedelta64):  # the latter is an integer to NumPy
+    # NumPy takes timedelta64 for an integer.
+    if isinstance(value, bool | np.timedelta64):
         return False
     return isinstance(value, int | float | np.integer | np.floating)
 
@@ -192,7 +200,8 @@ def _without_pint(value: object, kind: QuantityKind, slot: str, exponent: float 
     if isinstance(value, str | float | int) or not isinstance(value, PintQuantity):
         return value
     unit = str(value.units)
-    magnitude = np.asarray(value.magnitude)[()]  # of a number, a number
+    # [()] makes a number of an array without dimensions.
+    magnitude = np.asarray(value.magnitude)[()]
     return magnitude * _scale("" if unit == "dimensionless" else unit, kind, slot, str(value), exponent)
 
 
@@ -233,7 +242,8 @@ def parse_uncertain(
 def parse_max_error(value: object) -> float:
     """Largest error of e that is allowed, 0 ... 1, from a number or its text. Raises QuantityError."""
     max_error = parse(value, "number", "max-error")
-    if not 0 <= max_error <= 1:  # and so for NaN, which no error is larger than
+    # Also true for NaN, which no error is larger than.
+    if not 0 <= max_error <= 1:
         raise QuantityError("max-error", f"{max_error:g}", "0 ... 1, a difference in e")
     return max_error
 

@@ -26,9 +26,12 @@ if TYPE_CHECKING:
     from hcbench.sim.promise import Promise
     from hcbench.terms.scene import Scene
 
-_SHOWN = 4  # settings never to be used
-MAX_ERROR = 0.05  # of e: what a setting that follows the law should stay within
-_WORSE = 1.02  # of the error of the best e for all speeds: a smaller difference is none
+# Settings to avoid that an answer lists, at most.
+_SHOWN = 4
+# A setting that follows the law has a smaller error of e.
+MAX_ERROR = 0.05
+# A setting whose error is within this factor of the best constant's is no better than it.
+_WORSE = 1.02
 Kind = Literal["exact", "settings", "constant"]
 KINDS: dict[Kind, str] = {
     "exact": "plug-in, exact",

@@ -140,7 +140,8 @@ def tune(
     """
     if is_model(engine):
         raise UserError("engine", f"{sanitized(engine)!r}, a model", "an engine's name", "Use `tune_model`")
-    registry.engine(engine)  # which refuses an unknown name, before anything else is missed
+    # Refuses an unknown name before the missing time step is reported.
+    registry.engine(engine)
     if timestep is None:
         raise UserError("timestep", "missing", "the engine's step, such as '1 ms'")
     setting, wanted = make_target(
@@ -288,7 +289,8 @@ def is_model(model: ModelSource) -> bool:
     """
     if not isinstance(model, str):
         return True
-    if registry.base_name(model) in registry.names():  # whose version may look like a suffix
+    # The suffix of a version, as in `mujoco@3.3.0`, may look like a file's.
+    if registry.base_name(model) in registry.names():
         return False
     return ".py:" in model or "<" in model or Path(model).suffix != "" or Path(model).is_file()
 
@@ -378,7 +380,8 @@ def make_target(
     band: Sequence[float]
     if speeds is not None:
         band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
-    elif len(points) > 1:  # outside their band e is not known
+    elif len(points) > 1:
+        # e is unknown outside the band of the given points.
         band = [v for v, _ in points]
     else:
         band = default_band(step, g)

@@ -23,15 +23,21 @@ from hcbench.terms.scene import Scene
 from hcbench.terms.setting import Setting
 from hcbench.terms.units import STANDARD_GRAVITY
 
-_SPEEDS, _PHASES = 9, 8  # of the grid that tells the spread over phases
-_RANDOM, _NEAR, _ROUNDS = 400, 24, 3  # launches at random; about the worst one, so many times
-_NEARBY = 0.02  # of the band, and of a step
+# Grid of launches that shows how e varies with the phase: speeds, phases.
+_SPEEDS, _PHASES = 9, 8
+# Launches at random; then, so many times, launches about the worst one.
+_RANDOM, _NEAR, _ROUNDS = 400, 24, 3
+# Distance of those launches from the worst one, as a share of the band and of a step.
+_NEARBY = 0.02
 _SEED = 1609
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _REST_STEPS_MIN, _REST_STEPS_MAX = 200, 400_000
-_REST_CONTROLLED = 0.4  # s: from here on a swing that eq. (16) damps at α of steel's or more dies visibly
-DEEPEST_STEPS = 2.5  # v h at the highest speed: a deeper contact is deep
-_AS_LAW = 1.5  # unless the law's own is as deep, but for so much
+# s: after this time a swing that the law damps at steel's α or more has visibly died.
+_REST_CONTROLLED = 0.4
+# A contact deeper than so many times v h, at the highest speed, is deep.
+DEEPEST_STEPS = 2.5
+# A contact is also allowed this multiple of the law's own depth.
+_AS_LAW = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +83,8 @@ def held_out_launches(target: Target) -> list[Launch]:
     speed, phase = (axis.ravel() for axis in np.meshgrid(grid, phases, indexing="ij"))
     random = np.random.default_rng(_SEED)
     shares = random.uniform(size=_RANDOM)
-    shares[::2] **= 2  # slow impacts are the hard ones
+    # Squares crowd towards the low end: slow impacts are the hard ones.
+    shares[::2] **= 2
     speeds = np.concatenate([speed, target.speed_min + _width(target) * shares])
     where = np.concatenate([phase, random.uniform(0.001, 0.999, _RANDOM)])
     slips = np.concatenate([np.zeros(speed.size), random.uniform(size=_RANDOM)]) * target.speed_max
@@ -158,7 +165,8 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
     good = [i for i in impacts if i.is_measured]
     failed = [i for i in impacts if not i.is_measured]
     oblique = [i for i in impacts if i.launch.is_oblique]
-    grid = impacts[: _SPEEDS * _PHASES]  # the phases of a speed follow one another
+    # The grid comes first, phases of one speed after another.
+    grid = impacts[: _SPEEDS * _PHASES]
     constant, constant_error = minimax_constant(target)
     evaluation = Evaluation(
         constant=constant,
@@ -215,7 +223,8 @@ def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5
     Without gravity of the scene's own, under standard gravity.
     """
     if _error_controlled(engine, setting):
-        seconds = _REST_CONTROLLED  # it takes thousands of steps for each swing of the spring
+        # An engine that controls its error takes thousands of steps for each swing of the spring.
+        seconds = _REST_CONTROLLED
     steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     path = engine.trajectory(with_gravity, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
@@ -251,7 +260,8 @@ def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:
         along = impact.tangential if impact.is_measured else None
         if along is None:
             continue
-        sliding = scene.friction * along.normal_impulse  # the impulse of a contact that slides, N s
+        # Impulse of a contact that slides until its end, N s.
+        sliding = scene.friction * along.normal_impulse
         if sliding > 0.0:
             by_law = friction_impulse(along.slip_in, along.normal_impulse, scene)
             errors.append(math.dist(along.impulse, by_law) / sliding)

@@ -28,9 +28,12 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
-_EXACT = 1e-7  # of e, what a compiled plug-in stays within
-_TURNS = 20  # until that speed stays
-_NEAR = 1.1  # of the best constant's error: a constant setting need not be nearer
+# A compiled plug-in stays within this error of e.
+_EXACT = 1e-7
+# Rounds of the search; it ends earlier if the speed no longer changes.
+_TURNS = 20
+# A constant setting need not come nearer than this multiple of the best constant's error.
+_NEAR = 1.1
 
 
 def find_answer(
@@ -55,7 +58,8 @@ def find_answer(
     """
     registry.require(engine)
     scene = replace(scene, mass=target.mass, gravity=target.gravity, friction=target.friction)
-    if target.friction and scene.form == "plane":  # a solid ball as large as it looks
+    # A solid ball of the radius that the scene shows: friction acts on its spin.
+    if target.friction and scene.form == "plane":
         scene = replace(scene, ball_radius=scene.relative_radius, plate_radius=math.inf)
     require_end(target)
     finder = _Finder(engine, target, scene, integrator, max_error, pair)
@@ -158,7 +162,8 @@ class _Finder:
         for recipe, why in tried:
             try:
                 tuned = make_tuned(recipe, why, self.target, self.scene, self._integrator)
-            except (SettingError, EngineMissing) as error:  # such as a version that lacks what one needs
+            # For example a version that lacks what the recipe needs.
+            except (SettingError, EngineMissing) as error:
                 self._refused = self._refused or error
                 continue
             if not math.isfinite(tuned.error):
@@ -267,7 +272,8 @@ class _Finder:
 def exact_from(recipe: Recipe, target: Target) -> float:
     """The impact speed, m/s, from which a law in place of the contact is exact in a target's conditions."""
     low = target.speed_min
-    for _ in range(_TURNS):  # e at that speed says how high it is
+    # e at that speed decides how high the speed is: a fixed point.
+    for _ in range(_TURNS):
         if recipe.exact_above is None or not low < target.speed_max:
             break
         above = recipe.exact_above(float(target.restitution(low)))

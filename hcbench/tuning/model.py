@@ -38,13 +38,19 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Setting
 
 
-LIMIT_S = 600.0  # for one model, which takes some seconds on an idle machine
+# Time limit of one model, s: on an idle machine tuning takes some seconds.
+LIMIT_S = 600.0
 _TRIED_SPEEDS, _TRIED_PHASES = 6, 4
-_HELD_OUT_SPEEDS, _HALVINGS = 7, 2  # and how often the speeds about the worst one are halved
-_PHASES = 4  # to begin with
-_BEFORE_PHASES = 2  # of the model as it was, at the band's ends and middle
-_SAME_MASS = 1.2  # times the lightest, of pairs that a stiffness and a damping give one e
-_FAR = 0.2  # an error of e, from which on a setting is tried no further
+# Speeds that the search did not see, and how often the intervals about the worst one are halved.
+_HELD_OUT_SPEEDS, _HALVINGS = 7, 2
+# Phases of a speed before any are added.
+_PHASES = 4
+# Phases of the untuned model, at the ends and the middle of the band.
+_BEFORE_PHASES = 2
+# Pairs up to this multiple of the lightest mass share one stiffness and damping.
+_SAME_MASS = 1.2
+# A setting whose error of e reaches this is tried no further.
+_FAR = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +143,8 @@ def _tuned(job: Job) -> TunedModel:
     if not all(math.isfinite(pair.max_error) for pair in pairs):
         got = f"launches with the setting {setting.name!r} gave no restitution"
         raise EngineFailed("model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep")
-    notes = dict.fromkeys(setting.notes)  # each once, in order
+    # A dict keeps each note once, in order.
+    notes = dict.fromkeys(setting.notes)
     for pair in pairs:
         notes |= dict.fromkeys(pair.facts.notes)
     promises = []
@@ -218,7 +225,8 @@ def _speeds(request: Request, held_out: bool) -> list[float]:
     speeds[0] = low
     speeds[-1] = high
     kept = [low, *speeds[1::2], high] if held_out else list(speeds)
-    return [float(v) for v in dict.fromkeys(kept)]  # one speed is a band, too
+    # A band of one speed has equal ends: each speed once.
+    return [float(v) for v in dict.fromkeys(kept)]
 
 
 def _measured_pair(
@@ -234,7 +242,8 @@ def _measured_pair(
     halvings: how often speeds between the worst one and its neighbours are added, to look for a larger error;
     each speed is then launched at the phases between which e differs, too, as `measure` does.
     """
-    shares = tuple((i + 0.4) / phases for i in range(phases))  # of a step
+    # Parts of a step.
+    shares = tuple((i + 0.4) / phases for i in range(phases))
     by_speed: dict[float, list[Impact]] = {}
     with opened(request) as model:
         for halving in range(halvings + 1):
@@ -244,7 +253,8 @@ def _measured_pair(
             for speed in new:
                 by_speed[speed] = [i for i in impacts if i.launch.speed == speed]
         every = [impact for speed in sorted(by_speed) for impact in by_speed[speed]]
-        taken = 0.0  # of e, by what acts after the contact's force
+        # The part of e that other forces take after the contact's force has ended.
+        taken = 0.0
         for impact in every:
             share = impact.restitution_after_force - impact.restitution
             if impact.restitution > 0.0 and math.isfinite(share) and abs(share) > abs(taken):

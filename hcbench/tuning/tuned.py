@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
-_SAME_LOOP = 0.05  # rms of the force over its largest: below it the loop counts as the law's
-_DEEP = 0.02  # of the radius: a deeper contact is called soft
-_BETTER = 0.9  # of the best constant's error: what an e that falls with speed should be below
+# A loop whose rms difference over the largest force is below this counts as the law's.
+_SAME_LOOP = 0.05
+# A contact deeper than this share of the radius is called soft.
+_DEEP = 0.02
+# An e that falls with speed should have an error below this multiple of the best constant's.
+_BETTER = 0.9
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,7 +94,8 @@ class Tuned(Drawn):
     def _gain(self) -> str:
         """The gain of energy in the launches of the evaluation, which slide and spin; "" for none."""
         largest = self.evaluation.max_e
-        if not largest > MOST_E or self.passivity.bounces.max_e > MOST_E:  # the latter is in its warning
+        # The warning of the passivity test already names the latter.
+        if not largest > MOST_E or self.passivity.bounces.max_e > MOST_E:
             return ""
         slides = " where it slides and spins" if self.target.friction else ""
         return f"gains energy{slides} (e up to {largest:.4g})"

@@ -15,9 +15,12 @@ from hcbench.system.notebook import Shown
 from hcbench.system.text import joined_names
 from hcbench.tuning.tune import MAX_ERROR
 
-_POINTS = "points of contact"  # among `Facts.settings`
-_SHOWN = 8  # pairs
-_GAINS = 0.95  # of the error as it was: what a setting that is worth writing stays below
+# Key of the count of contact points in `Facts.settings`.
+_POINTS = "points of contact"
+# Pairs that are printed, at most.
+_SHOWN = 8
+# A setting worth writing has an error below this multiple of the untuned one.
+_GAINS = 0.95
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,13 +35,17 @@ FILE = Path(__file__).with_name("usual_errors.json")
 SCENE = "steel-plane"
 STEPS = (1e-3, 2e-3, 1 / 240, 5e-3)
 GRAVITIES = (9.81, 0.0)
-BANDS = ((), (0.1, 2.0))  # m/s; (): the default of a step
-_DIGITS = (*range(10, 20), *range(20, 50, 2), 25, 35, 45, *range(50, 100, 5))  # what people type
+# Bands of speeds, m/s; () stands for the default of a step.
+BANDS = ((), (0.1, 2.0))
+# Digits that people type.
+_DIGITS = (*range(10, 20), *range(20, 50, 2), 25, 35, 45, *range(50, 100, 5))
 _STUDIED = tuple(alpha / INCH for alpha in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
 _TYPED = (float(f"{digits}e{power}") for power in (-3, -2, -1) for digits in _DIGITS)
 ALPHAS = tuple(sorted({*_STUDIED, *(alpha for alpha in _TYPED if _STUDIED[0] < alpha < _STUDIED[-1])}))
-FINE_ALPHAS = tuple(float(f"{10 ** (k / 32 - 2):.4g}") for k in range(129))  # 0.01 ... 100 s/m
-NEAR, AROUND = 0.05, 8  # relative: how far so many rows around may lie from their line, to trust it
+# From 0.01 to 100 s/m.
+FINE_ALPHAS = tuple(float(f"{10 ** (k / 32 - 2):.4g}") for k in range(129))
+# A row is trusted if so many rows around it lie within this share of a line.
+NEAR, AROUND = 0.05, 8
 
 # α s/m; setting and error of "settings", of "constant"; None for no such choice.
 Row: TypeAlias = "list[Any]"

@@ -30,8 +30,10 @@ _B, _C = DOP853.B, DOP853.C[:_STAGES]
 _ERRORS = (DOP853.E5[:_STAGES], DOP853.E3[:_STAGES])
 _EPS = float(np.finfo(float).eps)
 _TRIALS_MAX = 10_000_000
-_AHEAD = 1e-7  # of a step: how far ahead a slope is taken
-_LARGEST_GROWTH, _LARGEST_CUT = 4.0, 0.2  # of one step from the last
+# A slope is the difference over this share of a step.
+_AHEAD = 1e-7
+# A step is at most 4 times and at least 0.2 times the one before.
+_LARGEST_GROWTH, _LARGEST_CUT = 4.0, 0.2
 
 
 def integrate(
@@ -84,7 +86,8 @@ class _Batch:
         left = self.checkpoints[self.passed[rows], rows] - self.t[rows]
         h = np.where(no_goal, np.minimum(np.minimum(self.h[rows], self.step_max[rows]), left), self.h[rows])
         y, error = self._try(rows, h)
-        good = no_goal & (error <= 1.0)  # a NaN is not
+        # A NaN compares false, so that its step is not good.
+        good = no_goal & (error <= 1.0)
         self._resize(rows[no_goal], h[no_goal], error[no_goal])
         speed, distance = self._speed(rows, y), self._distance(rows, y)
         narrow = self.high[rows] - self.low[rows] <= 2.0 * _EPS * self.high[rows]

@@ -17,9 +17,12 @@ Flags: TypeAlias = NDArray[np.bool_]
 
 # Pulled off: still inside the block's surface, but the law would pull
 APART, CONTACT, PULLED_OFF = 0, 1, 2
-SIGNS = np.array([[1.0], [-1.0]])  # right and left block
-_GRAIN = 0.01  # of a position's last digit: what a step's error must be above
-_AT_SURFACE = 1e-14  # of the length scale
+# Row 0 is the right block and row 1 the left one, whose x points the other way.
+SIGNS = np.array([[1.0], [-1.0]])
+# A step's error must be above this share of a position's last digit to be seen.
+_GRAIN = 0.01
+# A state this near to a surface is on it, as a share of the length scale.
+_AT_SURFACE = 1e-14
 _EPS = float(np.finfo(float).eps)
 # Of the length scale: F(x, v)/F(x, 0) has no meaning nearer to x = 0
 _SHALLOWEST = 1e-9
@@ -51,7 +54,8 @@ class TwoSidedContact:
 
     def __post_init__(self) -> None:
         shallow = self.length * self.tolerance < _GRAIN * _EPS * np.abs(self.half_gap)
-        if shallow.any():  # no step would be good: its error is less than a position's last digit
+        # No step would be good: the error that it may have is less than a position's last digit.
+        if shallow.any():
             got = f"{self.length[shallow][0]:.2g} m over a half gap of {self.half_gap[shallow][0]:.2g} m"
             raise UserError("depth of contact", got, "a softer contact, or a larger tolerance")
         energy = 0.5 * self.mass * self.speed**2

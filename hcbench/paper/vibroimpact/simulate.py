@@ -39,7 +39,8 @@ _KINDS: dict[tuple[int, int], Kind] = {
     (CONTACT, PULLED_OFF): "release",
     (PULLED_OFF, CONTACT): "press",
 }
-_STRONGEST = 1e100  # N: the squares of larger ones would overflow
+# Largest force, N: the square of a larger one overflows.
+_STRONGEST = 1e100
 
 
 def simulate(
@@ -164,7 +165,8 @@ def motion_size(
     def elastic(x: float) -> float:
         return float(system.right.force(x, 0.0))
 
-    if isinstance(drive, Sinusoid):  # what it does to a free mass
+    # The energy includes what the drive gives to a free mass.
+    if isinstance(drive, Sinusoid):
         energy = start + 0.5 * (force / (2.0 * math.pi * drive.frequency)) ** 2 / system.mass
     else:
         energy = start + (force * _solve(elastic, force) if force else 0.0)

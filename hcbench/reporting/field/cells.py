@@ -35,7 +35,8 @@ GRADES = {
     "bad": ("✗", "more wrong than the best constant e"),
     "none": ("", "no number: “–” hcbench has no such setting for the engine; “not run” at this step"),
 }
-_SEEN = 0.005  # of e: less does not look like a bounce
+# An e below this does not look like a bounce.
+_SEEN = 0.005
 _ELSEWHERE = "hcbench has such a setting; this study ran it at other steps only."
 _NO_SETTING = "hcbench has no such setting for this engine."
 _LOST = {"diverged": "loses the ball", "no-touch": "no contact", "crashed": "crashes"}

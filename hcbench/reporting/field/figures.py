@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 
     from hcbench.reporting.field.view import Case, FieldView
 
-_COLUMNS = 4  # panels side by side
-_FLOOR, _CEILING = 1e-8, 30.0  # of errors, in figures
+# Panels side by side, at most.
+_COLUMNS = 4
+# Limits of the errors in figures: smaller and larger ones are drawn there.
+_FLOOR, _CEILING = 1e-8, 30.0
 _STOCK: dict[str, Any] = {"color": KIND_COLOURS["stock"], "marker": "X", "markersize": 5.0}
 _BEST: dict[str, Any] = {"color": KIND_COLOURS["settings"], "marker": "s", "markersize": 3.5}
 _PLUGIN: dict[str, Any] = {"color": KIND_COLOURS["exact"], "marker": "v", "markersize": 4.0}

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from hcbench.workers import WorkerPool
 
 COST = "cost.csv"
-_USUAL_STEP = 1e-3  # s: what the page opens with, or the nearest
+# The page opens with this step, s, or the nearest.
+_USUAL_STEP = 1e-3
 _SCRIPTS = ("explorer/law.js", "explorer/plot.js", "field.js")
 
 

@@ -25,7 +25,8 @@ from hcbench.terms.resolution import FOLLOWS
 _KEY = ["engine", "setting", "gravity_m_per_s2", "timestep_s"]
 # Kinds of settings
 CONSTANT, SETTINGS, PLUGIN, STOCK = "constant", "settings", "plugin", "stock"
-OWN = (CONSTANT, SETTINGS)  # those of the engine's own contact
+# Kinds of settings of the engine's own contact.
+OWN = (CONSTANT, SETTINGS)
 # Of e: below it at every speed an engine counts as one that does not bounce
 NO_BOUNCE = 0.05
 
