@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
+from long_searches import LONG, long_search
+from ready_settings import SEARCHES, ready_setting
 
+import hcbench.testing
 from hcbench.laws.published import LAWS, PublishedLaw
 from hcbench.sim import registry
 from hcbench.terms.scene import scene_names
 from hcbench.testing import LAUNCHES, EngineConformance, impacts_for, setting_for
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 DAMPED = {"pybullet": {"stock_damping": 0.01}}  # its linearDamping of 0.04 slows the flight
 
@@ -17,6 +25,23 @@ for _name in WITH_RECIPES:
     if registry.is_there(_name):
         _title = f"Test{_name.title()}"
         globals()[_title] = type(_title, (EngineConformance,), {"engine": _name, **DAMPED.get(_name, {})})
+
+
+@pytest.fixture(autouse=True, scope="module")
+def ready() -> Iterator[None]:
+    """Settings that take long to search for come from a file; `make test-all` searches for them."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not LONG:
+            patch.setattr(hcbench.testing, "setting_for", ready_setting)
+        yield
+
+
+@long_search
+@pytest.mark.locked_engines
+@pytest.mark.parametrize(("recipe", "scene"), SEARCHES)
+def test_a_setting_of_the_file_is_what_its_recipe_finds(recipe: str, scene: str) -> None:
+    """`python tests/support/ready_settings.py` writes the file."""
+    assert ready_setting(recipe, scene) == setting_for(recipe, scene)
 
 
 @pytest.mark.needs_engine
