@@ -3,6 +3,7 @@
 ifndef PYTHON
 PYTHON := $(firstword $(foreach v,3.11 3.13 3.12,$(shell python$(v) -c "import venv" 2>/dev/null && echo python$(v))))
 endif
+unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of processes: each would compile all that it imports
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
