@@ -112,6 +112,7 @@ bench: $(INSTALLED)  ## every speed claim, measured against the alternatives; up
 	$(BIN)/python benchmarks/table.py benchmarks/last.json
 
 docs: $(INSTALLED)  ## the documentation, into docs/_build/html
+	rm -rf docs/_build  # what an earlier build read, this one would not warn of
 	$(BIN)/python -m sphinx -q -W --keep-going docs docs/_build/html
 	rm -rf docs/_build/reports && cp -R reports docs/_build/  # a link here would end the search for files of a package
 

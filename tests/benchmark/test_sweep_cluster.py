@@ -125,7 +125,6 @@ def test_a_cluster_that_loses_a_worker_leaves_the_same_bytes(tmp_path: Path, pac
 def test_a_lost_scheduler_is_one_line_and_finished_parts_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cluster, "_CONNECT_S", 5.0)
     study, folder = study_from(small()), tmp_path / "sweep"
     with running(scheduler()) as (process, address):
 
@@ -133,10 +132,11 @@ def test_a_lost_scheduler_is_one_line_and_finished_parts_are_kept(
             if now.shards == 2:
                 kill(process)
 
+        monkeypatch.setattr(cluster, "_CONNECT_S", 2.0)
         with pytest.raises(CannotRun) as caught:
             sweep(study, folder, scheduler=address, progress=lose)
     assert caught.value.exit_code == 3
-    gone = f"scheduler: {address} went away, and did not come back within 5 s"
+    gone = f"scheduler: {address} went away, and did not come back within 2 s"
     expected = "one that lasts as long as the sweep. Then go on with --resume"
     assert str(caught.value) == f"{gone}; expected {expected}"
     assert capfd.readouterr() == ("", "")

@@ -48,11 +48,11 @@ def test_what_an_engine_dies_on_is_a_row_with_the_reason(tmp_path: Path, package
 def test_what_an_engine_hangs_on_is_a_row_with_the_reason(tmp_path: Path, package: Path) -> None:
     study = study_from(small("tripping", "law"))
     note(package, hang=[[study.speeds[6], 0.375]])
-    sweep(study, tmp_path, jobs=2, timeouts=Timeouts(start=5.0, each=0.0))  # what else it flies takes 0.1 s
+    sweep(study, tmp_path, jobs=2, timeouts=Timeouts(start=2.0, each=0.0))  # of processor time
     table = read(tmp_path).impacts
     lost = table[table["status"] == "crashed"]
     assert lost[["speed_m_per_s", "phase", "reason"]].to_numpy().tolist() == [
-        [study.speeds[6], 0.375, "no answer within 5 s"]
+        [study.speeds[6], 0.375, "no answer within 2 s"]
     ]
 
 

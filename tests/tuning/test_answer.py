@@ -145,9 +145,9 @@ def test_the_command_and_python_give_the_same_number_and_text(
     engine: str, step: float, alpha: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["tune", engine, "--alpha", repr(alpha), "--timestep", repr(step), "--pair", "foot,floor"]
-    assert run([*arguments, "--json"]) == 0
+    assert run([*arguments, "--speeds", "0.1:2 m/s", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    answer = asked(engine)
+    answer = asked(engine, speeds="0.1:2 m/s")
     assert said["choices"] == [json.loads(json.dumps(choice.record)) for choice in answer.choices]
     assert all(set(choice) >= KEYS for choice in said["choices"])
     assert said["paste"] == answer.best.text
@@ -159,8 +159,8 @@ def test_the_command_and_python_give_the_same_number_and_text(
 def test_where_no_setting_of_its_own_passes_the_next_kind_comes_with_exit_1(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    arguments = ["tune", "pybullet", "--alpha", "0.3 s/m", "--timestep", "1 ms", "--settings"]
-    assert run(arguments) == 1
+    arguments = ["tune", "pybullet", "--alpha", "0.3 s/m", "--timestep", "1 ms", "--speeds", "0.1:2 m/s"]
+    assert run([*arguments, "--settings"]) == 1
     caught = capsys.readouterr()
     assert "pybullet restitution" in caught.out
     assert "the next is one e for all speeds: restitution, e within" in caught.err
@@ -194,7 +194,7 @@ def test_a_setting_that_is_nearer_than_one_e_needs_no_caution() -> None:
 def test_the_default_band_is_cut_where_a_step_cannot_bounce_and_says_so() -> None:
     assert default_band(1e-3, G) == pytest.approx((0.0254, 0.508))
     assert default_band(2e-3, 0.0) == default_band(1e-3, G)
-    answer = asked("pybullet")
+    answer = asked("pybullet", alpha=None, restitution=0.8)
     assert answer.target.speed_min == pytest.approx(1.6 * G * STEP, rel=1e-3)
     assert answer.band_note.endswith("below 0.031 m/s a 2 ms step cannot bounce.")
     assert asked("pybullet", speeds="0.1:2 m/s").band_note == ""
