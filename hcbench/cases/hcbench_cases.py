@@ -1,20 +1,23 @@
 """Bounces that a physics engine should get right: runs the cases, judges the states, writes JUnit.
 
-One file of Python's standard library, to be copied beside hcbench-cases-1.json into an engine's own tests:
+One file of Python's standard library, to be copied beside hcbench-cases-1.json into an engine's own
+tests:
 
     python hcbench_cases.py my_adapter.py --expected known.json --junit cases.xml
 
-An adapter is a file with ENGINES: a list of classes, or functions without arguments, that make an engine. It
-has `name`, `version`, and `combine`: how the restitutions of two bodies become one ("product", "average",
-"maximum", "minimum", "geometric", or None without a rule). It has `make(world)`, `step()`, and `state()`,
-the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body that moves, in SI units and the world's frame.
-It raises NotImplementedError for what the engine cannot do.
-An engine that steps many worlds at once also has `start()`: `make` adds a world, `start` starts all that were
-added since, of as many steps of one length and the same shapes, and `state` lists the states of each.
+An adapter is a file with ENGINES: a list of classes, or functions without arguments, that make an
+engine. It has `name`, `version`, and `combine`: how the restitutions of two bodies become one
+("product", "average", "maximum", "minimum", "geometric", or None without a rule). It has
+`make(world)`, `step()`, and `state()`, the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body
+that moves, in SI units and the world's frame. It raises NotImplementedError for what the engine
+cannot do. An engine that steps many worlds at once also has `start()`: `make` adds a world, `start`
+starts all that were added since, of as many steps of one length and the same shapes, and `state`
+lists the states of each.
 
-MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of charge, to any
-person obtaining a copy, to use, copy, modify, merge, publish, distribute, sublicense and sell it, if this
-notice stays in all copies or substantial portions. It is provided "as is", without warranty of any kind.
+MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of charge,
+to any person obtaining a copy, to use, copy, modify, merge, publish, distribute, sublicense and
+sell it, if this notice stays in all copies or substantial portions. It is provided "as is", without
+warranty of any kind.
 """
 
 from __future__ import annotations
@@ -142,7 +145,8 @@ def restitution(each: Json, states: States) -> float:
     squares = {}  # of the speed at the plane, m²/s²
     for step, height in z.items():
         if step - 1 in z and step + 1 in z:
-            # Central differences mean the same in every integrator; the energy takes them to the plane.
+            # Central differences mean the same in every integrator; the energy takes them to the
+            # plane.
             speed = (z[step + 1] - z[step - 1]) / (2 * timestep)
             squares[step] = speed**2 - 2 * gravity_z * (height - touch)
     turned = math.inf  # the first step after which the ball is higher
@@ -230,8 +234,8 @@ QUANTITIES: dict[str, Callable[[Json, States], Any]] = {function.__name__: funct
 def judge(results: Json, cases: Json) -> list[Json]:
     """A verdict on each case: {case, title, verdict, why, worst}.
 
-    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity what was measured, what is true, and
-    the number of the run that is farthest off.
+    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity what was measured, what is
+    true, and the number of the run that is farthest off.
     """
     done, combine = results["runs"], results["engine"]["combine"]
     return [_judge(case, done.get(case["id"], []), combine) for case in cases["cases"]]
@@ -292,7 +296,10 @@ def _compared(each: Json, states: States, combine: str | None) -> Iterator[tuple
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", in words). expected: {case: reason} of failures that are known."""
+    """("passed", "failure" or "skipped", in words).
+
+    expected: {case: reason} of failures that are known.
+    """
     known = expected.get(verdict["case"])
     if verdict["verdict"] == "pass":
         return ("failure", f"passes, though it is expected to fail: {known}") if known else ("passed", "")

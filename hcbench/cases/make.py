@@ -1,7 +1,7 @@
 """Writes hcbench-cases-1.json, by `python -m hcbench.cases.make`.
 
-After the first release that file never changes. Each true value is a closed form here; tests find it by
-another route.
+After the first release that file never changes. Each true value is a closed form here; tests find
+it by another route.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ AFTER = 0.5  # s that a launch lasts: a soft contact has ended by then
 CLOSE = {"value": 0.02, "reason": "Two drops of one material differ by more"}
 FILE = Path(__file__).with_name("hcbench-cases-1.json")
 
-# Kharaz, Gorham & Salman 2001: balls of alumina, 5 mm wide, on glass at 3.9 m/s. Degrees from the normal,
-# and tangential speed after over before, as Kratos Multiphysics digitised their figure (benchmark 4). Below
-# 30 degrees the surfaces' compliance shows, which is in no rigid contact.
+# Kharaz, Gorham & Salman 2001: balls of alumina, 5 mm wide, on glass at 3.9 m/s. Degrees from the
+# normal, and tangential speed after over before, as Kratos Multiphysics digitised their figure
+# (benchmark 4). Below 30 degrees the surfaces' compliance shows, which is in no rigid contact.
 ALUMINA = (
     (30.356, 0.6903), (39.545, 0.7743), (49.604, 0.8476),
     (71.069, 0.9366), (79.228, 0.9695), (85.168, 0.9794),
@@ -149,8 +149,8 @@ def after_sliding_or_sticking(
 ) -> tuple[list[float], list[float]]:
     """Velocity and surface speed by spin after a rigid ball's impact on a floor, Coulomb's friction.
 
-    v: of its centre, (x, 0, z < 0). rim: surface speed by spin about y. Friction's impulse is μ times the
-    normal one, or 2/7 of the slip, which it then stops (Walton 1993, eqs. 4 ... 6).
+    v: of its centre, (x, 0, z < 0). rim: surface speed by spin about y. Friction's impulse is μ
+    times the normal one, or 2/7 of the slip, which it then stops (Walton 1993, eqs. 4 ... 6).
     """
     x, _, z = v
     slip = x - rim
@@ -174,8 +174,8 @@ def oblique_run(
 ) -> Json:
     """A ball that meets the floor at an angle.
 
-    h: time step, s. v: velocity, m/s. rim: surface speed by spin about y, m/s. radius: m. out: velocity and
-    surface speed by spin after, m/s.
+    h: time step, s. v: velocity, m/s. rim: surface speed by spin about y, m/s. radius: m. out:
+    velocity and surface speed by spin after, m/s.
     """
     speed = math.hypot(*v)
     start = ball((0, 0, radius - (CLEAR + 0.4) * v[2] * h), v, radius=radius, spin=[0.0, rim / radius, 0.0])

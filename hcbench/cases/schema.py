@@ -113,7 +113,10 @@ def _adapter(kind: str) -> TypeAdapter[Any]:
 
 
 def validated(content: Any, kind: Literal["results", "scores"], source: str) -> Any:
-    """The content, if it is of this kind. Raises UserError with the first wrong place; source is its slot."""
+    """The content, if it is of this kind.
+
+    Raises UserError with the first wrong place; source is its slot.
+    """
     try:
         return _adapter(kind).validate_python(content)
     except ValidationError as error:

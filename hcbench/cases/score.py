@@ -40,9 +40,10 @@ def known_failures() -> dict[str, dict[str, str]]:
 class EngineScore:
     """Score of one engine's results.
 
-    verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "threshold", where it is obeyed above a speed;
-    "ignored", where the number makes no difference; "mixed"; or None where the first case was not run.
-    threshold: the highest impact speed under gravity that did not bounce, m/s; 0 where all did.
+    verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "threshold", where it is obeyed above
+    a speed; "ignored", where the number makes no difference; "mixed"; or None where the first case
+    was not run. threshold: the highest impact speed under gravity that did not bounce, m/s; 0 where
+    all did.
     """
 
     engine: str
@@ -158,7 +159,8 @@ def measured() -> list[EngineScore]:
 def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
     """A row of words for each engine: name, version, a verdict by the id of each case, how many passed.
 
-    scores: those of `measured` where None. restitution: "obeyed", "threshold", "mixed", "ignored" or "".
+    scores: those of `measured` where None. restitution: "obeyed", "threshold", "mixed", "ignored"
+    or "".
     """
     if scores is None:
         scores = measured()
@@ -176,8 +178,8 @@ def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
 def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience | None, float]:
     """Obedience to the restitution asked for, and the speed, m/s, up to which nothing bounces.
 
-    By the first two cases: normal impacts without gravity, then slow ones under it. None where they were not
-    run, or have no numbers.
+    By the first two cases: normal impacts without gravity, then slow ones under it. None where they
+    were not run, or have no numbers.
     """
     if [case["id"] for case in cases["cases"][:2]] != ["C01", "C02"]:
         return None, 0.0

@@ -1,7 +1,7 @@
 """Python environments that each hold one engine in one version, in the user's data folder.
 
-hcbench itself is not copied there: a worker process in such an environment imports the very package that
-started it (`hcbench.sim.remote`), so there is none that could be out of date.
+hcbench itself is not copied there: a worker process in such an environment imports the very package
+that started it (`hcbench.sim.remote`), so there is none that could be out of date.
 """
 
 ADD = "hcbench engines add"  # what brings a missing one

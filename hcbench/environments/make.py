@@ -37,11 +37,10 @@ def add(
 ) -> Environment:
     """Install an engine into an environment of its own, in place of one of the same version.
 
-    package: whose version is the engine's. requirements: what to install, as pip writes it. python: a version
-    or a path, of an installed interpreter. trial: uses the environment; what it raises ends all.
-    progress: called with (steps done, steps in all).
-    Raises UserError for a version or a Python that is not to be had, CannotRun and OutputError; then nothing
-    is left of it.
+    package: whose version is the engine's. requirements: what to install, as pip writes it. python:
+    a version or a path, of an installed interpreter. trial: uses the environment; what it raises
+    ends all. progress: called with (steps done, steps in all). Raises UserError for a version or a
+    Python that is not to be had, CannotRun and OutputError; then nothing is left of it.
     """
     home = store.home()
     try:

@@ -70,7 +70,10 @@ def environments(engine: str = "*") -> list[Environment]:
 
 
 def find(engine: str, version: str = "") -> Environment | None:
-    """The environment of an engine in a version; the newest where none is named. None where there is none."""
+    """The environment of an engine in a version; the newest where none is named.
+
+    None where there is none.
+    """
     matching = [e for e in environments(engine) if version in ("", e.version)]
     return matching[-1] if matching else None
 
@@ -92,7 +95,10 @@ def replace(made: Path, environment: Environment, scratch: Path) -> None:
 
 
 def _read(folder: Path) -> Environment:
-    """The environment of a folder, by its record. Raises ValueError, LookupError or TypeError for none."""
+    """The environment of a folder, by its record.
+
+    Raises ValueError, LookupError or TypeError for none.
+    """
     record: Mapping[str, Any] = parse_json(read_text(folder / RECORD))
     if record["schema"] != _SCHEMA:
         raise ValueError("of another hcbench")

@@ -20,7 +20,8 @@ LOWEST_UNDERDAMPED = math.exp(-2.0)
 def minimax_constant(target: Target) -> tuple[float, float]:
     """The constant e with the least largest error over the band, and that error.
 
-    e falls with v, so the error is largest at both ends of the band and the best constant is halfway.
+    e falls with v, so the error is largest at both ends of the band and the best constant is
+    halfway.
     """
     ends = target.restitution(np.array([target.speed_min, target.speed_max]))
     high = float(ends.max())
@@ -43,8 +44,8 @@ def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
 def implicit_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
     """k, N/m, and c, N s/m, of F = k (x + h v') + c v', v' the rate after a step, for the best constant e.
 
-    Those whose steps have the poles exp((-β ± i ω) h) of `spring_damper`'s contact exactly:
-    m exp(2 β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h. Where c would be below
+    Those whose steps have the poles exp((-β ± i ω) h) of `spring_damper`'s contact exactly: m exp(2
+    β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h. Where c would be below
     0 the contact is made slower until it is not. SettingError for e = 1: such a step always damps.
     """
     e, _ = minimax_constant(target)
@@ -67,9 +68,9 @@ def implicit_spring_damper(target: Target, duration: float, instead: str) -> tup
 def spring_damper(restitution: float, duration: float, instead: str) -> tuple[float, float]:
     """β and ω, 1/s, of the contact x'' + 2 β x' + (ω² + β²) x = 0 that has this e and duration (s).
 
-    The contact pushes only, so it ends where the force is 0, before x is: with the damping ratio sin ψ
-    at ω t = π - 2 ψ, with β = ω tan ψ. Raises SettingError for an e that only an overdamped contact has, with
-    the recipe to use `instead`.
+    The contact pushes only, so it ends where the force is 0, before x is: with the damping ratio
+    sin ψ at ω t = π - 2 ψ, with β = ω tan ψ. Raises SettingError for an e that only an overdamped
+    contact has, with the recipe to use `instead`.
     """
     if not LOWEST_UNDERDAMPED < restitution <= 1.0:
         raise SettingError(
@@ -86,8 +87,9 @@ def spring_damper(restitution: float, duration: float, instead: str) -> tuple[fl
 def one_way_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
     """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the way out, for the best constant e.
 
-    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω² = k/m: the way in
-    is a damped oscillator's from touch to its first standstill. SettingError for e below e^-1.
+    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω² = k/m:
+    the way in is a damped oscillator's from touch to its first standstill. SettingError for e below
+    e^-1.
     """
     e, _ = minimax_constant(target)
 

@@ -1,8 +1,9 @@
 """Settings that searches found, kept in the user's cache folder: the same search is not made twice.
 
-A setting is kept by all that it depends on: the target, the recipe, this package's files, and the versions of
-the engine and of what computes. Where the folder cannot be written to, by this user alone, or a file in it is
-not whole, the search is made: what a recipe gives is the same with the folder and without.
+A setting is kept by all that it depends on: the target, the recipe, this package's files, and the
+versions of the engine and of what computes. Where the folder cannot be written to, by this user
+alone, or a file in it is not whole, the search is made: what a recipe gives is the same with the
+folder and without.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ _OLD_S = 90 * 86400.0  # since it was found; older ones are removed
 def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Path | None:
     """The file in which the setting for a target is kept. versions: of the engine and of what computes.
 
-    None for a recipe that is not of its engine's folder in this package: it depends on more than is known.
+    None for a recipe that is not of its engine's folder in this package: it depends on more than is
+    known.
     """
     folder = recipe.engine.replace("-", "_")
     if not recipe.function.__module__.startswith(f"hcbench.engines.{folder}."):
@@ -58,7 +60,10 @@ def kept(recipe: Recipe, target: Target, place: Path | None) -> Setting | None:
 
 
 def make(recipe: Recipe, target: Target, place: Path | None) -> Setting:
-    """The setting that a recipe makes of a target, kept in a place if it took a search. Raises as it."""
+    """The setting that a recipe makes of a target, kept in a place if it took a search.
+
+    Raises as it.
+    """
     began = time.process_time()
     setting = recipe(target)
     took = time.process_time() - began

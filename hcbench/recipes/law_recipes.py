@@ -38,8 +38,8 @@ def plug_in_recipes(
 ) -> tuple[Recipe, ...]:
     """Recipes for an engine into which hcbench.contact plugs a law.
 
-    native: recipes of its own contact, which messages name where a law cannot be had.
-    common: options of each setting, beside "law". exact_above: as of `Recipe`, of the law at any step.
+    native: recipes of its own contact, which messages name where a law cannot be had. common:
+    options of each setting, beside "law". exact_above: as of `Recipe`, of the law at any step.
     """
     constant = first(native, Role.CONSTANT_E, "plane")
     at_any_step = [constant.name] if constant else []
@@ -88,9 +88,10 @@ def python_law_recipes(
 ) -> tuple[Recipe, ...]:
     """Recipes for an engine that lets a law in from Python, by lines of the user's own, on a plane.
 
-    native: as for `plug_in_recipes`. hook: where the law goes in, a sentence. force, each_impact: how near e
-    comes with the law as contact force, and with its e set before each impact; 0 where the engine has no way.
-    common, each_impact_options: options of each setting, and of those that set e, beside "law".
+    native: as for `plug_in_recipes`. hook: where the law goes in, a sentence. force, each_impact:
+    how near e comes with the law as contact force, and with its e set before each impact; 0 where
+    the engine has no way. common, each_impact_options: options of each setting, and of those that
+    set e, beside "law".
     """
     names = [recipe.name for recipe in native if recipe.role in (Role.CONSTANT_E, Role.FALLING_E)]
     own = partial(Recipe, engine, native=False, instead=_any_of(names), forms=("plane",))
@@ -136,8 +137,8 @@ def published_law_recipes(
 ) -> tuple[Recipe, ...]:
     """F = k x^n (1 + χ(e) v/v_i), a recipe for each law: v_i the speed of each impact, one e for all speeds.
 
-    options: a setting's, for a target and a law that is asked for the best constant restitution of its band.
-    note: how the engine runs the law.
+    options: a setting's, for a target and a law that is asked for the best constant restitution of
+    its band. note: how the engine runs the law.
     """
 
     def recipe(family: PublishedLaw) -> Recipe:

@@ -36,20 +36,19 @@ class Integrators:
 class Recipe:
     """Makes a setting of one engine from a target.
 
-    engine, name: "myengine", "impulse". summary: what it does to e and to the loop, in one sentence.
-    function: a target, and an integrator where `integrators` names some, to the setting's options; raises
-    SettingError for a target that it cannot serve.
-    notes: where it holds and what a user must know, a sentence each.
-    native: the engine's own contact is set; else a law stands in for it, as a plug-in does.
-    one_step: the bounce happens in a single step, of any length: forces and times mean nothing.
-    kinds: of targets that it serves. instead: recipes to use for others, as a message says it.
-    forms: of scenes that can have such a contact. steps_min: in the law's shortest contact; "auto" tries it
-    from there on, and not at all without `by_auto`.
-    within: how far e may be from what the role promises; 0: what `hcbench.testing` asks of all.
-    ends: how every launch ends, of an engine that by default does not bounce a body at all.
-    steps_min_with_gravity: as `steps_min`, under gravity, for a recipe that is softer than the law below it.
-    exact_above: e to the impact speed over g h from which a law in place of the contact is exact, so that it
-    needs no run; None where that is unknown.
+    engine, name: "myengine", "impulse". summary: what it does to e and to the loop, in one
+    sentence. function: a target, and an integrator where `integrators` names some, to the setting's
+    options; raises SettingError for a target that it cannot serve. notes: where it holds and what a
+    user must know, a sentence each. native: the engine's own contact is set; else a law stands in
+    for it, as a plug-in does. one_step: the bounce happens in a single step, of any length: forces
+    and times mean nothing. kinds: of targets that it serves. instead: recipes to use for others, as
+    a message says it. forms: of scenes that can have such a contact. steps_min: in the law's
+    shortest contact; "auto" tries it from there on, and not at all without `by_auto`. within: how
+    far e may be from what the role promises; 0: what `hcbench.testing` asks of all. ends: how every
+    launch ends, of an engine that by default does not bounce a body at all. steps_min_with_gravity:
+    as `steps_min`, under gravity, for a recipe that is softer than the law below it. exact_above: e
+    to the impact speed over g h from which a law in place of the contact is exact, so that it needs
+    no run; None where that is unknown.
     """
 
     engine: str
@@ -74,8 +73,8 @@ class Recipe:
     def __call__(self, target: Target, integrator: str | None = None) -> Setting:
         """The setting; integrator: one of `integrators`, None for the first.
 
-        Raises SettingError where the recipe cannot serve the target; SearchInterrupted with the best setting
-        so far where an interrupt ends its search.
+        Raises SettingError where the recipe cannot serve the target; SearchInterrupted with the
+        best setting so far where an interrupt ends its search.
         """
         if integrator is not None:
             self._require_integrator(integrator)
@@ -114,7 +113,10 @@ def first(
 def on_a_plane(
     engine: str, name: str, role: Role, function: Callable[..., Mapping[str, Any]], **more: Any
 ) -> Callable[..., Recipe]:
-    """A recipe for scenes of the form "plane", to be called with summary and notes. more: of `Recipe`."""
+    """A recipe for scenes of the form "plane", to be called with summary and notes.
+
+    more: of `Recipe`.
+    """
     return lambda summary, *notes: Recipe(
         engine, name, role, function, summary, notes, forms=("plane",), **more
     )

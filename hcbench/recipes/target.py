@@ -59,14 +59,13 @@ _WORDS |= {"constant": "one e, by --restitution"}
 class Target:
     """The bounce to match.
 
-    law: eq. (16). mass: effective mass of the pair, kg. timestep: the engine's, s.
-    speed_min, speed_max: the band of impact speeds, m/s.
-    reading: "law" for e of (16), "linear" for e = 1 - α v_i of (2), "points" for `points`.
-    points: pairs (v m/s, e), straight between them and constant beyond; one pair is a constant e.
-    gravity: into the plate, m/s². friction: coefficient of Coulomb friction. corners: points of the body that
-    meet the plate at once, as the 4 of a flat box.
-    Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0 ... 1 or that
-    rises with v.
+    law: eq. (16). mass: effective mass of the pair, kg. timestep: the engine's, s. speed_min,
+    speed_max: the band of impact speeds, m/s. reading: "law" for e of (16), "linear" for e = 1 - α
+    v_i of (2), "points" for `points`. points: pairs (v m/s, e), straight between them and constant
+    beyond; one pair is a constant e. gravity: into the plate, m/s². friction: coefficient of
+    Coulomb friction. corners: points of the body that meet the plate at once, as the 4 of a flat
+    box. Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0
+    ... 1 or that rises with v.
     """
 
     law: HuntCrossley

@@ -26,9 +26,10 @@ class UntriedVersionWarning(UserWarning):
 class Backend:
     """One of an engine's packages.
 
-    engine: the engine's name. package: as the package index has it. oldest, newest: versions between which it
-    was tried, as many numbers of them as matter. install: the command; "" for pip with that package.
-    instead: a package that has the same module. newest_python: the last that its wheels are for; "" for any.
+    engine: the engine's name. package: as the package index has it. oldest, newest: versions
+    between which it was tried, as many numbers of them as matter. install: the command; "" for pip
+    with that package. instead: a package that has the same module. newest_python: the last that its
+    wheels are for; "" for any.
     """
 
     engine: str
@@ -40,7 +41,10 @@ class Backend:
     newest_python: str = ""
 
     def add_command(self, name: str = "") -> str:
-        """The command that adds the engine in its own environment. name: may have a version, "engine@1.2"."""
+        """The command that adds the engine in its own environment.
+
+        name: may have a version, "engine@1.2".
+        """
         python = f" --python {self.newest_python}" if self.newest_python else ""
         return f"{ADD} {name or self.engine}{python}"
 

@@ -39,8 +39,9 @@ class Features:
     """Properties of an engine's own contact, with nothing added, for the table of `hcbench report
     field`.
 
-    law: its force or impulse. exponent: of the penetration in it. threshold: the speed below which it does
-    not bounce, and what sets that. licence: of the package. energy: what to know of an e above 1.
+    law: its force or impulse. exponent: of the penetration in it. threshold: the speed below which
+    it does not bounce, and what sets that. licence: of the package. energy: what to know of an e
+    above 1.
     """
 
     law: Feature
@@ -69,7 +70,8 @@ class HasPlugin(Engine):
     def plugin(self, *, install: bool = False) -> Path:
         """The library of the contact laws for this engine, compiled when first asked for.
 
-        install: puts it where the engine loads plug-ins from; UserError where it has no such folder.
+        install: puts it where the engine loads plug-ins from; UserError where it has no such
+        folder.
         """
 
 
@@ -81,7 +83,10 @@ def plugin_of(engine: Engine, install: bool) -> Path:
 
 
 class OpensModels(Engine):
-    """Opens models that users wrote. suffixes: of their files. opens: objects that it opens, in words."""
+    """Opens models that users wrote.
+
+    suffixes: of their files. opens: objects that it opens, in words.
+    """
 
     suffixes: tuple[str, ...] = ()
     opens: tuple[str, ...] = ()
@@ -133,9 +138,9 @@ class TunesModels(OpensModels):
     ) -> Iterable[ModelSetting]:
         """Settings for pairs in a user's own model, each meant to have the e of `goal` there; simplest first.
 
-        requests: alike but for pairs and attitudes; their speeds span the band. was: the model at rest
-        as it is. version: of the engine that
-        has to load what is written; () for the installed one.
+        requests: alike but for pairs and attitudes; their speeds span the band. was: the model at
+        rest as it is. version: of the engine that has to load what is written; () for the installed
+        one.
         """
 
     def attitudes(self, source: Any, request: Request) -> list[tuple[str, Request]]:
@@ -156,7 +161,10 @@ class LandsRobots(OpensModels):
     def land(
         self, source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None = None
     ) -> Landings:
-        """A robot in the pose of the request, dropped. Raises UserError where nothing can fall or be met."""
+        """A robot in the pose of the request, dropped.
+
+        Raises UserError where nothing can fall or be met.
+        """
 
     @abstractmethod
     def touchdowns(

@@ -65,7 +65,10 @@ def _joined(values: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Launches(Columns[Launch]):
-    """A sequence of `Launch`. speed, phase, height (NaN for none): shape (n,); slip: (n, 2); spin: (n, 3)."""
+    """A sequence of `Launch`.
+
+    speed, phase, height (NaN for none): shape (n,); slip: (n, 2); spin: (n, 3).
+    """
 
     speed: Floats
     phase: Floats
@@ -101,8 +104,8 @@ class Launches(Columns[Launch]):
     ) -> Launches:
         """Launches that touch at these speeds and phases, see `Launch.touching`.
 
-        speed, phase, slip: shape (n,), m/s, parts of a step, m/s; the slip along the way of the bodies.
-        timestep: s. gravity: m/s². spin: (3,), rad/s.
+        speed, phase, slip: shape (n,), m/s, parts of a step, m/s; the slip along the way of the
+        bodies. timestep: s. gravity: m/s². spin: (3,), rad/s.
         """
         count = len(speed)
         spins = np.tile(np.array(spin, dtype=np.float64), (count, 1))
@@ -193,8 +196,8 @@ class Recorded:
 class Impacts(Columns[Impact]):
     """A sequence of `Impact`; each column has what its attribute of that name has, shape (n,).
 
-    status: indices into STATUSES. source: a `Recorded` that has the loop, in a row from a step on (start);
-    or the loop itself, or None.
+    status: indices into STATUSES. source: a `Recorded` that has the loop, in a row from a step on
+    (start); or the loop itself, or None.
     """
 
     launches: Launches

@@ -1,8 +1,8 @@
 """The contract of an engine, stated once.
 
-An engine builds a world, releases bodies in it, advances it, and hands back penetration, rate and force of
-each step (`hcbench.sim.world`); `hcbench.sim.simulate` does the rest. None of its own types leave it. It
-imports its backend late.
+An engine builds a world, releases bodies in it, advances it, and hands back penetration, rate and
+force of each step (`hcbench.sim.world`); `hcbench.sim.simulate` does the rest. None of its own
+types leave it. It imports its backend late.
 
     class MyEngine(SteppedEngine):
         name, title = "myengine", "My Engine"
@@ -46,10 +46,10 @@ if TYPE_CHECKING:
 class Engine(ABC):
     """A physics engine, or anything else that can drop a body on a plate.
 
-    name: as registered, and as settings name it. title: as reports print it. backend: the package that it
-    needs; None for none. bits: of its numbers. oblique: launches bodies at an angle too. devices: that it can
-    compute on, such as "cpu" and "gpu", where a setting's option `device` says so.
-    What only some engines can do is in `hcbench.sim.capabilities`.
+    name: as registered, and as settings name it. title: as reports print it. backend: the package
+    that it needs; None for none. bits: of its numbers. oblique: launches bodies at an angle too.
+    devices: that it can compute on, such as "cpu" and "gpu", where a setting's option `device` says
+    so. What only some engines can do is in `hcbench.sim.capabilities`.
     """
 
     name: str
@@ -67,8 +67,8 @@ class Engine(ABC):
         return self.backend.version()
 
     def recipes(self) -> Sequence[Recipe]:
-        """Return the engine's recipes, the preferred one of each role first: RECIPES of its module, or of
-        `recipes` in its folder.
+        """Return the engine's recipes, the preferred one of each role first: RECIPES of its module,
+        or of `recipes` in its folder.
         """
         own = import_module(type(self).__module__)
         recipes = own if hasattr(own, "RECIPES") else module_of(self, "recipes")
@@ -78,7 +78,8 @@ class Engine(ABC):
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Sequence[Impact]:
         """One impact for each launch, in order. An impact that went wrong is a record with a status.
 
-        Raises SettingError for options the engine does not have, SceneError for a scene it cannot load.
+        Raises SettingError for options the engine does not have, SceneError for a scene it cannot
+        load.
         """
 
     def require_device(self, device: str) -> None:  # noqa: B027 - most have no choice
@@ -86,8 +87,8 @@ class Engine(ABC):
 
     @final
     def device_of(self, setting: Setting) -> str:
-        """The device that a setting names, where its impacts are read while they are stepped, and have no
-        loops; "" for none. Raises SettingError for one that the engine does not have.
+        """The device that a setting names, where its impacts are read while they are stepped, and
+        have no loops; "" for none. Raises SettingError for one that the engine does not have.
         """
         device = str(setting.options.get("device", "")) if self.devices else ""
         if device and device not in self.devices:
@@ -106,7 +107,8 @@ class Engine(ABC):
         """Return the text of a setting to paste into a user's model or script; "" if nothing is
         set.
 
-        form: the scene's, "plane" or "cup". pair: names of the two in the user's model, the first moves.
+        form: the scene's, "plane" or "cup". pair: names of the two in the user's model, the first
+        moves.
         """
         return setting.options_text
 
@@ -172,8 +174,9 @@ class Engine(ABC):
 class SteppedEngine(Engine):
     """An engine that advances in time steps: all but the closed form.
 
-    own_process: settings of the whole process, prints and crashes: simulations run in a process of their own.
-    limit: s, after which one launch in such a process counts as hung. together: launches in it at once.
+    own_process: settings of the whole process, prints and crashes: simulations run in a process of
+    their own. limit: s, after which one launch in such a process counts as hung. together: launches
+    in it at once.
     """
 
     own_process: bool = False
@@ -184,8 +187,8 @@ class SteppedEngine(Engine):
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:
         """A scene under a setting, for launches whose speed at touch is at most `fastest` m/s.
 
-        Raises SettingError for options the engine does not have or a step too coarse for them, SceneError for
-        a scene it cannot load, EngineMissing.
+        Raises SettingError for options the engine does not have or a step too coarse for them,
+        SceneError for a scene it cannot load, EngineMissing.
         """
 
     def speed_reading(self, setting: Setting) -> SpeedReading:

@@ -1,6 +1,7 @@
 """Runs what would change an engine's world in a forked copy of this process: the world here stays as it is.
 
-For engines that cannot be put back: Bullet keeps contacts that its own restoreState does not take away.
+For engines that cannot be put back: Bullet keeps contacts that its own restoreState does not take
+away.
 """
 
 from __future__ import annotations

@@ -34,10 +34,10 @@ def add(
 ) -> Environment:
     """Install an engine into an environment of its own, or return the one installed that fits the request.
 
-    name: "myengine", for the newest version, or "myengine@1.2". python: a version or path of an interpreter;
-    None for that of this process, or the newest that the engine has wheels for. progress: called with
-    (steps done, steps in all).
-    Raises UserError for what is not to be had, CannotRun for what does not run, OutputError.
+    name: "myengine", for the newest version, or "myengine@1.2". python: a version or path of an
+    interpreter; None for that of this process, or the newest that the engine has wheels for.
+    progress: called with (steps done, steps in all). Raises UserError for what is not to be had,
+    CannotRun for what does not run, OutputError.
     """
     base, at, version = name.partition("@")
     backend = _backend(base)
@@ -111,7 +111,8 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
         needed, _, marker = line.partition(";")
         needed = needed.strip()
         marker, of_extra = re.subn(rf"(and\s+)?extra\s*==\s*['\"]{name}['\"]", "", marker)
-        # What an adapter needs in any case counts for those of others: hcbench's own are the worker's.
+        # What an adapter needs in any case counts for those of others: hcbench's own are the
+        # worker's.
         is_needed = of_extra or not (is_own or "extra" in marker)
         package = re.split(r"[^\w.-]", needed, maxsplit=1)[0]
         if package == "hcbench" or not is_needed:

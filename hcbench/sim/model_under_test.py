@@ -85,12 +85,13 @@ class Request:
 class Suspect:
     """Something in a model that may keep it from bouncing as asked.
 
-    code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text to paste.
-    apply: makes the fix in the engine's own form of the model; None where it cannot be tried.
-    always_reported: even if e is correct, because it concerns the model's settings.
-    assumed_e: e that the fix is written for, where the user named no target; e is then compared with it.
-    named_if_half: reported, too, where it alone takes away half of the error and another fix takes all.
-    apply_last: its fix depends on the step and integrator, so it is made after those that change them.
+    code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text to
+    paste. apply: makes the fix in the engine's own form of the model; None where it cannot be
+    tried. always_reported: even if e is correct, because it concerns the model's settings.
+    assumed_e: e that the fix is written for, where the user named no target; e is then compared
+    with it. named_if_half: reported, too, where it alone takes away half of the error and another
+    fix takes all. apply_last: its fix depends on the step and integrator, so it is made after those
+    that change them.
     """
 
     code: str
@@ -109,17 +110,16 @@ class Facts:
     """Properties of a model and of its pair, as an engine reads them from the model, SI.
 
     pair: as the model names the two, the moving body first. moved: what moves it, as a phrase.
-    effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the moving
-    body towards the other. settings: the engine's own words for what decides the bounce.
+    effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the
+    moving body towards the other. settings: the engine's own words for what decides the bounce.
     asked: e that the model asks for at each speed of the request; () where it cannot be said.
-    asked_description: what in the model asks for it. notes: sentences a reader must know. warnings: those of
-    the notes by which the numbers may be wrong, so that a verdict has them too. friction: Coulomb's
-    μ of the pair, NaN where it cannot be said.
-    point: where the two meet, m. shares: what took how much off the approach speed during the contact, over
-    the speed at touch, by cause, in the launch in which joints and actuators took most; empty where there are
-    none.
-    promise: what hcbench promised of the pair, where it wrote the setting. changed: codes of the suspects
-    that are not as they were when it promised.
+    asked_description: what in the model asks for it. notes: sentences a reader must know. warnings:
+    those of the notes by which the numbers may be wrong, so that a verdict has them too. friction:
+    Coulomb's μ of the pair, NaN where it cannot be said. point: where the two meet, m. shares: what
+    took how much off the approach speed during the contact, over the speed at touch, by cause, in
+    the launch in which joints and actuators took most; empty where there are none. promise: what
+    hcbench promised of the pair, where it wrote the setting. changed: codes of the suspects that
+    are not as they were when it promised.
     """
 
     engine: str
@@ -168,8 +168,9 @@ def _three_digits(vector: Iterable[float]) -> str:
 class Output:
     """Destination of a setting that is to be written into a model.
 
-    folder: of the model; None: that of the source. include: the name of a file of its own for its lines; ""
-    for none. version: of the engine that has to load it, such as (3, 5); () for the installed one.
+    folder: of the model; None: that of the source. include: the name of a file of its own for its
+    lines; "" for none. version: of the engine that has to load it, such as (3, 5); () for the
+    installed one.
     """
 
     folder: Path | None = None
@@ -182,8 +183,8 @@ BESIDE = Output()  # the source, for the installed engine
 
 @dataclass(frozen=True, slots=True)
 class Texts:
-    """A setting as text. paste: lines for the model or script. written: the whole model with them, or "".
-    include: a file of the lines alone, or "".
+    """A setting as text. paste: lines for the model or script. written: the whole model with them,
+    or "". include: a file of the lines alone, or "".
     """
 
     paste: str
@@ -195,8 +196,8 @@ class Texts:
 class ModelSetting:
     """A setting for pairs in their own model, to be tried there.
 
-    open: the model with the setting, for the launches of a request. texts: of it, with what was promised of
-    each pair.
+    open: the model with the setting, for the launches of a request. texts: of it, with what was
+    promised of each pair.
     """
 
     name: str

@@ -78,8 +78,8 @@ def named_folders(given: str | Mapping[str, str]) -> Packages:
 
 
 def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
-    """Folder of each package that a model file names: as given, else the nearest above the file that has what
-    is named. Packages that are in neither are left out.
+    """Folder of each package that a model file names: as given, else the nearest above the file
+    that has what is named. Packages that are in neither are left out.
     """
     given = dict(packages)
     folders: dict[str, Path] = {}

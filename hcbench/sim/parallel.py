@@ -54,7 +54,8 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
 def law_text(law: PythonLaw | None, force: str, each: str) -> str:
     """A law's numbers in an engine's own lines; "" for none.
 
-    force: lines with {k}, {n} and {a}, of eq. (16). each: with two gaps, for α and the reading of e(v).
+    force: lines with {k}, {n} and {a}, of eq. (16). each: with two gaps, for α and the reading of
+    e(v).
     """
     if law is None:
         return ""
@@ -81,8 +82,8 @@ class BatchWorld(World):
 
     @abstractmethod
     def place(self, heights: Floats, velocities: Floats) -> Floats:
-        """Put the balls' centres at heights, m, with velocities upwards, m/s, and nothing remembered; both as
-        the engine then has them, shape (2, places).
+        """Put the balls' centres at heights, m, with velocities upwards, m/s, and nothing
+        remembered; both as the engine then has them, shape (2, places).
         """
 
     @abstractmethod

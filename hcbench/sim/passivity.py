@@ -1,9 +1,9 @@
 """Test whether a contact adds energy: drops and slow launches in any engine, and the limits they
 must keep.
 
-In free flight each integrator keeps an energy of its own. Semi-implicit Euler, which moves by the new
-velocity, keeps (v + g h/2)² - 2 g x exactly, penetration x, rate v; exact flight and RK4 keep v² - 2 g x. So
-e is the square root of what an impact leaves of it, whichever step sees the touch.
+In free flight each integrator keeps an energy of its own. Semi-implicit Euler, which moves by the
+new velocity, keeps (v + g h/2)² - 2 g x exactly, penetration x, rate v; exact flight and RK4 keep
+v² - 2 g x. So e is the square root of what an impact leaves of it, whichever step sees the touch.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ _SPEEDS, _PHASES = 8, 8
 class LongestTrain:
     """The longest train of bounces that a target allows after a drop.
 
-    A target with e near 1 bounces for minutes: e = 0.99 ends 40 s after a drop of 0.2 m. So an engine's
-    train is compared with the target's own, and not with a time that is the same for all.
+    A target with e near 1 bounces for minutes: e = 0.99 ends 40 s after a drop of 0.2 m. So an
+    engine's train is compared with the target's own, and not with a time that is the same for all.
 
-    curve: the target. error: the error of e that the setting promises. fastest: the band's highest speed,
-    m/s; nothing is promised above it, and e may be as large there as at that speed.
+    curve: the target. error: the error of e that the setting promises. fastest: the band's highest
+    speed, m/s; nothing is promised above it, and e may be as large there as at that speed.
     """
 
     curve: RestitutionCurve
@@ -65,8 +65,8 @@ class LongestTrain:
     def restitution(self, speed: Floats) -> Floats:
         """The largest e that is allowed at impact speeds in m/s, same shape.
 
-        An impact takes at least half of what the target takes. Without that bound an error of the size of
-        1 - e would allow a body to bounce for ever.
+        An impact takes at least half of what the target takes. Without that bound an error of the
+        size of 1 - e would allow a body to bounce for ever.
         """
         e = np.clip(self.curve.at(np.minimum(speed, self.fastest)), 0.0, 1.0)
         return np.asarray(e + np.minimum(self.error, (1.0 - e) / 2.0))
@@ -94,9 +94,9 @@ class LongestTrain:
 class Bounces:
     """Results of drops from HEIGHTS and of launches below the band.
 
-    max_e: the largest e of all impacts. gains_below: the highest impact speed with an e above MOST_E, m/s; 0
-    where there is none. still_bouncing: drops that go on after LASTS, faster than the target allows.
-    tried: how many of both.
+    max_e: the largest e of all impacts. gains_below: the highest impact speed with an e above
+    MOST_E, m/s; 0 where there is none. still_bouncing: drops that go on after LASTS, faster than
+    the target allows. tried: how many of both.
     """
 
     max_e: float
@@ -121,7 +121,10 @@ class Bounces:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One scene that was tried. name: what it is. under: options it ran with. value, limit: in `unit`."""
+    """One scene that was tried.
+
+    name: what it is. under: options it ran with. value, limit: in `unit`.
+    """
 
     name: str
     under: str
@@ -139,10 +142,10 @@ class Finding:
 class Passivity:
     """Energy and rest of a setting, as far as they were tested.
 
-    bounces: of a ball. flat: whether a box on face, edge and vertex never gained energy; None where that
-    was not tried. slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without friction.
-    findings: of the whole gate, empty for a screen. others: what the setting does to other contacts of the
-    model, a sentence; "" for nothing.
+    bounces: of a ball. flat: whether a box on face, edge and vertex never gained energy; None where
+    that was not tried. slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without
+    friction. findings: of the whole gate, empty for a screen. others: what the setting does to
+    other contacts of the model, a sentence; "" for nothing.
     """
 
     bounces: Bounces
@@ -180,8 +183,8 @@ class Passivity:
 class DropReader:
     """Reads the impacts of drops, a chunk of steps after another.
 
-    timestep: s. gravity: m/s², into the plate. allowed: rebound speeds at the end that the target allows,
-    m/s, one for each drop. reading: which energy the integrator keeps.
+    timestep: s. gravity: m/s², into the plate. allowed: rebound speeds at the end that the target
+    allows, m/s, one for each drop. reading: which energy the integrator keeps.
     """
 
     timestep: float
@@ -252,7 +255,8 @@ def passivity_of(
 ) -> Passivity:
     """Test a setting for energy by impacts below and above a band, m/s; whole: by drops, too.
 
-    train: the longest train of bounces that its target allows; None for a setting that must rest in LASTS.
+    train: the longest train of bounces that its target allows; None for a setting that must rest in
+    LASTS.
     """
     low, high = speeds
     # Of one in an environment of its own

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 
 NOT_FINITE = "position, velocity or force is not finite"
-# What became of a launch without a contact to its end. {0}: the time simulated, s; {1}: the engine's words.
+# What became of a launch without a contact to its end. {0}: the time simulated, s; {1}: the
+# engine's words.
 _FAILED = {
     End.NOT_FINITE: (Status.DIVERGED, "{1}"),
     End.TOO_DEEP: (Status.DIVERGED, "went through the plate: deeper than its own radius"),
@@ -74,8 +75,9 @@ class SpeedReading(StrEnum):
         return {"touch plane": 0.5, "touch plane, four substeps": 0.125}.get(self, 0.0)
 
     def speeds(self, before: States, after: States, fall: float, gravity: float) -> tuple[Floats, Floats]:
-        """Speed in and out, m/s, shape (n,). before, after: (penetration m, rate m/s), (n,) each, of the last
-        free state before the contact and the first after it. fall: g h, m/s. gravity: g, m/s².
+        """Speed in and out, m/s, shape (n,). before, after: (penetration m, rate m/s), (n,) each,
+        of the last free state before the contact and the first after it. fall: g h, m/s. gravity:
+        g, m/s².
         """
         (x_in, v_in), (x_out, v_out) = before, after
         if gravity == 0.0:
@@ -90,8 +92,8 @@ class SpeedReading(StrEnum):
 
 
 def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
-    """Speed, m/s, shape (b,), at which x, m, shape (b, n), passes 0 near a step: of the parabola through this
-    state and the ones before and after it. No contact force may act between the three.
+    """Speed, m/s, shape (b,), at which x, m, shape (b, n), passes 0 near a step: of the parabola
+    through this state and the ones before and after it. No contact force may act between the three.
     """
     each = np.arange(len(x))
     middle = np.clip(at, 1, max(1, x.shape[1] - 2))
@@ -135,10 +137,11 @@ def impacts_of(
 ) -> Impacts:
     """Read impacts off trajectories that share their times, shape (n,), even.
 
-    states: penetration, rate, force as in `Trajectory`, shape (3, b, n); the first `counts` steps count.
-    ends: why they end (`End`), (b,). gravity: into the plate, m/s². diverged: said of NOT_FINITE. Contact is
-    the run of steps in which the force acts. Speeds are read, as `reading` says, off the last state that no
-    contact force has touched and the first after the force has ceased for good.
+    states: penetration, rate, force as in `Trajectory`, shape (3, b, n); the first `counts` steps
+    count. ends: why they end (`End`), (b,). gravity: into the plate, m/s². diverged: said of
+    NOT_FINITE. Contact is the run of steps in which the force acts. Speeds are read, as `reading`
+    says, off the last state that no contact force has touched and the first after the force has
+    ceased for good.
     """
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)
@@ -170,9 +173,10 @@ def impacts_of(
 class EndedContacts:
     """Contacts of launches that have ended; arrays of shape (b,), SI.
 
-    counts, ends: the steps of each, and why it ended (`End`). first, stops: the step in which the contact
-    force first acts, and the one after the last. deepest, hardest: largest penetration and force between
-    them. came, left: penetration and rate in the first, and once the force has ceased.
+    counts, ends: the steps of each, and why it ended (`End`). first, stops: the step in which the
+    contact force first acts, and the one after the last. deepest, hardest: largest penetration and
+    force between them. came, left: penetration and rate in the first, and once the force has
+    ceased.
     """
 
     counts: NDArray[np.int64]
@@ -187,8 +191,8 @@ class EndedContacts:
     def impacts(
         self, launches: Launches, speeds: States, h: float, diverged: str, record: Recorded | None = None
     ) -> Impacts:
-        """The impacts. speeds: in, out and, where it is another, after the force, m/s; that out of a rested
-        launch is set to 0. h: the step, s. record: has the loops.
+        """The impacts. speeds: in, out and, where it is another, after the force, m/s; that out of
+        a rested launch is set to 0. h: the step, s. record: has the loops.
         """
         ends = self.ends
         count = len(ends)
@@ -243,8 +247,8 @@ class EndedContacts:
 
 
 def _crossing_speeds(states: Floats, seen: EndedContacts, h: float, last: NDArray[np.int64]) -> States:
-    """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the plane.
-    last: the middle one of three free states after the contact.
+    """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the
+    plane. last: the middle one of three free states after the contact.
     """
     x = states[0]
     is_deep = x > 0.0
@@ -263,8 +267,8 @@ def _contact(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
     """First step in which the force acts, the one after the last, deepest, m, and hardest, N; (b,) each.
 
-    states: (3, b, n) of penetration, rate, force. counts: (b,), steps that count. A launch without force gets
-    0, n, and the extremes of its whole row: its `End` tells.
+    states: (3, b, n) of penetration, rate, force. counts: (b,), steps that count. A launch without
+    force gets 0, n, and the extremes of its whole row: its `End` tells.
     """
     penetration, _, force = states
     launches, n = force.shape
@@ -276,7 +280,8 @@ def _contact(
     # One reduceat over all launches, end to end.
     row_starts = n * np.arange(launches)
     edges = np.stack([row_starts + first, row_starts + stop], axis=1).ravel()
-    # A contact up to the end of the last row has no right edge: reduceat takes no index past the end.
+    # A contact up to the end of the last row has no right edge: reduceat takes no index past the
+    # end.
     edges = edges[edges < force.size]
     # From each edge to the next: contact, gap, contact, ... Only the contacts are wanted.
     deepest = np.maximum.reduceat(penetration.ravel(), edges)[::2]

@@ -1,9 +1,9 @@
 """Reads impacts while they are stepped: 18 numbers a launch are all that is kept.
 
-`reader(xp)` makes the function of one step from `where`, `abs`, `logical_and` and `logical_or` of an array
-library: NumPy, `jax.numpy`, under jit too, or Warp, a launch in each thread. It ends launches by the rule of
-`hcbench.sim.stop`, and `hcbench.sim.read_impact` makes impacts of its numbers: in float64, to the bit those
-of a record of all steps.
+`reader(xp)` makes the function of one step from `where`, `abs`, `logical_and` and `logical_or` of
+an array library: NumPy, `jax.numpy`, under jit too, or Warp, a launch in each thread. It ends
+launches by the rule of `hcbench.sim.stop`, and `hcbench.sim.read_impact` makes impacts of its
+numbers: in float64, to the bit those of a record of all steps.
 """
 
 from __future__ import annotations
@@ -63,11 +63,12 @@ class Reading(NamedTuple):
     """State of each launch after the steps read so far, shape (b,), SI: 32-bit integers, then the
     engine's floats.
 
-    steps: seen until it ended; end: why it has (`End`). touch, last: first and last step in which the contact
-    force acted, -1 for none. still, idle, held, stuck: the last step that was not so. height, rising: of the
-    body's centre after the last step; x_before: the penetration before it. x_in, v_in: penetration and rate
-    as the force begins to act; x_out, v_out: after it has ceased. deepest, hardest: the largest penetration
-    and force of the contact; sunk: the largest penetration since the touch.
+    steps: seen until it ended; end: why it has (`End`). touch, last: first and last step in which
+    the contact force acted, -1 for none. still, idle, held, stuck: the last step that was not so.
+    height, rising: of the body's centre after the last step; x_before: the penetration before it.
+    x_in, v_in: penetration and rate as the force begins to act; x_out, v_out: after it has ceased.
+    deepest, hardest: the largest penetration and force of the contact; sunk: the largest
+    penetration since the touch.
     """
 
     steps: Any

@@ -1,7 +1,7 @@
 """Finds engines by entry points of the group hcbench.engines, built-in and third-party ones alike.
 
-"myengine" is the engine beside hcbench, or the newest in an environment of its own where none is installed;
-"myengine@1.2" is that version, wherever it is.
+"myengine" is the engine beside hcbench, or the newest in an environment of its own where none is
+installed; "myengine@1.2" is that version, wherever it is.
 """
 
 from __future__ import annotations

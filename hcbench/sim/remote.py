@@ -1,7 +1,7 @@
 """Runs an engine in a separate environment, through a worker process.
 
-The worker imports the hcbench that started it, and the engine's adapter, from where they lie here; all other
-packages are the environment's.
+The worker imports the hcbench that started it, and the engine's adapter, from where they lie here;
+all other packages are the environment's.
 """
 
 from __future__ import annotations
@@ -116,7 +116,10 @@ class RemoteEngine(Wrapped):
         self._hangs: bool = getattr(adapter, "own_process", False)
 
     def version(self) -> str:
-        """The installed one. Raises EngineMissing where this hcbench needs what its environment lacks."""
+        """The installed one.
+
+        Raises EngineMissing where this hcbench needs what its environment lacks.
+        """
         if lacking := set(worker_requirements()) - set(self.environment.requirements):
             got = f"its environment is of another hcbench, without {', '.join(sorted(lacking))}"
             assert self.backend is not None  # else it had no environment

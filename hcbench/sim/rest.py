@@ -16,8 +16,8 @@ from hcbench.terms.impact import Floats, Launch
 if TYPE_CHECKING:
     from hcbench.sim.world import World
 
-# A body counts as resting if it sinks more slowly than this (m/s), lies less deep (of R, or so many m per
-# second of the step), and vibrates less (m/s) or less than before.
+# A body counts as resting if it sinks more slowly than this (m/s), lies less deep (of R, or so many
+# m per second of the step), and vibrates less (m/s) or less than before.
 _SINKING_MAX, _DEPTH_MAX, _DEPTH_STEP, VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
 # simulated, until a body is taken to lie as it will
 _SECONDS, _STEPS_MAX = 4.0, 4000
@@ -28,9 +28,10 @@ _LET_DOWN = 1e-9  # m: the height it is let down from
 class Rest:
     """A body at rest, over the last of two equal spans of time.
 
-    penetration: the greatest, m. sinking: m/s, > 0 into the plate. drift: along the plate, m/s; NaN where
-    that was not measured. vibration: rms rate about the sinking, m/s. decay: vibration over that of the
-    span before. force_noise: standard deviation of the contact force over its mean; NaN without force.
+    penetration: the greatest, m. sinking: m/s, > 0 into the plate. drift: along the plate, m/s; NaN
+    where that was not measured. vibration: rms rate about the sinking, m/s. decay: vibration over
+    that of the span before. force_noise: standard deviation of the contact force over its mean; NaN
+    without force.
     """
 
     penetration: float

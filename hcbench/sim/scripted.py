@@ -7,8 +7,9 @@ An engine writes the lines that build its world and define
     force()                   N, that acts from the present state on; None, or not defined at all, where what
                               the step does to the momentum is the force, or `law` that of the state
 
-`place` and `step` return height and velocity as the engine then has them. The lines find the names m, R,
-inertia, gravity and timestep (SI, the plane is z = 0), and of a setting with a law `law(x, v)` or `e(v)`.
+`place` and `step` return height and velocity as the engine then has them. The lines find the names
+m, R, inertia, gravity and timestep (SI, the plane is z = 0), and of a setting with a law `law(x,
+v)` or `e(v)`.
 """
 
 from __future__ import annotations
@@ -57,7 +58,10 @@ def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
 
 
 class ScriptOptions(OptionTable):
-    """A setting's options. law: from Python, in place of the contact or to set its e before each impact."""
+    """A setting's options.
+
+    law: from Python, in place of the contact or to set its e before each impact.
+    """
 
     law: Annotated[PythonLaw, PlainValidator(python_law_of)] | None = None
 

@@ -1,6 +1,7 @@
 """Engines that step what another one loads: its scenes and its users' models, in many copies at once.
 
-The other engine compiles a file, prepares the launches and reads the bounces; this one takes the steps.
+The other engine compiles a file, prepares the launches and reads the bounces; this one takes the
+steps.
 """
 
 from __future__ import annotations
@@ -50,8 +51,9 @@ _WIDTH = 32  # copies in a batch, at least
 
 
 class Copies(ABC):
-    """Copies of a model: `places` where steps are recorded, any number to read from. bits: of the numbers.
-    room: copies that the memory has room for. kind: of the floats that `read_on` computes with.
+    """Copies of a model: `places` where steps are recorded, any number to read from. bits: of the
+    numbers. room: copies that the memory has room for. kind: of the floats that `read_on` computes
+    with.
     """
 
     places: int
@@ -61,8 +63,8 @@ class Copies(ABC):
 
     @abstractmethod
     def place(self, states: Floats) -> Floats:
-        """Put the copies into states, positions and then velocities, with nothing else remembered; as the
-        engine then has them. Both of shape (b, n), SI; b is `places` where `step` follows.
+        """Put the copies into states, positions and then velocities, with nothing else remembered;
+        as the engine then has them. Both of shape (b, n), SI; b is `places` where `step` follows.
         """
 
     @abstractmethod
@@ -144,8 +146,8 @@ class CopiesWorld(BatchWorld):
 class SharedModelEngine(OpensModels, SteppedEngine):
     """An engine that steps what another one loads.
 
-    model_engine: the one that compiles the model. own: words of the options that it does not have. lacks: its
-    features that this engine ignores without a warning, as it names them. exact: how to
+    model_engine: the one that compiles the model. own: words of the options that it does not have.
+    lacks: its features that this engine ignores without a warning, as it names them. exact: how to
     have it compute in 64 bits.
     """
 
@@ -159,12 +161,13 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     def copies(
         self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
     ) -> Copies:
-        """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does not have,
-        CannotRun for a device that this machine lacks.
+        """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does
+        not have, CannotRun for a device that this machine lacks.
 
-        start: that engine's own state, of all that does not move by itself. bits: of the numbers; 0 for those
-        that its users get who set nothing. law: `law_lines`, of a ball of this radius, m, above z = 0.
-        device: that is to be read from, of `devices`; "" for the engine's own choice, and recorded steps.
+        start: that engine's own state, of all that does not move by itself. bits: of the numbers; 0
+        for those that its users get who set nothing. law: `law_lines`, of a ball of this radius, m,
+        above z = 0. device: that is to be read from, of `devices`; "" for the engine's own choice,
+        and recorded steps.
         """
 
     @abstractmethod
@@ -180,7 +183,10 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         return 0.9999
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
-        """A scene under a setting. Raises SettingError for what it would do otherwise than `model_engine`."""
+        """A scene under a setting.
+
+        Raises SettingError for what it would do otherwise than `model_engine`.
+        """
         bits = self.bits_of(setting)
         law = self.law(setting)
         require_motion(scene, setting.timestep, fastest, bits)

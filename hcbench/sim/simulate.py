@@ -110,9 +110,9 @@ def impacts_in(world: World, launches: Sequence[Launch]) -> list[Impact]:
 def run_launches(world: World, launches: Launches, places: int = 0, expected: int = 0) -> Iterator[Impacts]:
     """Impacts of launches that are sorted by how long they take, in groups of the world's `places`.
 
-    places: at most so many together, 0 for as many as the world carries. expected: steps of the first, after
-    which each group tells the next; 0 where they have nothing in common.
-    Raises SettingError for a launch that cannot arrive.
+    places: at most so many together, 0 for as many as the world carries. expected: steps of the
+    first, after which each group tells the next; 0 where they have nothing in common. Raises
+    SettingError for a launch that cannot arrive.
     """
     _require_arrival(world, launches)
     most = places or world.places
@@ -154,7 +154,8 @@ def _read_while_stepping(world: World, launches: Launches) -> Iterator[Impacts]:
 def _run_group(world: World, launches: Launches, first: int, expected: int) -> tuple[Impacts, int]:
     """The impacts of launches that are simulated side by side, and how many steps that took.
 
-    first, expected: steps to take before anything is looked at, and probably in all; 0 where unknown.
+    first, expected: steps to take before anything is looked at, and probably in all; 0 where
+    unknown.
     """
     try:
         with closing(world.release(launches)) as simulation:
@@ -241,8 +242,8 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
 
 
 def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]) -> None:
-    """Say what was in the way of those that went wrong. counts: the steps of each launch under way that has
-    ended, which the impacts are of, else 0.
+    """Say what was in the way of those that went wrong. counts: the steps of each launch under way
+    that has ended, which the impacts are of, else 0.
 
     Each launch is asked: a simulation of a user's model keeps what acted, for the causes.
     """

@@ -13,7 +13,10 @@ WORSE = 1.2  # times what it was: more is worse
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity to compare. si: of what is printed. enough: below it, as printed, any number will do."""
+    """A quantity to compare.
+
+    si: of what is printed. enough: below it, as printed, any number will do.
+    """
 
     key: str
     title: str
@@ -36,10 +39,10 @@ QUANTITIES = (
 class Standing:
     """A model at rest under its own gravity, on a slope and in a grasp, SI; NaN for what it has not.
 
-    penetration: m. drift: along a slope of 10 degrees, or of two thirds of the friction angle where that is
-    less, m/s. hold: of a body held by two others, m/s. vibration: rms, m/s. iterations: of the solver, in
-    each step. step_time: of CPU, s. force_noise: standard deviation of the contact force over its mean.
-    slope: rad.
+    penetration: m. drift: along a slope of 10 degrees, or of two thirds of the friction angle where
+    that is less, m/s. hold: of a body held by two others, m/s. vibration: rms, m/s. iterations: of
+    the solver, in each step. step_time: of CPU, s. force_noise: standard deviation of the contact
+    force over its mean. slope: rad.
     """
 
     penetration: float

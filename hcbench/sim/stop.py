@@ -63,7 +63,10 @@ class QuietRun:
     last_broken: Whole
 
     def long_enough(self, met: Flags, touch: Whole, start: int) -> Flags:
-        """Steps from `start` on at which the run is long enough; met: (b, n). touch: its step, (b,)."""
+        """Steps from `start` on at which the run is long enough; met: (b, n).
+
+        touch: its step, (b,).
+        """
         step = np.arange(start, start + met.shape[1])
         if not met.any():  # nearly always
             self.last_broken[:] = step[-1]
@@ -79,11 +82,12 @@ class QuietRun:
 class StopRule:
     """Watches launches that are simulated side by side; arrays of shape (b,).
 
-    flight_steps: steps within which a touch must come. contact_steps: and a contact end. rest_speed: m/s.
-    fall: speed that gravity gives in a step, m/s. deepest: m, penetration beyond which nothing is seen.
-    touch: the step in which the force first acted, or beyond every step. last_x: penetration of the last step
-    seen, m. still, idle, held, stuck: runs of quiet steps, any of which is rest. parted: the first step apart
-    after the touch, or beyond every step. after: steps to see after it. steps: seen so far.
+    flight_steps: steps within which a touch must come. contact_steps: and a contact end.
+    rest_speed: m/s. fall: speed that gravity gives in a step, m/s. deepest: m, penetration beyond
+    which nothing is seen. touch: the step in which the force first acted, or beyond every step.
+    last_x: penetration of the last step seen, m. still, idle, held, stuck: runs of quiet steps, any
+    of which is rest. parted: the first step apart after the touch, or beyond every step. after:
+    steps to see after it. steps: seen so far.
     """
 
     flight_steps: Whole
@@ -110,7 +114,10 @@ class StopRule:
         deepest: float = math.inf,
         after: int = 0,
     ) -> StopRule:
-        """A rule that has seen no step yet. gravity: into the plate, m/s². after: steps to see once apart."""
+        """A rule that has seen no step yet.
+
+        gravity: into the plate, m/s². after: steps to see once apart.
+        """
         sent = Launches.of(launches)
         flights = sent.flight_time(timestep, gravity) / timestep
         flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX)
@@ -129,12 +136,14 @@ class StopRule:
             last_x=np.full(len(launches), np.nan),
             # Slower than any bounce.
             still=run(REST_STEPS, half_contact=False),
-            # Slow and without force, within an overlap that the engine permits, such as Bullet's contactSlop.
+            # Slow and without force, within an overlap that the engine permits, such as Bullet's
+            # contactSlop.
             idle=run(IDLE_STEPS, half_contact=True),
-            # So slow that in as many steps the weight pushes it deeper than its speed can carry it out.
+            # So slow that in as many steps the weight pushes it deeper than its speed can carry it
+            # out.
             held=run(FALLING_STEPS, half_contact=True),
-            # In one place to the last bit: in float32 a speed may be too small to move the position at all,
-            # and grow by gravity until the contact takes it away.
+            # In one place to the last bit: in float32 a speed may be too small to move the position
+            # at all, and grow by gravity until the contact takes it away.
             stuck=run(IDLE_STEPS, half_contact=True),
             parted=np.full(len(launches), _NEVER),
             after=after,
@@ -143,7 +152,8 @@ class StopRule:
     def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, Whole]:
         """Look at one more chunk of penetration, rate and force, shape (b, n).
 
-        How many of all steps belong to each launch, 0 where it has not ended, and why it has (`End`).
+        How many of all steps belong to each launch, 0 where it has not ended, and why it has
+        (`End`).
         """
         start = self.steps
         end = start + x.shape[1]

@@ -1,8 +1,8 @@
 """Motion along the plate in an oblique impact: recorded at each step, and evaluated from the
 record.
 
-Directions are those of `terms.impact.Launch`: along the way that the body is sent, across it, and along the
-normal away from the plate.
+Directions are those of `terms.impact.Launch`: along the way that the body is sent, across it, and
+along the normal away from the plate.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ _NORMAL = 1.0 - 1e-6
 def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
     """Unit vectors along, across and away from the plate, shape (..., 3, 3).
 
-    deeper: unit vectors into the plate, shape (..., 3). along: any vector that is not normal to the plate.
+    deeper: unit vectors into the plate, shape (..., 3). along: any vector that is not normal to the
+    plate.
     """
     up = -deeper
     ahead = np.asarray(along) - up * (up @ np.asarray(along))[..., None]
@@ -39,7 +40,10 @@ def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
 
 
 def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
-    """The `frame` of one unit vector. along: None for x, or y where the plate is across x. UserError."""
+    """The `frame` of one unit vector.
+
+    along: None for x, or y where the plate is across x. UserError.
+    """
     if along is None:
         along = (1.0, 0.0, 0.0) if abs(deeper[0]) < _ACROSS else (0.0, 1.0, 0.0)
     length = float(np.linalg.norm(along))
@@ -54,8 +58,9 @@ def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
 def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, gained: Floats) -> Floats:
     """Compute the rows of `Record.tangential` for a scene's balls, shape (8, b, n).
 
-    velocity, spin: of the centre at the start of each step, m/s and rad/s, shape (b, n, 3). deeper: unit
-    vectors into the plate. gained: acceleration in the step without gravity's, m/s²; of the same shape.
+    velocity, spin: of the centre at the start of each step, m/s and rad/s, shape (b, n, 3). deeper:
+    unit vectors into the plate. gained: acceleration in the step without gravity's, m/s²; of the
+    same shape.
     """
     sliding = velocity + np.cross(spin, scene.touch_radius * deeper)
     rate = (velocity * deeper).sum(axis=-1)
@@ -69,8 +74,8 @@ def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, g
 class AlongPlate(NamedTuple):
     """Slip, spin and energy of an impact in the direction of the launch; NaN if not measured.
 
-    slip: of the contact point, m/s; spin: about the axis across, rad/s; before and after. impulse_ratio: of
-    friction over the normal impulse. energy_lost: share of the kinetic energy.
+    slip: of the contact point, m/s; spin: about the axis across, rad/s; before and after.
+    impulse_ratio: of friction over the normal impulse. energy_lost: share of the kinetic energy.
     """
 
     slip_in: float
@@ -106,9 +111,9 @@ def tangential_of(
 ) -> Tangential:
     """Evaluate a measured oblique impact along the plate.
 
-    rows: of `Record.rows`, all steps of this launch, shape (11, n). samples: steps in which the force acted.
-    speeds: in and out, m/s. mass: effective, along the normal, kg.
-    by_work: the energy after is the one before less what the contact took, where joints and servos act, too.
+    rows: of `Record.rows`, all steps of this launch, shape (11, n). samples: steps in which the
+    force acted. speeds: in and out, m/s. mass: effective, along the normal, kg. by_work: the energy
+    after is the one before less what the contact took, where joints and servos act, too.
     """
     force = rows[2]
     along = rows[3:]

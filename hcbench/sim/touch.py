@@ -1,6 +1,7 @@
 """Brings two bodies just to touch, in any engine, and refuses those that cannot be brought there.
 
-An engine moves one of the two along a line and says how far apart they are, or whether it makes a contact.
+An engine moves one of the two along a line and says how far apart they are, or whether it makes a
+contact.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ def travel_by_distance(distance: Callable[[float], float], size: float, approach
     """Find the travel at which the two touch or are nearest; converges in one iteration for convex
     shapes on a straight approach.
 
-    distance: moves to a travel and returns the signed distance there, m. size: of the smaller one, m.
-    approach: how much the distance falls a unit of travel.
+    distance: moves to a travel and returns the signed distance there, m. size: of the smaller one,
+    m. approach: how much the distance falls a unit of travel.
     """
     travel = best = 0.0
     nearest = math.inf
@@ -96,7 +97,10 @@ class JointBeyondLimit:
 
 
 def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> None:
-    """Refuse a pose with such joints. start: what to start from instead, before the pose that cures it."""
+    """Refuse a pose with such joints.
+
+    start: what to start from instead, before the pose that cures it.
+    """
     if not joints:
         return
     named = ", ".join(joint.description for joint in joints[:_SHOWN])
@@ -113,7 +117,10 @@ def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> N
 def require_apart(
     distance: float, size: float, first: str, second: str, advice: str = "Move one away"
 ) -> None:
-    """Raise SceneError for two that start deep in each other. distance: signed, m. first, second: names."""
+    """Raise SceneError for two that start deep in each other.
+
+    distance: signed, m. first, second: names.
+    """
     if distance < -DEEPEST * size:
         got = f"{first!r} starts {-distance:.4g} m inside {second!r}"
         raise SceneError("model", got, "the two bodies apart or just touching", advice)
@@ -124,8 +131,9 @@ def require_reachable(
 ) -> None:
     """Raise UserError for a touch at which another part of what moves is deep in something.
 
-    depth: of that part, m. size: of the smaller one, m. pair: names of the two that should meet, the moving
-    body first. blocked: the part that moves with it, and what it would be in, as an error calls them.
+    depth: of that part, m. size: of the smaller one, m. pair: names of the two that should meet,
+    the moving body first. blocked: the part that moves with it, and what it would be in, as an
+    error calls them.
     """
     if depth > DEEPEST * size:
         raise UserError(
@@ -141,9 +149,9 @@ def require_reachable(
 class Touchdowns:
     """The touchdowns of one part of the model on one other.
 
-    part, other: their names. time, s, speed: towards the other, and slide: along it, m/s; shape (n,) each.
-    band: speeds that the setting of the two is valid for, m/s; None where hcbench did not write the setting.
-    setting: what the two have, in words.
+    part, other: their names. time, s, speed: towards the other, and slide: along it, m/s; shape
+    (n,) each. band: speeds that the setting of the two is valid for, m/s; None where hcbench did
+    not write the setting. setting: what the two have, in words.
     """
 
     part: str

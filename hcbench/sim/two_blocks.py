@@ -1,6 +1,7 @@
 """The scene `two-blocks`: a sphere that is free to move along x between two fixed planes, without gravity.
 
-An engine that can simulate it has a module `scene.two_blocks` in its package (`registry.submodule`) with
+An engine that can simulate it has a module `scene.two_blocks` in its package (`registry.submodule`)
+with
 
     simulate(blocks, position, velocity, forces) -> (positions, velocities)
         Steps from x (m) and v (m/s), one for each of `forces` (N, along x); arrays of shape (steps + 1,).
@@ -29,8 +30,8 @@ SIDES = {"left": -1.0, "right": 1.0}
 class TwoBlocks:
     """The scene with a mass (kg), a gap (m; negative: squeezed), a law of both contacts and a step (s).
 
-    tuned_at: the speed (m/s) at which the engine's own contact is tuned to the law; None: the law itself, by
-    the engine's plug-in.
+    tuned_at: the speed (m/s) at which the engine's own contact is tuned to the law; None: the law
+    itself, by the engine's plug-in.
     """
 
     mass: float

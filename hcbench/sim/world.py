@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 class Record:
     """States at the start of each step; arrays of shape (b, n), SI, signs as in `hcbench.terms.impact`.
 
-    force: the normal contact force that acts in the step; exactly 0 where the contact did not act. All three
-    are NaN from the step on at which the engine gave up.
-    tangential: what was seen along the plate, shape (8, b, n), rows as `terms.impact` numbers them; None
-    where no launch is oblique, or from an engine that knows the normal direction only.
-    whole: all of these, one below the other, where an engine has them so; shape (3 or 11, b, n).
+    force: the normal contact force that acts in the step; exactly 0 where the contact did not act.
+    All three are NaN from the step on at which the engine gave up. tangential: what was seen along
+    the plate, shape (8, b, n), rows as `terms.impact` numbers them; None where no launch is
+    oblique, or from an engine that knows the normal direction only. whole: all of these, one below
+    the other, where an engine has them so; shape (3 or 11, b, n).
     """
 
     penetration: Floats
@@ -53,8 +53,9 @@ class Record:
 def momentum_force(mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64) -> Floats:
     """Normal force of each step, N; exactly 0 where it did nothing.
 
-    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of the sizes of what the
-    step added up, m/s, which rounding goes by. bits: of the engine's numbers. All of one shape.
+    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of the sizes of
+    what the step added up, m/s, which rounding goes by. bits: of the engine's numbers. All of one
+    shape.
     """
     noise = ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps) * speeds
     return np.asarray(mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))
@@ -93,13 +94,13 @@ class Simulation(ABC):
 class World(ABC):
     """One or more equal bodies over what they fall on, in one engine.
 
-    timestep: s. gravity: m/s², along the normal, into the plate. mass: effective mass along the normal, kg.
-    places: launches that one simulation carries. least_steps: that it takes at once, at least. concurrent:
-    simulations that may be under way at once, each in a thread of its own. deepest: penetration beyond which
-    the engine cannot see the contact any more, m. diverged: the reason to give where numbers are not finite.
-    speed_reading: which speeds e is the ratio of. energy_by_work: whether the energy lost is what the contact
-    takes, as joints or servos change it, too.
-    room: launches that `read` takes together; 0 for a world whose steps are recorded.
+    timestep: s. gravity: m/s², along the normal, into the plate. mass: effective mass along the
+    normal, kg. places: launches that one simulation carries. least_steps: that it takes at once, at
+    least. concurrent: simulations that may be under way at once, each in a thread of its own.
+    deepest: penetration beyond which the engine cannot see the contact any more, m. diverged: the
+    reason to give where numbers are not finite. speed_reading: which speeds e is the ratio of.
+    energy_by_work: whether the energy lost is what the contact takes, as joints or servos change
+    it, too. room: launches that `read` takes together; 0 for a world whose steps are recorded.
     """
 
     timestep: float

@@ -1,12 +1,12 @@
 """Worker processes. Engines that keep globals, print or crash run in these, never in the user's process.
 
-`call` runs a function in a worker process, which is started when first needed and kept. Code that runs in a
-process of hcbench's own already says so by `mark_as_worker`, and what it `call`s is run in place. A
-`WorkerPool` has several worker processes; what comes back does not depend on how many.
+`call` runs a function in a worker process, which is started when first needed and kept. Code that
+runs in a process of hcbench's own already says so by `mark_as_worker`, and what it `call`s is run
+in place. A `WorkerPool` has several worker processes; what comes back does not depend on how many.
 
 A worker is a fresh interpreter, which does not run the user's main module again: scripts need no
-`if __name__ == "__main__"`. Those that a command begins are copies of its process, which import nothing
-again. Functions and values cross by pickle, functions by their module's name.
+`if __name__ == "__main__"`. Those that a command begins are copies of its process, which import
+nothing again. Functions and values cross by pickle, functions by their module's name.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -48,8 +48,8 @@ def call(
 ) -> Result:
     """Call `function(*args)` in a worker process and return its result.
 
-    limit: s, after which the worker counts as hung; None: never. at: the interpreter of another environment.
-    Raises what the function raises, and WorkerDied.
+    limit: s, after which the worker counts as hung; None: never. at: the interpreter of another
+    environment. Raises what the function raises, and WorkerDied.
     """
     if _is_here(at):
         return function(*args)
@@ -61,7 +61,8 @@ def call(
 def begin(module: str, function: str, *args: Any) -> None:
     """Start the worker process that `call` will use, and let it call a function of a module first.
 
-    For what takes a worker a while, such as to import an engine, and this process has other work meanwhile.
+    For what takes a worker a while, such as to import an engine, and this process has other work
+    meanwhile.
     """
     if not in_worker():
         worker_of_thread().begin(module, function, *args)

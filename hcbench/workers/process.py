@@ -45,7 +45,8 @@ class WorkerDied(EngineFailed):
 class Interpreter:
     """A Python of another environment, for worker processes.
 
-    name: of the environment. python: the executable. setup: code that makes hcbench importable there.
+    name: of the environment. python: the executable. setup: code that makes hcbench importable
+    there.
     """
 
     name: str
@@ -124,7 +125,8 @@ class Worker:
     def _start(self, first: FirstCall | None = None) -> None:
         """Start a process in place of the one before, as a copy of this one where that is safe.
 
-        first: called in it before anything else. Raises CannotRun where the worker was closed meanwhile.
+        first: called in it before anything else. Raises CannotRun where the worker was closed
+        meanwhile.
         """
         self._kill()
         self._pipe, end = Pipe()
@@ -139,7 +141,10 @@ class Worker:
             raise CannotRun("worker", "is no longer needed", "")
 
     def _spawn(self, end: Connection, first: FirstCall | None) -> subprocess.Popen[bytes]:
-        """A fresh interpreter that serves one end of a pipe. EngineMissing where its environment is gone."""
+        """A fresh interpreter that serves one end of a pipe.
+
+        EngineMissing where its environment is gone.
+        """
         path = [str(entry) for entry in sys.path]
         setup = f"import sys; sys.path[:] = {path!r}"
         command = [sys.executable]

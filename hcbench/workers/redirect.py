@@ -16,7 +16,10 @@ def _c() -> Any:
 
 @contextmanager
 def redirect_output() -> Iterator[None]:
-    """Discard what is printed, also by C code. It concerns all threads, so it is for worker processes."""
+    """Discard what is printed, also by C code.
+
+    It concerns all threads, so it is for worker processes.
+    """
     sys.stdout.flush()
     sys.stderr.flush()
     copies = [(fd, os.dup(fd)) for fd in (1, 2)]

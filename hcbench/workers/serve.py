@@ -20,9 +20,9 @@ _environment = ""  # the name of this process' Interpreter
 def mark_as_worker(environment: str = "") -> None:
     """Declare this process to be hcbench's own: engines then run in it, in place.
 
-    environment: the name of the Interpreter that it was started in.
-    To be called first thing in a process. It ignores Ctrl-C from then on: a terminal sends that to every
-    process, and the parent decides what becomes of its workers.
+    environment: the name of the Interpreter that it was started in. To be called first thing in a
+    process. It ignores Ctrl-C from then on: a terminal sends that to every process, and the parent
+    decides what becomes of its workers.
     """
     global _is_worker, _environment
     _is_worker, _environment = True, environment
@@ -53,7 +53,8 @@ def serve_forked(end: Connection, first: FirstCall | None) -> None:
 def serve(handle: int, environment: str = "", first: FirstCall | None = None) -> NoReturn:
     """The main loop of a worker process: answers requests on a pipe until it closes.
 
-    first: a module, a function of it and arguments, called before any request; what it raises is dropped.
+    first: a module, a function of it and arguments, called before any request; what it raises is
+    dropped.
     """
     mark_as_worker(environment)
     pipe = type(Pipe()[0])(handle)

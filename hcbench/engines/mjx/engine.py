@@ -6,7 +6,8 @@ Options of a setting: those of MuJoCo, and
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
         contact, as `hcbench.laws.contact_law.law_of` reads them.
 
-A user's model is simulated in JAX's own precision, or that of the environment variable JAX_ENABLE_X64.
+A user's model is simulated in JAX's own precision, or that of the environment variable
+JAX_ENABLE_X64.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
 
 
 _PLACES = 32
-# Of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for a third.
+# Of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for a
+# third.
 _THREADS = "16"
 _WORKING = 4  # times a state's bytes that a step takes in all
 _BUFFER = 512  # steps that are recorded before they are looked at
@@ -169,8 +171,8 @@ class MjxCopies(Copies):
 
 @lru_cache(maxsize=16)
 def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any, Any]:
-    """For each law and precision: what places copies, what takes so many steps and records them, and what
-    reads them instead.
+    """For each law and precision: what places copies, what takes so many steps and records them,
+    and what reads them instead.
     """
     import jax
     import jax.numpy as jnp

@@ -18,7 +18,10 @@ _FEATURES = {
 
 
 def backend() -> Any:
-    """The mujoco module. Raises EngineMissing, and EngineFailed where it is there but does not load."""
+    """The mujoco module.
+
+    Raises EngineMissing, and EngineFailed where it is there but does not load.
+    """
     try:
         import mujoco
         import mujoco.rollout
@@ -26,7 +29,8 @@ def backend() -> Any:
         raise EngineMissing(
             "engine 'mujoco'", f"cannot be imported: {error}", "", f"Try: {BACKEND.command}"
         ) from None
-    except Exception as error:  # its graphics library, named by MUJOCO_GL, may be missing
+    # Its graphics library, which MUJOCO_GL names, may be missing.
+    except Exception as error:
         raise EngineFailed("engine 'mujoco'", f"cannot be imported: {error}", "") from error
     return mujoco
 
@@ -59,8 +63,8 @@ def require_feature(mujoco: Any, feature: str) -> None:
 
 @contextlib.contextmanager
 def captured_warnings() -> Iterator[list[str]]:
-    """Collect MuJoCo's warnings, which it would print and write to MUJOCO_LOG.TXT; the user's own handler is
-    back afterwards. Raises EngineFailed for a fatal error of MuJoCo's.
+    """Collect MuJoCo's warnings, which it would print and write to MUJOCO_LOG.TXT; the user's own
+    handler is back afterwards. Raises EngineFailed for a fatal error of MuJoCo's.
     """
     mujoco = backend()
     collected: list[str] = []

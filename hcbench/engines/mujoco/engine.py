@@ -264,7 +264,8 @@ def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
     """A scene under a setting, compiled; cached for who asks for the same again."""
     try:
         written = mjcf.model_path(scene).read_bytes()
-    except OSError:  # loading it will say why
+    # Loading the model says why it cannot be read.
+    except OSError:
         written = b""
     # Another file that it names may change while it does not.
     make = cached_pool if written and b"file=" not in written else cached_pool.__wrapped__

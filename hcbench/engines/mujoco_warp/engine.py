@@ -5,8 +5,8 @@ Options of a setting: those of MuJoCo, and
         contact, as `hcbench.laws.contact_law.law_of` reads them.
     device: "cpu" or "gpu": all launches are one batch there, and no step leaves it.
 
-Of several <pair>s of the same two geoms it keeps one, without a warning: its scenes have a copy of the ball's
-geom for each.
+Of several <pair>s of the same two geoms it keeps one, without a warning: its scenes have a copy of
+the ball's geom for each.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Newton's solvers, many worlds at once. SolverMuJoCo bounces by ke and kd, for a contact of 20 steps."""
+"""Newton's solvers, many worlds at once.
+
+SolverMuJoCo bounces by ke and kd, for a contact of 20 steps.
+"""
 
 from functools import partial
 from typing import Any

@@ -41,8 +41,8 @@ class PushingRow(OptionTable):
 class NewtonOptions(ScriptOptions):
     """A setting's options: none of them means SolverXPBD with nothing set.
 
-    restitution: of both shapes, for XPBD. ke (N/m), kd (N s/m): of both, SemiImplicit's; MuJoCo makes a
-    solref of them, per unit mass. rows: MuJoCo's contacts, in place of that of the shapes.
+    restitution: of both shapes, for XPBD. ke (N/m), kd (N s/m): of both, SemiImplicit's; MuJoCo
+    makes a solref of them, per unit mass. rows: MuJoCo's contacts, in place of that of the shapes.
     """
 
     solver: Literal["XPBD", "SemiImplicit", "MuJoCo"] = "XPBD"

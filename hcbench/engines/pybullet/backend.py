@@ -20,9 +20,9 @@ BACKEND = Backend(
     "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11",
     newest_python="3.11",
 )
-# Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the process,
-# outlives the client too. Every world made here starts with them.
-# For maxJointVelocity: Bullet clips every component of speed and spin, at 100 unless set
+# Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the
+# process, outlives the client too. Every world made here starts with them. For maxJointVelocity:
+# Bullet clips every component of speed and spin, at 100 unless set
 UNCLIPPED = 1e9
 _MOST_CLIENTS = 1024  # MAX_PHYSICS_CLIENTS of Bullet
 # Places in a point of getContactPoints and getClosestPoints, of body A and body B
@@ -65,12 +65,14 @@ class BulletClient:
     def load_model(self, path: Path, slot: str = "model", **options: Any) -> list[int]:
         """Load a URDF, SDF or MJCF file, with its meshes beside it; ids of its bodies.
 
-        options: of pybullet's loader. Raises SceneError about `slot` where PyBullet refuses the file.
+        options: of pybullet's loader. Raises SceneError about `slot` where PyBullet refuses the
+        file.
         """
         loaders = {".urdf": self.loadURDF, ".sdf": self.loadSDF}
         load = loaders.get(path.suffix.lower(), self.loadMJCF)
         try:
-            # Bullet looks for meshes in the working directory first, and for package:// above the whole path.
+            # Bullet looks for meshes in the working directory first, and for package:// above the
+            # whole path.
             file = path.resolve()
             with chdir(file.parent):
                 bodies = load(str(file), **options)

@@ -28,9 +28,10 @@ _STEP_SPREAD = 0.01
 class RecordedEngine(Engine):
     """Hands back the impact that a file holds: what was recorded is what counts, not what was asked for.
 
-    Option "file": a CSV with the columns time_s, penetration_m, rate_m_per_s, force_n (others are ignored),
-    even in time, signs as in `terms.impact`; the body is clear of the plate in the first row and, if it
-    parts, in the last. Or a list of files, one for each launch. Relative paths are from the working folder.
+    Option "file": a CSV with the columns time_s, penetration_m, rate_m_per_s, force_n (others are
+    ignored), even in time, signs as in `terms.impact`; the body is clear of the plate in the first
+    row and, if it parts, in the last. Or a list of files, one for each launch. Relative paths are
+    from the working folder.
     """
 
     name = "recorded"
@@ -66,7 +67,10 @@ def _files(setting: Setting, count: int) -> list[str]:
 
 
 def read(file: Path) -> Trajectory:
-    """The trajectory in a CSV file. Raises SettingError that names the file, line and column at fault."""
+    """The trajectory in a CSV file.
+
+    Raises SettingError that names the file, line and column at fault.
+    """
     slot = f"recording {file}"
     columns = f"the columns {', '.join(COLUMNS)}"
     try:

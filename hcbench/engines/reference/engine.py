@@ -34,11 +34,12 @@ _POINTS_MIN, _POINTS_MAX = 201, 2001
 class ReferenceEngine(Engine):
     """Knows nothing of steps or phases: the time step only says how densely a loop is sampled.
 
-    Settings: "hunt-crossley", options alpha (s/m), and stiffness (N/m^n) and exponent where they differ from
-    the scene's; "kelvin-voigt", options stiffness (N/m) and damping (N s/m), contact ending at x = 0; the
-    laws of `laws.published` by their slugs, such as "flores", options restitution (the e asked for),
-    and stiffness and exponent: v_i is the speed at touch of each impact. Without gravity by closed form,
-    with gravity by ODE. Along the plate Coulomb's law with the scene's friction, in closed form.
+    Settings: "hunt-crossley", options alpha (s/m), and stiffness (N/m^n) and exponent where they
+    differ from the scene's; "kelvin-voigt", options stiffness (N/m) and damping (N s/m), contact
+    ending at x = 0; the laws of `laws.published` by their slugs, such as "flores", options
+    restitution (the e asked for), and stiffness and exponent: v_i is the speed at touch of each
+    impact. Without gravity by closed form, with gravity by ODE. Along the plate Coulomb's law with
+    the scene's friction, in closed form.
     """
 
     name = "reference"

@@ -26,8 +26,9 @@ _MISSED = 1e-6  # m
 class PlacedPair:
     """Two parts that just touch, the moving body first; SI.
 
-    moved: what moves it, in words. positions: (nq,), at touch. direction: (nv,), the velocity that approaches
-    at 1 m/s. gravity: acceleration of the approach in free flight. overlap: at the start.
+    moved: what moves it, in words. positions: (nq,), at touch. direction: (nv,), the velocity that
+    approaches at 1 m/s. gravity: acceleration of the approach in free flight. overlap: at the
+    start.
     """
 
     first: Part
@@ -80,8 +81,8 @@ def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap
 def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> PlacedPair:
     """Bring the two just to touch, by moving the first, or else the second, along their common normal.
 
-    context: the plant's, with everything at rest where it starts. Raises UserError with the reason where that
-    cannot be done.
+    context: the plant's, with everything at rest where it starts. Raises UserError with the reason
+    where that cannot be done.
     """
     names = request.pair or _only_pair(loaded)
     first, second = (loaded.part(name) for name in names)

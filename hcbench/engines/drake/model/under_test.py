@@ -269,7 +269,10 @@ class DrakeSimulation(Simulation):
         return total
 
     def _of_pair(self, shapes: tuple[Any, Any], force: Any, normal: Any) -> float:
-        """Force that parts the pair; 0 for another contact, which is noted. force: on the first shape, N."""
+        """Force that parts the pair; 0 for another contact, which is noted.
+
+        force: on the first shape, N.
+        """
         first = self._place.first.geometries
         second = self._place.second.geometries
         one, two = shapes

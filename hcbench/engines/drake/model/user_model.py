@@ -158,7 +158,10 @@ class LoadedPlant:
         return min((self._gap(query, *both) for both in meet), key=lambda gap: gap.distance)
 
     def _gap(self, query: Any, a: Any, b: Any) -> Gap:
-        """Nearest points of two shapes, by their ids. UserError where Drake does not know their distance."""
+        """Nearest points of two shapes, by their ids.
+
+        UserError where Drake does not know their distance.
+        """
         half_space = self.drake.HalfSpace
         # Drake knows the distance of spheres only from half-spaces.
         if isinstance(self.inspector.GetShape(b), half_space):

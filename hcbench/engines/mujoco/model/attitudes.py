@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
-# Directions in a geom that point at the other body, by shape: the geom's size turns them into attitudes.
+# Directions in a geom that point at the other body, by shape: the geom's size turns them into
+# attitudes.
 _BOX = {"face": (0.0, 0.0, 1.0), "edge": (0.0, 1.0, 1.0), "vertex": (1.0, 1.0, 1.0)}
 _ROUND = {"face": (0.0, 0.0, 1.0), "side": (1.0, 0.0, 0.0), "rim": (1.0, 0.0, 1.0)}
 _FREE_DOFS = 6
@@ -26,8 +27,9 @@ _NEAR = 1e-3  # m
 def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tuple[str, Request]]:
     """(attitude, request) of each way in which the two can meet; ("", request) where there is only one.
 
-    More than one has a body of one box or cylinder, on a free joint of its own, against a flat geom of what
-    stands still, where nothing else touches it.
+    A body of one box or cylinder, on a free joint of its own, has several against a flat geom of
+    what stands still, where nothing else touches it. The requests differ in their pose, qpos in m
+    and quaternions. Raises UserError or SceneError where the pair cannot be brought to touch.
     """
     kinds, placed = backend().mjtGeom, MujocoModel(model, label, state, request)
     place = placed.place
@@ -43,12 +45,15 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
         return [("", request)]
     size = model.geom_size[geom]
     if ways is _ROUND:
+        # The sizes in the geom's own axes: a cylinder has its radius first and half its length
+        # second.
         size = np.array([size[0], size[0], size[1]])
     upright = copy.copy(placed.start)
     backend().mj_kinematics(model, upright)
     turned, address = [], int(model.jnt_qposadr[model.body_jntadr[body]])
     for name, way in ways.items():
         qpos = placed.start.qpos.copy()
+        # Backed off by its bounding radius: no attitude starts inside the other body.
         qpos[address : address + 3] -= model.geom_rbound[geom] * place.contact.normal
         frame = upright.geom_xmat[geom].reshape(3, 3)
         turn = _turn(frame @ _unit(size * np.array(way)), place.contact.normal)
@@ -83,7 +88,9 @@ def _unit(vector: Floats) -> Floats:
 def _turn(start: Floats, end: Floats) -> Floats:
     """The quaternion of the least turn from one unit vector to another."""
     axis, cosine = np.cross(start, end), float(start @ end)
-    if cosine < -1.0 + 1e-12:  # half a turn, about anything across
+    # Half a turn: every axis across the start will do, and 1 + cosine would vanish in the
+    # quaternion.
+    if cosine < -1.0 + 1e-12:
         axis, cosine = np.linalg.svd(start[None])[2][1], 0.0
         return np.array([0.0, *axis])
     return _unit(np.array([1.0 + cosine, *axis]))

@@ -75,12 +75,14 @@ def masks_match(model: Any, geom1: int, geom2: int) -> bool:
 def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
     """Name the filter of MuJoCo that keeps two geoms apart, "" if they may collide.
 
-    "exclude": an <exclude>. "masks": contype and conaffinity. "welded", "parent": their bodies are one rigid
-    body, or parent and child.
+    "exclude": an <exclude>. "masks": contype and conaffinity. "welded", "parent": their bodies are
+    one rigid body, or parent and child.
     """
     body1, body2 = sorted((int(model.geom_bodyid[geom1]), int(model.geom_bodyid[geom2])))
     weld1, weld2 = (int(model.body_weldid[body]) for body in (body1, body2))
     above1, above2 = (int(model.body_weldid[model.body_parentid[weld]]) for weld in (weld1, weld2))
+    # MuJoCo packs the two numbers of an <exclude>'s bodies into one integer, the smaller one
+    # high.
     if (body1 << 16) + body2 in model.exclude_signature:
         return "exclude"
     if not masks_match(model, geom1, geom2):
@@ -107,7 +109,11 @@ def geom_friction(model: Any, geoms: tuple[int, int]) -> float:
 
 
 def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, normal: Floats) -> Floats:
-    """(nv,) J: the approach rate of two bodies' material points at `point` along `normal` is J @ qvel."""
+    """Jacobian row J, shape (nv,): the two bodies approach each other by J @ qvel, m/s.
+
+    first, second: numbers of the bodies. point: of both, (3,), m, in the world. normal: unit vector
+    (3,) from the first to the second.
+    """
     jac, jacobian = backend().mj_jac, np.empty((3, model.nv))
     jac(model, data, jacobian, None, point, first)
     row: Floats = normal.dot(jacobian)

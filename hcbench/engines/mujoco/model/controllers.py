@@ -16,16 +16,21 @@ from hcbench.terms import units
 from hcbench.terms.impact import Floats
 from hcbench.terms.options import Controller
 
-Drive = Callable[[Any], None]  # sets the controls of an MjData
+# Function that sets the controls of an MjData.
+Drive = Callable[[Any], None]
 
-_SHARE = 0.05  # of kp in kd, s
-_MOST_KP, _MOST_KD = 0.1, 0.3  # of I/h² and I/h: a stiffer explicit PD is not stable at the step
+# kd over kp, s.
+_SHARE = 0.05
+# An explicit PD with more than these shares of I/h² and I/h is not stable at the step h.
+_MOST_KP = 0.1
+_MOST_KD = 0.3
 
 
 def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple[Drive, str]:
     """(what sets the controls before each step, what to call it).
 
-    start: MjData of the pose to hold. root: the robot's base body. UserError for an unknown controller.
+    start: MjData of the pose to hold. root: the robot's base body. UserError for an unknown
+    controller.
     """
     if callable(controller):
         return _function(controller, model), getattr(controller, "__name__", "a function")
@@ -54,8 +59,8 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
 
 
 def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, str]:
-    """Position servos get their joint's angle as target; motors get PD torques, joints without an actuator
-    are free. gains: kp and kd, or () for those by weight and inertia.
+    """Position servos get their joint's angle as target; motors get PD torques, joints without an
+    actuator are free. gains: kp and kd, or () for those by weight and inertia.
     """
     if gains and (len(gains) != 2 or min(gains) < 0):
         raise UserError(
@@ -75,7 +80,8 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
         gear = float(model.actuator_gear[actuator, 0]) or 1.0
         gain = float(model.actuator_gainprm[actuator, 0])
         bias = model.actuator_biasprm[actuator]
-        if float(bias[1]) < 0.0:  # a position servo's -kp
+        # A position servo has -kp in the second number of its bias.
+        if float(bias[1]) < 0.0:
             servos.append(actuator)
             servo_targets.append(gear * float(target[angle]))
         elif gain != 0.0 and not bias.any():
@@ -105,8 +111,8 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
 
 
 class _Motor(NamedTuple):
-    """A motor under PD control. gain: its torque, or force, for a control of 1. angle, dof: places of its
-    joint in qpos and qvel. kp, kd: SI.
+    """A motor under PD control. gain: its torque, or force, for a control of 1. angle, dof: places
+    of its joint in qpos and qvel. kp, kd: SI.
     """
 
     actuator: int
@@ -131,8 +137,10 @@ def _span(values: list[float]) -> str:
 
 
 def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
-    """kp that lets the whole weight, at the end of what the joint carries, turn it by 1 rad (slide: 2 cm); kd
-    a share of it. Both as small as the step needs to stay stable.
+    """(kp, kd) of a joint, N m/rad and N m s/rad; of a slide N/m and N s/m.
+
+    With kp the whole weight, at the end of what the joint carries, turns it by 1 rad (slide: moves
+    it 2 cm); kd is a share of it. Both are small enough for the step to stay stable.
     """
     h, dof = float(model.opt.timestep), int(model.jnt_dofadr[joint])
     weight = float(model.body_subtreemass[root]) * float(np.linalg.norm(model.opt.gravity)) or 1.0
@@ -144,7 +152,8 @@ def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
     row[0, dof] = 1.0
     solved = np.zeros((1, model.nv))
     backend().mj_solveM(model, data, solved, row)
-    inertia = 1.0 / float(solved[0, dof])  # what the joint turns, with all other joints at liberty
+    # Inertia that the joint feels with all other joints at liberty: kg m², kg for a slide.
+    inertia = 1.0 / float(solved[0, dof])
     return min(kp, _MOST_KP * inertia / h**2), min(_SHARE * kp, _MOST_KD * inertia / h)
 
 
@@ -157,4 +166,5 @@ def _reach(model: Any, data: Any, body: int, anchor: Floats) -> float:
             above = int(model.body_parentid[above])
         if above == body:
             reach = max(reach, float(np.linalg.norm(data.geom_xpos[geom] - anchor)))
+    # Nothing finite hangs on the joint: 0.1 m is a guess.
     return reach if reach > 0 and math.isfinite(reach) else 0.1

@@ -24,7 +24,8 @@ from hcbench.sim.packages import find_part, suggest_names
 from hcbench.system.errors import UserError
 
 _FREE_DOFS = 6
-_NAMED_JOINTS = 6  # of a robot's, in messages
+# Joints of a robot that a message names.
+_NAMED_JOINTS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,8 @@ class MovingJoint:
     """Mover of a body: degrees of freedom of one body's free or slide joints, or of its whole
     robot.
 
-    turns: whether hinges or balls are among them; the body then moves as a push at the contact would move it.
+    turns: whether hinges or balls are among them; the body then moves as a push at the contact
+    would move it.
     """
 
     body: int
@@ -129,7 +131,10 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
 
 
 def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
-    """All degrees of freedom of the body's robot. chain: bodies with joints from this one to the root."""
+    """All degrees of freedom of the body's robot.
+
+    chain: bodies with joints from this one to the root.
+    """
     names = [joint_name(model, joint) for ancestor in chain for joint in _joints_of(model, ancestor)]
     listed = ", ".join(names[:_NAMED_JOINTS])
     if len(names) > _NAMED_JOINTS:
@@ -140,11 +145,11 @@ def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
 
 
 def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
-    """Mover that `move` names, "base:", "body:NAME" or "joint:NAME", if it carries this body; else
-    None.
+    """Mover that `move` names if it carries this body, else None.
 
-    Of a body its joints and all between it and this body move, as a push at the contact would move them.
-    Raises UserError for a name that the model does not have.
+    move: "base:", "body:NAME" or "joint:NAME". A named body brings its own joints and all between
+    it and this body, which then move as a push at the contact would move them. Raises UserError for
+    a name that the model does not have.
     """
     kind, _, name = move.partition(":")
     chain = list(_ancestors(model, body))

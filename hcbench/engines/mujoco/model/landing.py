@@ -19,16 +19,22 @@ from hcbench.sim.model_under_test import Request
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms.impact import Floats
 
-_FARTHEST, _SCAN, _ROUNDS = (
-    10.0,
-    0.01,
-    40,
-)  # m, m: looked for a floor so far below, and above a robot inside it
-_FALL_SHARE, _SLACK_S = 1.5, 0.2  # of the time of a free fall, and more: how long a floor is waited for
+# A floor is looked for this far below a robot, and as far above one that starts inside it, m.
+_FARTHEST = 10.0
+# Step of that search, m, and halvings of it afterwards: after 40 the height is exact to rounding.
+_SCAN = 0.01
+_ROUNDS = 40
+# A floor is waited for as long as this times the time of a free fall, and some s more.
+_FALL_SHARE = 1.5
+_SLACK_S = 0.2
 
 
 def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) -> Landings:
-    """Drop the robot of a model. Raises UserError where it has none, or nothing to land on."""
+    """Drop the robot of a model from each height (m) at each tilt (rad) of a plan.
+
+    state: an MjData to start from, or None. Raises UserError where the model has no robot or
+    nothing to land on, EngineFailed where MuJoCo finds the state unstable.
+    """
     with captured_warnings() as warned:
         start, name = start_pose(model, request, state)
         bench = _Bench(model, start)
@@ -51,7 +57,10 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
 
 
 class _Hit(NamedTuple):
-    """A contact that a plug-in's law turns back: geoms, speeds towards the floor and along it, and depth."""
+    """A contact that a plug-in's law turns back.
+
+    speed: towards the floor, m/s. slide: along it. depth: m.
+    """
 
     geom: int
     floor: int
@@ -90,8 +99,8 @@ class _Bench:
                 "gravity", "the model has none", "a gravity that lets the robot fall", "Try --gravity 9.81"
             )
         self.up = -np.asarray(model.opt.gravity) / self.g
-        # (ngeom + 1,): True for the robot's geoms, and for those that it can land on. A contact's geom of
-        # -1, which is none, finds the False at the end.
+        # (ngeom + 1,): True for the robot's geoms, and for those that it can land on. A contact's
+        # geom of -1, which is none, finds the False at the end.
         of_body = np.asarray(model.geom_bodyid)
         self.mine = np.append(model.body_rootid[of_body] == self.root, False)
         self.floor = np.append(model.body_weldid[of_body] == 0, False)
@@ -239,13 +248,18 @@ class _Bench:
     def _tread(
         self, data: Any, before: Floats, time: float, feet: dict[int, _Foot], hits: list[_Hit]
     ) -> float:
-        """Force of the floor on the robot in the step just taken, N upwards; each foot's goes to
-        `feet`.
+        """Force of the floor on the robot in the step just taken, N upwards.
+
+        before: velocities before the step, (nv,). time: since the first touch, s. hits: contacts of
+        a plug-in in this step. Each foot's force, slip and depth are added to `feet`, by rigid
+        body.
         """
         geoms, contacts = data.contact.geom, data.contact
         acting = (contacts.efc_address >= 0) & self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
         upward, wrench, geoms_of = 0.0, np.zeros(6), dict[int, set[int]]()
-        parts: dict[int, list[tuple[float, float, float, float]]] = {}  # by rigid body
+        # (force N, depth m, speed towards the floor, speed along it) of each point, by rigid
+        # body.
+        parts: dict[int, list[tuple[float, float, float, float]]] = {}
         for i in np.flatnonzero(acting).tolist():
             backend().mj_contactForce(self.model, data, i, wrench)
             one, two = geoms[i].tolist()
@@ -281,7 +295,10 @@ class _Bench:
     def _speeds(
         self, data: Any, before: Floats, point: Floats, normal: Floats, geom: int
     ) -> tuple[float, float]:
-        """(towards the floor, along it) of the robot's material point, m/s. normal: away from the floor."""
+        """(towards the floor, along it) of the robot's material point, m/s.
+
+        normal: away from the floor.
+        """
         jacobian = np.zeros((3, self.model.nv))
         backend().mj_jac(self.model, data, jacobian, None, point, int(self.model.geom_bodyid[geom]))
         velocity = jacobian @ before

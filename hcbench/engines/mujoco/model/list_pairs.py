@@ -22,9 +22,13 @@ from hcbench.sim.model_under_test import Request
 from hcbench.system.text import joined_names
 from hcbench.terms.impact import Floats
 
-_Geoms = tuple[int, ...]  # two, in order
-_HEAVIEST = 1e4  # of the whole model's mass
-_POSES_MAX = 50  # keyframes that are looked at
+# Two geoms, in ascending order.
+_Geoms = tuple[int, ...]
+# In masses of the whole model: along a normal of a larger effective mass only round-off moves the
+# two.
+_HEAVIEST = 1e4
+# Keyframes that are looked at: each takes a collision detection of the whole model.
+_POSES_MAX = 50
 
 
 def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
@@ -49,7 +53,8 @@ def _collisions(model: Any) -> list[tuple[int, int]]:
     """Geoms that MuJoCo collides, the one that moves, or moves more freely, first."""
     types = model.geom_contype
     affinities = model.geom_conaffinity
-    # (ngeom, ngeom): MuJoCo asks for a common bit of one's type and the other's affinity, either way.
+    # (ngeom, ngeom): MuJoCo asks for a common bit of one's type and the other's affinity, either
+    # way.
     match = (types[:, None] & affinities[None, :]) | (types[None, :] & affinities[:, None])
     meet = set()
     for first, second in np.argwhere(np.triu(match, 1)).tolist():
@@ -88,7 +93,11 @@ def _touching(model: Any) -> dict[_Geoms, list[str]]:
 def _described(
     model: Any, data: Any, a: int, b: int, here: set[_Geoms], touching: dict[_Geoms, list[str]]
 ) -> CandidatePair:
-    """Two geoms as a candidate. here: those that touch in `data`. touching: poses in which others do."""
+    """Two geoms as a candidate: names, effective mass (kg), signed distance (m) and contact in
+    force.
+
+    here: pairs of geoms that touch in `data`. touching: names of the poses in which they do.
+    """
     body_a = int(model.geom_bodyid[a])
     body_b = int(model.geom_bodyid[b])
     name_a = geom_name(model, a)
@@ -97,7 +106,9 @@ def _described(
     near = pair.nearest(data)
     key = tuple(sorted((a, b)))
     normal = near.normal
-    if not normal.any():  # they just touch: either sign will do
+    # The nearest points coincide; the effective mass is the same for either sign of the contact's
+    # normal.
+    if not normal.any():
         normals = [c.frame[:3] for c in data.contact if tuple(sorted(c.geom.tolist())) == key]
         normal = normals[0] if normals else normal
     distance = math.nan
@@ -131,7 +142,7 @@ def _mass_along(model: Any, data: Any, bodies: tuple[int, int], point: Floats, n
     first, second = bodies
     mass = effective_mass(model, data, approach_row(model, data, first, second, point, normal))
     heaviest = _HEAVIEST * float(model.body_mass.sum())
-    return mass if mass < heaviest else math.nan  # beyond it, only round-off moves the two
+    return mass if mass < heaviest else math.nan
 
 
 def _unmistakable(model: Any, geom: int) -> str:
@@ -142,7 +153,11 @@ def _unmistakable(model: Any, geom: int) -> str:
 
 
 def contact_in_force(model: Any, a: int, b: int) -> dict[str, Any]:
-    """The parameters of two geoms' contact, after MuJoCo's own mixing (modeling, "Contact parameters")."""
+    """solref, solimp, friction (sliding, torsional, rolling) and condim of two geoms' contact.
+
+    A <pair> has its own; else they are MuJoCo's mixture of the two geoms' (Modeling, "Contact
+    parameters").
+    """
     if pairs := explicit_pairs(model, (a, b)):
         number = pairs[0]
         return {
@@ -153,13 +168,17 @@ def contact_in_force(model: Any, a: int, b: int) -> dict[str, Any]:
         }
     one, two = (a, b) if model.geom_priority[a] >= model.geom_priority[b] else (b, a)
     if model.geom_priority[one] > model.geom_priority[two]:
-        two = one  # the one of higher priority alone decides
+        # The geom of higher priority decides alone.
+        two = one
     both = [one, two]
-    weights = np.maximum(model.geom_solmix[both], 1e-15)  # mjMINVAL
+    # mjMINVAL, as MuJoCo keeps a sum of two zeros from dividing by 0.
+    weights = np.maximum(model.geom_solmix[both], 1e-15)
     share = float(weights[0] / weights.sum())
     solrefs = model.geom_solref[both]
     solimps = model.geom_solimp[both]
     is_direct = (solrefs[:, 0] <= 0.0).any()
+    # MuJoCo averages two time constants, but takes the smaller of each number where one is in
+    # direct form.
     solref = solrefs.min(axis=0) if is_direct else share * solrefs[0] + (1 - share) * solrefs[1]
     solimp = share * solimps[0] + (1 - share) * solimps[1]
     return {

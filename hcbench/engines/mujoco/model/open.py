@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from hcbench.sim.packages import Packages
 
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".mjb", ".mjz")
-_BINARY_ROOM = 1 << 28  # bytes: what MuJoCo takes besides a model
+# Bytes that MuJoCo takes besides a model.
+_BINARY_ROOM = 1 << 28
 
 
 def live_state(source: Any) -> tuple[Any, Any] | None:
@@ -47,8 +48,8 @@ def live_state(source: Any) -> tuple[Any, Any] | None:
 
 
 def load(source: Any, request: Request) -> tuple[Any, str, Any]:
-    """(MjModel, what to call it, MjData or None) with the request's step and gravity; the user's own objects
-    stay as they were.
+    """(MjModel, what to call it, MjData or None) with the request's step and gravity; the user's
+    own objects stay as they were.
 
     source: a path, an MjModel, an MjSpec, MJCF text, or what `live_state` knows. Raises SceneError for what
         does not compile.
@@ -86,7 +87,8 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is not there"
         raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
-    if any("\udc80" <= letter <= "\udcff" for letter in str(path)):  # of a byte that Python could not decode
+    # Python stands a surrogate for each byte of a name that it cannot decode.
+    if any("\udc80" <= letter <= "\udcff" for letter in str(path)):
         raise SceneError(
             "model", f"{path} has a byte that is not UTF-8", "a name in UTF-8", "Rename the file"
         )
@@ -103,12 +105,15 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
 def _from_binary(mujoco: Any, path: Path) -> Any:
     """The model of a binary file, which holds its arrays as they are in memory.
 
-    MuJoCo allocates what the sizes at the file's begin ask for before it compares them with the file.
+    MuJoCo allocates what the sizes at the file's begin ask for before it compares them with the
+    file.
     """
     with memory_limit(_BINARY_ROOM + 4 * path.stat().st_size):
         try:
             return mujoco.MjModel.from_binary_path(str(path))
         except Exception as error:
+            # Only a size that is wrong asks for so much; the message would send the user to look
+            # for memory.
             if "allocate" not in str(error):
                 raise
             raise ValueError("its sizes ask for more memory than the file has numbers for") from None
@@ -120,7 +125,8 @@ def _unzipped(mujoco: Any, path: Path) -> Any:
         content = read_bytes(path)
         require_small_archive(content)
         spec = mujoco.MjSpec.from_zip(io.BytesIO(content))
-    except Exception as error:  # zipfile has a dozen for a damaged archive
+    # zipfile raises a dozen kinds of errors for a damaged archive.
+    except Exception as error:
         raise ValueError(error) from None
     return spec.compile()
 

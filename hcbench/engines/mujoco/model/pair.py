@@ -120,7 +120,9 @@ class ContactPair:
         sides = self.sides
         acting = []
         for number, (a, b) in enumerate(contacts.geom.tolist()):
-            is_of_pair = sides[a] + sides[b] == 3  # one geom of the first, 1, and one of the second, 2
+            # A geom of the first part counts 1 and one of the second 2, so only one of each add
+            # up to 3.
+            is_of_pair = sides[a] + sides[b] == 3
             if is_of_pair and not contacts.exclude[number]:
                 acting.append(number)
         if not acting:
@@ -154,12 +156,17 @@ class ContactPair:
         return ContactPair(self.model, *sides)
 
     def nearest(self, data: Any) -> Nearest:
-        """Find the nearest points of the two parts, over all their geoms."""
+        """Find the nearest points of the two parts, over all their geoms.
+
+        The distance is below 0 where they overlap, and infinite where MuJoCo can compute none.
+        """
         if self.height_field >= 0:
             return self._above_field(data)
         best = Nearest(np.inf, np.zeros(3), np.zeros(3), (self.first.geoms[0], self.second.geoms[0]))
-        ends = np.zeros(6)  # the nearest point of the one, then of the other
-        reach = 10.0 * float(self.model.stat.extent) + 10.0  # m; beyond it MuJoCo reports the reach
+        # Nearest point of the one geom, then of the other, m.
+        ends = np.zeros(6)
+        # MuJoCo reports this distance, m, for all that is farther apart.
+        reach = 10.0 * float(self.model.stat.extent) + 10.0
         for a in self.first.geoms:
             for b in self.second.geoms:
                 distance = backend().mj_geomDistance(self.model, data, a, b, reach, ends)

@@ -28,9 +28,9 @@ class PairReader:
         self._wrench, self._force_of = np.zeros(6), mujoco.mj_contactForce
         self._point, self._normal = place.contact.point, place.contact.normal
         self._row: Floats | None = None
-        # Of the last contacts: the geoms of all; of each of the pair's its place, whether the moving geom is
-        # its second, and whether its normal has two rows; then these, points, axes and the distance until
-        # they are asked for.
+        # Of the last contacts: the geoms of all; of each of the pair's its place, whether the
+        # moving geom is its second, and whether its normal has two rows; then these, points, axes
+        # and the distance until they are asked for.
         self._geoms: list[list[int]] = []
         self._mine: list[tuple[int, bool, bool]] = []
         self._unread: tuple[list[tuple[int, bool, bool]], Floats, Floats, float] | None = None
@@ -61,10 +61,12 @@ class PairReader:
     def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
         """(penetration beyond the onset, m, None without a contact; force, N; approach rate, m/s).
 
-        velocity: (nv,). Point and normal are kept for `normal` and `contact_point`, and forces along the
-        plate go to `along`.
+        velocity: (nv,) of the state whose contacts and forces are in `data`. The contact's point
+        and normal are kept for `normal` and `contact_point`; friction goes to `along`, the reader
+        of oblique launches.
         """
-        self._row = None  # the links have turned since
+        # The links have turned since the last step.
+        self._row = None
         # Columns of all contacts: a look at one number of one contact takes as long.
         contacts = data.contact
         geoms = contacts.geom.tolist()
@@ -82,7 +84,8 @@ class PairReader:
         for i, turned, is_pyramid in self._mine:
             distance = min(distance, distances[i])
             address = addresses[i]
-            if address < 0:  # no constraint row, and so no force
+            # A contact without a constraint row has no force.
+            if address < 0:
                 continue
             self._force_of(self.model, data, i, self._wrench)
             force += self._wrench.item(0)
@@ -126,19 +129,25 @@ class PairReader:
         self._normal = frames[first, :3]
         if is_turned:
             self._normal = -self._normal
-        if self.along is not None:  # on the moving body's surface; MuJoCo has it halfway to the other's
+        # On the moving body's surface: MuJoCo has the point halfway to the other's.
+        if self.along is not None:
             self._point = self._point - 0.5 * distance * self._normal
         self._unread = None
 
     def depth(self, data: Any, guess: float) -> float:
-        """Penetration beyond the onset without a contact; the guess for shapes without a distance."""
+        """Penetration beyond the onset without a contact, m; the guess for shapes without a
+        distance.
+        """
         if not math.isfinite(self.place.gap):
             return guess
         return self.place.gap - float(self.place.pair.nearest(data).distance)
 
     def other_geoms(self, data: Any) -> set[int]:
-        """Geoms that touch the moving tree, or the other one's, besides the pair."""
+        """Numbers of the geoms that touch either one's tree of bodies, besides the pair's own
+        contact.
+        """
         sides, in_tree, geoms = self.place.pair.sides, self.place.pair.in_trees, data.contact.geom
+        # A geom of -1 is none: the contact is that of a flex.
         acting = (data.contact.efc_address >= 0) & (geoms.min(axis=1) >= 0)
         geoms = geoms[acting & (sides[geoms].sum(axis=1) != 3)]
         inside = in_tree[geoms]

@@ -36,21 +36,24 @@ from hcbench.terms.impact import Floats
 from hcbench.terms.units import STANDARD_GRAVITY
 
 ABOVE: Vector = (0.0, 0.0, 1.0)
-_RAISED = 0.1  # m: how deep a robot may stand in the floor at the start
-_BASE_DOFS = 6  # of a free body: a robot has joints besides
-_MISSED = 1e-6  # m: two that are still so far apart at the end of a way have passed each other
+# Depth, m, up to which a robot may stand in the floor at the start and is raised.
+_RAISED = 0.1
+# Degrees of freedom of a free body: a robot has joints besides.
+_BASE_DOFS = 6
+# Gap, m, at the end of a way from which the two have passed each other.
+_MISSED = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class PairAtTouch:
     """A pair that just touches, the moving body first.
 
-    joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1 m/s.
-    effective_mass: along the normal, kg. gravity: acceleration of the approach in
-    free flight, by gravity and what the model's springs and actuators add to it, m/s². overlap: how deep
-    the two were in each other at the start, m. gap: at touch, by MuJoCo's distance of the geoms, m;
-    infinite for shapes whose distance it cannot compute. note: how they were brought together, where it
-    was a choice.
+    joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1
+    m/s. effective_mass: along the normal, kg. gravity: acceleration of the approach in free flight,
+    by gravity and what the model's springs and actuators add to it, m/s². overlap: how deep the two
+    were in each other at the start, m. gap: at touch, by MuJoCo's distance of the geoms, m;
+    infinite for shapes whose distance it cannot compute. note: how they were brought together,
+    where it was a choice.
     """
 
     pair: ContactPair
@@ -70,8 +73,9 @@ def bring_to_touch(
 ) -> PairAtTouch:
     """Bring the two just to touch, by moving the first (or else the second) along their common normal.
 
-    data: at rest in the start configuration. coming_from: the side of the moving body, a unit vector away
-    from the other; None: the nearest way. move: as a request has it. UserError with the reason if it fails.
+    data: at rest in the start configuration. coming_from: the side of the moving body, a unit
+    vector away from the other; None: the nearest way. move: as a request has it. UserError with the
+    reason if it fails.
     """
     model = pair.model
     backend().mj_forward(model, data)
@@ -92,7 +96,8 @@ def bring_to_touch(
     if not near.normal.any():
         near = near._replace(normal=_guess_normal(pair, data))
     row = pair.approach_row(data, near.point, near.normal)
-    errors: list[UserError] = []  # that they pass each other says more than what else is in the way
+    # A miss goes first: it says more than what else is in the way.
+    errors: list[UserError] = []
     joints = _joints(pair, move)
     for ordered, joint in joints:
         try:
@@ -123,6 +128,8 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     tree = model.body_rootid[model.dof_bodyid] == model.body_rootid[base.body]
     move = _slide(pair.approach_row(data, near.point, near.normal), base)
     if int(tree.sum()) <= _BASE_DOFS or move is None:
+        # The same normal: inside the other body the nearest points could give another one after
+        # the move.
         return near
     backend().mj_integratePos(model, data.qpos, move, float(near.distance))
     backend().mj_forward(model, data)
@@ -223,7 +230,8 @@ def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
     model, ahead = pair.model, 0.0
     bound = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
     for g in pair.second.geoms:
-        reach = float(model.geom_rbound[g]) or 0.0  # a plane has none
+        # MuJoCo gives a plane the bounding radius 0.
+        reach = float(model.geom_rbound[g]) or 0.0
         offset = float(normal @ (data.geom_xpos[pair.first.geoms[0]] - data.geom_xpos[g]))
         ahead = max(ahead, offset + reach + 2.0 * bound)
     return ahead + 0.1 * pair.size
@@ -268,7 +276,11 @@ def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
 
 
 def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
-    """m/s² along the normal, at rest, by gravity, springs and actuators. Contact is off: it may adhere."""
+    """Acceleration of the approach at rest, m/s², by gravity, springs and actuators.
+
+    row: (nv,) of the approach. Contact is off, as one that just touches may already push, or
+    adhere.
+    """
     mujoco, flags = backend(), model.opt.disableflags
     model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     mujoco.mj_forward(model, data)
@@ -279,10 +291,17 @@ def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
 def _at_touch(
     pair: ContactPair, data: Any, joint: MovingJoint, move: Floats, contact: PairContact, overlap: float
 ) -> PairAtTouch:
-    """pair: with the moving body first. data: at touch."""
+    """The pair as it is to be launched.
+
+    pair: with the moving body first. data: at touch. move: (nv,), the motion that led there.
+    overlap: at the start, m. Raises UserError where the contact's normal is not one that the joint
+    can move along, where other parts are in the way, or where a tendon or an equality holds the two
+    back.
+    """
     model, normal = pair.model, contact.normal
     row = pair.approach_row(data, contact.point, normal)
-    if float(row @ move) < 0:  # the contact was read with the two the other way round
+    # The contact's normal was read with the two bodies the other way round.
+    if float(row @ move) < 0:
         row, normal = -row, -normal
     direction = swing(model, data, row, joint.dofs) if joint.turns else _slide(row, joint)
     mass = effective_mass(model, data, row)
@@ -317,7 +336,8 @@ def _require_room(pair: ContactPair, data: Any) -> None:
             require_reachable(-contact.dist, size, names, (part, third), advice)
 
 
-_IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")  # everything starts at rest
+# Velocities and times of a state are ignored: everything starts at rest.
+_IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")
 # Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
 TURNED, MOVED = math.radians(5.01), 1e-3
 
@@ -325,7 +345,8 @@ TURNED, MOVED = math.radians(5.01), 1e-3
 def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:
     """(MjData at rest in the start configuration, what to call it).
 
-    state: an MjData to start from as it stands; a keyframe or joints that the request names go before it.
+    state: an MjData to start from as it stands; a keyframe or joints that the request names go
+    before it.
     """
     mujoco = backend()
     data, name = mujoco.MjData(model), ""
@@ -384,7 +405,10 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
 
 
 def _free_joint(model: Any, name: str) -> int | None:
-    """The free joint of a body of this name; "base": of the heaviest robot. None where there is none."""
+    """The free joint of a body of this name; "base": of the heaviest robot.
+
+    None where there is none.
+    """
     free = np.flatnonzero(model.jnt_type == int(backend().mjtJoint.mjJNT_FREE)).tolist()
     bodies = [int(model.jnt_bodyid[joint]) for joint in free]
     named = [joint for joint, body in zip(free, bodies, strict=True) if body_name(model, body) == name]
@@ -421,10 +445,10 @@ def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float
 
 
 def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
-    """Error for tendons at their limits and stretched equalities that hold the two back at touch;
-    None without any.
+    """Error for tendons at their limits and stretched equalities that hold the two back at touch.
 
-    row: (nv,) M^-1 J^T of the contact.
+    row: (nv,) M^-1 J^T, the motion by a push at the contact. None where no such constraint feels
+    the push.
     """
     mujoco = backend()
     if not data.nefc:
@@ -450,9 +474,12 @@ def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> Use
     return None
 
 
-_OTHER_UNITS = {"millimetres": 1000.0, "centimetres": 100.0}  # and how many are in a metre
-_EARTH = 0.02  # of the Earth's gravity: how near to it a model's number is
-_LEAST_QUATERNION = 1e-3  # length of one that still names an attitude
+# Other units of length, and how many are in a metre.
+_OTHER_UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
+# A gravity within this share of the Earth's is taken for the Earth's.
+_EARTH = 0.02
+# Length of the shortest quaternion that still names an attitude.
+_LEAST_QUATERNION = 1e-3
 
 
 def require_plausible_model(model: Any, label: str) -> None:
@@ -493,7 +520,10 @@ def _require_metres(label: str, gravity: float) -> None:
 
 
 def require_plausible_state(model: Any, data: Any) -> None:
-    """Refuse a pose of which a quaternion is 0 or a position is nowhere. Raises UserError, QuantityError."""
+    """Refuse a pose of which a quaternion is 0 or a position is nowhere.
+
+    Raises UserError, QuantityError.
+    """
     kinds = backend().mjtJoint
     if not np.isfinite(data.qpos).all():
         raise UserError("qpos", "a number that is not finite", "finite numbers")

@@ -62,7 +62,8 @@ def _configs(model: Any, keys: Sequence[str]) -> Iterator[dict[str, str]]:
     ends = [*starts[1:], model.npluginattr]
     for start, end in zip(starts, ends, strict=True) if starts else ():
         text = bytes(model.plugin_attr[start:end].astype(np.uint8)).decode()
-        values = text.split("\0")[:-1]  # each value is closed by a zero
+        # MuJoCo closes each value by a zero.
+        values = text.split("\0")[:-1]
         # MuJoCo keeps no keys: the number of values is what tells one plug-in from another.
         if len(values) == len(keys):
             yield dict(zip(keys, values, strict=True))
@@ -96,9 +97,11 @@ class WithoutContact:
         return after
 
     def force(self, row: Floats, velocity: Floats, mass: float) -> float:
-        """Mean force of the step from the state in `data` to `velocity`, N.
+        """Mean force of the step from the state in `data` to `velocity`, N; 0 where rounding made
+        it.
 
-        row: of the approach rate, shape (nv,). mass: effective, kg.
+        row: (nv,), Jacobian of the approach rate. velocity: (nv,), after the step with the contact.
+        mass: effective mass along the normal, kg.
         """
         apart, together = float(row @ self.step()), float(row @ velocity)
         if abs(apart - together) <= ROUND_OFF_SOLVED * np.finfo(float).eps * (abs(apart) + abs(together)):

@@ -1,9 +1,9 @@
 """Searches two contact rows in the user's own model, by MuJoCo's rollouts of many launches.
 
-A stiff row, of an impedance near 1, sets the acceleration of its contact, regardless of servos and springs
-of the robot, other corners of the body and estimates of its mass. But it leaves gravity out from the step on
-that finds the touch. A soft one adds a force to all of them. The search finds what lies between, with a
-damper whose impedance grows with depth.
+A stiff row, of an impedance near 1, sets the acceleration of its contact, regardless of servos and
+springs of the robot, other corners of the body and estimates of its mass. But it leaves gravity out
+from the step on that finds the touch. A soft one adds a force to all of them. The search finds what
+lies between, with a damper whose impedance grows with depth.
 """
 
 from __future__ import annotations
@@ -39,23 +39,42 @@ if TYPE_CHECKING:
     Band = tuple[float, float]
 
 
-_STEPS = 30  # of a launch: two to the touch, then a contact and its parting
-_GRID_SMALL = (4, 9)  # speeds and phases
+# Steps of a launch: two to the touch, then a contact and its parting.
+_STEPS = 30
+# Speeds and phases of a small model, and of a large one.
+_GRID_SMALL = (4, 9)
 _GRID_LARGE = (3, 6)
-_PARTS = 3  # of the launches: most rows fail in the first
-_SLOW, _SLOW_PHASES = 0.4, 4  # of the lowest speed, where none may gain energy
-_LARGEST_E, _COSTS = 0.995, 20.0  # as of `row_pair`
-# Steps laid down; the last of them, whose vibration falls so many times more; m/s; of e a power of ten.
-_LAID, _LAST, _LATER, _CALM, _RESTLESS = 200, 50, 20, 1e-5, 0.05
-_SHALLOW = 8e-5  # m: a body at rest may lie so deep
-_SEED, _MEMBERS = 1, 16
-_LIGHT, _GENERATIONS = 12, (50, 16)  # up to so many degrees of freedom, and generations there and beyond
+# The launches go in parts: most rows fail in the first.
+_PARTS = 3
+# Impacts at this share of the lowest speed, at so many phases, may not gain energy.
+_SLOW = 0.4
+_SLOW_PHASES = 4
+# The same two numbers as in `hcbench.engines.mujoco.recipes.row_pair`.
+_LARGEST_E = 0.995
+_COSTS = 20.0
+# Steps that a body is laid down for. The vibration of the last of them is compared with that of as
+# many before, and taken to fall on by the same share so many times more.
+_LAID = 200
+_LAST = 50
+_LATER = 20
+# Vibration at rest that costs nothing, m/s; a power of ten above it costs so much of e.
+_CALM = 1e-5
+_RESTLESS = 0.05
+# Depth at rest that costs nothing, m.
+_SHALLOW = 8e-5
+_SEED = 1
+_MEMBERS = 16
+# Degrees of freedom of the largest model that counts as light. A heavy one's launches take so long
+# that it has a third of the generations.
+_LIGHT = 12
+_GENERATIONS = (50, 16)
 _POWER = 4.0
-# Half period in steps; logs of its loss a step, odds of its impedance; log of D h, odds of dmax, logs of
-# width over v h and midpoint of the damper.
+# Half period in steps; logs of its loss a step, odds of its impedance; log of D h, odds of dmax,
+# logs of width over v h and midpoint of the damper.
 _LOWEST = np.array([1.5, -6.0, -4.0, *np.log([0.05, 1e-4, 0.1, 3e-3])])
 _HIGHEST = np.array([16.0, -0.1, 9.0, *np.log([5.0, 1e4, 20.0, 0.5])])
-# What long searches found for e from 0.1 to 0.9 and for α, of a cube on face, edge and vertex; and for legs.
+# What long searches found for e from 0.1 to 0.9 and for α, of a cube on face, edge and vertex; and
+# for legs.
 _STARTS = np.array([
     [11.7, -0.55, 2.17, -2.18, 2.36, -0.49, -1.36],
     [11.95, -1.08, -0.95, -1.60, 0.51, -1.81, -1.43],
@@ -73,7 +92,8 @@ _LEGS = np.array([
     [3.20, -1.36, 2.57, 0.07, -2.41, 1.20, -5.48],
     [6.30, -2.02, 2.70, -1.20, -4.00, -0.69, -3.00],
 ])  # fmt: skip
-_LEGS_LOWEST = np.array([1.5, -6.0, 0.0, *_LOWEST[3:]])  # servos ask for stiffer rows
+# The servos of legs ask for stiffer rows.
+_LEGS_LOWEST = np.array([1.5, -6.0, 0.0, *_LOWEST[3:]])
 
 
 def starting_rows(adhesive: bool) -> Rows:
@@ -93,7 +113,8 @@ def _damper(damping: float, impedance: tuple[float, float, float], adhesive: boo
 class RowSearch:
     """Launches in a model, and what rows do to their e.
 
-    goal: e. band: m/s. was: the model before. set_rows: writes rows into the pairs of a compiled model.
+    goal: e. band: m/s. was: the model before. set_rows: writes rows into the pairs of a compiled
+    model.
     """
 
     def __init__(
@@ -117,13 +138,15 @@ class RowSearch:
         self._first_sensor = self._model.nsensordata - len(opened)
         # A stage of RK4 feels the contact in the step before and after the states that are in it.
         self._lag = int(integrator_name(self._model) == "RK4")
-        # A model that already vibrates or sinks more than our limits need not do better than before.
+        # A model that already vibrates or sinks more than our limits need not do better than
+        # before.
         self._calm = max(_CALM, float(np.nan_to_num(was.vibration)))
         self._shallow = max(_SHALLOW, float(np.nan_to_num(was.penetration)))
 
         plan = _speeds_and_phases(band, is_large=self._model.nv > _LIGHT)
         starts = [self._start_states(model, plan) for model in opened]
-        # A third of every model's launches, then the next third: bad rows are given up after the first.
+        # A third of every model's launches, then the next third: bad rows are given up after the
+        # first.
         self._launches = []
         for part in range(_PARTS):
             for number, (states, control) in enumerate(starts):
@@ -133,7 +156,10 @@ class RowSearch:
     def _start_states(
         self, opened: MujocoModel, plan: Sequence[tuple[float, float]]
     ) -> tuple[Floats, Floats]:
-        """(states, one a launch; control) at release. plan: speeds, m/s, and where in a step each touches."""
+        """(states, one a launch; control) at release.
+
+        plan: speeds, m/s, and where in a step each touches.
+        """
         mujoco = backend()
         model = self._model
         place = opened.place
@@ -143,7 +169,8 @@ class RowSearch:
         states = np.empty((len(plan), mujoco.mj_stateSize(model, kind)))
         for field in ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active"):
             getattr(data, field)[:] = getattr(opened.start, field)
-            # Rollouts take from here what the states leave out; of several models the last one's stays.
+            # Rollouts take from here what the states leave out; of several models the last one's
+            # stays.
             getattr(self._data, field)[:] = getattr(opened.start, field)
         for state, (speed, phase) in zip(states, plan, strict=True):
             data.qpos[:] = place.qpos
@@ -187,12 +214,17 @@ class RowSearch:
             before = np.std(rate[-2 * _LAST : -_LAST])
             last = np.std(rate[-_LAST:])
             calmed = min(1.0, last / before) if before > 0.0 else 0.0
-            later = last * calmed**_LATER  # as the vibration falls on by the same share
+            # The vibration is taken to fall on by the same share.
+            later = last * calmed**_LATER
             worst = max(worst, float(np.nan_to_num(later, nan=math.inf)))
         return worst, deepest
 
     def _bounces(self, number: int, states: Floats, control: Floats) -> tuple[Floats, Floats]:
-        """(e, impact speed m/s) at the touch plane, by the parabolas of free flight before and after."""
+        """(e, impact speed m/s) of each launch, (n,), at the touch plane.
+
+        Both speeds are those of the parabola of free flight through three states. e is 0 for a
+        launch that does not part.
+        """
         x = self._depths(number, states, control, _STEPS)
         inside = np.nan_to_num(x, nan=1.0) > 0.0
         launches = np.arange(len(x))
@@ -252,7 +284,8 @@ class RowSearch:
 def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> None:
     """One sensor a model: the distance of the two geoms of its contact, m."""
     mujoco = backend()
-    geom_names = [geom.name for geom in spec.geoms]  # by id
+    # In the order of their numbers.
+    geom_names = [geom.name for geom in spec.geoms]
     for model in opened:
         first, second = model.place.contact.geoms
         spec.add_sensor(
@@ -261,7 +294,8 @@ def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> None:
             objname=geom_names[first],
             reftype=mujoco.mjtObj.mjOBJ_GEOM,
             refname=geom_names[second],
-            cutoff=10.0 * float(model.model.stat.extent),  # beyond it MuJoCo reports the cutoff
+            # MuJoCo reports this distance, m, for all that is farther apart.
+            cutoff=10.0 * float(model.model.stat.extent),
         )
 
 
@@ -285,10 +319,14 @@ def _crossing_speed(before: Floats, at: Floats, after: Floats) -> Floats:
     return np.asarray(np.sqrt(np.maximum(0.0, rate**2 - 2 * bend * at)))
 
 
-_RK4_STEPS = 8  # in contact, of a spring and damper
-_STOP = 0.005  # K h² of a contact that stops a body: it pushes out what is inside, and no more
-_NO_BOUNCE = 0.02  # e below it is a stop
-_LEAST_E = 1e-3  # that a spring and damper are made for
+# Steps of a spring and damper in contact under RK4.
+_RK4_STEPS = 8
+# K h² of a contact that stops a body: it pushes out what is inside, and no more.
+_STOP = 0.005
+# A target e below this is met by a stop.
+_NO_BOUNCE = 0.02
+# No spring and damper is made for a smaller e.
+_LEAST_E = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,8 +360,8 @@ def estimated_mobility(model: object, first: int, second: int) -> float:
 
 
 def row_choices(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Iterator[tuple[str, Rows]]:
-    """(name, rows), the simplest first: a stop or one step, a spring and damper of one e, two rows whose e
-    depends on speed as the target does, gravity included. adhesive: whether they may pull.
+    """(name, rows), the simplest first: a stop or one step, a spring and damper of one e, two rows
+    whose e depends on speed as the target does, gravity included. adhesive: whether they may pull.
     """
     h, e = load.timestep, goal.at(np.geomspace(*band, 50))
     constant = goal.best_constant(*band)
@@ -334,7 +372,8 @@ def row_choices(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) 
     steps = _RK4_STEPS if load.rk4 else half_period_steps(load.points)
     yield f"spring of {steps} steps", (_spring(constant, steps, load),)
     if e.min() > _NO_BOUNCE and e.max() < 1.0:
-        strength = float(f"{load.strength:.2g}")  # alike for two feet
+        # Two digits: two feet whose loads differ by rounding share one fit.
+        strength = float(f"{load.strength:.2g}")
         yield "spring and damper", _fitted(goal, band, replace(load, strength=strength), adhesive)
 
 

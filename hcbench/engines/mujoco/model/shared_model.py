@@ -31,14 +31,16 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags, Record
     from hcbench.terms.impact import Floats
 
-_SMOOTH = 100.0  # units in the last place that a step moves the bodies by, from which e does not scatter
+# A step has to move the bodies by as many units in the last place of their coordinates; below it
+# e scatters.
+_SMOOTH = 100.0
 
 
 class LentModel(ModelUnderTest):
     """A MuJoCo model in the copies of another engine that steps it.
 
-    as_given: without fixes. Raises SceneError for what the engine does not have, SettingError for a step too
-    short for its numbers.
+    as_given: without fixes. Raises SceneError for what the engine does not have, SettingError for a
+    step too short for its numbers.
     """
 
     diverged = NOT_FINITE
@@ -57,7 +59,8 @@ class LentModel(ModelUnderTest):
         at_touch = copy.copy(own.start)
         at_touch.qpos[:] = own.place.qpos
         middles = with_kinematics(at_touch, own.model).geom_xpos[list(own.place.pair.geoms)]
-        self._reach = float(np.abs([*middles, own.place.contact.point]).max())  # largest coordinate, m
+        # Largest coordinate, m.
+        self._reach = float(np.abs([*middles, own.place.contact.point]).max())
         require_motion_at(self._reach, self.timestep, max(own.request.speeds), self._copies.bits)
 
     def release(self, launches: Sequence[Launch]) -> LentSimulation:
@@ -80,7 +83,8 @@ class LentModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return the engine's differences from MuJoCo, then the suspects of MuJoCo itself."""
         own = self._own.suspects(impacts, wanted)
-        if not self._as_given:  # what the engine does otherwise concerns the user's own contact
+        # The engine's differences concern the user's own contact: not one with fixes.
+        if not self._as_given:
             return own
         model = self._own.model
         bits = self._copies.bits
@@ -122,7 +126,8 @@ class LentModel(ModelUnderTest):
                 continue
             difference = abs(own.restitution - its.restitution)
             if math.isnan(difference):
-                difference = math.inf  # one of the two has no e
+                # One of the two has no e.
+                difference = math.inf
             if difference > largest:
                 worst = (own, its)
                 largest = difference
@@ -177,7 +182,8 @@ class LentFlight(MujocoFlight):
         velocity_of_mujoco = data.qvel.copy()
         self._set(data, self._states.popleft())
         if not np.isfinite(data.qvel).all():
-            data.time = -math.inf  # as where MuJoCo resets a state
+            # A time that runs back is also MuJoCo's sign of a state that it had to reset.
+            data.time = -math.inf
         self._changed = data.qvel - velocity_of_mujoco
         self._speeds = before + np.abs(velocity_of_mujoco) + np.abs(data.qvel)
 
@@ -187,7 +193,11 @@ class LentFlight(MujocoFlight):
         data.qvel[:] = state[nq:]
 
     def _force(self, solved: float, seen: Any) -> float:
-        """Force of the pair: MuJoCo's own, and the engine's other changes of the momentum."""
+        """Force of the pair, N: MuJoCo's own, and what else the engine changed in the momentum.
+
+        solved: by MuJoCo's solver from the same state, N. seen: MjData of the state before the
+        step.
+        """
         row = self._reader.row(seen)
         slowed = -float(row @ self._changed)
         noise = self._round_off * float(np.abs(row) @ self._speeds)
@@ -197,7 +207,8 @@ class LentFlight(MujocoFlight):
             force = solved + mass * slowed / self._h
         if abs(force) * self._h > mass * noise:
             return force
-        return 0.0  # round-off alone would make as much
+        # Round-off alone would make as much.
+        return 0.0
 
 
 class LentSimulation(Flights[LentFlight]):
@@ -206,7 +217,8 @@ class LentSimulation(Flights[LentFlight]):
     def __init__(self, copies: Copies, flights: Sequence[LentFlight]) -> None:
         super().__init__(flights)
         self._copies = copies
-        self._which = np.arange(len(flights))  # those that are still read
+        # Places of the launches that are still read.
+        self._which = np.arange(len(flights))
         started = copies.place_first(np.array([flight.state for flight in flights]))
         for flight, state in zip(flights, started, strict=True):
             flight.start_from(state, copies.bits)

@@ -23,13 +23,17 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Floats, Launch
 
-# Depth, rate and force of a step; the rate after it without contact, RK4 near a touch only, else NaN; what
-# `Record.tangential` has, oblique launches only.
+# Depth, rate and force of a step; the rate after it without contact, RK4 near a touch only, else
+# NaN; what `Record.tangential` has, oblique launches only.
 _Step = tuple[float, float, float, float, "Floats | None"]
 
-_NEAR = 4.0  # steps of the way to the touch plane, within which distances are looked at without a contact
-_STAGE_REACH = 1.05  # steps of its approach, within which a stage of RK4 may touch
-_STAGE_NOISE = 1e-9  # of the largest change of speed: below it a step under RK4 had no contact in it
+# Distances are looked at without a contact within so many steps of the way to the touch plane.
+_NEAR = 4.0
+# A stage of RK4 may touch within so many steps of its approach.
+_STAGE_REACH = 1.05
+# A step under RK4 had no contact in it where its speed changed by less than this share of the
+# largest.
+_STAGE_NOISE = 1e-9
 
 
 class MujocoFlight:
@@ -68,7 +72,8 @@ class MujocoFlight:
         self._reader = PairReader(model, place, with_kinematics(data, model), self._along)
         self._beside = space.beside
         self._staged = space.free is not None
-        self._last: _Step | None = None  # RK4 only: waits for the one after it
+        # Under RK4 a step waits for the one after it.
+        self._last: _Step | None = None
         self._noise = _STAGE_NOISE
 
         # After the last step: penetration, rate, and how far the launch has come.
@@ -82,8 +87,10 @@ class MujocoFlight:
             self._causes = SpeedShares(model, place.pair.sides)
         self._looks_further = self._staged or self._along is not None or self._causes is not None
         self._touch_speed = math.nan
-        self._apart = False  # what follows does not belong to the impact
-        self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
+        # True from where the motion does not belong to the impact any more.
+        self._apart = False
+        # Geoms that touched the two, and the step in which each did so first.
+        self._first_touch: dict[int, int] = {}
         self._state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
 
     @property
@@ -104,7 +111,8 @@ class MujocoFlight:
     def advance(self, steps: int, after: int | None = None) -> Record:
         """Steps as the user's own loop would take them; the last is NaN where MuJoCo reset the state.
 
-        after: so many at most once the two have parted, none once they turned back before; None: all.
+        after: so many at most once the two have parted, none once they turned back before; None:
+        all.
         """
         rows: list[_Step] = []
         if self._causes is not None:
@@ -136,8 +144,10 @@ class MujocoFlight:
 
     def note(self, steps: int) -> str:
         """Name other contacts of the first `steps` steps, the last of which was among those taken
-        last. The model keeps the speed lost to each cause in the launch in which joints and
-        actuators took the most.
+        last.
+
+        The model under test also keeps, of all its launches, the speed lost to each cause in the
+        one in which joints and actuators took the most.
         """
         touched = {geom for geom, step in self._first_touch.items() if step < steps}
         self._opened.others |= touched
@@ -175,7 +185,8 @@ class MujocoFlight:
             copy_state(self._model, data, self._beside.data)
         self._take_step(data)
         self._steps += 1
-        if data.time <= time_before or (self._steps == 1 and resets(data)):  # MuJoCo reset the state
+        # MuJoCo sets the time back where it resets an unstable state.
+        if data.time <= time_before or (self._steps == 1 and resets(data)):
             unknown = None if self._along is None else np.full(TANGENTIAL_ROWS, math.nan)
             return math.nan, math.nan, math.nan, math.nan, unknown
         x, force, rate = reader.read(seen, before)
@@ -203,7 +214,8 @@ class MujocoFlight:
         seen = self._seen
         free = math.nan
         along = None
-        # A contact may hide in a stage of RK4 where a step's approach nearly leads to the touch plane.
+        # A contact may hide in a stage of RK4 where a step's approach nearly leads to the touch
+        # plane.
         may_hide = self._staged and force == 0.0 and x + _STAGE_REACH * self._h * max(rate, 0.0) > 0.0
         if may_hide:
             free = self._rate_without_contact()
@@ -219,8 +231,8 @@ class MujocoFlight:
         return free, along
 
     def _depth_in_flight(self, rate: float, seen: Any) -> float:
-        """Penetration without a contact, as the integrator has moved it: by the new velocity, under RK4 by
-        the mean.
+        """Penetration without a contact, as the integrator has moved it: by the new velocity, under
+        RK4 by the mean.
         """
         if self._steps == 1:
             return self._x
@@ -229,7 +241,8 @@ class MujocoFlight:
         if abs(x) < _NEAR * self._h * max(abs(rate), abs(self._rate)):
             x = self._reader.depth(seen, x)
         if self._touched:
-            return min(x, 0.0)  # no force: it has left the touch plane
+            # Without a force the body has left the touch plane.
+            return min(x, 0.0)
         return x
 
     def _take_step(self, data: Any) -> None:
@@ -299,8 +312,8 @@ class Flights(Simulation, Generic[Flight]):
 
 
 class MujocoUserSimulation(Flights[MujocoFlight]):
-    """Launches in one MjData, each stepped until the two have parted, or for as long as is asked, and then
-    the next one. after: steps to take once they have parted; None: all that are asked for.
+    """Launches in one MjData, each stepped until the two have parted, or for as long as is asked,
+    and then the next one. after: steps to take once they have parted; None: all that are asked for.
     """
 
     def __init__(self, opened: MujocoModel, launches: Sequence[Launch], after: int | None) -> None:

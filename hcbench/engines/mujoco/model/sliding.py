@@ -13,11 +13,15 @@ from hcbench.sim.tangential import plate_frame
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats, Launch
 
-_MISSED = 1e-9  # of the motion asked for, that joints may leave out
+# Share of the motion asked for that joints may leave out.
+_MISSED = 1e-9
 
 
 class MujocoAlongPlate:
-    """One launch along the plate. friction: on the moving body in the step that is read, N, in the world."""
+    """One launch along the plate.
+
+    friction: on the moving body in the step that is read, N, in the world.
+    """
 
     def __init__(self, place: PairAtTouch, launch: Launch, along: Vector | None) -> None:
         self.place = place
@@ -26,7 +30,8 @@ class MujocoAlongPlate:
         self.axes = plate_frame(place.contact.normal, along)
         self.body = self.pair.first.body
         self.friction = np.zeros(3)
-        self._origin = np.zeros(3)  # of the moving body's centre, where the contact point was seen last
+        # Moving body's centre, m, in the state in which the contact point was seen last.
+        self._origin = np.zeros(3)
         self._alone = not self.pair.more_than_contacts
         model = self.pair.model
         moving = [model.body_rootid[self.pair.first.body]]
@@ -35,14 +40,20 @@ class MujocoAlongPlate:
         self._moving = np.isin(model.body_rootid[model.dof_bodyid], moving)
 
     def send(self, data: Any, flight_time: float) -> None:
-        """Add slip and spin to the motion, and put the body back by what they move it in the flight, s."""
+        """Add slip (m/s) and spin (rad/s) to the motion, and put the body back by their way in the
+        flight.
+
+        flight_time: from release to touch, s. Raises UserError where the joints cannot make the
+        motion.
+        """
         mujoco = backend()
         model = self.pair.model
         launch = self.launch
         start = data.qpos.copy()
         data.qpos[:] = self.place.qpos
         mujoco.mj_kinematics(model, data)
-        self.seen(data)  # at touch: where the contact point that is known beforehand is
+        # The contact point is known beforehand at touch.
+        self.seen(data)
         data.qpos[:] = start
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -82,12 +93,19 @@ class MujocoAlongPlate:
         self._origin = data.xipos[self.body].copy()
 
     def push(self, frame: Floats, wrench: Floats, turned: bool) -> None:
-        """Add the friction of one contact. frame: its axes, (9,). turned: the moving geom is its second."""
+        """Add the friction of one contact.
+
+        frame: its axes, (9,). turned: the moving geom is its second.
+        """
         pushed = wrench[1] * frame[3:6] + wrench[2] * frame[6:9]
         self.friction = self.friction + (pushed if turned else -pushed)
 
     def row(self, data: Any, velocity: Floats, point: Floats, rate: float) -> Floats:
-        """Motion along the plate, see `Record.tangential`, shape (8,). rate: of approach, m/s."""
+        """Motion along the plate, shape (8,): slip 2 m/s, spin 3 rad/s, friction 2 N, other energy
+        J.
+
+        velocity: (nv,). point: of the contact, m. rate: of approach, m/s; its energy is left out.
+        """
         model = self.pair.model
         slip = [self.pair.approach_row(data, point, axis) @ velocity for axis in self.axes[:2]]
         spin = np.zeros(3)

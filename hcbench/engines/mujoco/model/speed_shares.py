@@ -15,7 +15,8 @@ OTHERS = "other contacts"
 LIMITS, EQUALITIES, FRICTION = "limits of joints and tendons", "equality constraints", "friction in joints"
 ACTUATORS, PASSIVE = "actuators", "springs and damping of joints"
 NAMES = (CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, WEIGHT)
-_ROOM = 64  # steps that there is room for at first
+# Steps that there is room for at first.
+_ROOM = 64
 
 
 def has_more_than_contacts(model: Any) -> bool:
@@ -34,15 +35,16 @@ def strange_share(shares: Mapping[str, float]) -> float:
 class SpeedShares:
     """Adds up what each cause takes off the approach speed of one launch, as long as the force acts.
 
-    Forces are multiplied by what they move once for many steps: after a step of MuJoCo's, each operation
-    of NumPy's takes longer.
+    Forces are multiplied by what they move once for many steps: after a step of MuJoCo's, each
+    operation of NumPy's takes longer.
     """
 
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
         self._model = model
         self._sides = sides
         self._h = float(model.opt.timestep)
-        self._steps = np.empty((_ROOM, 5, model.nv))  # of each: what moves, and four forces
+        # (steps, 5, nv): the motion by a unit push, then the generalised forces of four causes.
+        self._steps = np.empty((_ROOM, 5, model.nv))
         self.forget()
 
     def forget(self) -> None:
@@ -51,8 +53,10 @@ class SpeedShares:
         self._clear()
 
     def _clear(self) -> None:
-        self._at: list[int] = []  # which steps those in `_steps` are
-        self._told_apart: list[tuple[int, list[float]]] = []  # of those with more constraints than contacts
+        # Numbers of the steps that `_steps` has.
+        self._at: list[int] = []
+        # Steps with more constraints than contacts, whose forces are added up one by one.
+        self._told_apart: list[tuple[int, list[float]]] = []
 
     def add(self, step: int, data: Any, row: Floats, others: bool) -> None:
         """One step. data: its constraints and forces are of the state before the step. row: (nv,) J.
@@ -63,7 +67,8 @@ class SpeedShares:
         if entry == len(self._steps):
             self._steps = np.concatenate([self._steps, np.empty_like(self._steps)])
         here = self._steps[entry]
-        backend().mj_solveM(self._model, data, here[:1], row[None])  # M^-1 J^T
+        # M^-1 J^T, the motion by a unit push along the normal.
+        backend().mj_solveM(self._model, data, here[:1], row[None])
         here[1], here[2] = data.qfrc_constraint, data.qfrc_actuator
         here[3], here[4] = data.qfrc_passive, data.qfrc_bias
         if others or data.ne or data.nf or data.nl:
@@ -83,12 +88,15 @@ class SpeedShares:
 
     def _sum(self, entries: int) -> Floats:
         """Speed that each of NAMES took in the first `entries` steps and in those settled before, m/s."""
-        parts = np.zeros((entries, len(NAMES)))  # m/s²
-        # (entries, 5, nv): M^-1 J^T, then the forces by constraints, actuators, passive ones and bias.
+        # Accelerations, m/s².
+        parts = np.zeros((entries, len(NAMES)))
+        # (entries, 5, nv): M^-1 J^T, then the forces by constraints, actuators, passive ones and
+        # bias.
         steps = self._steps[:entries]
         # All constraints go to the first, which `_told_apart` splits where there were several.
         parts[:, [0, *range(5, len(NAMES))]] = (steps[:, :1] * steps[:, 1:]).sum(axis=2)
-        parts[:, -1] *= -1.0  # the bias is on the other side of the equation of motion
+        # The bias is on the other side of the equation of motion.
+        parts[:, -1] *= -1.0
         for entry, accelerations in self._told_apart:
             if entry < entries:
                 parts[entry, :5] = accelerations

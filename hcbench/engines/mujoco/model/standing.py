@@ -21,11 +21,22 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.terms.impact import Floats
 
-_SLOPE, _OF_FRICTION = math.radians(10.0), 2.0 / 3.0  # of the friction angle, where that is less
-_SECONDS, _CLOSES = 4.0, 0.5  # of each rest; before gravity pulls at what is held
+# The slope, rad, or this share of the friction angle where that is less.
+_SLOPE = math.radians(10.0)
+_OF_FRICTION = 2.0 / 3.0
+# Time of each rest, s, and time that fingers have to close before gravity pulls at what they hold,
+# s.
+_SECONDS = 4.0
+_CLOSES = 0.5
 _MOST_STEPS = 20_000
-_GRIPS, _HARDER, _OPPOSITE = 4.0, 6, -0.7  # times the least force; doublings of it; cosine of two normals
-_TIMED, _REPEATS = 200, 5  # steps, and times of which the shortest counts
+# A grasp starts with this many times the least force, which may be doubled so often.
+_GRIPS = 4.0
+_HARDER = 6
+# Cosine of two normals below which two contacts face each other.
+_OPPOSITE = -0.7
+# Steps that are timed at once; the shortest of several times counts.
+_TIMED = 200
+_REPEATS = 5
 
 
 def standing(opened: Sequence[MujocoModel]) -> Standing:
@@ -119,7 +130,8 @@ def _rest(opened: MujocoModel, data: Any, gravity: Floats | None = None, from_bo
     height = position @ normal
     rate = np.gradient(height, timestep)
     moved = position
-    if from_body == 0:  # on the world, sinking does not count as drift
+    # A body that sinks into the world does not drift.
+    if from_body == 0:
         moved = position - np.outer(height, normal)
     return rest_of(moment, depth, rate, force, moved)
 
@@ -139,8 +151,8 @@ def _is_grasp(one: MujocoModel, other: MujocoModel) -> bool:
 
 
 def _hold(one: MujocoModel, other: MujocoModel) -> float:
-    """Drift, m/s, of a body that two others hold with a few times the force that it takes; NaN where they
-    cannot.
+    """Drift, m/s, of a body that two others hold with a few times the force that it takes; NaN
+    where they cannot.
     """
     model = one.model
     friction = one.facts().friction
@@ -149,7 +161,8 @@ def _hold(one: MujocoModel, other: MujocoModel) -> float:
     gravity = np.array(model.opt.gravity)
     weight = STANDARD_GRAVITY * float(model.body_subtreemass[one.place.pair.first.body])  # N
     push = _GRIPS * weight / (2.0 * friction)  # N, of each side
-    for _ in range(_HARDER):  # servos that hold the two open push back
+    # Servos that hold the two fingers open push back, by a force that is not known.
+    for _ in range(_HARDER):
         data = copy.copy(one.start)
         for each in (one, other):
             data.xfrc_applied[each.place.pair.second.body, :3] -= push * each.place.contact.normal
@@ -165,7 +178,8 @@ def _hold(one: MujocoModel, other: MujocoModel) -> float:
 
 def _force(opened: MujocoModel, data: Any) -> float:
     """Force of the pair's contact, N."""
-    wrench = np.zeros(6)  # in the contact's frame, the normal first
+    # In the contact's frame, the normal first.
+    wrench = np.zeros(6)
     total = 0.0
     for i in range(data.ncon):
         if opened.place.pair.sides[data.contact[i].geom].sum() == 3:

@@ -10,10 +10,15 @@ from hcbench.engines.mujoco.model.pair import ContactPair, PairContact
 from hcbench.sim.touch import LEAST_APPROACH, travel_by_distance, travel_by_scan
 from hcbench.terms.impact import Floats
 
-_DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the smaller one's size: where contacts are looked for
-_OPPOSING = 0.5  # of the approach, that must be along the normal of a contact
-_ROUNDS, _STRIDE = 400, 0.02  # m: of a way along an arc, in each round
-_CLOSE = 1e-9  # m: a distance that counts as touching on the way
+# Depths at which contacts are looked for, in sizes of the smaller body.
+_DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+# Share of the approach that must be along the normal of a contact.
+_OPPOSING = 0.5
+# A way along an arc has so many rounds, each of at most this length, m.
+_ROUNDS = 400
+_STRIDE = 0.02
+# Distance that counts as touching on the way, m.
+_CLOSE = 1e-9
 
 
 class TouchSearch:
@@ -21,14 +26,16 @@ class TouchSearch:
 
     def __init__(self, pair: ContactPair, data: Any, move: Floats) -> None:
         self.pair, self.data, self.move, self.start = pair, data, move, data.qpos.copy()
-        self.gap = np.inf  # between the two where the search ended, m
+        # Distance between the two where the search ended, m.
+        self.gap = np.inf
 
     def contact_at_touch(self) -> PairContact | None:
         """The contact, with `data` at touch; None where MuJoCo makes no contact of the two."""
         travel = travel_by_distance(self._distance, self.pair.size)
         self.gap = self._distance(travel)
         first = self._first_opposing_contact(travel)
-        if first is None:  # MuJoCo gives the distance of some shapes only roughly
+        # MuJoCo gives the distance of some shapes only roughly: its contact is scanned for.
+        if first is None:
             before, behind = self._window()
             begun = travel_by_scan(lambda t: self._contact(t) is not None, travel - before, travel + behind)
             first = None if begun is None else self._first_opposing_contact(begun)
@@ -37,7 +44,8 @@ class TouchSearch:
             travel = begun
         depth, contact = first
         at = travel + depth
-        for _ in range(2):  # the engine's own collision function has the last word on where they touch
+        # The engine's own collision function has the last word on where the two touch.
+        for _ in range(2):
             nearer = at + contact.distance - contact.onset + depth
             if (seen := self._contact(nearer)) is None:
                 break
@@ -83,8 +91,11 @@ class TouchSearch:
 
 
 def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats | None:
-    """The velocity of these degrees of freedom that a push at the contact would make: M^-1 J^T, for an
-    approach at 1 m/s. None where it makes none.
+    """Velocity (nv,) of some degrees of freedom under a push at the contact, for an approach at 1
+    m/s.
+
+    row: (nv,), Jacobian J of the approach rate. A push moves the robot along M^-1 J^T, as far as
+    equalities let it. None where it hardly moves the two together.
     """
     move = np.zeros_like(row)
     roots = model.body_rootid[model.dof_bodyid]
@@ -131,8 +142,8 @@ def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
 def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Floats) -> Floats | None:
     """Bring the two together along the arc of their joints, within the joints' limits; `data` ends there.
 
-    row: (nv,) of the approach at the start. The velocity that approaches where they meet, at 1 m/s;
-    None where the joints do not lead there.
+    row: (nv,) of the approach at the start. Returns the velocity (nv,) that approaches where they
+    meet, at 1 m/s; None where the joints do not lead there.
     """
     model, mujoco = pair.model, backend()
     limited = [j for j in np.flatnonzero(model.jnt_limited) if int(model.jnt_dofadr[j]) in dofs]
@@ -146,7 +157,8 @@ def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Flo
         mujoco.mj_fwdPosition(model, data)
         near = pair.nearest(data)
         normal = near.normal
-        if not normal.any():  # they touch
+        # The two touch: there is no direction between them any more.
+        if not normal.any():
             return move if move is not None else swing(model, data, row, dofs)
         move = swing(model, data, pair.approach_row(data, near.point, normal), dofs)
         if move is None or abs(near.distance) < _CLOSE:

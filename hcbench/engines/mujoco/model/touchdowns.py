@@ -20,8 +20,10 @@ from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats
 
-_Geoms = tuple[int, int]  # the one that moves first
-_Bodies = tuple[int, int]  # of two rigid parts, in the same order
+# The geom that moves first.
+_Geoms = tuple[int, int]
+# Two rigid parts, in the same order.
+_Bodies = tuple[int, int]
 _ANY_SPEED = (0.0, float("inf"))
 
 
@@ -30,7 +32,8 @@ def touchdowns(
 ) -> TrajectoryTouchdowns:
     """Every touchdown of a part that moves on one that does not, or of the request's pair.
 
-    recorded: qpos (n, nq), qvel (n, nv), and time (n,), where it is known. Raises UserError for other shapes.
+    recorded: qpos (n, nq), qvel (n, nv), and time (n,), where it is known. Raises UserError for
+    other shapes.
     """
     qpos, qvel, time = _states(model, recorded)
     kept = None
@@ -51,6 +54,11 @@ def _in_order(geoms: _Geoms) -> _Geoms:
 
 
 def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
+    """qpos (n, nq), qvel (n, nv) and time (n,), s, of a recording; without a time, steps of the
+    model's own.
+
+    Raises UserError for other shapes, times that do not rise, and numbers that are not finite.
+    """
     arrays = []
     for name, width in (("qpos", model.nq), ("qvel", model.nv)):
         if (array := recorded.get(name)) is None:
@@ -76,8 +84,8 @@ def _events(
 ) -> dict[_Geoms, list[tuple[float, float, float]]]:
     """(time, speed, slide) of each touchdown, by the two geoms of its rigid parts that touched first.
 
-    The speeds are those of the state before, or of the first in contact, the faster of the two: a contact
-    slows, and free flight may speed up, within the time between two states.
+    The speeds are those of the state before, or of the first in contact, the faster of the two: a
+    contact slows, and free flight may speed up, within the time between two states.
     """
     data = backend().MjData(model)
     before = backend().MjData(model)
@@ -122,7 +130,8 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
         contacts.geom.tolist(), contacts.dist, contacts.exclude, strict=True
     ):
         pairs.append(None)
-        if excluded or distance > 0.0 or min(a, b) < 0:  # -1: no geom, but a flex
+        # A geom of -1 is none: the contact is that of a flex.
+        if excluded or distance > 0.0 or min(a, b) < 0:
             continue
         a_moves, b_moves = (bool(model.body_weldid[model.geom_bodyid[geom]]) for geom in (a, b))
         is_asked = a_moves != b_moves if kept is None else _in_order((a, b)) in kept
@@ -134,7 +143,8 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
 def _speeds(model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms) -> tuple[float, float]:
     """(approach, sliding) speed of the two at a contact of `touching`, m/s, by the velocities of `state`."""
     point = touching.contact.pos[contact]
-    normal = touching.contact.frame[contact][:3]  # from the contact's first geom to its second
+    # From the contact's first geom to its second.
+    normal = touching.contact.frame[contact][:3]
     sign = 1.0 if int(touching.contact.geom[contact][0]) == geoms[0] else -1.0
     velocity = np.zeros(3)
     jacobian = np.zeros((3, model.nv))

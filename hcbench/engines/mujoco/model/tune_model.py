@@ -25,10 +25,14 @@ from hcbench.sim.promise import Promise
 from hcbench.sim.standing import Standing
 from hcbench.system.errors import UserError
 
-_Kind = tuple[object, ...]  # `PairToTune.like`
+_Kind = tuple[object, ...]  # equal for pairs that are alike
 _PAIRS_MAX = 200
-_HEAVY = 12  # degrees of freedom
-_SAME_MASS, _SAME_GRAVITY = 0.1, 2.0  # share, and m/s², within which two contacts of one shape are alike
+# Degrees of freedom from which a model counts as a robot.
+_HEAVY = 12
+# Two contacts of one shape are alike within this share of their effective mass, and within so many
+# m/s² of the acceleration of their approach.
+_SAME_MASS = 0.1
+_SAME_GRAVITY = 2.0
 
 
 def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
@@ -46,10 +50,12 @@ def model_settings(
 ) -> Iterator[ModelSetting]:
     """Settings for all pairs at once, the simplest first; the last is searched for in the model.
 
-    requests: several of a pair are its attitudes. was: the model at rest as it is. version: of MuJoCo that
-    has to load it; () for any.
+    requests: several of a pair are its attitudes. goal: e over speed. was: the model at rest as it
+    is. version: of MuJoCo that has to load it; () for any. Raises SceneError for a model that does
+    not compile, UserError where a pair cannot be measured or no <pair> keeps its e.
     """
-    load(source, requests[0])  # says what is wrong with a model that is
+    # Opened first as for a measurement, whose errors say what is wrong with a model.
+    load(source, requests[0])
     model = spec_of(source).compile()
     label = label_of(source)
     _require_tunable(model)
@@ -62,9 +68,11 @@ def model_settings(
     def setting(name: str, rows_of: Mapping[_Kind, Rows]) -> ModelSetting:
         return _setting(source, label, name, [(pair, rows_of[pair.like]) for pair in pairs])
 
-    leaders = {pair.like: pair for pair in reversed(pairs)}  # the first pair of each kind
+    # The first pair of each kind.
+    leaders = {pair.like: pair for pair in reversed(pairs)}
     choices = [row_choices(goal, pair.band, pair.load, adhesive) for pair in leaders.values()]
-    # Servos and damped joints take what a soft contact of many steps gives: only the first is offered.
+    # Servos and damped joints take what a soft contact of many steps gives: only the first is
+    # offered.
     is_eaten = model.nv > _HEAVY and has_more_than_contacts(model)
     most_choices = 1 if is_eaten else None
     for choice in itertools.islice(zip(*choices, strict=True), most_choices):
@@ -161,7 +169,9 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
 
 
 def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
-    """Pairs with one `like` for all that have the same load, too, as the four feet of a robot."""
+    """The pairs, with one `like` for all of one shape and nearly one load, such as the feet of a
+    robot.
+    """
     grouped = []
     for pair in pairs:
         first_alike = next(number for number, other in enumerate(pairs) if _is_like(pair, other))

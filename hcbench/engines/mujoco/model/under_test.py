@@ -42,22 +42,28 @@ if TYPE_CHECKING:
     from hcbench.sim.rest import Rest
     from hcbench.sim.shared_model import SharedModelEngine
 
-_TURNS = 1e-6  # of its mass, by which less of a body struck beside its centre takes part
-_PLACES = 32  # launches in a simulation: looking at the steps of one costs as much as at those of all
-_LAST_PART, _ROUGH = 0.01, 0.03  # of the smaller one's size; of the approach: a distance that is not exact
+# A body struck beside its centre turns: its effective mass is below its own by more than this
+# share.
+_TURNS = 1e-6
+# Launches in a simulation: looking at the steps of one costs as much as at those of all.
+_PLACES = 32
+# Last part of the approach, in sizes of the smaller body, over which a distance is compared with
+# the way; and the difference, as a share, from which MuJoCo's distance counts as rough.
+_LAST_PART = 0.01
+_ROUGH = 0.03
 
 
 class MujocoModel(ModelUnderTest):
     """A MuJoCo model with a pair in it.
 
-    model: an MjModel, which this object may change. label: its name in outputs. state: an MjData to start
-    from, or None.
-    Raises UserError or SceneError with the reason where the pair cannot be measured; EngineMissing for a
-    MuJoCo that is too old.
+    model: an MjModel, which this object may change. label: its name in outputs. state: an MjData to
+    start from, or None. Raises UserError or SceneError with the reason where the pair cannot be
+    measured; EngineMissing for a MuJoCo that is too old.
     """
 
     diverged = "MuJoCo found the state unstable and reset it"
-    least_steps = 32  # as a simulation steps no launch after it has parted
+    # A simulation steps no launch after it has parted, so few steps are enough at first.
+    least_steps = 32
 
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
         require_feature(backend(), "mj_copyData")
@@ -68,7 +74,8 @@ class MujocoModel(ModelUnderTest):
         with captured_warnings():
             self.start, self.start_name = start_pose(model, request, state)
             pair = find_pair(model, request, state)
-            moved, _ = start_pose(model, request, state)  # a second one, which ends at touch
+            # A second state, which ends at touch.
+            moved, _ = start_pose(model, request, state)
             self.place = bring_to_touch(pair, moved, request.coming_from, request.move)
         require_plausible_contact(model, self.place)
         self.timestep = float(model.opt.timestep)
@@ -82,9 +89,12 @@ class MujocoModel(ModelUnderTest):
             else:
                 self.speed_reading = SpeedReading.CROSSING
         self.places = _PLACES if is_whole_state(model) else 1
-        self.others: set[int] = set()  # geoms that touched the two during an impact
-        self.warned: list[str] = []  # by MuJoCo and its plug-ins, while it stepped launches
-        self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
+        # Geoms that touched the two during an impact.
+        self.others: set[int] = set()
+        # Texts of MuJoCo and its plug-ins while it stepped launches.
+        self.warned: list[str] = []
+        # Speed that each cause took off the approach, over that at touch.
+        self.shares: dict[str, float] = {}
 
     def _falls_freely(self) -> bool:
         """Say whether the two have one constant acceleration apart from the contact. Joints, a
@@ -183,7 +193,9 @@ class MujocoModel(ModelUnderTest):
         return notes
 
     def _distance_slope(self) -> float:
-        """By how much the distance of the two falls in the last part of the approach; 1 where it is exact."""
+        """Fall of the distance of the two over the last part of the approach, m/m; 1 where it is
+        exact.
+        """
         place, data = self.place, copy.copy(self.start)
         if not np.isfinite(place.gap):
             return 1.0

@@ -34,8 +34,8 @@ Rows = tuple[ConstraintRow, ...]
 class PairToTune:
     """Pair in the user's model, with the launches and the load that its contact has to serve.
 
-    requests: its launches, one for each attitude. opened: the model under each. like: equal for pairs that
-    are alike, such as the feet of a robot.
+    requests: its launches, one for each attitude. opened: the model under each. like: equal for
+    pairs that are alike, such as the feet of a robot.
     """
 
     requests: tuple[Request, ...]
@@ -56,7 +56,10 @@ class PairToTune:
 
 
 class Written(NamedTuple):
-    """A spec with rows in it, what was written, and what to know. own: whether the user's text can stay."""
+    """A spec with rows in it, what was written, and what to know.
+
+    own: whether the user's text can stay.
+    """
 
     spec: Any
     lines: str
@@ -105,7 +108,8 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
         if rows[0].solimp[0] == MIN_IMPEDANCE:
             return IMPRATIO
         now = contact_in_force(model, *pair.geoms[0])
-        before = _slip(now["solref"], now["solimp"], now["solimp"][1])  # where it lies deep
+        # The user's contact is judged where it lies deep, at its full impedance.
+        before = _slip(now["solref"], now["solimp"], now["solimp"][1])
         needed = max(needed, own * _slip(rows[0].solref, rows[0].solimp, rows[0].solimp[0]) / before)
     return float(f"{1.1 * needed:.1g}") if needed > own else 0.0
 
@@ -131,7 +135,10 @@ def mass_note(place: PairAtTouch) -> list[str]:
 def _write_rows(
     spec: Any, model: Any, pair: PairToTune, geoms: tuple[int, int], names: tuple[str, str], rows: Rows
 ) -> list[str]:
-    """Set or add the <pair>s of two geoms, one for each row, the first with friction; their lines."""
+    """Set or add the <pair>s of two geoms in a spec, one for each row, the first with friction.
+
+    model: compiled, as it was before. Returns the lines of XML that a user can paste.
+    """
     before, place = contact_in_force(model, *geoms), pair.place
     first, second = (int(model.geom_bodyid[geom]) for geom in geoms)
     # MuJoCo's estimates of mass differ between links, though these bounce as one.
@@ -197,7 +204,8 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
 def _name_geoms(spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]) -> dict[int, str]:
     """Names by which a <pair> calls geoms; those without one get one."""
     names = {}
-    by_id = list(spec.geoms)  # MuJoCo 3.3 gives them no .id
+    # By number: MuJoCo 3.3 gives the geoms of a spec no .id.
+    by_id = list(spec.geoms)
     for geom in dict.fromkeys(g for pair in geoms for g in pair):
         names[geom] = str(model.geom(geom).name)
         if not names[geom]:

@@ -16,9 +16,15 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.scene.rows import ConstraintRow
     from hcbench.terms.impact import Floats
 
-_RESTED = 200  # steps in contact without a parting
-_MOST_STEPS = 6000  # in contact, of each drop: what of finer steps comes after is left to the whole gate
-_SLOW, _SPEEDS, _PHASES = 0.1, 24, 24  # launches once each: from this share of the lowest speed on
+# A drop rests after so many steps in contact without a parting.
+_RESTED = 200
+# Steps in contact of each drop: of finer time steps the rest is left to the whole gate.
+_MOST_STEPS = 6000
+# Single launches start at this share of the band's lowest speed; so many speeds, at so many phases
+# each.
+_SLOW = 0.1
+_SPEEDS = 24
+_PHASES = 24
 
 
 def bounces_in_rows(
@@ -79,9 +85,10 @@ class _Drops:
         return (x + steps * h * half + g * h**2 * steps**2 / 2.0, v + g * h * steps), steps * h
 
     def run(self, states: Floats, allowed: Floats, impacts: float = math.inf) -> Bounces:
-        """Simulate until each drop has rested, has had so many impacts, or LASTS are over.
+        """Simulate until each drop has rested, has had so many impacts, or LASTS (s) are over.
 
-        allowed: rebound speed of each drop at the end that its target allows, m/s.
+        states: (5, n), see `_states`. allowed: rebound speed of each drop at the end that its
+        target allows, m/s, (n,).
         """
         count, max_e, gains_below, bouncing = states.shape[1], 0.0, 0.0, 0
         x, v, speed_in, clock, still = states

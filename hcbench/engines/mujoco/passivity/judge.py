@@ -27,8 +27,10 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting
 
-_LIKE_EULER = ("Euler", "implicit", "implicitfast")  # a free ball takes the same steps under each
-_FINEST = 2e-4  # s: at finer steps a slope takes too long for a screen
+# A free ball takes the same steps under each of them.
+_LIKE_EULER = ("Euler", "implicit", "implicitfast")
+# Time step, s, below which a slope takes too long for a screen.
+_FINEST = 2e-4
 _SOLVERS = ("Newton", "CG", "PGS")
 _CONES = ("elliptic", "pyramidal")
 

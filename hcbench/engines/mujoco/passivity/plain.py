@@ -31,14 +31,29 @@ if TYPE_CHECKING:
 
     from hcbench.terms.setting import Pair
 
-_CHUNK_S = 2.0  # of drops, in one call
-_SLOPE, _SLOPE_S = math.radians(10.0), 3.0
-_ROLLS, _ROLL_S, _KEPT = 1.0, 4.0, 1.0005  # m/s, s, of the energy at most
-_HALF = 0.05  # m, of a box's edges
-_BOX_SPEEDS, _BOX_S, _BOX_STEPS = (0.1, 0.5, 1.5), 1.5, 4000  # m/s at touch; s and steps at most
-_STACK_S, _SINKS = 5.0, 0.3  # m a second of the step, that a box of three may lie too deep
-_SLOWEST = 1.6  # g h: bounces slower than this have too little energy to matter
-# A box on its face, on an edge and on a vertex: quaternions, and how high its centre is then over _HALF.
+# Seconds of drops in one call.
+_CHUNK_S = 2.0
+# Angle of a slope, rad, and time on it, s.
+_SLOPE = math.radians(10.0)
+_SLOPE_S = 3.0
+# A ball rolls at this speed, m/s, for this time, s, and may end with this share of its energy at
+# most.
+_ROLLS = 1.0
+_ROLL_S = 4.0
+_KEPT = 1.0005
+# Half an edge of a box, m.
+_HALF = 0.05
+# Speeds of a box at touch, m/s, and the most seconds and steps that it is followed.
+_BOX_SPEEDS = (0.1, 0.5, 1.5)
+_BOX_S = 1.5
+_BOX_STEPS = 4000
+# A stack is followed for this time, s; its lowest box may lie so deep, m, for a step of 1 s.
+_STACK_S = 5.0
+_SINKS = 0.3
+# In g h: slower bounces have too little energy to matter.
+_SLOWEST = 1.6
+# A box on its face, on an edge and on a vertex: quaternions, and how high its centre is then over
+# _HALF.
 _ATTITUDES = {
     "face": ((1.0, 0.0, 0.0, 0.0), 1.0),
     "edge": ((math.cos(math.pi / 8), math.sin(math.pi / 8), 0.0, 0.0), math.sqrt(2.0)),
@@ -135,7 +150,8 @@ def _rest(model: Any, seconds: float) -> Rest:
     data = mujoco.MjData(model)
     force = np.zeros(6)
     start = data.qpos[:3].copy()
-    path = np.empty((round(seconds / model.opt.timestep), 5))  # displacement (3), rise, force
+    # Displacement (3) m, rise m/s, force N of each step.
+    path = np.empty((round(seconds / model.opt.timestep), 5))
     for row in path:
         row[:3] = data.qpos[:3] - start
         row[3] = data.qvel[2]
@@ -165,7 +181,8 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     h = model.opt.timestep
     # A semi-implicit step leaves the speed of its middle; RK4 that of its end.
     is_rk4 = model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4)
-    gained = 0.0 if is_rk4 else g * h / 2  # m/s, by gravity since then
+    # Speed gained by gravity since then, m/s.
+    gained = 0.0 if is_rk4 else g * h / 2
     slowest = (_SLOWEST * g * h) ** 2 / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
     least = math.inf  # J/kg
@@ -197,7 +214,8 @@ def certify(
 ) -> Passivity:
     """Run the whole gate under each of the options.
 
-    slides: true for a contact with friction. train: the longest train of bounces that the target allows.
+    slides: true for a contact with friction. train: the longest train of bounces that the target
+    allows.
     """
     bounces = Bounces(0.0, 0.0, 0, 0)
     findings: list[Finding] = []

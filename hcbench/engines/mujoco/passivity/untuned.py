@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _SLOPE, _SECONDS = math.radians(10.0), 1.0
-_SPEED, _SLIP, _LAUNCHES = 1.0, 0.5, 8  # m/s of an oblique impact, at so many phases
+# Speeds of an oblique impact along the normal and along the plane, m/s, at so many phases.
+_SPEED = 1.0
+_SLIP = 0.5
+_LAUNCHES = 8
 _RADIUS = 0.05  # m
 
 
@@ -62,8 +65,8 @@ def _model(option: Mapping[str, str], timestep: float, gravity: float, solref: s
 def _bounce(model: Any, phase: float) -> float:
     """Speed out over speed in of an impact that slides, 0 where the ball stays down.
 
-    phase: of a step, from 0 to 1, by which it touches later. Speed out: after the first step that ends above
-    the plane on the way up.
+    phase: of a step, from 0 to 1, by which it touches later. Speed out: after the first step that
+    ends above the plane on the way up.
     """
     mujoco = backend()
     data = mujoco.MjData(model)

@@ -6,8 +6,9 @@
     contact.add_to_spec(spec, HuntCrossley(stiffness=3.4e10, alpha=0.315), geoms=("ball", "plate"))
     model = spec.compile()
 
-Or name them in MJCF and call `load()` before it is compiled; docs/reference/plugins.md lists the keys. Force
-laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e at any step.
+Or name them in MJCF and call `load()` before it is compiled; docs/reference/plugins.md lists the
+keys. Force laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set
+e at any step.
 """
 
 import functools
@@ -60,7 +61,8 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
     if not headers or not engine:
         raise CannotRun("MuJoCo's plug-ins", f"no headers or no library in {folder}", "MuJoCo's own wheel")
     text = {header.name: header.read_text(encoding="utf-8") for header in headers}
-    differs = {  # between versions
+    # Features that differ between versions of MuJoCo.
+    differs = {
         "HCB_PRECONTACT": "mjPreContact;" in text["mjdata.h"],
         "HCB_ISLAND_ROWS": "iefc_D;" in text["mjdata.h"],
         "HCB_SURFACE_VELOCITY": "surfacevel[3];" in text["mjdata.h"],
@@ -70,7 +72,8 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
         "HCB_TENDON_ROWS_IN_MODEL": "ten_J_rownnz;" in text["mjmodel.h"],
     }
     flags = [f"-I{include}", *(f"-D{name}" for name, is_so in differs.items() if is_so)]
-    for name in ("M", "C"):  # the rows of the inertia matrix: once in mjData, by other names
+    # The rows of the inertia matrix were once in mjData, by other names.
+    for name in ("M", "C"):
         if f" {name}_rownnz;" in text["mjdata.h"] and " M_rownnz;" not in text["mjmodel.h"]:
             rows = ",".join(f"d->{name}_{part}" for part in ("rownnz", "rowadr", "colind"))
             flags.append(f"-DHCB_M_ROWS={rows}")
@@ -148,9 +151,10 @@ def add_to_spec(
 ) -> str:
     """Add a law to an MjSpec, for one pair by names; returns the name of the plug-in's instance.
 
-    geoms, bodies, tendon: one of them; of a tendon its upper limit is the contact. friction: of a force law;
-    a restitution law keeps MuJoCo's. more: further keys of the config, such as alpha="name of a numeric".
-    A force law turns MuJoCo's own contact between the two bodies off, or the tendon's limit.
+    geoms, bodies, tendon: one of them; of a tendon its upper limit is the contact. friction: of a
+    force law; a restitution law keeps MuJoCo's. more: further keys of the config, such as
+    alpha="name of a numeric". A force law turns MuJoCo's own contact between the two bodies off, or
+    the tendon's limit.
 
     Raises SettingError for what cannot be a pair, CannotRun without a C compiler.
     """
@@ -193,7 +197,8 @@ def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
     _warn_of_shapes(parts if kind == "geom" else [geom for body in parts for geom in body.geoms])
     owners = [part.parent if kind == "geom" else part for part in parts]
     for owner, part in zip(owners, parts, strict=True):
-        owner.name = owner.name or f"body of {part.name}"  # an exclusion names bodies
+        # An exclusion names bodies.
+        owner.name = owner.name or f"body of {part.name}"
     both = {owner.name for owner in owners}
     if both not in ({one.bodyname1, one.bodyname2} for one in spec.excludes):
         spec.add_exclude(bodyname1=owners[0].name, bodyname2=owners[1].name)

@@ -20,7 +20,8 @@ DAMPED_STEP = Integrators(
 
 def nonnegative_fit(columns: Floats, goal: Floats) -> tuple[Floats, float]:
     """(x >= 0 with the least |columns x - goal|, that misfit); columns of any units, x = 0 for empty ones."""
-    from scipy.optimize import nnls  # slow to import, and few recipes need it
+    # SciPy's optimisation is slow to import, and few recipes need it.
+    from scipy.optimize import nnls
 
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0.0] = 1.0

@@ -84,7 +84,8 @@ COMPLIANT = Recipe(
         "e varies with the phase of the step: by about 0.2 (1 - e), and slow impacts by g h / v more.",
         "A box that lands flat touches with 4 corners at once: use --corners 4, or it gains energy.",
     ),
-    within=0.01,  # where there is no gravity, though it is made for some
+    # Holds where there is no gravity, though the row is made for some.
+    within=0.01,
     integrators=_ONE_FORCE,
 )
 COMPLIANT_PAIRS = Recipe(

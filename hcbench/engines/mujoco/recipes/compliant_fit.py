@@ -1,11 +1,12 @@
 """MuJoCo at the steps of robots: contacts of a few steps, under gravity, with Coulomb friction.
 
-Three things make them (MuJoCo's documentation, Computation, constraint model). A soft row, of impedance 1e-4,
-lets gravity act on through the contact: its force is continuous at touch, and e hardly depends on where in a
-step the contact starts; a stiff one shuts gravity out from the step on that finds the touch, e scatters by
-(1 + e) g h / v. Of MuJoCo's friction, a row's normal acceleration grows by impedance times friction times
-slip: almost nothing of it remains, and impratio gives friction back its strength. Two <pair>s may name the
-same two geoms: each makes a row of its own.
+Three things make them (MuJoCo's documentation, Computation, constraint model). A soft row, of
+impedance 1e-4, lets gravity act on through the contact: its force is continuous at touch, and e
+hardly depends on where in a step the contact starts; a stiff one shuts gravity out from the step on
+that finds the touch, e scatters by (1 + e) g h / v. Of MuJoCo's friction, a row's normal
+acceleration grows by impedance times friction times slip: almost nothing of it remains, and
+impratio gives friction back its strength. Two <pair>s may name the same two geoms: each makes a row
+of its own.
 """
 
 from __future__ import annotations
@@ -21,17 +22,34 @@ from hcbench.laws.restitution import RestitutionCurve
 from hcbench.recipes.search import Search, evolve, map_result
 from hcbench.terms.impact import Floats
 
-IMPRATIO = 1e6  # a body held by friction slips by 1/impratio; from 1e7 on the solver iterates more
-_SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1, 48, 90, 40, 60
-_ALONE, _ALL = 28, -0.01  # members and generations of a row by itself; log of its highest D h
+# A body held by friction slips by 1/impratio; from 1e7 on MuJoCo's solver iterates more.
+IMPRATIO = 1e6
+# Of the search for two rows: members and generations of the evolution, the best that are polished,
+# and generations of that.
+_SEED = 1
+_MEMBERS = 48
+_GENERATIONS = 90
+_BEST = 40
+_POLISH = 60
+# Members and generations of a row by itself; log of its highest D h.
+_ALONE = 28
+_ALL = -0.01
 _NO_DAMPER = np.log([1e-12, 0.3, 1.0, 0.5])
-_SAG = 0.2  # m of rest depth a second of step, at most
-_CALM = 3.6  # 1/s: the spring's least damping; a body at rest has calmed down by exp(-9) after 5 s
-# Of the spring's damping D h: enough for a body to calm down, the least that will, and of the loss allowed.
-_ENOUGH, _LEAST, _SHARE = 6.5e-3, 4e-3, 0.4
-_SLOW, _FAST = 0.1, 2.0  # of the band's lowest speed, and m/s: between them no impact may gain energy
+# Largest rest depth, m, for a step of 1 s.
+_SAG = 0.2
+# Least damping of the spring, 1/s: a body at rest has calmed down by exp(-9) after 5 s.
+_CALM = 3.6
+# The spring's damping D h: enough for a body to calm down; the least that will; and its share of
+# the loss that is allowed.
+_ENOUGH = 6.5e-3
+_LEAST = 4e-3
+_SHARE = 0.4
+# Between this share of the band's lowest speed and this speed, m/s, no impact may gain energy.
+_SLOW = 0.1
+_FAST = 2.0
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-# Half period in steps; logs of D h of the spring, D h, dmax, width over v h and midpoint of the damper.
+# Half period in steps; logs of D h of the spring, D h, dmax, width over v h and midpoint of the
+# damper.
 _LOWEST = np.array([4.0, *np.log([_LEAST, 0.05, 5e-3, 0.3, 3e-3])])
 _HIGHEST = np.array([10.0, *np.log([0.3, 5.0, 0.3, 20.0, 0.5])])
 # What long searches found for several α and steps, as members of the first generation.
@@ -56,8 +74,8 @@ def half_period_steps(corners: float) -> int:
 def whole_step_row(restitution: float, timestep: float, corners: float = 1) -> ConstraintRow:
     """A linear spring and damper that turns v into -e v in n whole steps, exactly without gravity.
 
-    The step v+ = v - h (K x + D v), x+ = x + h v+ multiplies by exp(±i π/n) √c, c = 1 - D h: after n steps by
-    -c^(n/2) = -e. Per unit mass, shared by `corners` that meet at once.
+    The step v+ = v - h (K x + D v), x+ = x + h v+ multiplies by exp(±i π/n) √c, c = 1 - D h: after
+    n steps by -c^(n/2) = -e. Per unit mass, shared by `corners` that meet at once.
     """
     n = half_period_steps(corners)
     stiffness, damping = oscillator(n, 1.0 - restitution ** (2.0 / n))
@@ -77,13 +95,13 @@ def spring_and_damper_rows(
 ) -> list[ConstraintRow]:
     """Two rows with this e over a band of impact speeds (m/s), for two <pair>s of the same two geoms.
 
-    A soft linear spring of a few steps half period, and a damper whose impedance grows with depth. All their
-    numbers are searched for in a model of the two rows that equals MuJoCo's step, gravity included (m/s²,
-    into the plate), to the least largest error over speeds and phases. Per unit mass: the same for any mass.
-    corners: of a body that meet at once, or how much more a row does there than on a ball. adhesive: whether
-    the damper may pull (MuJoCo 3.11 and later). rk4: that integrator, else Euler's.
-    points: corners that meet at once, where `corners` says something else; 0: those.
-    Raises SearchInterrupted with the best so far.
+    A soft linear spring of a few steps half period, and a damper whose impedance grows with depth.
+    All their numbers are searched for in a model of the two rows that equals MuJoCo's step, gravity
+    included (m/s², into the plate), to the least largest error over speeds and phases. Per unit
+    mass: the same for any mass. corners: of a body that meet at once, or how much more a row does
+    there than on a ball. adhesive: whether the damper may pull (MuJoCo 3.11 and later). rk4: that
+    integrator, else Euler's. points: corners that meet at once, where `corners` says something
+    else; 0: those. Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
     bounds = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
@@ -134,9 +152,9 @@ def pushing_row(
 ) -> ConstraintRow:
     """One row that only pushes, and comes as near to this e over a band of impact speeds (m/s) as one e can.
 
-    Half period and damping of a linear spring and damper, searched for with gravity and over all phases:
-    where its last step would pull, a whole number n of steps gives e^(2/n) instead of e. Per unit mass.
-    Raises SearchInterrupted with the best so far.
+    Half period and damping of a linear spring and damper, searched for with gravity and over all
+    phases: where its last step would pull, a whole number n of steps gives e^(2/n) instead of e.
+    Per unit mass. Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
     e, n = float(curve.at(math.sqrt(low * high))), half_period_steps(corners)
@@ -157,9 +175,11 @@ def pushing_row(
 def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:
     """Lowest and highest parameters, (6,) each. loss: 1 - e of the slowest impact."""
     lowest, highest = _LOWEST.copy(), _HIGHEST.copy()
-    # No more than a part of the slowest impact's loss is the spring's, but what a body at rest calms down by.
+    # No more than a part of the slowest impact's loss is the spring's, but what a body at rest
+    # calms down by.
     lowest[1] = math.log(min(_ENOUGH, _CALM * timestep, max(_LEAST, _SHARE * loss)))
-    if gravity > 0.0:  # the spring's rest depth, g (n h/π)²
+    # The spring's rest depth is g (n h/π)².
+    if gravity > 0.0:
         highest[0] = min(highest[0], max(math.pi * math.sqrt(_SAG / (gravity * timestep)), lowest[0] + 0.6))
     if corners > 1:
         lowest[0], highest[0] = half_period_steps(corners), max(highest[0], half_period_steps(corners) + 2.0)

@@ -1,9 +1,10 @@
 """Fits rows that only push to eq. (16): what a contact without adhesion, or a tendon's limit, can do.
 
-A row that only pushes cannot be a damper on the way out, unless its own spring outweighs it: each damper row
-has a spring of its own and rises, as a step of its impedance, where the ones before it have settled; springs
-that start at staggered depths make up the rest. Given which rows act where, the force is linear in the rows'
-stiffness and damping: a Levenberg-Marquardt iteration of non-negative least squares finds them.
+A row that only pushes cannot be a damper on the way out, unless its own spring outweighs it: each
+damper row has a spring of its own and rises, as a step of its impedance, where the ones before it
+have settled; springs that start at staggered depths make up the rest. Given which rows act where,
+the force is linear in the rows' stiffness and damping: a Levenberg-Marquardt iteration of
+non-negative least squares finds them.
 """
 
 from __future__ import annotations
@@ -25,20 +26,27 @@ if TYPE_CHECKING:
     from hcbench.recipes.search import Search
     from hcbench.terms.impact import Floats
 
-_FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-5  # one unit of misfit, relative and absolute
+# One unit of misfit: relative for a force, absolute for e.
+_FORCE_SCALE = 1e-3
+_RESTITUTION_SCALE = 2e-5
 ITERATIONS = 80
-_CAUTION, _LEAST_CAUTION, _MOST_CAUTION = 0.1, 1e-4, 1e6  # of an iteration, relative to the misfit
-_PROGRESS = 1e-3  # the least relative fall of the misfit for a step to be taken
-_USUAL_LOG_BAND = 2.5  # log of highest over lowest penetration where a guess has the dampers it says
+# Damping of an iteration, relative to the misfit: at the start, at least, and where it gives up.
+_CAUTION = 0.1
+_LEAST_CAUTION = 1e-4
+_MOST_CAUTION = 1e6
+# Least relative fall of the misfit for a step to be taken.
+_PROGRESS = 1e-3
+# Log of highest over lowest penetration for which a guess names its number of dampers.
+_USUAL_LOG_BAND = 2.5
 
 
 @dataclass(frozen=True)
 class Samples:
     """The law along its own loops, both branches; shape (n,), per unit mass, SI.
 
-    v: the rate that the engine uses there. a: the acceleration to have. scale: makes an error in a one of
-    _FORCE_SCALE. sensitivity: (speeds, n), error in a to error in e over _RESTITUTION_SCALE; both as mean
-    squares. bias: (speeds,), what e turned out to be too high, to be aimed below.
+    v: the rate that the engine uses there. a: the acceleration to have. scale: makes an error in a
+    one of _FORCE_SCALE. sensitivity: (speeds, n), error in a to error in e over _RESTITUTION_SCALE;
+    both as mean squares. bias: (speeds,), what e turned out to be too high, to be aimed below.
     """
 
     x: Floats
@@ -89,8 +97,9 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
 class InitialGuess:
     """Start of a fit.
 
-    dampers: how many, in a usual band. power, highest: of their impedance. from_depth: the share of its width
-    from which a damper has to push. lowest: width of the first over the band's lowest penetration.
+    dampers: how many, in a usual band. power, highest: of their impedance. from_depth: the share of
+    its width from which a damper has to push. lowest: width of the first over the band's lowest
+    penetration.
     """
 
     dampers: int
@@ -150,7 +159,8 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
 
     knots: where springs start, m.
     """
-    from scipy.optimize import nnls  # slow to import
+    # SciPy's optimisation is slow to import.
+    from scipy.optimize import nnls
 
     law, mass, low, top = band.law, band.mass, band.low, band.top
     solimps = guess.solimps(low, top)
@@ -178,13 +188,18 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
 
 
 def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRows:
-    """The first `springs` rows fitted, beside the others as they are."""
+    """The first `springs` rows with fitted stiffness S (1/s²), beside the others as they are.
+
+    Which of the other rows act is taken from the law's own acceleration, so the fit is linear; the
+    springs are taken to act from their onsets on.
+    """
     terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
     reference = terms.reference(rows.stiffness, rows.damping)
     acts = terms.weights * (reference > samples.a[:, None])
     acts[:, :springs] = terms.weights[:, :springs]
     rest = samples.a * (1 + acts.sum(axis=1)) - (acts * reference)[:, springs:].sum(axis=1)
-    columns = samples.scaled((terms.weights * terms.lever)[:, :springs])  # 0 of a spring below all samples
+    # A spring below all samples has a column of 0.
+    columns = samples.scaled((terms.weights * terms.lever)[:, :springs])
     solution, _ = nonnegative_fit(columns, samples.scaled(rest))
     return replace(rows, stiffness=np.concatenate([solution, rows.stiffness[springs:]]))
 
@@ -212,7 +227,11 @@ class _LeastSquares:
         return weights, float(np.linalg.norm(self.samples.scaled(a) - self.goal))
 
     def linearised(self, parameters: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
-        """(normal matrix, right side, unit of each parameter) where these rows act."""
+        """(normal matrix (k, k), right side (k,), unit (k,) of each of the k parameters) where
+        these rows act.
+
+        weights: of the rows, (n, rows), 0 for one that does not act.
+        """
         S, D = parameters[: len(self.dampers)], parameters[len(self.dampers) :]
         least = [np.full(len(S), np.median(S[S > 0])), np.full(len(D), np.median(D))]
         unit = np.maximum(parameters, 1e-3 * np.concatenate(least))

@@ -14,12 +14,19 @@ from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
 from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.terms.impact import Floats
 
-_WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)  # of the spring, in MuJoCo's sums
-MOST_PULL = 1e6  # N: more than any contact asks for
-_POWER = 4.0  # of the damper's solimp: others do no better
-_DEEPEST = 2.4  # times v h at the top of the band
-_FOLLOWED = 3.0  # half periods of the spring
-_LARGEST_E, _COSTS = 0.995, 20.0  # what a larger e adds to the error; so none of 40 drops bounces on
+# Weight of the spring in MuJoCo's sums.
+_WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)
+# More than any contact asks for, N.
+MOST_PULL = 1e6
+# Power of the damper's solimp: others do no better.
+_POWER = 4.0
+# Largest penetration, in v h at the top of the band.
+_DEEPEST = 2.4
+# Half periods of the spring for which a launch is followed.
+_FOLLOWED = 3.0
+# A larger e adds so much of what is above it to the error: so none of 40 drops bounces on.
+_LARGEST_E = 0.995
+_COSTS = 20.0
 
 
 def short(number: float) -> float:
@@ -36,8 +43,8 @@ def oscillator(steps: Any, damping: Any) -> tuple[Any, Any]:
 class _Rows(NamedTuple):
     """Spring and damper rows of one launch each, shape (m,); times in steps h, lengths in v h.
 
-    Symbols of MuJoCo's documentation, Modeling, "Solver parameters": k and b of its section "Reference" (the
-    direct format), d(r) and solimp's numbers of "Impedance".
+    Symbols of MuJoCo's documentation, Modeling, "Solver parameters": k and b of its section
+    "Reference" (the direct format), d(r) and solimp's numbers of "Impedance".
     """
 
     stiffness: Floats  # w k h² of the spring, w = d/(1 - d) its constant weight
@@ -59,7 +66,8 @@ class _Rows(NamedTuple):
         early = u <= self.midpoint
         sigmoid = np.where(early, u, 1.0 - u)
         sigmoid *= sigmoid
-        sigmoid *= sigmoid  # to the power of 4, `_POWER`
+        # Twice squared: to the power of 4, `_POWER`.
+        sigmoid *= sigmoid
         sigmoid *= np.where(early, self.rise, self.level)
         return np.where(early, MIN_IMPEDANCE + sigmoid, self.dmax - sigmoid)
 
@@ -69,11 +77,10 @@ class RowFit:
     """Goal of a fit of spring and damper rows, in units of the step h and the band's highest speed
     v.
 
-    speeds: over v. phases: where in a step the contact starts. target: e, NaN where any e will do that gains
-    no energy; shape (n,) each. fall: g h / v.
-    corners: of a body that meet at once, or how much more a row does there than on a ball. adhesive: whether
-    the damper may pull. rk4: the integrator, else Euler's.
-    lowest, highest: bounds.
+    speeds: over v. phases: where in a step the contact starts. target: e, NaN where any e will do
+    that gains no energy; shape (n,) each. fall: g h / v. corners: of a body that meet at once, or
+    how much more a row does there than on a ball. adhesive: whether the damper may pull. rk4: the
+    integrator, else Euler's. lowest, highest: bounds.
     """
 
     speeds: Floats
@@ -94,8 +101,10 @@ class RowFit:
         return stiffness / self.corners, spring_damping / self.corners, damping, dmax, width, midpoint
 
     def errors(self, parameters: Floats) -> Floats:
-        """Largest error of e, what the contact is deeper than may be, and a large share of what the largest e
-        is above 0.995 or the target's: a setting that gains energy is never the best. (p, 6) to (p,).
+        """Error of each of p settings, (p, 6) to (p,): the largest of e, and penalties.
+
+        Added are what the contact is deeper than it may be, and a large share of what the largest e
+        is above 0.995 or the target's: a setting that gains energy is never the best.
         """
         e, deepest = self._simulate(self.numbers(parameters))
         in_band = ~np.isnan(self.target)
@@ -108,7 +117,8 @@ class RowFit:
     def _rows(self, numbers: tuple[Floats, ...]) -> _Rows:
         """The rows of all launches under each of p settings, shape (p n,)."""
         stiffness, spring_damping, damping, dmax, width, midpoint = numbers
-        weight = self.corners * _WEIGHT / MIN_IMPEDANCE  # k = K d/dmax², b = D/dmax, where d = dmax = dmin
+        # In MuJoCo's reference k = K d/dmax² and b = D/dmax; the spring has d = dmax = dmin.
+        weight = self.corners * _WEIGHT / MIN_IMPEDANCE
         columns = (
             weight * stiffness,
             weight * spring_damping,
@@ -128,13 +138,15 @@ class RowFit:
         g = self.fall
         settings = len(numbers[0])
         launches = len(self.speeds)
-        # Of a step, from the touch to the first state that sees it; a stage of RK4 may see it a step before.
+        # Of a step, from the touch to the first state that sees it; a stage of RK4 may see it a
+        # step before.
         if self.rk4:
             later = -self.phases
             ahead = 0.0
         else:
             later = 1.0 - self.phases
-            ahead = 0.5  # of a step's fall: by so much Euler's speed is that of later
+            # In steps of fall: Euler's speed is ahead of the true one by half a step's gain.
+            ahead = 0.5
         x = np.tile(self.speeds * later + g * later**2 / 2, settings)
         v = np.tile(self.speeds + g * (later - ahead), settings)
         e = np.zeros(x.size)
@@ -179,10 +191,11 @@ class RowFit:
         return x + v + (one + two + three) / 6, v + (one + 2 * two + 2 * three + four) / 6
 
     def _acceleration(self, rows: _Rows, x: Floats, v: Floats) -> Floats:
-        """Away from the plate, (m,).
+        """Gain of speed away from the plate in a step, (m,), in units of the band's highest speed.
 
-        Documentation, Computation, "Constraint model": (A + R) f = a_ref - a_0, R = (1 - d)/d diag(A). Rows
-        at one point, of weights w = d/(1 - d), give a = (Σ w a_ref - g)/(1 + Σ w), of those that act.
+        x: penetration in v h, v: its rate. MuJoCo's documentation, Computation, "Constraint model":
+        (A + R) f = a_ref - a_0, R = (1 - d)/d diag(A). Rows at one point, of weights w = d/(1 - d),
+        give a = (Σ w a_ref - g)/(1 + Σ w), of those that act.
         """
         g, spring_weight = self.fall, self.corners * _WEIGHT
         d = rows.impedance(x)
@@ -192,7 +205,8 @@ class RowFit:
         spring += rows.damping * v
         damper = rows.damper * v  # a_ref of the damper
         a = (spring + weight * damper - g) / (1.0 + spring_weight + weight)
-        if not self.adhesive:  # f >= 0; a row once left out never comes back, as a is larger with it
+        # Without adhesion f >= 0. A row once left out never comes back, as a is larger with it.
+        if not self.adhesive:
             weight[damper < a] = 0.0
             a = (spring + weight * damper - g) / (1.0 + spring_weight + weight)
         alone = np.flatnonzero(spring < spring_weight * a)

@@ -12,10 +12,10 @@ _POINTS = 501
 def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: Floats) -> Floats:
     """Weights K on `grid` (m, shape (n,)) with δe = K @ (g - a f)(grid), 1/(N s/m).
 
-    f(x), N, and g(x), N s/m, make a force f + g v near that of the law, for which g = a f with a = (3/2) α.
-    Only the ratio of g to f matters. With the work U = ∫ f dx as the path, d(v²/2)/dU = -(1 + v g/f)/m, and
-    to first order around eq. (16) the integrating factors are 1/(1 + a v) on the way in and 1/(1 - a s) on
-    the way out at speed s:
+    f(x), N, and g(x), N s/m, make a force f + g v near that of the law, for which g = a f with a =
+    (3/2) α. Only the ratio of g to f matters. With the work U = ∫ f dx as the path, d(v²/2)/dU =
+    -(1 + v g/f)/m, and to first order around eq. (16) the integrating factors are 1/(1 + a v) on
+    the way in and 1/(1 - a s) on the way out at speed s:
 
         δe = -(1 - a e v_i)/(m e v_i²) ∫ (v/(1 + a v) + s/(1 - a s)) (g - a f) dx
     """

@@ -1,9 +1,10 @@
 """MuJoCo, a single contact: solref and all five numbers of solimp are searched for.
 
-One row gives a = d (S d/dw² r + D/dw v). The best that its numbers can do is a step: an impedance that stays
-at its floor until half its width and jumps to its top there holds the ball up with a nearly constant force
-F (1 + a v), and the restitution of that is the restitution of eq. (16), for any exponent. How sharp the
-step can be is set by MuJoCo's arithmetic, which underflows beyond a power of about 1020 (at midpoint 0.5).
+One row gives a = d (S d/dw² r + D/dw v). The best that its numbers can do is a step: an impedance
+that stays at its floor until half its width and jumps to its top there holds the ball up with a
+nearly constant force F (1 + a v), and the restitution of that is the restitution of eq. (16), for
+any exponent. How sharp the step can be is set by MuJoCo's arithmetic, which underflows beyond a
+power of about 1020 (at midpoint 0.5).
 """
 
 import math
@@ -24,11 +25,16 @@ from hcbench.terms.resolution import STEPS_OF_A_LOOP, STEPS_OF_A_WIDE_SPRING
 _SPEEDS = 12
 _DEEPEST = 0.02  # m
 _SEED = 1975
-_MEMBERS, _GENERATIONS = 30, 40  # of the search: five members a parameter
-_POLISH_TWO, _POLISH_ALL = 120, 300  # evaluations afterwards, of two parameters and of all
+# Members of the search, five for each parameter, and its generations.
+_MEMBERS = 30
+_GENERATIONS = 40
+# Evaluations afterwards, of two parameters and of all.
+_POLISH_TWO = 120
+_POLISH_ALL = 300
 # The smallest power that MuJoCo's spline can take without a subnormal number: midpoint^(power - 1).
 _LOG_SMALLEST_POWER = -math.log(1e-306)
-# log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw), midpoint, log10(power/largest).
+# log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw), midpoint,
+# log10(power/largest).
 _LOWEST = np.array([-1.5, -3.0, math.log10(MIN_IMPEDANCE), math.log10(1 - MAX_IMPEDANCE), 0.35, -0.8])
 _HIGHEST = np.array([2.5, 2.0, -2.0, -0.0005, 0.65, 0.0])
 
@@ -46,7 +52,11 @@ def _numbers(parameters: Floats) -> tuple[Floats, ...]:
 
 
 def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
-    """Elastic work and damping of each interval of depth, fine around the step; (population, intervals)."""
+    """Elastic work and damping of each interval of depth, fine around the step; (population,
+    intervals).
+
+    Lengths are in widths of the impedance and speeds in the highest one, per unit mass.
+    """
     S, D, d0, dw, midpoint, power = _numbers(parameters)
     step = midpoint * np.maximum(0.0, 1.0 + np.linspace(-10.0, 10.0, 121) / power)
     before = step[:, :1] * np.linspace(0.0, 1.0, 21)[None, :-1]
@@ -65,8 +75,9 @@ def _mean(v: Floats, w: Floats) -> Floats:
 def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     """e of one contact at speeds over the highest; (population, speeds); 0 where it would go too deep.
 
-    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the way out as
-    long as the contact pushes, v being the interval's mean: first that of its ends, then better.
+    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the
+    way out as long as the contact pushes, v being the interval's mean: first that of its ends, then
+    better.
     """
     work, damping = _work_and_damping(parameters)
     v = np.broadcast_to(speeds, (len(parameters), len(speeds))).copy()
@@ -94,8 +105,13 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
 
 @lru_cache(maxsize=64)
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
-    """The best parameters for e wanted at shares of the highest speed."""
-    from scipy.optimize import Bounds, differential_evolution, minimize  # slow to import
+    """Parameters (6,), in the order of _LOWEST, with the least largest error of e.
+
+    shares: speeds over the highest. wanted: e at each. Raises SearchInterrupted with the best so
+    far.
+    """
+    # SciPy's optimisation is slow to import.
+    from scipy.optimize import Bounds, differential_evolution, minimize
 
     speeds, e = np.array(shares), np.array(wanted)
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _POLISH_TWO + _POLISH_ALL)
@@ -138,7 +154,8 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
             updating="deferred",
             polish=False,
         )
-        # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere all.
+        # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere
+        # all.
         sharp = polished(start[:2], start[2:], _POLISH_TWO)
         free = polished(np.asarray(evolved.x), np.empty(0), _POLISH_ALL)
     return np.asarray(np.clip(min((sharp, free), key=error), _LOWEST, _HIGHEST))
@@ -188,5 +205,6 @@ SOFT = Recipe(
     ),
     integrators=DAMPED_STEP,
     steps_min=STEPS_OF_A_LOOP,
-    by_auto=False,  # many times deeper than the law's contact
+    # Many times deeper than the law's contact: never chosen automatically.
+    by_auto=False,
 )

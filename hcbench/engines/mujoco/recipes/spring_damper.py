@@ -13,9 +13,9 @@ from hcbench.recipes.target import Target
 def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """Kelvin-Voigt contact, eq. (4), by solref in its direct form, with the best constant e of the band.
 
-    Of impedance d throughout, the contact is a = S x / d + D v. S and D are those whose discrete orbit
-    x+ = x + h v+, v+ = v - h (S/d x + D v) has the poles exp((-β ± i ω) h) of the wanted motion exactly,
-    so the step does not shift e or the contact time to first order.
+    Of impedance d throughout, the contact is a = S x / d + D v. S and D are those whose discrete
+    orbit x+ = x + h v+, v+ = v - h (S/d x + D v) has the poles exp((-β ± i ω) h) of the wanted
+    motion exactly, so the step does not shift e or the contact time to first order.
     """
     e, _ = constant.minimax_constant(target)
     beta, omega = constant.spring_damper(e, constant.contact_time(target), "impulse")

@@ -1,10 +1,11 @@
 """MuJoCo: the whole of eq. (16), loop included, in plain MJCF.
 
-Springs that start at staggered depths add up to the law's elastic force k x^n; dampers whose impedance grows
-as x^n are its damping a k x^n v. Rows of contact act on one another: with weights w = d/(1 - d) the
-acceleration is a = Σ w a_ref / (1 + Σ w), so what the springs have to add up to is k x^n (1 + Σ w). The
-restitution depends on the ratio of damping to elastic force alone, and how it changes with that ratio is
-known (`sensitivity`): springs and dampers come out of one linear problem, a non-negative least-squares fit.
+Springs that start at staggered depths add up to the law's elastic force k x^n; dampers whose
+impedance grows as x^n are its damping a k x^n v. Rows of contact act on one another: with weights w
+= d/(1 - d) the acceleration is a = Σ w a_ref / (1 + Σ w), so what the springs have to add up to is
+k x^n (1 + Σ w). The restitution depends on the ratio of damping to elastic force alone, and how it
+changes with that ratio is known (`sensitivity`): springs and dampers come out of one linear
+problem, a non-negative least-squares fit.
 """
 
 from collections.abc import Sequence
@@ -33,8 +34,11 @@ from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
 _GRID = 1200
 _SPEEDS = 50
-_HEADROOM = 1.02  # of the largest penetration without loss
-_FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-6  # what counts as one unit of misfit, relative and absolute
+# In largest penetrations without loss: the band ends a little beyond.
+_HEADROOM = 1.02
+# One unit of misfit: relative for a force, absolute for e.
+_FORCE_SCALE = 1e-3
+_RESTITUTION_SCALE = 2e-6
 _SPRING_WEIGHT = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE)
 
 
@@ -69,8 +73,8 @@ class Band:
     def elastic(self, x: Floats) -> Floats:
         """f(x), m/s², so that f (1 + a v) is the law at the rate v that the engine uses.
 
-        An Euler step x+ = x + h v+ knows the rate of half a step ago, v + (h/2) f (1 + a v): hence the
-        denominator. The ratio of damping to elastic force, and with it e, stays as it is.
+        An Euler step x+ = x + h v+ knows the rate of half a step ago, v + (h/2) f (1 + a v): hence
+        the denominator. The ratio of damping to elastic force, and with it e, stays as it is.
         """
         f = self.law.stiffness / self.mass * np.power(x, self.law.exponent)
         return np.asarray(f / (1.0 + self.law.dissipation * self.lag * f))
@@ -100,7 +104,8 @@ def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
 def _rising(base: float, end: float, power: float, highest: float, start: float) -> Damper:
     """A damper from `base` to `end` (m) that starts a multiple of the depth where its floor matters later.
 
-    No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it starts: as much as at that depth.
+    No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it starts: as much as at
+    that depth.
     """
     floor = start * (MIN_IMPEDANCE / highest) ** (1.0 / max(power, 1.0)) * (end - base)
     onset = base + floor
@@ -110,15 +115,16 @@ def _rising(base: float, end: float, power: float, highest: float, start: float)
 def _layouts(band: Band, highest: float) -> list[list[Damper]]:
     """Sets of dampers to choose from: one stretch from touch to top, or two for wide bands of speed.
 
-    highest: of their impedances. Onsets and powers are what makes the fit good over n = 1 ... 2, any a and
-    band; all else is fitted.
+    highest: of their impedances. Onsets and powers are what makes the fit good over n = 1 ... 2,
+    any a and band; all else is fitted.
     """
     if band.law.dissipation == 0.0:
         return [[]]
     n, top = band.law.exponent, band.top
     late = 2.0 * (MIN_IMPEDANCE / highest) ** (1.0 / n)
     one = [_rising(0.0, top, 1.003 * n, highest, 0.45), _straight(late * top, top, 0.01)]
-    if highest < 0.5:  # two stretches weigh as much as both together
+    # Two stretches weigh as much as both together: too much where the impedance is held low.
+    if highest < 0.5:
         return [one]
     split = float(np.sqrt(band.low * top))
     late_low = 2.0 * (MIN_IMPEDANCE / 0.2) ** (1.0 / n)
@@ -168,14 +174,18 @@ class _Fit:
 def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floats) -> _Fit:
     """Springs and dampers together: the force near the law's everywhere, the restitution nearer still.
 
-    sensitivity: of e at each speed of the band, shape (speeds, grid).
+    knots: onsets of the springs, m. sensitivity: of e at each speed of the band to the force at
+    each penetration of its grid, (speeds, grid), 1/(N s/m). One non-negative least-squares problem
+    has a row for the elastic force and one for the damping at each penetration, and one for e at
+    each speed.
     """
     x = band.grid()
     a, f = band.law.dissipation, band.elastic(x)
     behind = x[:, None] > knots
     weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
     share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
-    # A spring starts to act when it asks for more than the others give: its line starts there, see _rows.
+    # A spring starts to act when it asks for more than the others give: its line starts there, see
+    # _rows.
     already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
     springs = _SPRING_WEIGHT / MIN_IMPEDANCE * np.maximum(0.0, x[:, None] - knots) * share[:, None]
     damping = weights / np.array([d.solimp[1] for d in dampers]) * share[:, None]
@@ -213,7 +223,8 @@ def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivit
 def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
     """The pairs of a fit.
 
-    A spring acts from where it asks for as much as the others give: it starts that much before its knot.
+    A spring acts from where it asks for as much as the others give: it starts that much before its
+    knot.
     """
     rows = []
     for knot, S in zip(fit.knots, fit.stiffness, strict=True):
@@ -251,8 +262,8 @@ def staggered_rows(
     """The pairs: springs from the shallowest on, then dampers.
 
     misfit: how far the springs' straight lines may be off k x^n, relative; fewer pairs for more.
-    impedance: the highest of the dampers; lower, such as 0.05, for a body that several others press at once,
-    as all rows share in it, at the price of a little more damping at touch.
+    impedance: the highest of the dampers; lower, such as 0.05, for a body that several others press
+    at once, as all rows share in it, at the price of a little more damping at touch.
     """
     if not 10 * MIN_IMPEDANCE <= impedance <= 0.5:
         raise SettingError("impedance", f"{impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")

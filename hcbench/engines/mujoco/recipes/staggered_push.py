@@ -24,7 +24,8 @@ from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
-# The best ones of many, tried over n, alpha and bands; dampers are for a band of penetrations of 11 to 1.
+# The best ones of many, tried over n, alpha and bands; dampers are for a band of penetrations of 11
+# to 1.
 _GUESSES = [
     InitialGuess(26, 4.0, 0.04, 0.5, 0.25),
     InitialGuess(26, 4.0, 0.10, 0.7, 0.25),
@@ -38,15 +39,20 @@ _GUESSES = [
     InitialGuess(20, 6.0, 0.04, 0.9, 0.25),
     InitialGuess(20, 6.0, 0.04, 0.5, 0.25),
 ]
-_MISFIT = 0.006  # of the springs' straight lines
+# Relative misfit of the springs' straight lines.
+_MISFIT = 0.006
 _SPEEDS, _POINTS = 14, 40
 _MOST_LOSS, _LEAST_EXPONENT = 0.6, 1.2
-_PHASES = 4  # at which the bias in e is looked at
-_BEST = 2  # of the guesses, which are fitted to all speeds
-_WORST = 25.0  # units of misfit: beyond it the law is not there
+# Phases at which the bias in e is looked at.
+_PHASES = 4
+# The best guesses, which are fitted to all speeds.
+_BEST = 2
+# In units of misfit: beyond it the rows do not have the law.
+_WORST = 25.0
 
 
-@lru_cache(maxsize=16)  # engines that fly these rows ask for the same ones
+# Engines that simulate these rows ask for the same ones.
+@lru_cache(maxsize=16)
 def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """Eq. (16) by rows that never pull: springs from the shallowest on, then dampers.
 
@@ -73,7 +79,8 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     step = max(target.timestep, longest / 400)
     e = restitution(best.rows(), step, speeds, _PHASES, 1.1 * longest).mean(axis=1)
     bias = e - closed_form.restitution(law.alpha, speeds)
-    if np.isfinite(bias).all():  # aim as much below e as a simulation of the engine's own steps is above it
+    # Aimed as much below e as a simulation of the engine's own steps is above it.
+    if np.isfinite(bias).all():
         best = levenberg_marquardt(replace(samples, bias=bias), best, search)
     return rows_options(integrator, *best.rows())
 

@@ -1,9 +1,10 @@
 """MuJoCo: one spring pair and one damper pair at the same spot.
 
-With a linear spring, eq. (16) with n = 1 wants a damper that grows in proportion to depth: the damper's
-impedance does that, starting from its floor. The spring's impedance is small, so that the two hardly act on
-each other. Five numbers of the damper are fitted to the restitution wanted, on a model of the two rows that
-equals the engine's step to round-off; the start is the closed form for n = 1.
+With a linear spring, eq. (16) with n = 1 wants a damper that grows in proportion to depth: the
+damper's impedance does that, starting from its floor. The spring's impedance is small, so that the
+two hardly act on each other. Five numbers of the damper are fitted to the restitution wanted, on a
+model of the two rows that equals the engine's step to round-off; the start is the closed form for n
+= 1.
 """
 
 import math
@@ -24,18 +25,25 @@ from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_FITTED_SPRING
 
 _SPEEDS, _PHASES = 12, 2
-_STEPS = 200  # of the model in a contact, where the engine's own are more
-_SPRING = 1e-3  # the spring's impedance
-_UNIT = 1e-4  # of e, one unit of misfit
-_GOOD = 10.0  # units: worse than that another start is tried
-_STEPS_MAX = 30  # of the fit; each evaluates once, and once more for each of six numbers
+# Steps of the model in a contact where the engine's own are more.
+_STEPS = 200
+# Impedance of the spring.
+_SPRING = 1e-3
+# One unit of misfit, in e.
+_UNIT = 1e-4
+# In units of misfit: if the first start ends worse than that, another one is tried.
+_GOOD = 10.0
+# Steps of the fit: each evaluates once, and once more for each of six numbers.
+_STEPS_MAX = 30
 
 
-# log D, log of width over top, logit of dw, power, midpoint, onset over top: bounds and usual changes.
+# log D, log of width over top, logit of dw, power, midpoint, onset over top: bounds and usual
+# changes.
 _LOWEST = [-np.inf, -4.0, -6.0, 1.0, 1e-3, 0.0]
 _HIGHEST = [np.inf, 4.0, 3.0, 6.0, MAX_IMPEDANCE, 0.05]
 _SCALE = [0.1, 0.1, 0.3, 0.1, 0.01, 1e-3]
-_LOGIT = -2.67  # of dw, at the start
+# Logit of dw at the start.
+_LOGIT = -2.67
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,8 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
 
     Raises SettingError for a target without loss, SearchInterrupted with the best so far.
     """
-    from scipy.optimize import least_squares  # slow to import
+    # SciPy's optimisation is slow to import.
+    from scipy.optimize import least_squares
 
     speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
     wanted = target.restitution(speeds)
@@ -161,6 +170,7 @@ TWO_PAIR = Recipe(
         "The pairs are frictionless (condim 1). The damper needs MuJoCo 3.11 or later (pair adhesion).",
     ),
     integrators=DAMPED_STEP,
-    steps_min=STEPS_OF_A_FITTED_SPRING,  # softened it sags under its weight
+    # A spring softened to fewer steps sags under its weight.
+    steps_min=STEPS_OF_A_FITTED_SPRING,
     forms=("plane",),
 )

@@ -1,11 +1,12 @@
 """Many balls in one MuJoCo model, each with the same bits as alone.
 
-MuJoCo's cost per step is mostly its own housekeeping, so balls that share a model are several times cheaper.
-They do not touch each other: their collisions with one another are off, and each is a constraint island that
-is solved and judged converged by itself. Two things would still let one ball change another's bits: a warm
-start, which is taken or not for the whole model at once, and a sparse Jacobian, which adds up in another
-order from ten balls on. The first is off in every model, the second in a batch. A ball that cannot leave its
-axis moves on a slide joint, alone or not (`slide_joint`).
+MuJoCo's cost per step is mostly its own housekeeping, so balls that share a model are several times
+cheaper. They do not touch each other: their collisions with one another are off, and each is a
+constraint island that is solved and judged converged by itself. Two things would still let one ball
+change another's bits: a warm start, which is taken or not for the whole model at once, and a sparse
+Jacobian, which adds up in another order from ten balls on. The first is off in every model, the
+second in a batch. A ball that cannot leave its axis moves on a slide joint, alone or not
+(`slide_joint`).
 """
 
 from __future__ import annotations
@@ -26,21 +27,27 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 Kind = Literal["alone", "free", "sliding"]
-# Islands judge their convergence by their own inertia from here on; before, by that of the whole model.
+# Islands judge their convergence by their own inertia from here on; before, by that of the whole
+# model.
 _SINCE = (3, 17)
-_FREE, _SLIDING = (7, 6), (1, 1)  # positions and velocities of a ball
+# Numbers of a ball's position and of its velocity on a free joint, and on a slide joint.
+_FREE = (7, 6)
+_SLIDING = (1, 1)
 # Attributes that refer to something by name, and to what kind of thing.
 _REFERENCES = {
     **dict.fromkeys(("body", "body1", "body2", "target"), "body"),
     **dict.fromkeys(("geom", "geom1", "geom2"), "geom"),
     **dict.fromkeys(("site", "sidesite"), "site"),
-    "objname": "body",  # of the one sensor there may be, our own
+    # The one sensor that a model may have is our own, of a body.
+    "objname": "body",
 }
 # What a model may have beside a ball on a joint and what it meets.
 _MORE_SIZES = ("nmocap", "na", "nu", "neq", "nflex", "nplugin", "nuserdata")
 _MORE_ELEMENTS = ("equality", "actuator", "deformable", "extension", "compiler[@settotalmass]")
-_COPY = "#"  # and a number: a copy's name
-_BITS = 15  # of contype and conaffinity that may be in use: two such numbers fit into one
+# Mark before the number in a copy's name.
+_COPY = "#"
+# Bits of contype and conaffinity that may be in use: two such numbers fit into one.
+_BITS = 15
 _MASK = (1 << _BITS) - 1
 
 
@@ -48,8 +55,9 @@ _MASK = (1 << _BITS) - 1
 class BatchedModel:
     """A compiled model of `size` balls, each free or on a slide along z.
 
-    at: where position and velocity of the ball start in a full state of the model of one, which is free. A
-    state of the batch is time, then the positions of each ball, then the velocities of each.
+    at: where position and velocity of the ball start in a full state of the model of one, which is
+    free. A state of the batch is time, then the positions of each ball, then the velocities of
+    each.
     """
 
     model: Any
@@ -58,7 +66,11 @@ class BatchedModel:
     sliding: bool
 
     def pack(self, states: Floats) -> Floats:
-        """States of one ball each, shape (b, nstate), as states of `size`; the last one fills up."""
+        """States of one ball each, (b, nstate), as states of `size` balls, (rows, nstate of the
+        batch).
+
+        Places that are left over in the last row repeat the last ball.
+        """
         if self.whole:
             return states
         rows = -(-len(states) // self.size)
@@ -72,7 +84,9 @@ class BatchedModel:
         return packed
 
     def unpack(self, packed: Floats, states: Floats) -> Floats:
-        """Back from `pack`: `states` with the time, positions and velocities of `packed`."""
+        """`states` (b, nstate) with the time, positions and velocities of the batch's states
+        `packed`.
+        """
         if self.whole:
             return packed.copy()
         states = states.copy()
@@ -85,7 +99,8 @@ class BatchedModel:
     def columns(self, path: Floats, component: tuple[int, int], count: int) -> Floats | None:
         """One number of each of `count` balls over a path of states (rows, n, nstate), shape (count, n).
 
-        component: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities. None: it stays what it is.
+        component: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities. None: it stays what it
+        is.
         """
         kind, i = component
         if self.whole:
@@ -177,10 +192,12 @@ def _ball(root: ET.Element) -> ET.Element:
 
 def _repeated(root: ET.Element, size: int) -> ET.Element:
     """MJCF with copies of the ball, and of what refers to it by name, put into it."""
-    for keyframe in root.findall("keyframe"):  # made for one ball
+    # Keyframes are made for one ball.
+    for keyframe in root.findall("keyframe"):
         root.remove(keyframe)
     ball = _ball(root)
-    names = {}  # of what a copy gets a name of its own for, by tag
+    # Names for which a copy gets one of its own, by tag.
+    names = {}
     for tag in ("body", "geom", "site"):
         names[tag] = {element.get("name") for element in ball.iter(tag)} - {None}
     mark = _unused_mark(root)
@@ -225,7 +242,9 @@ def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: 
 
 def _disable_mutual_collisions(spec: Any) -> None:
     """Let balls collide with what does not move as before, and never with each other."""
-    if spec.pairs:  # all ways to touch, or it would not be batched; looking for more costs a sixth of a step
+    # The <pair>s are all ways to touch, or the model would not be batched: collisions need not be
+    # looked for, which would cost a sixth of a step.
+    if spec.pairs:
         for geom in spec.geoms:
             geom.contype = geom.conaffinity = 0
         return

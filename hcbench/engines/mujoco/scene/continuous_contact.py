@@ -1,7 +1,7 @@
 """A contact of one row in continuous time: how fast the bodies part.
 
-By the pair of orders 5 and 4 of Dormand and Prince, J. Comp. Appl. Math. 6 (1980), table 2, on plain floats:
-importing SciPy's integrators takes ten times as long as all that a measurement asks.
+By the pair of orders 5 and 4 of Dormand and Prince, J. Comp. Appl. Math. 6 (1980), table 2, on
+plain floats: importing SciPy's integrators takes ten times as long as all that a measurement asks.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ _STAGES = (
     (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
 )
 _ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
-_RELATIVE, _ABSOLUTE = 1e-9, 1e-13  # tolerances; the latter in speeds at touch
+# Tolerances of a step: relative, and absolute in speeds at touch.
+_RELATIVE = 1e-9
+_ABSOLUTE = 1e-13
 _BISECTIONS = 60
 _MOST_STEPS = 100_000
 
@@ -30,8 +32,8 @@ _MOST_STEPS = 100_000
 def parting_speed(push: Push, speed: float, first_step: float, longest: float) -> float:
     """Speed at which the push has gone, m/s; 0 for a contact that has not ended by then.
 
-    push: acceleration apart at (penetration, m; its rate, m/s), m/s^2. speed: of approach at touch, m/s.
-    first_step: s, short beside all that happens. longest: how long it is followed, s.
+    push: acceleration apart at (penetration, m; its rate, m/s), m/s^2. speed: of approach at touch,
+    m/s. first_step: s, short beside all that happens. longest: how long it is followed, s.
     """
     time, x, v, step = 0.0, 0.0, speed, first_step
     for _ in range(_MOST_STEPS):
@@ -51,7 +53,7 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
 
 
 def _step(push: Push, x: float, v: float, step: float) -> tuple[float, float, float, float]:
-    """x and v one step on, and the sizes of their errors."""
+    """(x m, v m/s) one step (s) on, and the sizes of their errors in the same units."""
     rates = [(v, -max(0.0, push(x, v)))]
     at_x, at_v = x, v
     for weights in _STAGES:

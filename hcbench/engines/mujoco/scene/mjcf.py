@@ -1,7 +1,8 @@
 """MJCF as text in, text out, without MuJoCo: a scene with a setting in it, and what to paste into a model.
 
-Edited as XML, as MuJoCo's own writer rounds to six digits. scenes/README.md says what a scene's MJCF must
-have: a body `ball` with a free joint, geoms `ball` and `plate`, and in a cup the tendon `contact`.
+Edited as XML, as MuJoCo's own writer rounds to six digits. scenes/README.md says what a scene's
+MJCF must have: a body `ball` with a free joint, geoms `ball` and `plate`, and in a cup the tendon
+`contact`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from hcbench.system.text import shortest
 from hcbench.terms.scene import Scene
 from hcbench.terms.setting import PAIR, Pair, Setting
 
-_HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies would flicker
+# MuJoCo's viewer does not draw this group: coincident copies would flicker.
+_HIDDEN = "3"
 
 
 def model_path(scene: Scene) -> Path:
@@ -121,8 +123,11 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
 
 
 def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -> None:
-    """Coulomb's friction in every contact of ball and plate that does not say its own, and a ball that turns
-    as the scene's does. in_rows: the rows say which of them has friction.
+    """Write Coulomb's friction into every contact of ball and plate that does not say its own.
+
+    The ball gets the scene's mass (kg) and inertia (kg m²), so that it turns as the scene's does.
+    in_rows: the rows say which of them has friction. Raises SettingError for a cup, whose contact
+    has no friction.
     """
     if scene.form == "cup":
         given = f"{scene.friction!r} in the form 'cup'"
@@ -151,8 +156,8 @@ def add_acceleration_sensor(root: ET.Element) -> None:
 
 
 def set_mass(body: ET.Element, mass: float, path: Path) -> None:
-    """Give a body this mass, kg, and the inertia of the same shape at another density: at its own the inertia
-    stays as it is, to the bit.
+    """Give a body this mass, kg, and the inertia of the same shape at another density: at its own
+    the inertia stays as it is, to the bit.
     """
     inertial = body.find("inertial")
     if inertial is None:
@@ -203,7 +208,8 @@ def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) 
 
 def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr) -> str:
     """Numbers as an attribute has them. number: writes one."""
-    return " ".join(number(float(one) + 0.0) for one in numbers)  # + 0.0: no "-0.0" for a user to read
+    # Adding 0.0 leaves no "-0.0" for a user to read.
+    return " ".join(number(float(one) + 0.0) for one in numbers)
 
 
 def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:

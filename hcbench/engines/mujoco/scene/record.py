@@ -1,9 +1,10 @@
 """Steps balls in MuJoCo and reads penetration, rate and force off the states.
 
-The force of a step is what it does to the ball's momentum, m (Δv/h - g): MuJoCo's own contact force to
-rounding under Euler, implicit and implicitfast, evaluated in the state that the step starts from. Under
-`discrete` it is evaluated at the step's end. Under RK4 the momentum tells the mean of four stages, so there
-the force at the step's start is read off a sensor; the momentum still tells which steps the contact acted in.
+The force of a step is what it does to the ball's momentum, m (Δv/h - g): MuJoCo's own contact force
+to rounding under Euler, implicit and implicitfast, evaluated in the state that the step starts
+from. Under `discrete` it is evaluated at the step's end. Under RK4 the momentum tells the mean of
+four stages, so there the force at the step's start is read off a sensor; the momentum still tells
+which steps the contact acted in.
 """
 
 from __future__ import annotations
@@ -25,9 +26,8 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.scene.scene_model import SceneModel
     from hcbench.terms.impact import Floats, Launch
 
-_ROUND_OFF = (
-    ROUND_OFF_STEP * np.finfo(float).eps
-)  # of what a step adds up: a smaller change of velocity counts as no force
+# In sums of what a step adds up: a smaller change of velocity counts as no force.
+_ROUND_OFF = ROUND_OFF_STEP * np.finfo(float).eps
 
 
 def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
@@ -78,9 +78,10 @@ def record(
 ) -> tuple[Floats, Floats] | None:
     """Take up to `most` steps from states of shape (b, nstate), as many as there is room for.
 
-    warm: where MuJoCo's solver starts from, shape (nv,). oblique: whether to look along the plate too.
-    What `Record.rows` has of each step, shape (3 or 11, b, n), NaN from where MuJoCo gave up, and the states
-    after. None where it gave up on a whole batch, for the sake of one ball in it.
+    warm: accelerations from which MuJoCo's solver starts, (nv,). oblique: look along the plate too.
+    Returns penetration (m), rate (m/s), force (N), and along the plate the eight rows of
+    `_along_plate`, of each step, (3 or 11, b, n), NaN from where MuJoCo gave up; and the states
+    after, (b, nstate). None where it gave up on a whole batch, for the sake of one ball in it.
     """
     batch, packed = workspace.batch, workspace.batch.pack(states)
     count = max(1, min(most, workspace.buffer.size // packed.size))
@@ -90,7 +91,8 @@ def record(
         [batch.model] * len(packed),
         workspace.data[: len(packed)],
         packed,
-        skip_checks=True,  # which take as long as two steps
+        # MuJoCo's checks take as long as two steps.
+        skip_checks=True,
         nstep=count,
         initial_warmstart=None if warm is None else warm[None],
         state=path,
@@ -102,7 +104,8 @@ def record(
     if gave_up and batch.size > 1:
         return None
     paths = _Paths(batch, states, path, sensed)
-    with np.errstate(all="ignore"):  # the record shows what is not finite
+    # Numbers that are not finite belong into the record.
+    with np.errstate(all="ignore"):
         seen = _on_plane(model, paths) if model.clearance is None else _in_cup(model, paths, model.clearance)
         if oblique:
             seen = np.concatenate([seen, _along_plate(model, paths)])
@@ -111,7 +114,9 @@ def record(
     return seen, batch.unpack(path[:, -1], states)
 
 
-_POSITION, _VELOCITY = 0, 1  # kinds of numbers in a state
+# Kinds of numbers in a state.
+_POSITION = 0
+_VELOCITY = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,8 +163,8 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
     touch = model.origin[model.at[0] + 2]
     seen = np.empty((3, *z.shape))
     depth, rate, gained = seen
-    # Of all rows in one go: rows apart are slower by far. What this writes into a row's first step is the
-    # end of the row before, so the first steps are written after it.
+    # Of all rows in one go: rows apart are slower by far. What this writes into a row's first step
+    # is the end of the row before, so the first steps are written after it.
     np.subtract(touch, z.ravel()[:-1], out=depth.ravel()[1:])
     np.negative(vz.ravel()[:-1], out=rate.ravel()[1:])
     np.subtract(vz.ravel()[1:], vz.ravel()[:-1], out=gained.ravel()[1:])
@@ -171,13 +176,14 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
         gained += fall
     sensed = paths.acceleration(2) if model.sensed else None
     force = _force(model, gained, (rate, vz[:, -1]), sensed)
-    if force is not gained:  # it works in place where it can
+    # The force is worked out in place where it can be.
+    if force is not gained:
         seen[2] = force
     return seen
 
 
 def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
-    """Motion along the plate in each step, see `Record.tangential`, (8, b, n).
+    """Motion along the plate, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2 N, other energy J.
 
     MuJoCo gives the spin of a free body in the body's own frame.
     """
@@ -233,9 +239,9 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
 def _force(model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sensed: Floats | None) -> Floats:
     """Normal force of each step, N, shape (b, n); exactly 0 where the contact did not act.
 
-    gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n), to be overwritten.
-    speed: the velocity, of either sign, or the sum of its absolute components, before each step, (b, n), and
-    after the last one, (b,). sensed: by contact at the step's start, m/s².
+    gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n), to be
+    overwritten. speed: the velocity, of either sign, or the sum of its absolute components, before
+    each step, (b, n), and after the last one, (b,). sensed: by contact at the step's start, m/s².
     """
     h, g = model.timestep, model.scene.gravity
     before, last = speed[0].ravel(), speed[1]

@@ -1,14 +1,14 @@
 """MuJoCo's contact constraints as equations: how several act together, and the restitution of one or more.
 
-Per unit effective mass, with impedance d(r) at depth r below its onset (x penetration, v its rate), a row of
-solref "-S -D" and solimp "d0 dw ..." asks for the acceleration apart
+Per unit effective mass, with impedance d(r) at depth r below its onset (x penetration, v its rate),
+a row of solref "-S -D" and solimp "d0 dw ..." asks for the acceleration apart
 
     a_ref = S d(r)/dw² r + D/dw v
 
-and has the weight w = d/(1 - d). Rows together give a = Σ w_i a_ref,i / (1 + Σ w_i) over those that act: from
-their onset on and, without adhesion, only while they push, a_ref,i > a. One row alone gives a = d a_ref.
-Gravity g, together, takes g off the sum above the line.
-Formulas: MuJoCo's documentation, Modeling (solver parameters) and Computation (constraint model).
+and has the weight w = d/(1 - d). Rows together give a = Σ w_i a_ref,i / (1 + Σ w_i) over those that
+act: from their onset on and, without adhesion, only while they push, a_ref,i > a. One row alone
+gives a = d a_ref. Gravity g, together, takes g off the sum above the line. Formulas: MuJoCo's
+documentation, Modeling (solver parameters) and Computation (constraint model).
 """
 
 from __future__ import annotations
@@ -28,24 +28,27 @@ if TYPE_CHECKING:
 
     Solimp = tuple[float, float, float, float, float]
 
-# mjMINIMP, mjMAXIMP: impedances and midpoints are clamped to them. A contact lets that share of gravity
-# through that its impedance lacks to 1.
+# mjMINIMP, mjMAXIMP: impedances and midpoints are clamped to them. A contact lets that share of
+# gravity through that its impedance lacks to 1.
 MIN_IMPEDANCE, MAX_IMPEDANCE = 1e-4, 0.9999
 STIFF_SOLIMP = (MAX_IMPEDANCE, MAX_IMPEDANCE, 0.001, 0.5, 2.0)
-MAX_POWER = 1000.0  # of solimp; a little above, the sigmoid underflows
+# A little above this power of solimp the sigmoid underflows.
+MAX_POWER = 1000.0
 _MINVAL = 1e-15  # mjMINVAL
-_SPRINGLESS = 0.1  # k h² below which the damper of one step, not the spring, makes the bounce
+# Below this k h² the damper of one step, not the spring, makes the bounce.
+_SPRINGLESS = 0.1
 _SOLID_SPHERE = 3.5  # 1 + m R²/I
-_LONGEST = 100.0  # of the slowest time scale of a contact: how long one is followed
+# A contact is followed for as many of its slowest time scale.
+_LONGEST = 100.0
 
 
 @dataclass(frozen=True, slots=True)
 class ConstraintRow:
     """One constraint between ball and plate: a contact pair, or a tendon's limit.
 
-    solref, solimp: MuJoCo's. onset: penetration from which it acts, m. adhesion: force with which it may
-    pull, N. friction: coefficient of sliding, 0 for a contact without friction. solreffriction: MuJoCo's, of
-    its friction; () for that of solref.
+    solref, solimp: MuJoCo's. onset: penetration from which it acts, m. adhesion: force with which
+    it may pull, N. friction: coefficient of sliding, 0 for a contact without friction.
+    solreffriction: MuJoCo's, of its friction; () for that of solref.
     """
 
     solref: tuple[float, ...]
@@ -65,13 +68,14 @@ class ConstraintRow:
     def with_friction(self, coefficient: float, timestep: float, impratio: float) -> ConstraintRow:
         """The same row with Coulomb friction that stops a rolling solid sphere's slip in about a step.
 
-        The impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, where the contact point gives
-        way s = 1 + m R²/I = 3.5 times as easily along the plate as along its normal: "0 -(d/d_t)/h" then
-        asks for the deceleration v/h. For a row whose impedance d is constant.
+        The impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, where the contact
+        point gives way s = 1 + m R²/I = 3.5 times as easily along the plate as along its normal: "0
+        -(d/d_t)/h" then asks for the deceleration v/h. For a row whose impedance d is constant.
         """
         d = self.solimp[0]
         w = d / (1.0 - d) * impratio * _SOLID_SPHERE
-        damping = float(f"{d * (1.0 + w) / w / timestep:.6g}")  # as short as a model is written
+        # As short as a model is written.
+        damping = float(f"{d * (1.0 + w) / w / timestep:.6g}")
         return replace(self, friction=coefficient, solreffriction=(0.0, -damping))
 
     @property
@@ -102,9 +106,12 @@ def _rise(u: Any, midpoint: Any, power: Any) -> Any:
 
 
 def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
-    """d at depths below the onset (m); solimp's numbers and depths broadcast."""
+    """Impedance d, from 0 to 1, at depths below the onset (m); solimp's numbers and depths
+    broadcast.
+    """
     d0, dw, width, midpoint, power = solimp
-    u = np.minimum(np.maximum(depth / width, 0.0), 1.0)  # `np.clip` takes four times as long
+    # `np.clip` takes four times as long.
+    u = np.minimum(np.maximum(depth / width, 0.0), 1.0)
     if np.ndim(power) == 0 and power == 1.0:
         return np.asarray(d0 + (dw - d0) * u)
     sigmoid = np.where(u <= midpoint, _rise(u, midpoint, power), 1.0 - _rise(1.0 - u, 1.0 - midpoint, power))
@@ -123,9 +130,10 @@ def _weight(d: Floats, depth: Floats) -> Floats:
 def combine(
     reference: Floats, weights: Floats, may_pull: Floats | bool, axis: int, gravity: float = 0.0
 ) -> tuple[Floats, Floats]:
-    """(acceleration apart, weights of the rows that act) of rows along an axis.
+    """(acceleration apart m/s², weights of the rows that act) of rows along an axis.
 
-    reference: a_ref of each. may_pull: whether it has adhesion. gravity: together, m/s².
+    reference: acceleration that each row asks for, m/s². weights: d/(1 - d) of each, 0 above its
+    onset. may_pull: true for a row with adhesion. gravity: together, m/s².
     """
     while True:
         pushed = np.add.reduce(weights * reference, axis=axis, keepdims=True) - gravity
@@ -138,8 +146,8 @@ def combine(
 
 
 def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats, gravity: float = 0.0) -> Floats:
-    """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape, under a gravity that
-    presses together, m/s².
+    """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape, under a
+    gravity that presses together, m/s².
     """
     reference, weights = np.empty((2, len(rows), *np.shape(x)))
     for i, row in enumerate(rows):
@@ -160,7 +168,8 @@ def restitution(
 ) -> Floats:
     """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape (speeds, phases), NaN if still closed.
 
-    speeds: m/s, shape (n,). phases: where in a step the contact starts, so many, evenly. duration: s.
+    speeds: m/s, shape (n,). phases: where in a step the contact starts, so many, evenly. duration:
+    s.
     """
     phase = (np.arange(phases) + 0.5) / phases
     v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))
@@ -175,9 +184,10 @@ def restitution(
 class SoftConstraint:
     """One contact as a model's author wrote it or as the engine uses it, and its e in continuous time.
 
-    solref: (time constant s, damping ratio), or (-stiffness 1/s^2, -damping 1/s), per unit effective mass.
-    timestep: s. shortest: the least time constant, s, that the engine's refsafe lets through (0: any).
-    clamped: whether solimp is held within what the engine allows, as the engine does.
+    solref: (time constant s, damping ratio), or (-stiffness 1/s^2, -damping 1/s), per unit
+    effective mass. timestep: s. shortest: the least time constant, s, that the engine's refsafe
+    lets through (0: any). clamped: whether solimp is held within what the engine allows, as the
+    engine does.
     """
 
     solref: tuple[float, float]
@@ -203,7 +213,8 @@ class SoftConstraint:
         first, second = self.solref
         if first > 0:
             constant = max(first, self.shortest)
-            reach = dw * constant * second  # whose square may be inf, which ** refuses
+            # The square of this may be inf, which the operator ** would refuse.
+            reach = dw * constant * second
             return 1 / max(_MINVAL, reach * reach), 2 / max(_MINVAL, dw * constant)
         return -first / max(_MINVAL, dw**2), -second / max(_MINVAL, dw)
 

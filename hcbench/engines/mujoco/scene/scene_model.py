@@ -20,19 +20,25 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene
 
-_OVERLAP = 1e-5  # m, at which the model is checked
+# Overlap at which the model is checked, m.
+_OVERLAP = 1e-5
 _SHAPE_TOLERANCE = 1e-9  # m
-# What a ball in free flight is tried with: height in radii, m/s, m/s², and how well it must obey.
-_CLEAR, _THROWN, _PUSHED, _FREELY = 0.5, 1.0, 1.0, 1e-9
+# A ball in free flight is tried at this height in radii, thrown at this speed, m/s, and pushed by
+# this acceleration, m/s²: it must obey to the last number.
+_CLEAR = 0.5
+_THROWN = 1.0
+_PUSHED = 1.0
+_FREELY = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class SceneModel:
     """A compiled model, and where to look in its state.
 
-    root: its MJCF. origin: the full state with the ball at qpos0, where it just touches, shape (nstate,). at:
-    where position and velocity of the ball start in a state. clearance: |R2| - R1 of a cup, None on a plane.
-    sensed: the model ends its sensors with the ball's acceleration. plugged: a plug-in acts on this model.
+    root: its MJCF. origin: the full state with the ball at qpos0, where it just touches, shape
+    (nstate,). at: where position and velocity of the ball start in a state. clearance: |R2| - R1 of
+    a cup, None on a plane. sensed: the model ends its sensors with the ball's acceleration.
+    plugged: a plug-in acts on this model.
     """
 
     mujoco: Any
@@ -50,8 +56,8 @@ class SceneModel:
 def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
     """A scene under a setting, compiled and checked.
 
-    Raises SceneError for a model that is not what the scene says, EngineMissing where the installed MuJoCo
-    is too old for the setting.
+    Raises SceneError for a model that is not what the scene says, EngineMissing where the installed
+    MuJoCo is too old for the setting.
     """
     mujoco = backend()
     root, path = scene_tree(scene, timestep, options), model_path(scene)
@@ -87,7 +93,8 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
         )
     with captured_warnings():
         _check_flight(mujoco, model, joint, scene)
-    at = (1 + position, 1 + int(model.nq) + velocity)  # a state is time, positions, velocities, ...
+    # A state is the time, then positions, then velocities.
+    at = (1 + position, 1 + int(model.nq) + velocity)
     clearance = -scene.plate_radius - scene.ball_radius if scene.form == "cup" else None
     return SceneModel(
         mujoco, model, root, scene, timestep, origin, at, clearance, sensed, options.law is not None

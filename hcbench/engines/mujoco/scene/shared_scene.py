@@ -21,15 +21,23 @@ if TYPE_CHECKING:
 
     Rows = Sequence[tuple[Sequence[float], Sequence[float]]]
 
-ADHESION, PAIRS, IMPEDANCE = "adhesion", "several pairs", "impedance in float32"  # in an engine's `lacks`
-_HIGHEST_POWER = 100.0  # of a solimp in float32, which ends at 2^-149
-_ADHESION = 1000.0  # times a contact's force: MuJoCo Warp's e is wrong by 1e-4 there, by .06 at 50 000
-_KEPT, _HIGHEST = 0.9, 0.99  # impedances of which float32 tells 1 - d to 2e-6, to 1e-5
+# Names in an engine's `lacks`.
+ADHESION = "adhesion"
+PAIRS = "several pairs"
+IMPEDANCE = "impedance in float32"
+# A solimp of a higher power underflows in float32, which ends at 2^-149.
+_HIGHEST_POWER = 100.0
+# In forces of a contact: with so much adhesion MuJoCo Warp's e is wrong by 1e-4, with 50 times as
+# much by 0.06.
+_ADHESION = 1000.0
+# Of the first impedance float32 tells 1 - d to 2e-6, of the second to 1e-5.
+_KEPT = 0.9
+_HIGHEST = 0.99
 
 
 class LentScene(NamedTuple):
-    """A compiled scene, MuJoCo's state of it at rest, also as positions and velocities, shape (13,); whether
-    its steps are exact in free flight.
+    """A compiled scene, MuJoCo's state of it at rest, also as positions and velocities, shape
+    (13,); whether its steps are exact in free flight.
     """
 
     model: Any
@@ -59,7 +67,8 @@ def differences(
     """Suspect the settings of a model that an engine, or its numbers of so many bits, turns into
     another contact.
 
-    geoms: whose <pair>s are looked at. rows: (solref, solimp) of the contact. By default all of the model.
+    geoms: whose <pair>s are looked at. rows: (solref, solimp) of the contact. By default all of the
+    model.
     """
     asked = np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
     pairs = np.flatnonzero(asked | (not geoms))

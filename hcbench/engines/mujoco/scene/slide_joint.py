@@ -1,11 +1,13 @@
 """A ball that can only go up and down, in place of a free one: the same impact for a third of the cost.
 
-A sphere that falls along the axis of what it falls on, and meets no friction there, is never pushed aside or
-turned: five of a free body's six velocities stay 0. On a slide joint the ball has the other one alone. MuJoCo
-computes body_invweight0 from all three directions; a slide joint changes it, so the free body's is restored.
+A sphere that falls along the axis of what it falls on, and meets no friction there, is never pushed
+aside or turned: five of a free body's six velocities stay 0. On a slide joint the ball has the
+other one alone. MuJoCo computes body_invweight0 from all three directions; a slide joint changes
+it, so the free body's is restored.
 
-Where one row of constraint holds a ball, its force is one division, without Newton's line search over all
-balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same bits in any batch.
+Where one row of constraint holds a ball, its force is one division, without Newton's line search
+over all balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same bits in any
+batch.
 """
 
 from typing import Any
@@ -15,13 +17,15 @@ from numpy.typing import NDArray
 
 from hcbench.engines.mujoco.model.bodies import masks_match
 
-Z = 2  # the number of a position or velocity that is along the axis
+# Number of the position or velocity that is along the axis.
+Z = 2
 
 
 def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """Say whether the ball of a model, which at qpos0 just touches, cannot leave the vertical.
 
-    Expects one free joint, and contact through explicit <pair>s, tendon limits, or one pair of geoms.
+    Expects one free joint, and contact through explicit <pair>s, tendon limits, or one pair of
+    geoms.
     """
     joint = model.jnt_bodyid[0]
     geoms = np.flatnonzero(model.geom_bodyid == joint)
@@ -96,8 +100,9 @@ def _pulls_along(mujoco: Any, model: Any) -> bool:
 
 
 def has_one_constraint(model: Any) -> bool:
-    """Say whether a ball is never in more than one constraint, for a model that `stays_on_axis`
-    accepts.
+    """Say whether a ball is never in more than one constraint.
+
+    model: one that `stays_on_axis` accepts.
     """
     return len(_contact_ways(model)) + int(model.ntendon) == 1
 
@@ -120,7 +125,8 @@ def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
 def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
     """Give balls on the axis the inverse masses of a free one, and where it is one row its solver."""
     body, size = int(free.jnt_bodyid[0]), model.njnt
-    model.jnt_axis[:] = 0.0, 0.0, 1.0  # where a <frame> around the joint has turned it
+    # A <frame> around the joint may have turned its axis.
+    model.jnt_axis[:] = 0.0, 0.0, 1.0
     model.body_invweight0[model.jnt_bodyid] = free.body_invweight0[body]
     model.dof_invweight0[:] = free.dof_invweight0[Z]
     if free.ntendon:

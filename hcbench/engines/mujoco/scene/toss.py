@@ -52,6 +52,10 @@ def simulate(
 
 
 def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[float], timestep: float) -> Any:
+    """The compiled model of a body over a plate.
+
+    values: of the setting's parameters, SI. timestep: s.
+    """
     spec = mujoco.MjSpec()
     spec.option.timestep, spec.option.gravity = timestep, [0.0, 0.0, -GRAVITY]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -61,7 +65,8 @@ def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[fl
     tossed = spec.worldbody.add_body(name="body")
     tossed.add_freejoint()
     tossed.mass, tossed.inertia, tossed.explicitinertial = body.mass, list(body.inertia), True
-    tossed.ipos = [0.0, 0.0, 0.0]  # MuJoCo 3.3 takes no inertia without its place
+    # MuJoCo 3.3 takes no inertia without its place.
+    tossed.ipos = [0.0, 0.0, 0.0]
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
     geoms = (plate, tossed.add_geom(name="body", type=kind, size=list(body.half_sizes)))
     given = setting.named(values)
@@ -77,8 +82,10 @@ def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[fl
 
 
 def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -> Floats:
-    """States of one toss before the first step and after each, (steps + 1, 13): position, quaternion w x y z,
-    velocity, see `as_body`, spin in the world; SI.
+    """States of one toss before the first step and after each, (steps + 1, 13), SI, in the world.
+
+    A state is position, quaternion w x y z, velocity and spin. Velocities are those of the true
+    motion at the step's end, which `as_body` makes of the integrator's.
     """
     mujoco.mj_resetData(model, data)
     turn = np.empty(9)
@@ -86,7 +93,8 @@ def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -
     data.qpos[:3] = toss.position
     data.qpos[3:] = toss.quaternion
     data.qvel[:3] = as_integrated(toss.velocity, timestep)
-    data.qvel[3:] = turn.reshape(3, 3).T @ toss.spin  # MuJoCo has it in the body's frame
+    # MuJoCo has the spin in the body's frame.
+    data.qvel[3:] = turn.reshape(3, 3).T @ toss.spin
     states = np.empty((toss.steps + 1, 13))
     states[0, :7] = data.qpos
     states[0, 7:] = data.qvel

@@ -15,8 +15,8 @@ from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
 from hcbench.terms.impact import Floats
 
 NOTE = "MuJoCo's staggered pairs lie on it too."
-# Both blocks press a squeezed body at once, and all rows share in the highest impedance: 0.05 of four tried
-# leaves the summed loop the nearest.
+# Both blocks press a squeezed body at once, and all rows share in the highest impedance: 0.05 of
+# four tried leaves the summed loop the nearest.
 IMPEDANCE = 0.05
 
 

@@ -29,9 +29,13 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Launch
 
-_ALONE = 32  # launches at once for each thread where each has a model of its own: bounds memory
-_ROUNDS = 8  # models in a simulation of one thread: reading it costs as much for one model as for all
-_CONCURRENT = 2  # simulations: one is looked at while the other one is stepped
+# Launches at once for each thread where each has a model of its own: more would take too much
+# memory.
+_ALONE = 32
+# Models in a simulation of one thread: reading it costs as much for one model as for all.
+_ROUNDS = 8
+# Simulations at once: one is looked at while the other one is stepped.
+_CONCURRENT = 2
 
 
 def _cores() -> int:
@@ -43,9 +47,10 @@ class Batching:
     """Limits for balls that share models, memory and threads: they change the time of results,
     never a bit of one.
 
-    few_rows, balls, balls_of_many_rows, balls_of_one_row: the most balls in a model by its contact's rows:
-    the dense Jacobian of more costs more than sharing saves. saved, compiling: s that a shared model saves a
-    ball-step, and costs to compile. chunk_bytes: of states, for each thread. cores: threads at once.
+    few_rows, balls, balls_of_many_rows, balls_of_one_row: the most balls in a model by its
+    contact's rows: the dense Jacobian of more costs more than sharing saves. saved, compiling: s
+    that a shared model saves a ball-step, and costs to compile. chunk_bytes: of states, for each
+    thread. cores: threads at once.
     """
 
     few_rows: int = 4
@@ -65,8 +70,8 @@ BATCHING = Batching()
 class BatchPool:
     """A model, its batched versions, and their free workspaces.
 
-    max_batch: the most balls that are worth putting into one model. threads: models that are stepped at once.
-    unbatched: ball-steps until now that a model of so many balls would have had.
+    max_batch: the most balls that are worth putting into one model. threads: models that are
+    stepped at once. unbatched: ball-steps until now that a model of so many balls would have had.
     """
 
     model: SceneModel
@@ -155,9 +160,8 @@ class MujocoWorld(World):
         self.speed_reading = speed_reading(pool.model.model)
         self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
         self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
-        if (
-            self.concurrent == 1
-        ):  # nothing looks at one simulation while another is stepped: fewer, larger ones
+        # Nothing looks at one simulation while another is stepped: fewer, larger ones are faster.
+        if self.concurrent == 1:
             self.places *= _ROUNDS
         self._resources = ExitStack()
         self._resources.enter_context(captured_warnings())
@@ -196,7 +200,9 @@ class MujocoSimulation(Simulation):
                 self._steps += seen.shape[2]
                 x, v, f = seen[:3]
                 return Record(x, v, f, seen[3:] if oblique else None, seen)
-            self._alone = True  # MuJoCo gave up on a whole batch for the sake of one ball
+            # MuJoCo gave up on a whole batch for the sake of one ball: from here on each is
+            # alone.
+            self._alone = True
 
     def _next_batch(self, steps: int) -> BatchedModel:
         if self._leaves_axis:
@@ -224,7 +230,8 @@ class FollowedLaunch(Simulation):
 
     def advance(self, steps: int) -> Record:
         """Up to `steps` steps, as many as there is room for."""
-        warm = self._workspace.data[0].qacc_warmstart.copy()  # as one unbroken run has it
+        # An unbroken run would start its next step from here.
+        warm = self._workspace.data[0].qacc_warmstart.copy()
         recorded = record(self._model, self._workspace, self._states, steps, warm)
         assert recorded is not None, "only a batch of several is given up as a whole"
         seen, self._states = recorded

@@ -1,7 +1,8 @@
 """PyBullet's bodies: how points of their links move, and the effective mass that a contact feels.
 
-Bullet's own calculateMassMatrix and calculateJacobian are not used: they are right neither for spherical
-joints nor for axes that are not unit vectors, and need link frames, which it returns in single precision.
+Bullet's own calculateMassMatrix and calculateJacobian are not used: they are right neither for
+spherical joints nor for axes that are not unit vectors, and need link frames, which it returns in
+single precision.
 """
 
 from __future__ import annotations
@@ -31,15 +32,16 @@ _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _ZERO = (0.0, 0.0, 0.0)
 _UNKNOWN = (math.nan, math.nan, math.nan)
 
-# How a unit force at a contact acts on a body: what it is along each degree of freedom, and M^-1 times that.
+# How a unit force at a contact acts on a body: what it is along each degree of freedom, and M^-1
+# times that.
 Response = tuple[Sequence[float], Sequence[float]]
 
 
 class BulletBody:
     """A body of a client with all its links: `kind` is "fixed", "free" (one rigid body) or "jointed".
 
-    Links are numbered as in PyBullet, -1 is the base. Masses and inertias are read when it is made, the state
-    then and by `refresh`.
+    Links are numbered as in PyBullet, -1 is the base. Masses and inertias are read when it is made,
+    the state then and by `refresh`.
     """
 
     def __init__(self, bullet: BulletClient, number: int) -> None:
@@ -142,8 +144,9 @@ class BulletBody:
 class JointTree:
     """Jacobians and mass matrix of a body with joints.
 
-    Each degree of freedom is a twist, its angular velocity `w` and its velocity `v` at the world's origin, of
-    the links that it carries. The mass matrix is M = Σ m Jv^T Jv + Jw^T I Jw over the links.
+    Each degree of freedom is a twist, its angular velocity `w` and its velocity `v` at the world's
+    origin, of the links that it carries. The mass matrix is M = Σ m Jv^T Jv + Jw^T I Jw over the
+    links.
     """
 
     def __init__(self, body: BulletBody) -> None:
@@ -151,7 +154,8 @@ class JointTree:
         self.outdated = True
         links = range(-1, len(body.joints))
         infos = [body.bullet.getDynamicsInfo(body.number, link) for link in links]
-        # (links, 6): the roots of m, m, m and the three of I, which scale a link's rows of the Jacobian.
+        # (links, 6): the roots of m, m, m and the three of I, which scale a link's rows of the
+        # Jacobian.
         masses = [(info[_MASS],) * 3 for info in infos]
         self._inertia = np.sqrt([(*mass, *info[_INERTIA]) for mass, info in zip(masses, infos, strict=True)])
         # Each joint's origin in its link's centre of mass frame, m.
@@ -197,7 +201,8 @@ class JointTree:
         crosses = np.array([((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)) for x, y, z in centres])
         matrix = body.bullet.module.getMatrixFromQuaternion
         rotations = np.array([matrix(quaternion) for quaternion in quaternions]).reshape(-1, 3, 3)
-        # Velocities of centres of mass and angular velocities about main axes: (links, freedoms, 6).
+        # Velocities of centres of mass and angular velocities about main axes: (links, freedoms,
+        # 6).
         jacobian = np.concatenate([self._v + self._w @ crosses, self._w @ rotations], axis=2)
         jacobian *= self._inertia[:, None]
         carried = jacobian * self._carries[:, :, None]
@@ -214,7 +219,10 @@ def _base_twists(centre: Sequence[float]) -> list[tuple[Any, Any]]:
 def _joint_twists(
     joint: Any, centre: Sequence[float], quaternion: Sequence[float], pivot: Vector
 ) -> list[tuple[Any, Any]]:
-    """(w, v) of each degree of freedom of a joint. centre, quaternion: of its link; pivot: in that frame."""
+    """(w, v) of each degree of freedom of a joint.
+
+    centre, quaternion: of its link; pivot: in that frame.
+    """
     kind = joint[JOINT_TYPE]
     if kind == FIXED:
         return []
@@ -278,7 +286,10 @@ def contact_row(
 
 @dataclass(frozen=True, slots=True)
 class FreeBase:
-    """A body that is moved as a whole. position (m), quaternion: where it starts. direction: unit vector."""
+    """A body that is moved as a whole.
+
+    position (m), quaternion: where it starts. direction: unit vector.
+    """
 
     body: int
     description: str
@@ -295,7 +306,10 @@ class FreeBase:
 
 @dataclass(frozen=True, slots=True)
 class SlidingJoint:
-    """A prismatic joint that moves a link. start: its position. approach: m towards the other for 1 of it."""
+    """A prismatic joint that moves a link.
+
+    start: its position. approach: m towards the other for 1 of it.
+    """
 
     body: int
     description: str
@@ -312,8 +326,8 @@ class SlidingJoint:
 
 @dataclass(frozen=True, slots=True)
 class SwingingLink:
-    """Joints that together move a link as a push at its contact would. starts: their positions at touch.
-    rates: their velocities for an approach at 1 m/s.
+    """Joints that together move a link as a push at its contact would. starts: their positions at
+    touch. rates: their velocities for an approach at 1 m/s.
     """
 
     body: int

@@ -105,8 +105,8 @@ def _fix_restitutions(
 
 
 def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
-    """Restitution of the two links that meet; NaN for a body with maximal coordinates, for which PyBullet
-    returns the value of an earlier query.
+    """Restitution of the two links that meet; NaN for a body with maximal coordinates, for which
+    PyBullet returns the value of an earlier query.
     """
     first = _restitution(bullet.getDynamicsInfo(place.first.body, place.first.link))
     second = _restitution(bullet.getDynamicsInfo(place.second.body, place.second.link))

@@ -82,8 +82,8 @@ def alone_error(world: LoadedWorld) -> UserError:
 def _described(
     world: LoadedWorld, bodies: dict[int, BulletBody], first: _Link, second: _Link
 ) -> CandidatePair:
-    """A pair as a row of the list. first: one that moves. Mass (kg) and distance (m) are NaN where PyBullet
-    finds no distance.
+    """A pair as a row of the list. first: one that moves. Mass (kg) and distance (m) are NaN where
+    PyBullet finds no distance.
     """
     bullet = world.bullet
     pair = (first, second)

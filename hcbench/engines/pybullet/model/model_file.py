@@ -25,8 +25,8 @@ _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
 
 
 def check_ball(path: Path, scene: Scene) -> None:
-    """SceneError where the ball has a mass that is not above 0, or is a sphere of another radius than
-    the scene's. Without a mass it passes: the scene's is set.
+    """SceneError where the ball has a mass that is not above 0, or is a sphere of another radius
+    than the scene's. Without a mass it passes: the scene's is set.
     """
     root = _parse(path)
     for element in root.findall("link/inertial/mass"):
@@ -55,8 +55,8 @@ def check_plate(path: Path) -> None:
 
 
 def check_user_model(path: Path) -> tuple[str, float] | None:
-    """Refuse what PyBullet would only print about. Returns a restitution that it would overlook: the first
-    (tag, e) outside <link><contact>, where other simulators have theirs.
+    """Refuse what PyBullet would only print about. Returns a restitution that it would overlook:
+    the first (tag, e) outside <link><contact>, where other simulators have theirs.
     """
     if not path.is_file():
         got = f"{path} is a folder" if path.is_dir() else f"{path} is not there"

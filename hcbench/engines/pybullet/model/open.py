@@ -23,8 +23,8 @@ ANY_LINK = -2  # whichever link touches, as in PyBullet
 class LiveWorld:
     """PyBullet world that the user has set up and is running.
 
-    client: physics client id. first, second: what shall meet, the moving body first, each a body id or a
-    (body id, link index); None where the request's pair names them.
+    client: physics client id. first, second: what shall meet, the moving body first, each a body id
+    or a (body id, link index); None where the request's pair names them.
     """
 
     client: int
@@ -54,10 +54,11 @@ class BodyPart:
 class LoadedWorld:
     """A world to be measured.
 
-    label: what a report calls it. disconnect: whether to end its client at the end. pair: the two that meet,
-    as in a `LiveWorld`; () where names say. files: body id -> name of the file it came from; empty for a
-    world of the user's. unread: body id -> (tag, e) of a restitution that its file has in a place where
-    PyBullet does not look. owner: what the user made of the client, which may disconnect it when it goes.
+    label: what a report calls it. disconnect: whether to end its client at the end. pair: the two
+    that meet, as in a `LiveWorld`; () where names say. files: body id -> name of the file it came
+    from; empty for a world of the user's. unread: body id -> (tag, e) of a restitution that its
+    file has in a place where PyBullet does not look. owner: what the user made of the client, which
+    may disconnect it when it goes.
     """
 
     bullet: BulletClient
@@ -112,7 +113,10 @@ def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
 
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:
-    """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils. UserError for others."""
+    """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils.
+
+    UserError for others.
+    """
     world = LiveWorld(source or 0) if source is None or isinstance(source, int) else source
     if not isinstance(world, LiveWorld) and hasattr(world, "_client"):
         world = LiveWorld(world._client)

@@ -55,9 +55,9 @@ _MISSED = 1e-3
 class BulletPlacement:
     """Start of the launches: the two touch once `mover` has travelled `travel` m.
 
-    first, second: the links that touch, the moving body first. normal: unit vector from the first to the
-    second. point: where they touch, m. effective_mass: along the normal, kg. overlap: of the two at
-    the start, m. note: how they were brought together, where that was a choice.
+    first, second: the links that touch, the moving body first. normal: unit vector from the first
+    to the second. point: where they touch, m. effective_mass: along the normal, kg. overlap: of the
+    two at the start, m. note: how they were brought together, where that was a choice.
     """
 
     first: BodyPart
@@ -121,7 +121,10 @@ def place(
 
 
 def _free_base(bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Floats | None) -> FreeBase:
-    """A free base on its way to the other. way: unit vector; None: from where it stands, the nearest."""
+    """A free base on its way to the other.
+
+    way: unit vector; None: from where it stands, the nearest.
+    """
     position, quaternion = bullet.getBasePositionAndOrientation(moving.body)
     start = np.array(position)
     if way is None:
@@ -204,8 +207,8 @@ def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
 def swing_to_touch(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, chosen: Collection[int] | None = None
 ) -> SwingingLink | None:
-    """Bring a link of a robot to the other by its joints, or by those chosen, with its base at rest; None
-    where they do not lead there.
+    """Bring a link of a robot to the other by its joints, or by those chosen, with its base at
+    rest; None where they do not lead there.
     """
     body = BulletBody(bullet, moving.body)
     if body.kind != "jointed":
@@ -311,8 +314,8 @@ def _sliding_joints(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> 
 def _touch(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, mover: Mover, note: str = ""
 ) -> BulletPlacement:
-    """Move the one until the two just touch. UserError where they pass each other, or another part is in
-    the way.
+    """Move the one until the two just touch. UserError where they pass each other, or another part
+    is in the way.
     """
     mover.put(bullet, 0.0)
     size = _size(bullet, moving, other)

@@ -1,7 +1,7 @@
 """PyBullet: one launch of a placed pair, stepped as the user's own loop would step it.
 
-A step first finds contacts at the positions it starts from, then solves for velocities, then moves. So the
-contacts read after it carry its force and belong to the state before it.
+A step first finds contacts at the positions it starts from, then solves for velocities, then moves.
+So the contacts read after it carry its force and belong to the state before it.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class _Contact(NamedTuple):
 class LaunchInUserWorld(Simulation):
     """One launch in the user's world as it is; nothing puts it back.
 
-    gravity: as a `World` has it, m/s². along: the way that oblique launches take. law: number of the
-    plug-in's law between the two, whose force is none of Bullet's contact.
+    gravity: as a `World` has it, m/s². along: the way that oblique launches take. law: number of
+    the plug-in's law between the two, whose force is none of Bullet's contact.
     """
 
     def __init__(

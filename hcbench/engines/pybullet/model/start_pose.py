@@ -39,8 +39,9 @@ def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, 
 def set_pose(world: LoadedWorld, request: Request) -> None:
     """Set positions and switch motors off, where the request says so.
 
-    Of a joint, by its name or as "file/name": one number, m or rad. Of a free base, as `_free_base` finds
-    it: x y z, m, and a quaternion w x y z, if given. Raises UserError for other names and counts.
+    Of a joint, by its name or as "file/name": one number, m or rad. Of a free base, as `_free_base`
+    finds it: x y z, m, and a quaternion w x y z, if given. Raises UserError for other names and
+    counts.
     """
     bullet = world.bullet
     joints = _named_joints(world)

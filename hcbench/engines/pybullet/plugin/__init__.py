@@ -5,8 +5,9 @@
     contact.add(HuntCrossley(stiffness=3.4e10, alpha=0.315), ball, plate)
     pybullet.stepSimulation()  # as always
 
-`add` loads the plug-in and sends it one line of text, as any script may; docs/reference/plugins.md has them.
-Force laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e at any step.
+`add` loads the plug-in and sends it one line of text, as any script may; docs/reference/plugins.md
+has them. Force laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution`
+set e at any step.
 """
 
 from __future__ import annotations
@@ -145,8 +146,9 @@ def force(number: int, *, client: int = 0) -> float:
 
 
 class Recorder:
-    """Takes steps in a client and reads bodies after each: as stepSimulation, getBasePositionAndOrientation
-    and getBaseVelocity do, to the bit, in half the time. Raises CannotRun without a C compiler.
+    """Takes steps in a client and reads bodies after each: as stepSimulation,
+    getBasePositionAndOrientation and getBaseVelocity do, to the bit, in half the time. Raises
+    CannotRun without a C compiler.
     """
 
     def __init__(self, bullet: BulletClient) -> None:
@@ -172,8 +174,8 @@ def recorder(bullet: BulletClient) -> Recorder | None:
 
 
 def find(first: tuple[int, int], second: tuple[int, int], *, client: int = 0) -> tuple[int, str] | None:
-    """The number of the law between two (body, link) of a client and the command that added it; None where
-    there is none. It loads nothing into a process that has not loaded the plug-in.
+    """The number of the law between two (body, link) of a client and the command that added it;
+    None where there is none. It loads nothing into a process that has not loaded the plug-in.
     """
     path = library() if library.cache_info().currsize else _compile.loaded(SOURCE)
     if path is None:

@@ -8,8 +8,8 @@ from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.target import Target
 
-# What stands between the number and the bounce out of the box: a speed threshold of 0.2 m/s, error reduction
-# and slop that add or eat speed, and damping of free flight.
+# What stands between the number and the bounce out of the box: a speed threshold of 0.2 m/s, error
+# reduction and slop that add or eat speed, and damping of free flight.
 WORLD: dict[str, Any] = {
     "restitutionVelocityThreshold": 0.0,
     "contactSlop": 0.0,

@@ -1,9 +1,9 @@
 """Fits contacts of Bullet's own that start at staggered depths to eq. (16), by a model of Bullet's steps.
 
-A contact with contactStiffness k and contactDamping c' whose depth x is above 0 at a step's start pushes
-with F = max(0, k (x + h v) + c' v), v the approach rate at the step's end; several add up. So with
-c' = c - k h it is a spring on the depth at the start and a damper c on the rate at the end: near touch the
-law asks for c' below 0.
+A contact with contactStiffness k and contactDamping c' whose depth x is above 0 at a step's start
+pushes with F = max(0, k (x + h v) + c' v), v the approach rate at the step's end; several add up.
+So with c' = c - k h it is a spring on the depth at the start and a damper c on the rate at the end:
+near touch the law asks for c' below 0.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.terms.impact import Floats
 
-# The second start: over the largest penetration, and at least over a step's longest way; the best of several.
+# The second start: over the largest penetration, and at least over a step's longest way; the best
+# of several.
 _FIRST, _FIRST_STEP, _FIRST_TRIED = 0.03, 0.43, (1.0, 1.16)
 # Of the shortest contact: finer ones are fitted at so many
 _STEPS_MOST = 250.0
 _LAUNCHES, _PHASES_LEAST, _PHASES_MOST = 320.0, 3, 16
 _SPEEDS, _OTHER_SPEEDS, _LOOPS, _POINTS = 40, 97, 12, 24
-# One unit of misfit in e: a share of the error of one e for all speeds, and at least. In a loop's force over
-# its largest: so many times as much.
+# One unit of misfit in e: a share of the error of one e for all speeds, and at least. In a loop's
+# force over its largest: so many times as much.
 _SHARE, _LEAST, _FORCE_SHARE = 0.015, 1e-5, 13.0
 # Of the misfit in e, one after another: a higher one minds the worst
 _POWERS, _EVALUATIONS = (1, 2), 30

@@ -1,7 +1,7 @@
 """Options of a PyBullet setting, checked strictly.
 
-PyBullet ignores negative numbers in silence. So what it would drop is refused here, by name, and what it
-would refuse is refused before anything runs.
+PyBullet ignores negative numbers in silence. So what it would drop is refused here, by name, and
+what it would refuse is refused before anything runs.
 """
 
 import math

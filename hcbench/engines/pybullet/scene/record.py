@@ -1,8 +1,9 @@
 """Penetration, rate and force of balls in PyBullet, from their positions and velocities.
 
-Of several balls only the velocity is needed, as a query from Python costs as much as a step. Positions
-follow exactly, as Bullet moves a body by its new velocity times the step. Forces are what they do to the
-momentum, equal to Bullet's to rounding, where nothing else slows a ball; else they are read from Bullet.
+Of several balls only the velocity is needed, as a query from Python costs as much as a step.
+Positions follow exactly, as Bullet moves a body by its new velocity times the step. Forces are what
+they do to the momentum, equal to Bullet's to rounding, where nothing else slows a ball; else they
+are read from Bullet.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Float
 
 
 def force_from_momentum(scene: Scene, timestep: float, velocity: Floats, deeper: Floats) -> Floats:
-    """Normal force of each step, N, shape (n, b), from velocities of shape (n + 1, b, 3); exactly 0 where the
-    contact did not act.
+    """Normal force of each step, N, shape (n, b), from velocities of shape (n + 1, b, 3); exactly 0
+    where the contact did not act.
     """
     fall = scene.gravity * timestep
     gained = np.diff(velocity, axis=0)

@@ -31,7 +31,10 @@ WRITE = """with open("ball.urdf", "w") as file:
 
 
 def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
-    """URDF of a scene's ball with links. SettingError in a cup, SceneError for links larger than it."""
+    """URDF of a scene's ball with links.
+
+    SettingError in a cup, SceneError for links larger than it.
+    """
     radius = scene.relative_radius
     if scene.form != "plane":
         raise SettingError("pybullet option 'links'", f"in the form {scene.form!r}", "the form 'plane'")

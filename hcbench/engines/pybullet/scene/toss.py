@@ -91,8 +91,8 @@ def _load(
 
 
 def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> Floats:
-    """States of one toss before the first step and after each, (steps + 1, 13): position, quaternion w x y z,
-    velocity, see `as_body`, spin; SI.
+    """States of one toss before the first step and after each, (steps + 1, 13): position,
+    quaternion w x y z, velocity, see `as_body`, spin; SI.
     """
     start = toss.position.tolist()
     turned = _scalar_last(toss.quaternion).tolist()

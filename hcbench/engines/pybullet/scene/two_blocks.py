@@ -1,7 +1,7 @@
 """The scene `two-blocks` in PyBullet, by plug-in or by Bullet's own contact: see `hcbench.sim.two_blocks`.
 
-Bullet's own contact is a restitution where the body is clear of the blocks; where they squeeze it, there is
-no impact, and it is a spring and damper. Both are right at one speed.
+Bullet's own contact is a restitution where the body is clear of the blocks; where they squeeze it,
+there is no impact, and it is a spring and damper. Both are right at one speed.
 """
 
 from collections.abc import Mapping

@@ -1,12 +1,12 @@
 """Balls over a plate in PyBullet. Runs in a process that hcbench owns, never in the user's.
 
-What PyBullet does and when (version 3.2): a step first finds contacts at the positions it starts from, then
-solves for velocities, then moves. So contacts read after a step carry the force of that step, and belong to
-the state before it; that normalForce is m Δv / dt to rounding.
+What PyBullet does and when (version 3.2): a step first finds contacts at the positions it starts
+from, then solves for velocities, then moves. So contacts read after a step carry the force of that
+step, and belong to the state before it; that normalForce is m Δv / dt to rounding.
 
-Several balls share a world, each with the bits it has alone: they are kept from colliding with each other,
-and Bullet's solver works on each contact by itself. Bullet does not promise that; tests of every
-setting and form hold it.
+Several balls share a world, each with the bits it has alone: they are kept from colliding with each
+other, and Bullet's solver works on each contact by itself. Bullet does not promise that; tests of
+every setting and form hold it.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ _SHAPE_TOLERANCE = 1e-6
 class PybulletWorld(World):
     """Balls and a plate in this process's client, as a scene and options have them.
 
-    balls: ids of the bodies. reports_force: whether `step` returns the normal force on each ball, N; if not,
-    nothing but gravity and the contact changes a ball's velocity.
+    balls: ids of the bodies. reports_force: whether `step` returns the normal force on each ball,
+    N; if not, nothing but gravity and the contact changes a ball's velocity.
     """
 
     def __init__(self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float) -> None:
@@ -86,7 +86,8 @@ class PybulletWorld(World):
             raise CannotShareError
         with foreign_errors("pybullet", self.bullet.error):
             self._add_balls(len(launches) - len(self.balls))
-            # Contacts are kept from step to step, and with them forces: remove those of the launches before.
+            # Contacts are kept from step to step, and with them forces: remove those of the
+            # launches before.
             for ball in self.balls:
                 _place(self.bullet, ball, np.array([0.0, 0.0, _FAR]))
                 self.bullet.resetBaseVelocity(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
@@ -147,7 +148,8 @@ class PybulletWorld(World):
             move()
             forces = [0.0] * len(self.balls)
             for contact in contacts():
-                # A contact out of reach was not solved for; it still says the force of when it last was.
+                # A contact out of reach was not solved for; it still says the force of when it last
+                # was.
                 if contact[8] <= reach:
                     ball = contact[2] if contact[1] == self.plate else contact[1]
                     forces[self.balls.index(ball)] += contact[9]
@@ -168,7 +170,10 @@ class PybulletSimulation(Simulation):
         self._position, self._motion = self._positions(), self._motions()
 
     def advance(self, steps: int) -> Record:
-        """`steps` steps of all balls. Raises CannotShareError where one is not where its velocity took it."""
+        """`steps` steps of all balls.
+
+        Raises CannotShareError where one is not where its velocity took it.
+        """
         world = self._world
         with foreign_errors("pybullet", world.bullet.error):
             forces, positions, motions = self._step(steps)

@@ -8,8 +8,10 @@ from hcbench.engines.mujoco.model.causes.context import Context
 from hcbench.sim.model_under_test import Suspect
 from hcbench.system.text import time_step
 
-_HARDER = 0.1  # of what a fix leaves of 1 - d, by which a contact yields to a weight
-_FINER = 0.25  # of the step
+# A contact gives way to a weight by its 1 - d: a fix leaves this share of it.
+_HARDER = 0.1
+# Share of the step that a fix leaves.
+_FINER = 0.25
 
 
 def at_rest(context: Context) -> Iterator[Suspect]:

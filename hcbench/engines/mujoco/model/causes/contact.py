@@ -23,7 +23,8 @@ from hcbench.engines.mujoco.scene.rows import (
 from hcbench.measuring.causes import NO_PUSH
 from hcbench.sim.model_under_test import Suspect
 
-_NOTABLE = 0.01  # of e: what a contact must be off by, or clamping must change, to be named
+# Differences of e below this are not worth a line in the diagnosis.
+_NOTABLE = 0.01
 _MIXING = {"solref": "mixes the solref", "solimp": "averages the solimp"}
 
 
@@ -80,7 +81,9 @@ def refsafe(context: Context) -> Iterator[Suspect]:
         evidence, least, constant = "no bounce is left", context.timestep, constant * ratio
     if constant >= least:
         return
-    step = constant * min(0.1, math.pi * ratio / 40)  # some 40 steps a contact
+    # The undamped spring has 40 steps in half a period, π times the time constant times the
+    # damping ratio; and never less than ten steps in a time constant.
+    step = constant * min(0.1, math.pi * ratio / 40)
     yield Suspect(
         "refsafe",
         "The time constant is too short for the step: refsafe replaces it by a longer, softer one.",

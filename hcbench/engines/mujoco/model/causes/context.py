@@ -27,7 +27,11 @@ _DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 @dataclass(frozen=True)
 class Context:
-    """A pair in a model, and the impacts to explain. gravity: m/s^2. shares: see `Facts`."""
+    """A pair in a model, and the impacts to explain.
+
+    wanted: e over speed, where the user named one. gravity: (3,), m/s², in the world. shares: what
+    each cause took, as a share of the speed at touch.
+    """
 
     place: PairAtTouch
     impacts: Sequence[Impact]
@@ -91,13 +95,15 @@ class Context:
     @cached_property
     def written_e(self) -> float:
         """e of the contact as written, at the median speed; NaN without one."""
-        speeds = sorted(speeds_of(self.impacts))  # np.median would import numpy.ma
+        # The median by hand: np.median would import numpy.ma.
+        speeds = sorted(speeds_of(self.impacts))
         median = (speeds[(len(speeds) - 1) // 2] + speeds[len(speeds) // 2]) / 2
         return self.written.restitution(median) if self.written is not None else np.nan
 
     def goal(self) -> float:
         """The one e that a pasted constant setting should have."""
         e = constant_e(self.impacts, self.wanted)
+        # Where the model itself asks for a bounce, that is taken for what its author means.
         if e is None:
             e = self.written_e if self.written_e > 0.5 else BOUNCY
         return e
@@ -121,8 +127,8 @@ def _in_order(place: PairAtTouch, geoms: tuple[int, int]) -> tuple[int, int]:
 
 
 def _as_written(model: Any, geoms: tuple[int, int]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the first of them, or of
-    the second where the first has the default.
+    """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the first of
+    them, or of the second where the first has the default.
     """
     source, ids = "pair", explicit_pairs(model, geoms)[:1]
     if not ids:

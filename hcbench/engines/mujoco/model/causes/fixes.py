@@ -10,13 +10,15 @@ from hcbench.engines.mujoco.scene.rows import STIFF_SOLIMP
 from hcbench.laws.kelvin_voigt import Ending, matched
 from hcbench.terms.resolution import STEPS_OF_AN_EXPLICIT_SPRING
 
-numbers = partial(numbers_text, number="{:.10g}".format)  # as an XML attribute has them
-_LEAST_E = 0.01  # that a spring and damper are made for: e = 0 takes a damping without bounds
+# Ten digits: as many as hcbench writes into an attribute of XML.
+numbers = partial(numbers_text, number="{:.10g}".format)
+# No spring and damper is made for a smaller e: e = 0 would take infinite damping.
+_LEAST_E = 0.01
 
 
 def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]:
-    """solref that has this e at a step (s), with STIFF_SOLIMP: a bounce in one step where the integrator
-    allows it, else a spring and damper.
+    """solref that has this e at a step (s), with STIFF_SOLIMP: a bounce in one step where the
+    integrator allows it, else a spring and damper.
     """
     if integrator in ("RK4", "discrete"):
         law = matched(min(max(e, _LEAST_E), 1.0), STEPS_OF_AN_EXPLICIT_SPRING * timestep, 1.0, Ending.FORCE)
@@ -27,13 +29,17 @@ def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]
 def set_contact(
     model: Any, geoms: Sequence[int], solref: Sequence[float] | None, solimp: Sequence[float]
 ) -> None:
-    """Set the parameters of the contacts among some geoms, where they take them from; None: as is."""
+    """Set the parameters of the contacts among some geoms: in their <pair>s, or else in the geoms.
+
+    solref: (timeconst s, dampratio) or (-stiffness 1/s², -damping 1/s); None leaves it as it is.
+    """
     pairs = explicit_pairs(model, geoms)
     source, rows = ("pair", pairs) if pairs else ("geom", list(geoms))
     if solref is not None:
         getattr(model, f"{source}_solref")[rows] = solref
     getattr(model, f"{source}_solimp")[rows] = solimp
     if not pairs:
+        # Equal priorities: else MuJoCo would take the parameters of one geom alone.
         model.geom_priority[rows] = model.geom_priority[rows].max()
 
 

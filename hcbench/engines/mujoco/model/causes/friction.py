@@ -14,8 +14,10 @@ from hcbench.engines.mujoco.scene.rows import ConstraintRow
 from hcbench.sim.model_under_test import Suspect
 from hcbench.terms.impact import Impact, Tangential
 
-WEAK = 0.05  # of μ: by how much friction may be short
-_LIFT = 0.02  # of e, over that of the same contact where nothing slides
+# Share of μ that friction may be short before it counts as weak.
+WEAK = 0.05
+# Gain of e, over that of the same contact without slip, from which friction is named.
+_LIFT = 0.02
 
 
 def sliding_lift(context: Context) -> Iterator[Suspect]:
@@ -44,8 +46,9 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
 
 
 def pyramidal_cone(model: Any, impacts: Sequence[Impact], friction: float) -> tuple[Impact, Suspect] | None:
-    """The impact in which friction is weakest although the body slides on, and the cone as what may weaken
-    it: along the diagonal of the pyramid friction is 29 % below Coulomb's. None where nothing is short.
+    """The impact in which friction is weakest although the body slides on, and the cone as what may
+    weaken it: along the diagonal of the pyramid friction is 29 % below Coulomb's. None where
+    nothing is short.
     """
     if int(model.opt.cone) != int(backend().mjtCone.mjCONE_PYRAMIDAL) or not friction:
         return None

@@ -12,8 +12,11 @@ from hcbench.engines.mujoco.model.causes.context import Context
 from hcbench.engines.mujoco.model.speed_shares import ACTUATORS, EQUALITIES, LIMITS
 from hcbench.sim.model_under_test import Suspect
 
-_NOTABLE = 0.005  # of the speed at touch, lost to or gained from other causes than the contact
-_DEEPER = 1.5  # times the largest penetration: how far limits are looked for
+# Share of the speed at touch, lost to or gained from other causes than the contact, that is
+# named.
+_NOTABLE = 0.005
+# Limits are looked for as deep as this times the largest penetration.
+_DEEPER = 1.5
 
 
 def limits(context: Context) -> Iterator[Suspect]:

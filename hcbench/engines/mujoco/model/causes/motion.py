@@ -14,9 +14,11 @@ from hcbench.measuring import causes
 from hcbench.sim.model_under_test import Suspect
 from hcbench.terms.impact import Status
 
-_SOLVER = {"tolerance": 1e-8, "iterations": 100, "ls_iterations": 50}  # MuJoCo's own
+# MuJoCo's own defaults.
+_SOLVER = {"tolerance": 1e-8, "iterations": 100, "ls_iterations": 50}
 
-_SHOWN = 4  # actuators that are named
+# Actuators that a line names.
+_SHOWN = 4
 
 
 def integrator(context: Context) -> Iterator[Suspect]:

@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.terms.impact import Impact
 
-# Gravity gives a resting body g h in a step. The plug-in cannot tell an impact of about that speed from rest.
-_SLOW = 3.0  # of g h
-_CURED = 4.0  # of g h: what the slowest impact is with the step that is advised
+# Gravity gives a resting body g h in a step. The plug-in cannot tell an impact of about that speed
+# from rest. In units of g h: impacts slower than this are suspected.
+_SLOW = 3.0
+# In units of g h: speed of the slowest impact with the step that is advised.
+_CURED = 4.0
 
 
 def slow_for_plugin(

@@ -13,7 +13,8 @@ from hcbench.engines.mujoco.scene.promises import option_in_force
 from hcbench.sim.model_under_test import Suspect
 from hcbench.sim.promise import Promise
 
-_SAME = 1e-6  # of a number, as XML is written
+# Relative difference of two numbers that the digits of XML make.
+_SAME = 1e-6
 
 
 def broken_promise(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
