@@ -138,14 +138,19 @@ def step():
     return state()"""
 
 
-# Constraint force mixing, built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1
+# Constraint force mixing is built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1.
 _MIXING = 1e-5
-# Units of length a second: no bounce below in e v, none faster than that
-_THRESHOLD, _CAP = 0.1, 100.0
+# In units of length a second: no bounce below the first in e v, none faster than the second.
+_THRESHOLD = 0.1
+_CAP = 100.0
 
 
 def units_per_metre(target: Target, e: float) -> float:
-    """The smallest unit of length, a power of ten, whose cap is half again the band's highest speed."""
+    """Number of DART's units of length in a metre, a power of ten.
+
+    The unit is the smallest whose cap is half again the band's highest speed. Raises SettingError
+    for a band too wide to lie between DART's threshold and its cap.
+    """
     units = 10.0 ** math.floor(math.log10(_CAP / (1.5 * target.speed_max)))
     if e * target.speed_min * units <= _THRESHOLD:
         got, least = f"from {target.speed_min:.4g} m/s on", _THRESHOLD / (e * units) if e else math.inf

@@ -68,7 +68,7 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
         """Plant, contact or law, and Simulator."""
         plant, contact, integrator = _parts(options, "timestep")
         before, after, force = ("", _LAW, "") if options.law else (f"{contact}\n{_SHAPES}", "", _FORCE)
-        # a discrete one's results are of two times
+        # Results of a discrete plant are of two times, so its force is not read.
         force = force if options.plant == "continuous" else ""
         return _LINES.format(plant=plant, before=before, after=after, integrator=integrator, force=force)
 
@@ -167,7 +167,8 @@ def force():  # of the present state; contact_force() is that on the second body
 
 # Share of e that the discrete plant's own damping may take, where that is not too soft
 _DAMPED = 2e-3
-_DEEPEST = 1e-3  # m: as deep as the band's highest speed may go for it
+# The band's highest speed may press the spring as deep as this for it, m.
+_DEEPEST = 1e-3
 
 
 def _hertz_stiffness(target: Target) -> float:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Setting
 
 
-# m, of the sphere that stands for a plane: on its axis the gap is that of a plane
+# Radius of the sphere that stands for a plane, m: on its axis the gap is that of a plane.
 _PLATE_RADIUS = 10.0
 Number = Annotated[Finite | None, Field(ge=0.0)]
 

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-# Else threads may wait for ever
+# Else its threads may wait for each other without end.
 os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"
 import jax
 import jax.numpy as jnp
@@ -33,15 +33,17 @@ class MjxBodies(MuJoCo):  # type: ignore[misc, valid-type]
 
     def make(self, world: dict[str, Any]) -> None:
         super().make(world)
-        # MJX has no elliptic cone without friction
+        # MJX has no elliptic cone without friction.
         self.model.opt.cone *= bool(world["friction"])
-        self.model.opt.impratio = 100.0  # with 1e6 a box does not rest
+        # With MuJoCo's 1e6 a box does not rest.
+        self.model.opt.impratio = 100.0
         self.made.append((self.model, self.data))
 
     def start(self) -> None:
         self.worlds = self.made
         self.made = []
-        self.ahead = 0  # steps still to be taken
+        # Steps still to be taken.
+        self.ahead = 0
         models = [mjx.put_model(model) for model, _ in self.worlds]
         # One model whose arrays have those of all worlds, in their first axis.
         leaves = zip(*map(jax.tree.leaves, models), strict=True)
@@ -52,7 +54,8 @@ class MjxBodies(MuJoCo):  # type: ignore[misc, valid-type]
         self.now = empty.replace(qpos=empty.qpos.at[:].set(q), qvel=empty.qvel.at[:].set(v))
 
     def step(self) -> None:
-        self.ahead += 1  # all at once, when a state is asked for
+        # They are taken all at once, when a state is asked for.
+        self.ahead += 1
 
     def state(self) -> list[Any]:
         self.now, self.ahead = self.steps(self.models, self.now, self.ahead), 0

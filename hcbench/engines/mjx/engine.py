@@ -39,13 +39,16 @@ if TYPE_CHECKING:
 
 
 _PLACES = 32
-# Of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for a
-# third.
+# Threads of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for
+# a third.
 _THREADS = "16"
-_WORKING = 4  # times a state's bytes that a step takes in all
-_BUFFER = 512  # steps that are recorded before they are looked at
-IMPEDANCE = 0.9  # of a bounce in one step: float32 tells 1 - d to 2e-6
-# Of a state, as the user has set it
+# Memory that a step takes in all, in bytes of a state.
+_WORKING = 4
+# Steps that are recorded before they are looked at.
+_BUFFER = 512
+# Impedance of a bounce in one step: float32 tells 1 - d to 2e-6.
+IMPEDANCE = 0.9
+# Fields of a state that stay as the user has set them.
 _HELD = ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")
 _BITS = {"float32": 32, "float64": 64}
 
@@ -61,7 +64,8 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     backend = Backend("mjx", "mujoco-mjx", "3.17", "3.17")
     bits = 32
     own_process = True
-    limit = 600.0  # JAX compiles for up to minutes
+    # Seconds: JAX compiles for up to minutes.
+    limit = 600.0
     together = _PLACES
     suffixes = (".xml", ".mjcf", ".mjb")
     model_engine = "mujoco"
@@ -88,24 +92,32 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     def copies(
         self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
     ) -> MjxCopies:
-        """Copies of a model that one vmap steps together."""
+        """Copies of a model that one vmap steps together.
+
+        start: MjData of what states leave out. bits: 32 or 64; 0 for JAX's own. law: lines of the
+        step function. radius: of the ball, m. Raises SceneError for what MJX does not have,
+        CannotRun without the device.
+        """
         if model.nplugin:
             got = "a plug-in, which MJX leaves out without a warning"
             raise SceneError("model", got, "a model without", "`hcbench tune mjx` puts a law into its step")
-        if device == "cpu" and in_worker():  # before MJX starts XLA
+        # The number of threads must be set before MJX starts XLA.
+        if device == "cpu" and in_worker():
             os.environ.setdefault("NPROC", _THREADS)
-        exact = self._starts_in_64_bits()  # before a setting says otherwise
+        # Read before a setting says otherwise.
+        exact = self._starts_in_64_bits()
         bits = bits or (64 if exact else 32)
         jax, mjx = self.backend.module("jax"), self.backend.module("mujoco.mjx")
         jax.config.update("jax_enable_x64", bits == 64)
-        if in_worker() and not jax.config.jax_compilation_cache_dir:  # else the user's process, or choice
+        # In the user's own process the cache is the user's choice.
+        if in_worker() and not jax.config.jax_compilation_cache_dir:
             jax.config.update("jax_compilation_cache_dir", str(user_folder("cache") / "jax"))
         chosen = self._device(device)
         try:
             on_device = mjx.put_model(model, device=chosen)
         except NotImplementedError as error:
             raise SceneError("model", f"MJX: {error}", "what MJX has of MuJoCo") from None
-        # put_data has other types in 64 bits
+        # put_data has other types in 64 bits: the fields are put one by one.
         empty = mjx.make_data(on_device, device=chosen)
         held = {name: jax.device_put(getattr(start, name), chosen) for name in _HELD}
         copies = MjxCopies(
@@ -233,7 +245,8 @@ def step(model, data):  # the pair's solref is that of `impulse`
 
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have this integrator")
-# Of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
+# Range of e in float32: a position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more of
+# them.
 _SCATTER = 4e-3
 _ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")
 _SOFT = "The numbers hold at this step and gravity only. e varies with the phase of the step."

@@ -6,18 +6,22 @@ from typing import Any
 
 import mujoco
 
-CONTACT_STEPS = 20  # that a contact lasts
+# Steps of a contact.
+CONTACT_STEPS = 20
 
 
 def solref(e: float, h: float) -> str:
     """The solref with which a contact in discrete steps leaves at e, where the force is zero again."""
     if e == 0:
-        return "0.02 1"  # the default
-    low, high = 0.0, 0.99  # of the damping ratio
+        # MuJoCo's default, which hardly bounces.
+        return "0.02 1"
+    # Bounds of the damping ratio.
+    low, high = 0.0, 0.99
     for _ in range(60):
         z, w = (low + high) / 2, math.sqrt(1 - ((low + high) / 2) ** 2)
         low, high = (z, high) if math.exp(-z / w * math.atan2(2 * z * w, 2 * z * z - 1)) > e else (low, z)
-    turn = math.pi / CONTACT_STEPS  # of the undamped motion in a step
+    # Angle of the undamped motion in a step.
+    turn = math.pi / CONTACT_STEPS
     decay = math.exp(-z * turn)
     stiffness, damping = (1 + decay**2 - 2 * decay * math.cos(w * turn)) / h**2, (1 - decay**2) / h
     return f"{-stiffness} {-damping}"

@@ -21,7 +21,8 @@ class WarpBodies(MuJoCo):  # type: ignore[misc, valid-type]
 
     def make(self, world: dict[str, Any]) -> None:
         super().make(world)
-        self.model.opt.impratio = 100.0  # 1e6 is nan in float32
+        # MuJoCo's 1e6 gives NaN in float32.
+        self.model.opt.impratio = 100.0
         self.made.append((self.model, self.data))
 
     def start(self) -> None:

@@ -39,11 +39,15 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Pair, Setting
 
 
-_LOOK = 8  # steps between two looks at which balls have ended
-_BYTES = 8_000  # of memory that a copy takes, measured: 7 kB
-_PLACES = 128  # a step of one world costs as much as of all
-_MOST_STEPS = 64  # between two looks
-# Of a world, and constraints of a user's model; Warp's own is 48
+# Steps between two looks at which balls have ended.
+_LOOK = 8
+# Memory that a copy takes, bytes: 7 kB were measured.
+_BYTES = 8_000
+# A step of one world costs as much as of all of them.
+_PLACES = 128
+# Steps between two looks.
+_MOST_STEPS = 64
+# Contacts of a world, and constraints, of a user's model: Warp's own bound is 48.
 _MOST_CONTACTS = 256
 
 
@@ -60,7 +64,8 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     backend = Backend("mujoco-warp", "mujoco-warp", "4.0", "4.0")
     bits = 32
     own_process = True
-    limit = 600.0  # Warp compiles some 40 kernels when first used
+    # Seconds: Warp compiles some 40 kernels when first used.
+    limit = 600.0
     together = _PLACES
     suffixes = (".xml", ".mjcf", ".mjb")
     model_engine = "mujoco"
@@ -95,7 +100,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         except (NotImplementedError, ValueError) as error:
             raise SceneError("model", f"MuJoCo Warp: {error}", "what it has of MuJoCo") from None
         known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": radius, "np": np}
-        # a ball on a plane, or anything
+        # A ball on a plane has few; a user's model may have any.
         most = int(model.npair) + 4 if radius else _MOST_CONTACTS
         copies = WarpCopies(model, start, most, run_lines(law, known))
         if device:
@@ -196,11 +201,16 @@ def _either(a: bool, b: bool) -> bool:
 
 @cache
 def _reading_kernel(warp: Any) -> Any:
-    """`reader` as a kernel: a ball's reading in each thread."""
+    """`hcbench.sim.read_steps.reader` as a kernel of Warp: a ball's reading in each thread.
+
+    Warp compiles source text, so the kernel is written as text: the fields of Rule and Reading are
+    its arguments, arrays where each ball has a number of its own.
+    """
     both, either = warp.func(_both), warp.func(_either)
     library = SimpleNamespace(abs=warp.abs, where=warp.where, logical_and=both, logical_or=either)
     kinds = {name: "int" if name in WHOLE else "float" for name in (*Rule._fields, *Reading._fields)}
-    each = {*EACH, *Reading._fields}  # the others are one number for all
+    # The other columns are one number for all.
+    each = {*EACH, *Reading._fields}
     typed = [f"_{name}: {f'wp.array[{kind}]' if name in each else kind}" for name, kind in kinds.items()]
     taken = [f"_{name}[i]" if name in each else f"_{name}" for name in kinds]
     lines = [
@@ -211,7 +221,7 @@ def _reading_kernel(warp: Any) -> Any:
         *(f"    _{name}[i] = {name}" for name in Reading._fields),
     ]
     add = reader(library)
-    # Warp insists
+    # Warp compiles no function without annotations.
     add.__annotations__ = dict.fromkeys(("height_after", "rising_after", *kinds), Any)
     return run_lines("\n".join(lines), {"wp": warp, "add": warp.func(add)})["read"]
 
@@ -245,7 +255,8 @@ def before_step(data):  # each world has a solref of its own; the pair's is that
 
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MuJoCo Warp does not have this integrator")
-_SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm
+# Range of e: a float32 position at R has steps of 4 nm.
+_SCATTER = 4e-3
 _COPIES = "MuJoCo Warp keeps one pair of two geoms only: each pair gets a massless copy of the ball's geom."
 _FLOAT = "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
 _ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")

@@ -25,7 +25,8 @@ class NewtonBodies:
         if e and not self.combine:
             if self.name != "newton-mujoco":
                 raise NotImplementedError("has no restitution")
-            for _ in range(99):  # the force of the contact ends at e = exp(-2 angle/tan(angle))
+            # The force of the contact ends at e = exp(-2 angle/tan(angle)): solved by iteration.
+            for _ in range(99):
                 angle = np.arctan2(2 * angle, -np.log(e))
             common |= {"ke": (np.pi / 20 / self.h) ** 2, "kd": np.pi / 10 / self.h * np.cos(angle) + 1e-6}
         self.builder.begin_world(gravity=world["gravity"])
@@ -44,9 +45,11 @@ class NewtonBodies:
     def start(self) -> None:
         self.builder.color()
         model = self.builder.finalize()
-        self.builder = newton.ModelBuilder()  # for the worlds to come
+        # For the worlds to come.
+        self.builder = newton.ModelBuilder()
         self.worlds = model.world_count
-        model.rigid_contact_max = 16 * self.worlds  # not 1000 for one
+        # Contacts that there is room for: Newton's default is 1000 for one world.
+        model.rigid_contact_max = 16 * self.worlds
         self.stepper = self.solver(model, **self.options)
         self.at = model.state()
         self.after = model.state()
@@ -63,7 +66,7 @@ class NewtonBodies:
         return np.hstack([self.at.body_q.numpy()[:, :3], self.at.body_qd.numpy()]).reshape(self.worlds, -1, 9)
 
 
-# solver, how it joins two restitutions, options
+# Each solver, how it joins two restitutions, and its options.
 ENGINES = [
     partial(NewtonBodies, "XPBD", "average", {"enable_restitution": True, "iterations": 10}),
     partial(NewtonBodies, "Kamino", "minimum", {}),

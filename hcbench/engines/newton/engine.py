@@ -100,14 +100,17 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
 
 
 def _parts(options: NewtonOptions) -> tuple[str, str, str, str]:
-    """Shapes, contact pairs, solver, and the law's function."""
+    """Lines of both shapes, contact pairs, solver, and the law's function; "" for none.
+
+    Raises SettingError for an e without XPBD, or rows without SolverMuJoCo.
+    """
     given = options.model_dump(include={"restitution", "ke", "kd"}, exclude_none=True)
     bounces = options.restitution is not None or isinstance(options.law, Restitution)
     solver = "SemiImplicit" if isinstance(options.law, HuntCrossley) else options.solver
     for what, has, only in (("an e", bounces, "XPBD"), ("rows", options.rows, "MuJoCo")):
         if has and solver != only:
             raise SettingError("newton option 'solver'", f"{solver!r} with {what}", f"{only!r}")
-    # With a mu of 0 that one's states are NaN
+    # With a mu of 0 the states of SolverMuJoCo are NaN.
     mu = {} if solver == "MuJoCo" else {"mu": 0.0}
     shape = ", ".join(f"{k}={shortest(v)}" for k, v in (mu | {"density": 0.0} | given).items())
     rows = [", ".join(map(shortest, (*row.solref, *row.solimp, row.onset))) for row in options.rows]
@@ -181,7 +184,8 @@ def before_step():  # the shapes' restitutions are averaged: the plane has none
 """
 
 
-_SCATTER = 6e-3  # of e by float32, in contacts of many steps
+# Range of e by float32, in contacts of many steps.
+_SCATTER = 6e-3
 
 
 def best_constant(target: Target) -> dict[str, Any]:

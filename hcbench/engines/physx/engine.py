@@ -99,7 +99,8 @@ def _parts(options: PhysxOptions) -> tuple[str, str, str]:
         hook = _FORCE
     elif options.law is not None:
         hook = _EACH
-        material = _MATERIAL.format("0")  # the hook sets its e before each impact
+        # The hook sets the material's e before each impact.
+        material = _MATERIAL.format("0")
     elif options.restitution is not None:
         material = _MATERIAL.format(shortest(options.restitution))
     return _CONFIG.format(config), material, hook
@@ -155,8 +156,9 @@ def before_step():
 
 
 _SCENE = {"bounce_threshold": 0.0, "enable_tgs": True}
-_WITHIN = 1.3e-6  # of e, by float32
-# Of a force law's at 1e-5 s: a position at R has steps of 4 nm
+# Error of e by float32.
+_WITHIN = 1.3e-6
+# Range of e by float32 under a force law at 1e-5 s: a position at R has steps of 4 nm.
 _SCATTER = 3e-3
 
 

@@ -20,17 +20,22 @@ BACKEND = Backend(
     "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11",
     newest_python="3.11",
 )
-# Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the
-# process, outlives the client too. Every world made here starts with them. For maxJointVelocity:
-# Bullet clips every component of speed and spin, at 100 unless set
+# Bullet clips every component of a body's speed and spin at maxJointVelocity, 100 unless set.
 UNCLIPPED = 1e9
-_MOST_CLIENTS = 1024  # MAX_PHYSICS_CLIENTS of Bullet
-# Places in a point of getContactPoints and getClosestPoints, of body A and body B
-LINK_A, LINK_B = 3, 4
-POINT_A, POINT_B = 5, 6  # m, in the world
-NORMAL = 7  # unit vector on B that points at A
-DISTANCE = 8  # m, below 0 where they overlap
-FORCE = 9  # N, along the normal
+# MAX_PHYSICS_CLIENTS of Bullet.
+_MOST_CLIENTS = 1024
+# Places in a point of getContactPoints and getClosestPoints, of body A and body B.
+LINK_A = 3
+LINK_B = 4
+# Points in the world, m; unit vector on B that points at A; distance, m, below 0 where the two
+# overlap; and force along the normal, N.
+POINT_A = 5
+POINT_B = 6
+NORMAL = 7
+DISTANCE = 8
+FORCE = 9
+# Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the
+# process, outlives the client too. Every world made here starts with them.
 LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
 
 
@@ -42,7 +47,7 @@ class BulletClient:
     """
 
     def __init__(self, client: int) -> None:
-        # Prints on import
+        # PyBullet prints a line on import.
         self.module, self.client = BACKEND.module(), client
         self.error: type[Exception] = self.module.error
 

@@ -111,7 +111,8 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         """A path of its suffixes, several, a client's id, a BulletClient or a `World`."""
         if isinstance(source, list | tuple):
             return all(isinstance(part, str | Path) for part in source)
-        if source is None:  # an ordinary script, whose function returns nothing
+        # An ordinary script's function returns nothing: its client is then the first one.
+        if source is None:
             return is_connected()
         return super().accepts(source) or isinstance(source, int | LiveWorld) or hasattr(source, "_client")
 

@@ -27,8 +27,10 @@ from hcbench.terms.setting import Setting
 
 Law = HuntCrossley | KelvinVoigt | TouchSpeedLaw
 
-# Points of a loop: one a time step, within what draws a smooth curve and what a file can carry.
-_POINTS_MIN, _POINTS_MAX = 201, 2001
+# Points of a loop, one a time step, within bounds: enough for a smooth curve, and few enough for a
+# file.
+_POINTS_MIN = 201
+_POINTS_MAX = 2001
 
 
 class ReferenceEngine(Engine):
@@ -97,7 +99,7 @@ def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence
     return {**defaults, **read_numbers(setting.options, required, [*defaults], SettingError, slot)}
 
 
-# a study asks for every speed at several phases, which the truth does not depend on
+# A study asks for every speed at several phases, which the truth does not depend on.
 @lru_cache(maxsize=512)
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
     if isinstance(law, TouchSpeedLaw):
@@ -112,13 +114,15 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
         impact = ode.impact(law, mass, speed, gravity=gravity, count=2 * _POINTS_MIN - 1)
     if impact.loop is not None:
         for array in (impact.loop.time, impact.loop.penetration, impact.loop.rate, impact.loop.force):
-            # Shared by every impact that asks for the same
+            # Shared by every impact that asks for the same.
             array.flags.writeable = False
     return impact
 
 
 def _points(duration: float, timestep: float) -> int:
-    """An odd count, so that the turning point is one of them."""
+    """Number of points of a loop of this duration (s): odd, so that the turning point is one of
+    them.
+    """
     return int(min(max(duration / timestep, _POINTS_MIN), _POINTS_MAX)) // 2 * 2 + 1
 
 

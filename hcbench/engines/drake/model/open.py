@@ -26,7 +26,8 @@ class OpensFiles(OpensModels):
     """URDF, SDF and MJCF files that Drake loads."""
 
     backend: Backend
-    limit = 300.0  # Python reads a user's model after each step
+    # Seconds: Python reads a user's model after each step.
+    limit = 300.0
     suffixes = (".urdf", ".sdf", ".xml", ".mjcf")
 
     def accepts(self, source: Any) -> bool:
@@ -72,7 +73,8 @@ def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> 
     mass = math.nan
     try:
         gap = loaded.nearest(context, first, second)
-    except UserError:  # of shapes whose distance Drake does not know
+    # Drake does not know the distance of these shapes.
+    except UserError:
         pass
     else:
         distance = gap.distance

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 _ROUNDS = 60
-_CLOSE = 1e-13  # m: a distance that counts as touching
-_MISSED = 1e-6  # m
+# Distance that counts as touching, m.
+_CLOSE = 1e-13
+# Distance, m, at the end of a way from which the two do not meet.
+_MISSED = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +83,8 @@ def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap
 def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> PlacedPair:
     """Bring the two just to touch, by moving the first, or else the second, along their common normal.
 
-    context: the plant's, with everything at rest where it starts. Raises UserError with the reason
-    where that cannot be done.
+    context: the plant's, with everything at rest where it starts; it ends at touch. Raises
+    UserError with the reason where that cannot be done.
     """
     names = request.pair or _only_pair(loaded)
     first, second = (loaded.part(name) for name in names)
@@ -124,13 +126,15 @@ def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
     """
     plant = loaded.plant
     joint_of = {plant.get_joint(i).child_body().index(): plant.get_joint(i) for i in plant.GetJointIndices()}
-    chain = []  # joints that turn, nearest first
+    # Joints that turn, nearest first.
+    chain = []
     joint = joint_of.get(body.index())
     while joint is not None:
         start = joint.velocity_start()
         count = joint.num_velocities()
         if count == 6:
-            translations = list(range(start + 3, start + 6))  # a free joint's rotations are first
+            # Of a free joint's velocities the rotations are first.
+            translations = list(range(start + 3, start + 6))
             yield translations, f"body {body.name()!r} on its free joint"
         elif joint.type_name() == "prismatic":
             yield [start], f"body {body.name()!r} on its slide"
@@ -151,6 +155,7 @@ def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) 
     if moves_all:
         move = np.linalg.solve(loaded.plant.CalcMassMatrix(context), row)
     else:
+        # Translations alone: the least velocity is along the row itself.
         move = np.zeros_like(row)
         move[dofs] = row[dofs]
     approach = float(row @ move)
@@ -189,13 +194,16 @@ def _placed(
     gap: Gap,
     overlap: float,
 ) -> PlacedPair:
-    """The pair as it stands in `context`, at touch, with what a launch needs to know of it."""
+    """The pair as it stands in `context`, at touch, with what a launch needs to know of it.
+
+    dofs: places in the velocities that move it. words: a name for them. overlap: at the start, m.
+    """
     plant = loaded.plant
     row = approach_row(loaded, context, pair, gap)
     direction = _direction(loaded, context, row, dofs)
     assert direction is not None
     mass = plant.CalcMassMatrix(context)
-    # Of gravity, springs and dampers
+    # What gravity, springs and dampers do to the plant at rest.
     forces = loaded.drake.MultibodyForces(plant)
     plant.CalcForceElementsContribution(context, forces)
     at_rest = np.zeros(plant.num_velocities())

@@ -25,9 +25,12 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Impact, Launch
 
-_NOTABLE = 0.01  # of e: what a step's own damping must take, to be named
-_TAKEN = 0.002  # of e: what it may take with the fix
-_FINEST = 30  # parts of its step that a fix is tried in: each takes as long
+# A step's own damping must take this much of e to be named.
+_NOTABLE = 0.01
+# With the fix it may take this much of e.
+_TAKEN = 0.002
+# A fix divides the step into at most so many parts: each takes as long as the step.
+_FINEST = 30
 
 
 class DrakeModel(ModelUnderTest):
@@ -86,7 +89,8 @@ class DrakeModel(ModelUnderTest):
         stiffness, dissipation = self.pair_values()
         asked: tuple[float, ...] = ()
         words = ""
-        if self._is_point_contact():  # a pressure field has no closed form
+        # A pressure field has no closed form.
+        if self._is_point_contact():
             curve = Restitution(dissipation / 1.5)
             asked = tuple(float(curve.at(v)) for v in self.request.speeds)
             words = f"dissipation {dissipation:.4g} s/m: the law's e with d = 1.5 α"
@@ -133,7 +137,8 @@ class DrakeModel(ModelUnderTest):
         kept = math.exp(-0.5 * math.pi * omega * self.timestep)
         if 1.0 - kept < _NOTABLE:
             return
-        step = 2.0 * _TAKEN / (math.pi * omega)  # of which exp(...) is 1 - _TAKEN
+        # At this step exp(-π ω h/2) is 1 - _TAKEN.
+        step = 2.0 * _TAKEN / (math.pi * omega)
         fix = None
         if step * _FINEST > self.timestep:
             fix = partial(_set_step, timestep=step)
@@ -281,6 +286,7 @@ class DrakeSimulation(Simulation):
         if one in second and two in first:
             return float(normal @ force)
         others = [shape for shape in shapes if shape not in (*first, *second)]
-        if len(others) < len(shapes):  # one of the pair touches something else
+        # One of the pair touches something else.
+        if len(others) < len(shapes):
             self._model.others |= {self._loaded.short(shape) for shape in others}
         return 0.0

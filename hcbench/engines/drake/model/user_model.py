@@ -24,7 +24,7 @@ SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
 STIFFNESS = "point_contact_stiffness"
 DISSIPATION = "hunt_crossley_dissipation"
 _DEFAULTS = {STIFFNESS: 1e6, DISSIPATION: 50.0}
-# Of a direction's component: below it a face or an edge is what is farthest along
+# Component of a direction below which a face or an edge, not a vertex, is farthest along it.
 _ALONG = 1e-9
 
 
@@ -177,7 +177,8 @@ class LoadedPlant:
         end_a = query.GetPoseInWorld(near.id_A).multiply(near.p_ACa)
         end_b = query.GetPoseInWorld(near.id_B).multiply(near.p_BCb)
         normal = near.nhat_BA_W
-        if near.id_A != b:  # Drake chooses which of the two is A
+        # Drake chooses which of the two is A.
+        if near.id_A != b:
             normal = -normal
         return Gap(float(near.distance), np.asarray(normal), (end_a + end_b) / 2, (a, b))
 
@@ -201,6 +202,7 @@ class LoadedPlant:
         if isinstance(shape, drake.Box):
             return np.asarray(0.5 * shape.size() * side)
         if isinstance(shape, drake.Ellipsoid):
+            # The support point of an ellipsoid: its normal there is along the direction.
             axes = np.array([shape.a(), shape.b(), shape.c()])
             return np.asarray(axes**2 * along / np.linalg.norm(axes * along))
         if isinstance(shape, drake.Capsule | drake.Cylinder):

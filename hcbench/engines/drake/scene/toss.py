@@ -36,7 +36,11 @@ SETTINGS = (
 def simulate(
     body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
 ) -> list[Floats]:
-    """States at the ends of steps, of each toss."""
+    """States at the ends of steps (s) of each toss, (steps + 1, 13): position, quaternion w x y z,
+    velocity and spin in the world, SI.
+
+    values: of the setting's parameters.
+    """
     given = setting.named(values)
     with foreign_errors("drake"):
         drake: Any = importlib.import_module("pydrake.all")
@@ -53,6 +57,7 @@ def simulate(
 
 
 def _add(drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Mapping[str, float]) -> None:
+    """Add body and plate with their contact to a plant. given: parameters by name, SI."""
     turning = drake.RotationalInertia(*body.inertia)
     inertia = drake.SpatialInertia.MakeFromCentralInertia(body.mass, [0, 0, 0], turning)
     tossed = plant.AddRigidBody("body", inertia)
@@ -76,7 +81,10 @@ def _add(drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Map
 
 
 def _simulate(drake: Any, simulator: Any, plant: Any, logger: Any, toss: Toss, timestep: float) -> Floats:
-    """Drake has the quaternion first, then the place; the spin, then the velocity."""
+    """States of one toss, (steps + 1, 13), see `simulate`.
+
+    Drake itself has the quaternion before the place, and the spin before the velocity.
+    """
     context = simulator.get_mutable_context()
     context.SetTime(0.0)
     velocity = as_integrated(toss.velocity, timestep)
@@ -85,6 +93,7 @@ def _simulate(drake: Any, simulator: Any, plant: Any, logger: Any, toss: Toss, t
     log = logger.FindMutableLog(context)
     log.Clear()
     simulator.Initialize()
+    # A quarter of a step beyond the last one, so that rounding leaves out none.
     simulator.AdvanceTo((toss.steps + 0.25) * timestep)
     rows = log.data().T[: toss.steps + 1]
     order = [4, 5, 6, 0, 1, 2, 3, 10, 11, 12, 7, 8, 9]

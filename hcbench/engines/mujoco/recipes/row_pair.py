@@ -47,14 +47,20 @@ class _Rows(NamedTuple):
     "Reference" (the direct format), d(r) and solimp's numbers of "Impedance".
     """
 
-    stiffness: Floats  # w k h² of the spring, w = d/(1 - d) its constant weight
-    damping: Floats  # w b h of the spring
-    damper: Floats  # b h of the damper: solref's damping over dmax
+    # w k h² of the spring, w = d/(1 - d) its constant weight
+    stiffness: Floats
+    # w b h of the spring
+    damping: Floats
+    # b h of the damper: solref's damping over dmax
+    damper: Floats
     dmax: Floats
-    width: Floats  # over v h
+    # over v h
+    width: Floats
     midpoint: Floats
-    rise: Floats  # (dmax - dmin)/midpoint^(power - 1), of the sigmoid up to its midpoint
-    level: Floats  # (dmax - dmin)/(1 - midpoint)^(power - 1), of the sigmoid from there on
+    # (dmax - dmin)/midpoint^(power - 1), of the sigmoid up to its midpoint
+    rise: Floats
+    # (dmax - dmin)/(1 - midpoint)^(power - 1), of the sigmoid from there on
+    level: Floats
 
     def of(self, which: Any) -> _Rows:
         """The rows of some of the launches."""

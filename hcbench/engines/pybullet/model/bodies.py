@@ -18,14 +18,25 @@ from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.vectors import Vector, add_scaled, cross, rotate, rotate_inverse, vector
 from hcbench.terms.impact import Floats
 
-# pybullet.JOINT_...
+# Kinds of joints, pybullet.JOINT_...
 REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED = range(5)
-# Places in getJointInfo
-JOINT_NAME, JOINT_TYPE, LINK_NAME, AXIS, PARENT = 1, 2, 12, 13, 16
-# Places in getDynamicsInfo: kg; kg m² about the main axes; the frame of these in that of the link
-_MASS, _INERTIA, _FRAME_POSITION, _FRAME_QUATERNION = 0, 2, 3, 4
-# Places in getLinkState: of the centre of mass
-_CENTRE, _QUATERNION, _VELOCITY, _SPIN = 0, 1, 6, 7
+# Places in getJointInfo.
+JOINT_NAME = 1
+JOINT_TYPE = 2
+LINK_NAME = 12
+AXIS = 13
+PARENT = 16
+# Places in getDynamicsInfo: mass, kg; inertia, kg m², about the main axes; and the frame of these
+# axes in that of the link.
+_MASS = 0
+_INERTIA = 2
+_FRAME_POSITION = 3
+_FRAME_QUATERNION = 4
+# Places in getLinkState: position, attitude and motion of the centre of mass.
+_CENTRE = 0
+_QUATERNION = 1
+_VELOCITY = 6
+_SPIN = 7
 
 _FREEDOMS = {REVOLUTE: 1, PRISMATIC: 1, SPHERICAL: 3, PLANAR: 3, FIXED: 0}
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -49,7 +60,8 @@ class BulletBody:
         self.number = number
         self.joints = [bullet.getJointInfo(number, j) for j in range(bullet.getNumJoints(number))]
         base = bullet.getDynamicsInfo(number, -1)
-        self.mass = base[_MASS]  # 0 for a fixed base
+        # A fixed base has a mass of 0.
+        self.mass = base[_MASS]
         self.inertia = base[_INERTIA]
         can_bend = any(joint[JOINT_TYPE] != FIXED for joint in self.joints)
         # A free body with fixed joints has more than one inertia: its tree adds them up.
@@ -135,7 +147,7 @@ class BulletBody:
         return (*direction, *torque), accelerations
 
     def push(self, link: int, point: Vector, force: Vector) -> None:
-        """Add a force for the step that comes next."""
+        """Add a force, N, at a point of a link, m, in the world, for the step that comes next."""
         if self.kind != "fixed":
             world = self.bullet.module.WORLD_FRAME
             self.bullet.applyExternalForce(self.number, link, force, point, world)
@@ -191,7 +203,8 @@ class JointTree:
         twists = _base_twists(body.position) if body.mass > 0.0 else []
         for joint, state, pivot in zip(body.joints, states, self._pivots, strict=True):
             twists += _joint_twists(joint, state[_CENTRE], state[_QUATERNION], pivot)
-        self._w, self._v = np.array(twists, dtype=float).transpose(1, 0, 2)  # (freedoms, 3) each
+        # (freedoms, 3) each.
+        self._w, self._v = np.array(twists, dtype=float).transpose(1, 0, 2)
         centres = [body.position]
         quaternions = [body.quaternion]
         for state in states:
@@ -227,7 +240,8 @@ def _joint_twists(
     if kind == FIXED:
         return []
     if kind == PLANAR:
-        return [(_UNKNOWN, _UNKNOWN)] * 3  # PyBullet does not return its axis
+        # PyBullet does not return the axis of such a joint.
+        return [(_UNKNOWN, _UNKNOWN)] * 3
     where = add_scaled(centre, 1.0, rotate(quaternion, pivot))
     if kind == SPHERICAL:
         return [(axis, cross(where, axis)) for axis in _AXES]

@@ -20,15 +20,26 @@ from hcbench.measuring import causes
 from hcbench.sim.model_under_test import Suspect
 from hcbench.terms.impact import Impact
 
-RESTITUTION, STIFFNESS, BODY_TYPE = 5, 9, 10  # places in getDynamicsInfo
-MAXIMAL_COORDINATES = 1  # a body type
-_THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
-_SLOP = 1e-5  # m, Bullet's own contactSlop
-_DAMPING = 0.04  # 1/s, Bullet's own linearDamping
-_ITERATIONS = 50  # Bullet's own numSolverIterations
-_FASTEST = 100.0  # rad/s: Bullet's own maxJointVelocity
-_CLIPPED = 1e-3  # of it: a spin nearer to it was clipped
-_SAME_E = 0.005  # restitutions nearer than this are taken for the same
+# Places in getDynamicsInfo.
+RESTITUTION = 5
+STIFFNESS = 9
+BODY_TYPE = 10
+# A kind of body: rigid bodies proper, which Bullet does not step as multibodies.
+MAXIMAL_COORDINATES = 1
+# Bullet's own restitutionVelocityThreshold, m/s.
+_THRESHOLD = 0.2
+# Bullet's own contactSlop, m.
+_SLOP = 1e-5
+# Bullet's own linearDamping, 1/s.
+_DAMPING = 0.04
+# Bullet's own numSolverIterations.
+_ITERATIONS = 50
+# Bullet's own maxJointVelocity, rad/s.
+_FASTEST = 100.0
+# A spin within this share of it was clipped.
+_CLIPPED = 1e-3
+# Restitutions nearer than this are taken for the same.
+_SAME_E = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +116,9 @@ def _fix_restitutions(
 
 
 def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
-    """Restitution of the two links that meet; NaN for a body with maximal coordinates, for which
-    PyBullet returns the value of an earlier query.
+    """Restitution of the two links that meet.
+
+    NaN for a body with maximal coordinates: PyBullet returns the value of an earlier query for it.
     """
     first = _restitution(bullet.getDynamicsInfo(place.first.body, place.first.link))
     second = _restitution(bullet.getDynamicsInfo(place.second.body, place.second.link))

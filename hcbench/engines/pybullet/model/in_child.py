@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 Answer = TypeVar("Answer")
 
 _CONNECTION = "connectionMethod"
-_FAR = 1e4  # m: bodies so far apart have no contacts
+# Bodies so far apart, m, have no contacts.
+_FAR = 1e4
 
 
 def _can_fork(bullet: BulletClient) -> bool:
@@ -56,7 +57,7 @@ class _InPlace(Simulation):
         self._simulation = release()
 
     def advance(self, steps: int) -> Record:
-        """Advance the simulation in its child process."""
+        """Take the steps in the world itself."""
         return self._simulation.advance(steps)
 
     def keep(self, which: Flags) -> None:

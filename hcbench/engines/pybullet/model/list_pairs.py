@@ -26,11 +26,15 @@ from hcbench.sim.packages import find_part
 from hcbench.system.errors import UserError
 from hcbench.system.text import joined_names, sanitized
 
-_REACH = 1e4  # m
+# Distance within which PyBullet looks for the nearest points, m.
+_REACH = 1e4
 _TYPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 8: "height field"}
-_SHAPE = 2  # in getCollisionShapeData
-_BASE, _ROBOT = 0, 1  # names, in getBodyInfo
-# Places in getDynamicsInfo
+# Place of a shape's kind in getCollisionShapeData.
+_SHAPE = 2
+# Names in getBodyInfo: of the base's link, and of the robot.
+_BASE = 0
+_ROBOT = 1
+# Places in getDynamicsInfo.
 _DYNAMICS = {"lateralFriction": 1, "restitution": 5}
 
 
@@ -41,7 +45,8 @@ class _Link(NamedTuple):
     link: int
 
 
-_NamedPart = tuple[str, str, tuple[int, int]]  # kind, name, (body, link)
+# Kind, name, and (body, link).
+_NamedPart = tuple[str, str, tuple[int, int]]
 
 
 def list_pairs(world: LoadedWorld) -> list[CandidatePair]:

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
     from hcbench.terms.scene import Scene
 
-_XACRO = "<xacro:"  # not its namespace alone, which an expanded file keeps
+# An element of xacro: its namespace alone stays in a file that was expanded.
+_XACRO = "<xacro:"
 _RADIUS_TOLERANCE = 1e-9  # m
-# a file's first tag, by its suffix
+# First tag of a file, by its suffix.
 _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
 
 
@@ -81,7 +82,8 @@ def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
     """(tag, e) of the first restitution from 0 to 1 outside <link><contact>; None without one."""
     read_by_bullet = {id(element) for element in root.iterfind(".//link/contact/restitution")}
     for element in root.iter():
-        tag = str(element.tag).rpartition("}")[2]  # without its namespace
+        # The tag without its namespace.
+        tag = str(element.tag).rpartition("}")[2]
         if "restitution" not in tag.lower() or id(element) in read_by_bullet:
             continue
         with suppress(ValueError):

@@ -16,7 +16,8 @@ from hcbench.sim.packages import Packages, with_absolute_files
 from hcbench.system.errors import SceneError, UserError
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
-ANY_LINK = -2  # whichever link touches, as in PyBullet
+# Any link that touches, as PyBullet's own calls have it.
+ANY_LINK = -2
 
 
 @dataclass(frozen=True, slots=True)

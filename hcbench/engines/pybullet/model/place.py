@@ -40,14 +40,20 @@ from hcbench.terms.impact import Floats
 
 ABOVE: Vector = (0.0, 0.0, 1.0)
 LEAST_MOBILITY = 1e-9  # 1/kg
-_BOUND = 1e3  # m: the part of an endless plane that counts
-_REACH = 1e4  # m: the largest distance between the two at the start
+# Part of an endless plane that counts, m.
+_BOUND = 1e3
+# Largest distance between the two at the start, m.
+_REACH = 1e4
 _BASE_FREEDOMS = 6
-_LOWER, _UPPER = 8, 9  # in getJointInfo
+# Places in getJointInfo.
+_LOWER = 8
+_UPPER = 9
 _ROUNDS = 300
-_STRIDE = 0.02  # m: of a way along an arc, in each round
-_CLOSE = 1e-7  # m: Bullet's distances are no better
-# Of the smaller one's size: so far apart at the end of a way, two have passed each other
+# Length of a round of a way along an arc, m.
+_STRIDE = 0.02
+# Distance that counts as touching, m: Bullet's own are no better.
+_CLOSE = 1e-7
+# So far apart at the end of a way, in sizes of the smaller one, two have passed each other.
 _MISSED = 1e-3
 
 
@@ -179,7 +185,8 @@ def _clear_start(
     """
     low, high = _bounds(bullet, moving)
     other_low, other_high = _bounds(bullet, other)
-    across = np.abs(direction) < 0.5  # axes on which it does not come
+    # Axes along which the body does not come.
+    across = np.abs(direction) < 0.5
     passes_by = (low > other_high) | (high < other_low)
     if passes_by[across].any():
         # Centre over centre, but only across the way.
@@ -249,7 +256,8 @@ def _rates_towards(body: BulletBody, point: Any, chosen: Collection[int] | None)
     if response is None:
         return None
     first_joint = 0
-    if body.mass > 0.0:  # the first freedoms are those of the base
+    # The first degrees of freedom are those of a free base.
+    if body.mass > 0.0:
         first_joint = _BASE_FREEDOMS
     reaches, accelerations = (part[first_joint:] for part in response)
     moved = [j for j, joint in enumerate(body.joints) if joint[JOINT_TYPE] != FIXED]
@@ -269,7 +277,8 @@ def _within_limits(joint: Any, start: float, target: float) -> float:
     low, high = joint[_LOWER], joint[_UPPER]
     if low < high:
         return float(min(max(target, min(low, start)), max(high, start)))
-    return target  # PyBullet's way to say that there are none
+    # With a lower limit that is not below the upper one PyBullet says that there is none.
+    return target
 
 
 def nearest(bullet: BulletClient, first: BodyPart, second: BodyPart) -> Any:
@@ -341,7 +350,8 @@ def _touch(
     second = BodyPart(other.name, other.body, int(point[LINK_B]))
     _require_room(bullet, first, second)
     overlap = 0.0
-    if not note:  # files that all stand at the origin overlap there, which says nothing
+    # Files that all stand at the origin overlap there, which says nothing.
+    if not note:
         overlap = max(0.0, -start)
     return BulletPlacement(
         first=first,

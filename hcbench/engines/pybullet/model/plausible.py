@@ -13,11 +13,16 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.model.open import BodyPart
     from hcbench.engines.pybullet.model.place import BulletPlacement
 
-# Quantity, its place in getDynamicsInfo, and its unit
+# Quantity, its place in getDynamicsInfo, and its unit.
 _CHECKED = (("mass", 0, "kg"), ("friction", 1, ""), ("restitution", 5, ""))
-_INERTIA = 2  # in getDynamicsInfo
-_SHAPE, _SIZES = 2, 3  # in getCollisionShapeData
-_PLANE, _MESH = 6, 5  # kinds of shapes: neither has sizes
+# Place in getDynamicsInfo.
+_INERTIA = 2
+# Places in getCollisionShapeData.
+_SHAPE = 2
+_SIZES = 3
+# Kinds of shapes that have no sizes.
+_PLANE = 6
+_MESH = 5
 
 
 def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
@@ -36,13 +41,15 @@ def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
     for quantity, place, unit in _CHECKED:
         slot = f"{quantity} of {side.name!r}"
         value = float(info[place])
-        if not value >= 0:  # also NaN
+        # Written so that NaN is refused, too.
+        if not value >= 0:
             raise SceneError(slot, f"{value:g}", "a number of 0 or more")
         require_bounds(slot, [value], quantity, unit)
     if not all(value >= 0 for value in info[_INERTIA]):
         raise SceneError(f"inertia of {side.name!r}", f"{info[_INERTIA]}", "numbers of 0 or more")
     if info[BODY_TYPE] == MAXIMAL_COORDINATES:
-        return  # PyBullet has no shapes to read of such bodies
+        # PyBullet has no shapes to read of such bodies.
+        return
     for shape in bullet.getCollisionShapeData(side.body, side.link):
         if shape[_SHAPE] not in (_PLANE, _MESH):
             require_bounds(f"size of {side.name!r}", shape[_SIZES], "length", "m", smallest=0.0)

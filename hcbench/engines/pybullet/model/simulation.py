@@ -28,10 +28,12 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Launch
 
-# Of a reported force: less change of momentum than this, and it was not applied
+# A reported force was not applied if the momentum changed by less than this share of what it would
+# do.
 _STALE = 0.05
-_SEEN = 1.0  # m: how far apart the two may be and their distance be asked for
-# Of the speed: a change in a step of substeps that only a contact explains
+# Distance within which PyBullet is asked for that of the two, m.
+_SEEN = 1.0
+# Change of the speed in a step of substeps, as a share, that only a contact explains.
 _HIDDEN = 1e-6
 
 
@@ -73,7 +75,8 @@ class LaunchInUserWorld(Simulation):
                 self._moving.append((sign, body, part.link))
         clearance = launch.clearance_in_phase(self.timestep, gravity)
         place.launch(bullet, launch.speed, clearance)
-        self._x = -clearance  # penetration now, m
+        # Penetration now, m.
+        self._x = -clearance
         self._touched = False
         self._point: Sequence[float] = place.point.tolist()
         self._normal = place.normal.tolist()
@@ -101,7 +104,8 @@ class LaunchInUserWorld(Simulation):
         """Keep the one launch that there is."""
 
     def _step(self) -> tuple[float, ...]:
-        """(penetration m, rate m/s) before a step and (force N) in it, then `Record.tangential` if oblique.
+        """(penetration m, rate m/s) before a step and (force N) in it; of an oblique launch also
+        slip 2 m/s, spin 3 rad/s, friction 2 N and other energy J.
 
         All NaN where the body's velocity is not finite after it.
         """
@@ -137,7 +141,11 @@ class LaunchInUserWorld(Simulation):
         return (x, before, force, *tangential)
 
     def _applied(self, force: float, before: float, after: float, x: float) -> float:
-        """The force that acted in the step: contacts out of reach still report that of an earlier one."""
+        """The force that acted in the step, N: contacts out of reach still report that of an
+        earlier one.
+
+        force: reported, N. before, after: approach rates, m/s. x: penetration before the step, m.
+        """
         mass = self.place.effective_mass
         if not math.isfinite(mass):
             return force

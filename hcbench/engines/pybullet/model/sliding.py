@@ -16,11 +16,13 @@ from hcbench.sim.tangential import plate_frame
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats, Launch
 
-_FRICTION = 1  # in getDynamicsInfo: lateralFriction
-# Places in a contact point: friction, N, and its direction, of both directions
+# Place of lateralFriction in getDynamicsInfo.
+_FRICTION = 1
+# Places in a contact point of a friction force, N, and its direction; there are two.
 _PUSHES = ((10, 11), (12, 13))
 
-_SLID = 1e-6  # m: what two fresh points may be apart along the plate
+# Distance along the plate, m, within which two points are of one fresh contact.
+_SLID = 1e-6
 
 
 def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
@@ -63,11 +65,14 @@ class BulletAlongPlate:
         self._clearance = clearance
         self._sides = [(1.0, place.first), (-1.0, place.second)]
         self._bodies = {part.body: BulletBody(bullet, part.body) for _, part in self._sides}
-        # Where the body was at the last contact, and before this step
+        # Position of the body at the last contact, and before this step.
         self._seen = self._now = np.zeros(3)
 
     def send(self, flight_time: float) -> None:
-        """Add slip and spin to the motion, and put the body back by what it slides in the flight, s."""
+        """Add slip and spin to the motion, and put the body back by what it slides in the flight.
+
+        flight_time: from release to touch, s. Raises UserError for a body without a free base.
+        """
         bullet, body, slide = self.bullet, self.body, self.slip @ self.axes
         if not isinstance(self.place.mover, FreeBase) or body != self.place.mover.body:
             slot = "spin" if self.spin.any() else "angle"
@@ -98,8 +103,10 @@ class BulletAlongPlate:
             slip += sign * np.array(body.velocity_at(part.link, point))
             spin += sign * np.array(body.spin_of(part.link))
         energy = sum(_kinetic_energy(body) for body in self._bodies.values())
-        normal = 0.5 * self.place.effective_mass * rate**2  # J, of the approach alone
-        no_friction = (0.0, 0.0)  # known only after the step
+        # Energy of the approach alone, J.
+        normal = 0.5 * self.place.effective_mass * rate**2
+        # Friction is known only after the step.
+        no_friction = (0.0, 0.0)
         return np.array([*(self.axes[:2] @ slip), *(self.axes @ spin), *no_friction, energy - normal])
 
     def friction(self, contacts: Sequence[Any], slip: Floats) -> Floats:
@@ -112,7 +119,8 @@ class BulletAlongPlate:
         for contact in contacts:
             pushes += [contact[force] * np.array(contact[way]) for force, way in _PUSHES]
         pushed = self.axes[:2] @ np.sum(pushes, axis=0)
-        if pushed @ slip > 0.0:  # friction never drives the slip
+        # Bullet gives friction no sign, and friction never drives the slip.
+        if pushed @ slip > 0.0:
             pushed = -pushed
         return np.asarray(pushed)
 

@@ -12,9 +12,12 @@ from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
 
-_LOWER, _UPPER = 8, 9  # in getJointInfo
-# Beyond a limit by more: not a pose that the model can hold
-_TURNED, _MOVED = math.radians(5.0), 1e-3
+# Places in getJointInfo.
+_LOWER = 8
+_UPPER = 9
+# Beyond a limit by more, rad or m, a pose is not one that the model can hold.
+_TURNED = math.radians(5.0)
+_MOVED = 1e-3
 _Joint = tuple[int, int]
 
 
@@ -108,7 +111,8 @@ def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
         if info[JOINT_TYPE] not in (REVOLUTE, PRISMATIC) or info[_LOWER] > info[_UPPER]:
             continue
         low, high = float(info[_LOWER]), float(info[_UPPER])
-        if low == 0.0 and high <= 0.0:  # none in the file
+        # Such limits stand for a file that has none.
+        if low == 0.0 and high <= 0.0:
             continue
         position = float(bullet.getJointState(body, joint)[0])
         nearest = min(max(position, low), high)

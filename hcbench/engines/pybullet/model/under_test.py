@@ -41,7 +41,8 @@ from hcbench.sim.world import Simulation
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Impact, Launch
 
-_MASS = 0  # in getDynamicsInfo
+# Place in getDynamicsInfo.
+_MASS = 0
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
 
 
@@ -67,7 +68,8 @@ class PybulletModel(ModelUnderTest):
         self._settings_before = self.bullet.getPhysicsEngineParameters()
         self._pose_before = {}
         self._bases_before = []
-        if not world.disconnect:  # the user's own client, which gets back what it had
+        # The user's own client gets back what it had.
+        if not world.disconnect:
             self._pose_before = joint_states(self.bullet)
             self._bases_before = base_states(self.bullet, request)
         try:
@@ -219,7 +221,8 @@ class PybulletModel(ModelUnderTest):
             unread=self.world.unread,
         )
         suspects = find_suspects(context)
-        if self.build is None:  # a live client: no fix is tried on it
+        # A live client: no fix is tried on it.
+        if self.build is None:
             return [dataclasses.replace(suspect, apply=None) for suspect in suspects]
         return suspects
 
@@ -289,7 +292,8 @@ def model_settings(
         raise UserError("model", "a live client cannot be made again", "files, or a function for it")
     e = 0.0
     suspects: list[Suspect] = []
-    side_of: dict[tuple[int, int], int] = {}  # 0 or 1, by (body, link)
+    # 0 or 1, by (body, link).
+    side_of: dict[tuple[int, int], int] = {}
     for i, request in enumerate(requests):
         with PybulletModel(build() if i else world, build, request) as model:
             e = goal.best_constant(min(request.speeds), max(request.speeds))
@@ -299,7 +303,8 @@ def model_settings(
                     got = f"{part.name!r} is the first of one pair and the second of another"
                     advice = "Restitutions multiply: tune one pair after the other"
                     raise UserError("pair", got, "each part on one side", advice)
-    lines: dict[str, None] = {}  # each once, in order
+    # Each line once, in order.
+    lines: dict[str, None] = {}
     for suspect in suspects:
         lines |= dict.fromkeys(suspect.fix.split("; "))
     notes = (

@@ -33,10 +33,11 @@ from hcbench.system.text import shortest
 from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Floats
 
-# a body, or a body and its link by number or name
+# A body, or a body and its link by number or name.
 Side = int | tuple[int, int | str]
 SOURCE, LINK = "engines/pybullet/plugin/plugin.c", ["-ldl"]
-_SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
+# 20 in/s, in m/s: the paper's law holds up to it.
+_SPEED = 0.508
 
 
 @functools.cache

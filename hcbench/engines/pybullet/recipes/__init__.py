@@ -19,7 +19,7 @@ _NATIVE = (STOCK, RESTITUTION, SPRING_DAMPER, STAGGERED)
 _NO_DRAG = {"ball": {"linearDamping": 0.0, "angularDamping": 0.0}}
 
 
-# g h: at 1.6 itself, where round-off decides, some bodies stay down
+# In g h: at 1.6 itself, where round-off decides, some bodies stay down.
 _SLOWEST = 1.601
 
 

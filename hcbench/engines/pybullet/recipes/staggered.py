@@ -26,7 +26,7 @@ def staggered(target: Target) -> dict[str, Any]:
 
 
 def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
-    # Bullet adds k h by itself
+    # Bullet adds k h by itself.
     bullets = contacts.damping - timestep * contacts.stiffness
     columns = (contacts.onset.tolist(), contacts.stiffness.tolist(), bullets.tolist())
     return {
@@ -56,6 +56,7 @@ STAGGERED = Recipe(
     kinds=("law",),
     instead="`spring-damper` or `restitution`",
     forms=("plane",),
-    within=1.6e-3,  # of e at 1e-6 s
+    # Error of e at a step of 1e-6 s.
+    within=1.6e-3,
     steps_min=STEPS_OF_A_LOOP,
 )

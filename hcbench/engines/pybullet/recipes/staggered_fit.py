@@ -24,24 +24,39 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.terms.impact import Floats
 
-# The second start: over the largest penetration, and at least over a step's longest way; the best
-# of several.
-_FIRST, _FIRST_STEP, _FIRST_TRIED = 0.03, 0.43, (1.0, 1.16)
-# Of the shortest contact: finer ones are fitted at so many
+# Onset of the second contact: over the largest penetration, and at least over a step's longest way.
+# The best of several is taken.
+_FIRST = 0.03
+_FIRST_STEP = 0.43
+_FIRST_TRIED = (1.0, 1.16)
+# Most steps of the shortest contact that a fit takes: finer steps are fitted at so many.
 _STEPS_MOST = 250.0
-_LAUNCHES, _PHASES_LEAST, _PHASES_MOST = 320.0, 3, 16
-_SPEEDS, _OTHER_SPEEDS, _LOOPS, _POINTS = 40, 97, 12, 24
-# One unit of misfit in e: a share of the error of one e for all speeds, and at least. In a loop's
-# force over its largest: so many times as much.
-_SHARE, _LEAST, _FORCE_SHARE = 0.015, 1e-5, 13.0
-# Of the misfit in e, one after another: a higher one minds the worst
-_POWERS, _EVALUATIONS = (1, 2), 30
-# Relative, of a parameter, for derivatives: wide, as e jumps where a contact starts a step earlier.
+# Phases of a step at each speed: so many over the steps of the shortest contact, between two
+# bounds.
+_LAUNCHES = 320.0
+_PHASES_LEAST = 3
+_PHASES_MOST = 16
+# Impact speeds of the fit and of its check; loops, and points of a branch of each.
+_SPEEDS = 40
+_OTHER_SPEEDS = 97
+_LOOPS = 12
+_POINTS = 24
+# One unit of misfit in e is this share of the error of one e for all speeds, and at least the
+# second number. In a loop's force over its largest it is the third number of times as much.
+_SHARE = 0.015
+_LEAST = 1e-5
+_FORCE_SHARE = 13.0
+# Powers of the misfit in e, one after another: a higher one minds the worst. Evaluations of each.
+_POWERS = (1, 2)
+_EVALUATIONS = 30
+# Relative change of a parameter for derivatives: wide, as e jumps where a contact starts a step
+# earlier.
 _NUDGE = 1e-2
-# Of the median: k and c of a start, as no search revives a contact that does nothing
+# Least k and c of a start, over the median: no search revives a contact that does nothing.
 _FAINTEST = 0.1
-_BLOCK = 60  # launches at a time: more do not fit into a cache
-# Until it is known which contacts push; more change nothing
+# Launches at a time: more do not fit into a cache.
+_BLOCK = 60
+# Rounds until it is known which contacts push: more change nothing.
 _ACTIVE_ROUNDS = 3
 
 
@@ -76,7 +91,7 @@ class FittedImpacts:
         )
         h = max(target.timestep, shortest / _STEPS_MOST)
         phases = int(denser * np.clip(round(_LAUNCHES * h / shortest), _PHASES_LEAST, _PHASES_MOST))
-        # Slow impacts are the hard ones
+        # Slow impacts are the hard ones: the speeds lie denser there.
         share = np.linspace(0.0, 1.0, speeds) ** 1.2
         at = target.speed_min + (target.speed_max - target.speed_min) * share
         grid = np.meshgrid(at, (np.arange(phases) + 0.5) / phases, indexing="ij")
@@ -91,6 +106,9 @@ class FittedImpacts:
         return np.concatenate([part._restitution(contacts) for part in parts], axis=1)
 
     def _restitution(self, contacts: Contacts) -> Floats:
+        """e of all impacts at once, (b, n): Bullet's steps, and speeds at the touch plane by what
+        flight conserves.
+        """
         h, fall = self.h, self.h * self.g
         onset, stiffness, damping = (
             of.T[..., None] for of in (contacts.onset, contacts.stiffness, contacts.damping)
@@ -157,7 +175,7 @@ class _Loops:
 
     def first_guess(self, onset: Floats, step: float) -> Contacts:
         """A linear fit, again and again without the contacts that would pull; none is 0. step: s."""
-        # Slow to import, and who lists recipes needs none of it
+        # SciPy's optimisation is slow to import, and a list of recipes needs none of it.
         from scipy.optimize import nnls
 
         depth = np.maximum(0.0, self.x[:, None] - onset)

@@ -27,17 +27,18 @@ def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, F
     """
     radius = scene.touch_radius
     down = np.array([0.0, 0.0, -1.0])
-    # Below the lowest point of the plate, or of the cup
+    # Below the lowest point of the plate, or of the cup.
     depth = radius - position[..., 2]
     falling = -velocity[..., 2]
     if scene.form == "plane":
         return depth, falling, down
     bowl = -scene.plate_radius
-    # From the centre of curvature
+    # From the centre of curvature.
     away = position - np.array([0.0, 0.0, bowl])
     x, y, z = away[..., 0], away[..., 1], away[..., 2]
     distance = np.sqrt(x * x + y * y + z * z)
-    with np.errstate(all="ignore"):  # at the centre itself there is no way out to speak of
+    # At the centre itself there is no direction outwards.
+    with np.errstate(all="ignore"):
         out = (x * velocity[..., 0] + y * velocity[..., 1] + z * velocity[..., 2]) / distance
         deeper = np.where(z[..., None] >= 0.0, down, away / distance[..., None])
     # Above the centre: height over the lowest point.
@@ -54,7 +55,7 @@ def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Float
     """
     velocity = motion[:-1, :, 0]
     spin = motion[:-1, :, 1]
-    # What the contact alone adds, m/s²
+    # The contact's part of the acceleration alone, m/s².
     gained = np.diff(motion[:, :, 0], axis=0) / timestep + [0.0, 0.0, scene.gravity]
     vectors = (velocity, spin, np.broadcast_to(deeper, velocity.shape), gained)
     return rows_of_ball(scene, *(vector.swapaxes(0, 1) for vector in vectors))

@@ -39,9 +39,11 @@ SETTINGS = (
     ContactSetting(PLUGIN_E, (E, MU)),
     ContactSetting(PLUGIN_ALPHA, (ALPHA, MU)),
 )
-_FASTEST = 1e6  # rad/s: Bullet clips a body's spin at 100, without a warning
-_SPEED = 2.0  # m/s, of the plug-in's own check
-# Columns of a state
+# Bullet clips a body's spin at 100 rad/s, without a warning.
+_FASTEST = 1e6
+# Speed for which the plug-in checks the step, m/s.
+_SPEED = 2.0
+# Columns of a state.
 _QUATERNION = slice(3, 7)
 _VELOCITY = slice(7, 10)
 
@@ -91,8 +93,10 @@ def _load(
 
 
 def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> Floats:
-    """States of one toss before the first step and after each, (steps + 1, 13): position,
-    quaternion w x y z, velocity, see `as_body`, spin; SI.
+    """States of one toss before the first step and after each, (steps + 1, 13), SI, in the world.
+
+    A state is position, quaternion w x y z, velocity and spin. Velocities are those of the true
+    motion at the step's end, which `as_body` makes of the integrator's.
     """
     start = toss.position.tolist()
     turned = _scalar_last(toss.quaternion).tolist()

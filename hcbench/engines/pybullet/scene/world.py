@@ -42,10 +42,14 @@ if TYPE_CHECKING:
 
     Step = Callable[[], Sequence[float] | None]
 
-_FAR = 10.0  # m: a place without contacts
-_BALLS_IN_WORLD = 8  # more make Bullet's broad phase slow
-_BALLS, _PLATE = 2, 1  # their groups in Bullet's collision filter
-# m, between the overlap that Bullet sees and the scene's
+# Distance without contacts, m.
+_FAR = 10.0
+# More balls make Bullet's broad phase slow.
+_BALLS_IN_WORLD = 8
+# Groups of balls and plate in Bullet's collision filter.
+_BALLS = 2
+_PLATE = 1
+# Difference, m, between the overlap that Bullet sees and the scene's.
 _SHAPE_TOLERANCE = 1e-6
 
 
@@ -82,7 +86,8 @@ class PybulletWorld(World):
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
         """A ball where each launch starts and any others far away, with nothing remembered."""
         oblique = any(launch.is_oblique for launch in launches)
-        if oblique and len(launches) > 1:  # Bullet's sweeps over friction depend on all balls
+        # Bullet's sweeps over friction depend on all balls.
+        if oblique and len(launches) > 1:
             raise CannotShareError
         with foreign_errors("pybullet", self.bullet.error):
             self._add_balls(len(launches) - len(self.balls))
@@ -245,15 +250,19 @@ def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: Pybull
     plate = _load(bullet, scene, "plate", options.maximal_coordinates)
     _check_shapes(bullet, scene, ball, plate)
     _make_ready(bullet, scene, options, ball)
-    # Bullet multiplies those of the two
+    # Bullet multiplies the frictions of the two.
     neutral = {"lateralFriction": 1.0} if scene.friction else {}
     bullet.changeDynamics(plate, -1, **{**neutral, **options.plate})
     return ball, plate
 
 
 def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ball: int) -> None:
-    if scene.friction:  # then the ball is turned, and its inertia is not what Bullet makes of the sphere
-        # Without its mass a body of maximal coordinates would get any
+    """Give a ball the scene's mass (kg) and inertia (kg m²), its friction, and the setting's
+    keywords.
+    """
+    # With friction the ball turns, and its inertia is not what Bullet makes of the sphere.
+    if scene.friction:
+        # Without its mass a body of maximal coordinates would get any inertia.
         inertia = [scene.inertia] * 3
         bullet.changeDynamics(ball, -1, mass=scene.mass, localInertiaDiagonal=inertia)
     elif bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
