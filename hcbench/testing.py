@@ -39,7 +39,8 @@ from hcbench.terms.scene import Scene, load_scene, scene_names
 from hcbench.terms.setting import Setting
 from hcbench.workers import call
 
-SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
+SPEEDS = (0.05, 0.21, 0.47)
+PHASES = tuple((i + 0.5) / 8 for i in range(8))
 LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)
 # α of the paper's Fig. 4, s/m.
 ALPHA = 0.008 / 0.0254
@@ -162,7 +163,8 @@ class EngineConformance:
         """The error names the form."""
         forms = registry.recipe(recipe).forms
         suited = next(name for name in scene_names() if load_scene(name).form in forms)
-        engine, form = registry.engine(self.engine), load_scene(scene).form
+        engine = registry.engine(self.engine)
+        form = load_scene(scene).form
         with pytest.raises(SettingError, match=form):
             engine.run(load_scene(scene), setting_for(recipe, suited), LAUNCHES)
 

@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from concurrent.futures import Executor
 
-# As Dask reads them; what it cannot read leaves it a client that cannot even be closed.
+# Addresses that Dask can read: any other leaves it a client that cannot even be closed.
 _ADDRESS = re.compile(r"inproc://\S+|(\w+://)?[^\s/]+:\d+")
-_CONNECT_S, _WORKERS_S = 10.0, 60.0
+# Seconds to wait for the scheduler, and then for its first worker.
+_CONNECT_S = 10.0
+_WORKERS_S = 60.0
 # s between two counts of the workers: each costs an answer of the scheduler.
 _COUNT_S = 1.0
 _INSTALL = "pip install distributed pyarrow"
@@ -83,7 +85,9 @@ def _width(client: Any, address: str) -> Callable[[], int]:
     """Return a function that counts the tasks the workers run at once. It raises CannotRun if there
     has been no worker for a while.
     """
-    threads, counted, seen = 1, -math.inf, time.monotonic()
+    threads = 1
+    counted = -math.inf
+    seen = time.monotonic()
 
     def width() -> int:
         nonlocal threads, counted, seen
@@ -109,8 +113,8 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 def _require_workers(client: Any, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
-    # OSError is the base of TimeoutError.
     except OSError:
+        # OSError is the base of TimeoutError.
         raise _without_workers(address, "Start some: `dask worker`") from None
     here = hcbench.__version__
     # In the standard library's words: a worker without hcbench can say so.

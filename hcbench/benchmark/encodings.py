@@ -26,14 +26,16 @@ _WHOLE = ("samples", "bounce")
 # First bytes of a Parquet file.
 _PARQUET = b"PAR1"
 # Prefixes of the names of arrays that are not columns.
-_ABOUT, _WORDS = "metadata:", "texts:"
+_ABOUT = "metadata:"
+_WORDS = "texts:"
 
 
 def require_parquet() -> None:
     """Raises CannotRun where pyarrow is not installed."""
     # find_spec does not import pyarrow, which takes memory: workers write the parts.
     if find_spec("pyarrow") is None:
-        got, advice = "pyarrow is not installed", "Try: pip install pyarrow"
+        got = "pyarrow is not installed"
+        advice = "Try: pip install pyarrow"
         raise CannotRun("sweep", got, "the package that writes Parquet", advice)
 
 
@@ -108,7 +110,7 @@ def _parquet_type(name: str) -> Any:
     return pa.int64() if name in _WHOLE else pa.float64()
 
 
-# From buffers: `pyarrow.array` loads pandas, which takes more memory than all else that a sweep is.
+# Made from buffers: `pyarrow.array` loads pandas, which takes more memory than the rest of a sweep.
 def _parquet_column(values: Any, length: int, kind: Any) -> Any:
     import pyarrow as pa
 

@@ -30,7 +30,8 @@ from hcbench.system.files import parse_json, replace_file
 
 LOCK = "_lock"
 # Time between two writes of a lock file, and age at which its owner has ended.
-_FRESHEN_S, _STALE_S = 30.0, 300.0
+_FRESHEN_S = 30.0
+_STALE_S = 300.0
 
 
 class Files:
@@ -38,7 +39,9 @@ class Files:
 
     def __init__(self, system: Any, root: str, where: str) -> None:
         """system: of fsspec, where the folder is `root`. where: how the user calls it."""
-        self._system, self._root, self.where = system, root.rstrip("/"), where
+        self._system = system
+        self._root = root.rstrip("/")
+        self.where = where
 
     def _path(self, name: str) -> str:
         return f"{self._root}/{name}" if name else self._root
@@ -175,7 +178,8 @@ class TemporaryFiles(Files):
         try:
             root = tempfile.mkdtemp(prefix="hcbench-")
         except OSError as error:
-            got, expected = error.strerror or str(error), "a temporary folder that can be written to"
+            got = error.strerror or str(error)
+            expected = "a temporary folder that can be written to"
             raise OutputError("TMPDIR", got, expected) from None
         super().__init__(LocalFileSystem(), root, root)
         self.remove = weakref.finalize(self, shutil.rmtree, root, ignore_errors=True)

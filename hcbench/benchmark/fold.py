@@ -31,14 +31,19 @@ from hcbench.terms.records import (
     keys,
 )
 
-# What is folded: columns of impacts, and those that only studies with oblique launches have.
+# Columns of impacts that are folded, and those that only studies with oblique launches have.
 FOLDED = keys((SPEED, PHASE, STATUS, SPEED_IN, RESTITUTION, LAW, PENETRATION_MAX, SAMPLES))
 FOLDED_OBLIQUE = keys((ANGLE, SLIP_IN, IMPULSE_RATIO, COULOMB))
 # Speeds of a curve; of more, one stands for its neighbours.
 MOST_SPEEDS = 1000
-# Digits and decimals of measured numbers, and the size below which they are 0.
-_DIGITS, _DECIMALS, _LEAST = 10, 14, 1e-14
-# By their exponents, negative ones from the end: the float nearest to each, which no processor may miss.
+# Significant digits of measured numbers in files.
+_DIGITS = 10
+# Decimals of measured numbers in files, at most.
+_DECIMALS = 14
+# Measured numbers below this are written as 0.
+_LEAST = 1e-14
+# Powers of ten by their exponent, negative ones from the end. Parsing gives the nearest float on
+# every processor; computing may not.
 _POWERS = np.array([float(f"1e{k}") for k in (*range(_DECIMALS + 1), *range(-30, 0))])
 _Columns = Mapping[str, NDArray[Any]]
 

@@ -89,10 +89,13 @@ class _Gathering:
     """Adds up impacts of one key."""
 
     def __init__(self, key: Key, study: Mapping[str, Any]) -> None:
-        self._key, self.alpha = key, float(key[RUN_KEY.index("alpha_s_per_m")])
+        self._key = key
+        self.alpha = float(key[RUN_KEY.index("alpha_s_per_m")])
         self._law = HuntCrossley(study["stiffness"], self.alpha, study["exponent"])
-        self._mass, self._scored = float(study["mass_kg"]), set(study["loop_speeds"])
-        self._tally, self._folder = scoring.Tally(self._law, self._mass), Folder(study)
+        self._mass = float(study["mass_kg"])
+        self._scored = set(study["loop_speeds"])
+        self._tally = scoring.Tally(self._law, self._mass)
+        self._folder = Folder(study)
         self._waiting: list[_Columns] = []
         self._loops: dict[_Launched, Loop] = {}
 

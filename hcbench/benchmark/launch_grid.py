@@ -95,7 +95,8 @@ def speeds_at(study: Study, run: Run, timestep: float) -> tuple[float, ...]:
     """Impact speeds of a run, m/s; on a field page moved into the band over which a body bounces at the step,
     with gravity or without.
     """
-    first, last = run.speeds[0], run.speeds[-1]
+    first = run.speeds[0]
+    last = run.speeds[-1]
     low, high = map(max, (first, last), default_band(timestep, STANDARD_GRAVITY))
     if study.page != "field" or low == first:
         return run.speeds

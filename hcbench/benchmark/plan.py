@@ -40,8 +40,10 @@ SCHEMA = 3
 _Job: TypeAlias = "tuple[Run, Target, Path | None]"
 # MJCF and URDF name meshes and parts like this.
 _NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')
-# In a shard, at most: about a second of work, a fine grain for 10^8 impacts.
-SHARD_IMPACTS, _STEPS = 4096, 5_000_000
+# Impacts and steps in contact of a shard, at most: about a second of work, a fine grain for 10^8
+# impacts.
+SHARD_IMPACTS = 4096
+_STEPS = 5_000_000
 # Impacts of a shard, at most: on a device they are one batch.
 _ON_A_DEVICE = 2**20
 

@@ -80,9 +80,11 @@ class ImpactTable:
         """The table of impacts that are in memory anyway."""
         if rows.empty:
             return cls({}, _InMemory({(): rows}))
-        groups, folded = dict(iter(rows.groupby(RUN_KEY, sort=False))), {}
+        groups = dict(iter(rows.groupby(RUN_KEY, sort=False)))
+        folded = {}
         for key, group in groups.items():
-            folder, names = Folder(study), (*FOLDED, *FOLDED_OBLIQUE)
+            folder = Folder(study)
+            names = (*FOLDED, *FOLDED_OBLIQUE)
             folder.add({name: group[name].to_numpy() for name in names if name in group})
             folded[key] = folder.folded()
         return cls(folded, _InMemory(groups))
@@ -229,7 +231,8 @@ def read_table(path: Path) -> pd.DataFrame:
     # A device, or a link to one, has no end.
     if path.exists() and not path.is_file():
         raise OSError(f"{path.name} is not a regular file")
-    # Before version 3 pandas reads the last digit wrong unless told not to; since then it must not be told.
+    # Before version 3 pandas reads the last digit right only with this option; since then only
+    # without it.
     exact: dict[str, Any] = (
         {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
     )

@@ -167,7 +167,9 @@ def run_plan(
 ) -> Progress:
     """Run what is not in the store. encode: makes the bytes of a table."""
     store.create_or_verify(plan, resume)
-    done, damaged, totals = set[int](), list[int](), Totals()
+    done = set[int]()
+    damaged = list[int]()
+    totals = Totals()
     impacts = 0
     for number, summaries in store.verified(len(plan)):
         if summaries is None:
@@ -214,8 +216,8 @@ def _imap_unordered(
     def submit(task: list[Job], tries: int) -> None:
         try:
             running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
-        # The executor is broken, or shut down.
         except RuntimeError as error:
+            # The executor is broken, or shut down.
             raise CannotRun("executor", str(error), "one that takes work", workers.advice) from error
 
     try:

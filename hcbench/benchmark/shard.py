@@ -135,8 +135,8 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
         return call(run_batch, batch, limit=timeouts.limit(timestep, len(batch.launches)), at=where)
     except UserError:
         raise
-    # Running each launch alone shows which one failed, and why.
     except Exception:
+        # Running each launch alone shows which one failed, and why.
         impacts = map_surviving_crashes(
             run_one_by_one,
             range(len(batch.launches)),

@@ -20,7 +20,11 @@ from hcbench.system.text import sanitized
 from hcbench.terms.fields import ResultTable, validate
 from hcbench.terms.impact import FORMER_E
 
-DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loops", "_damaged"
+# Files and folders of a sweep beside its shards.
+DESCRIPTION = "_sweep.json"
+SUMMARY_FILE = "_summary.csv"
+LOOPS = "_loops"
+DAMAGED = "_damaged"
 GO_ON = "Then go on with --resume"
 _SHARD = re.compile(r"(?:\d{4,}/)?part-(\d{7})-([0-9a-f]{16})\.parquet")
 _FOLDER = re.compile(r"\d{4,}")
@@ -33,7 +37,8 @@ class Store:
     """The results of a study, shard by shard, in the files of a folder. Disk errors are OutputError."""
 
     def __init__(self, files: Files) -> None:
-        self.where, self._files = files.where, files
+        self.where = files.where
+        self._files = files
         # A report starts anew and has nothing to resume.
         self._advice = "" if isinstance(files, TemporaryFiles) else GO_ON
 
@@ -100,7 +105,7 @@ class Store:
                 raise UserError("folder", got, "an empty or a new folder")
             self._write(DESCRIPTION, content)
             return
-        # What was written and read, as JSON has no tuples.
+        # The content is written and read again, since JSON has no tuples.
         difference = _difference(there, json.loads(content))
         if difference is not None:
             raise UserError(
@@ -252,7 +257,7 @@ def _are_starts(starts: Any, parts: Any) -> bool:
     """True for the numbers of the settings' first parts, rising from 0, with that of all parts at the end."""
     if not isinstance(starts, list) or len(starts) < 2:
         return False
-    # By type: True is an int too.
+    # The type is compared, since True is an int too.
     if not all(type(number) is int for number in (*starts, parts)):
         return False
     return starts == sorted(starts) and starts[0] == 0 and starts[-1] == parts and parts > 0

@@ -50,9 +50,11 @@ def run_check(check: Check) -> Outcome:
     try:
         return _judge_limits(check) if check.limits else judge(check, _measure(check))
     except UserError as error:
-        verdict, message = Verdict.MISTAKE, str(error)
+        verdict = Verdict.MISTAKE
+        message = str(error)
     except HcbenchError as error:
-        verdict, message = Verdict.COULD_NOT_RUN, str(error)
+        verdict = Verdict.COULD_NOT_RUN
+        message = str(error)
     except Exception as error:
         verdict = Verdict.COULD_NOT_RUN
         message = f"unexpected {type(error).__name__}: {sanitized(error)}"

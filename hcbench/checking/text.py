@@ -46,7 +46,7 @@ def outcome_text(outcome: Outcome) -> str:
     lines = []
     if outcome.measurement is not None:
         lines += outcome.measurement.headline
-        # Of the notes that `measure` prints, a check needs those by which its numbers may be wrong.
+        # A check prints only those notes of `measure` by which its numbers may be wrong.
         lines += [f"note: {sanitized(note)}" for note in outcome.measurement.facts.warnings]
     if outcome.against:
         limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"

@@ -81,7 +81,7 @@ def main() -> None:
     ignore_signals()
     flush_stdio()
     if code == _INTERRUPTED_CODE:
-        # Where a module was being read, Python would end itself by the signal and not with this code.
+        # During an import Python would end itself by the signal instead of with this code.
         atexit._run_exitfuncs()
         os._exit(code)
     sys.exit(code)
@@ -119,8 +119,8 @@ def _run(arguments: list[str]) -> int:
         return _fail(UserError.exit_code, sanitized(error.format_message(), LONGEST - len(hint) - 3) + hint)
     except (KeyboardInterrupt, click.Abort) as error:
         return _fail(_INTERRUPTED_CODE, str(error) or _INTERRUPTED)
-    # The reader of our output went away, as `head` does.
     except BrokenPipeError:
+        # The reader of our output went away, as `head` does.
         return 0
     except OSError as error:
         if os.environ.get("HCBENCH_DEBUG"):
@@ -151,7 +151,8 @@ def _fail_on(error: OSError) -> int:
 def _fail(code: int, message: str) -> int:
     if INTERRUPTS.came and code != _INTERRUPTED_CODE:
         # Python makes a RuntimeError of what is raised while a class is made, a KeyError in an import.
-        code, message = _INTERRUPTED_CODE, _INTERRUPTED
+        code = _INTERRUPTED_CODE
+        message = _INTERRUPTED
     # The exit code says it too.
     with suppress(OSError):
         print(f"hcbench: {message}", file=sys.stderr, flush=True)

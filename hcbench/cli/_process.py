@@ -20,7 +20,7 @@ from hcbench.system.files import SIGNALS
 
 # Signals within this time count as one, s.
 _REPEAT_S = 1.0
-# Windows has no SIGALRM; the time is in s.
+# Windows has no SIGALRM. The time until the signal comes again is in s.
 _AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02
 # An interrupt waits so long at most for the end of an import, s.
 _DEFERRED_S = 0.5
@@ -174,11 +174,11 @@ def translate_errors(command: click.Command) -> click.Command:
             if (option := _option_of(error.slot, click.get_current_context())) is None:
                 raise
             raise type(error)(option, error.got, error.expected, error.advice) from error
-        # Click would print an empty line for this.
         except KeyboardInterrupt:
+            # Click would print an empty line for this.
             raise click.Abort from None
-        # The reader of our output went away, as `head` does; Click would exit with 1.
         except BrokenPipeError:
+            # The reader of our output went away, as `head` does; Click would exit with 1.
             return 0
 
     command.callback = outer

@@ -70,7 +70,7 @@ def model_source(command: Callable[..., Any]) -> Callable[..., Any]:
     return models(python(options("engine", "limit")(command)))
 
 
-# What a help says that an option takes.
+# Words by which a help names the values of an option.
 _KINDS = {
     "speed": "speed",
     "time": "time",
@@ -88,7 +88,8 @@ class QuantityType(click.types.StringParamType):
     def __init__(
         self, quantity: str, *, several: bool = False, positive: bool = False, least: float = -math.inf
     ) -> None:
-        self.quantity, self.several = quantity, several
+        self.quantity = quantity
+        self.several = several
         self.name = _KINDS.get(quantity, "quantity") + ("s" if several else "")
         self.bounds = {"above": 0.0 if positive else -math.inf, "least": least}
 
@@ -105,7 +106,8 @@ class UncertainType(click.types.StringParamType):
     """A number with or without a unit and a standard uncertainty, such as "0.31 +- 0.004 s/m": both in SI."""
 
     def __init__(self, quantity: str, *, above: float = -math.inf) -> None:
-        self.quantity, self.above = quantity, above
+        self.quantity = quantity
+        self.above = above
         self.name = _KINDS.get(quantity, "quantity")
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -116,10 +118,14 @@ class UncertainType(click.types.StringParamType):
 
 
 EXPONENT = QuantityType("exponent")
-RESTITUTION, FRICTION = QuantityType("restitution", least=0.0), QuantityType("friction", least=0.0)
-ALPHA, ALPHAS = QuantityType("alpha"), QuantityType("alpha", several=True)
-SPEED, SPEEDS = QuantityType("speed"), QuantityType("speed", several=True, positive=True)
-TIME, STEP = QuantityType("timestep"), QuantityType("timestep", positive=True)
+RESTITUTION = QuantityType("restitution", least=0.0)
+FRICTION = QuantityType("friction", least=0.0)
+ALPHA = QuantityType("alpha")
+ALPHAS = QuantityType("alpha", several=True)
+SPEED = QuantityType("speed")
+SPEEDS = QuantityType("speed", several=True, positive=True)
+TIME = QuantityType("timestep")
+STEP = QuantityType("timestep", positive=True)
 ACCELERATION = QuantityType("acceleration")
 MASS = QuantityType("mass", positive=True)
 

@@ -162,6 +162,7 @@ def plugin(engine: str, install: bool) -> None:
         path = plugin_of(registry.engine(engine), install)
     # A temporary folder stands in for a cache that cannot be used.
     if not install and path.parent.name.startswith("hcbench-"):
-        got, advice = f"{user_folder('cache')} cannot be written to, by you alone", "Set $HCBENCH_CACHE"
+        got = f"{user_folder('cache')} cannot be written to, by you alone"
+        advice = "Set $HCBENCH_CACHE"
         raise OutputError("cache", got, "a folder of your own", advice)
     print(path)

@@ -29,7 +29,7 @@ _COMMON: dict[str, Sequence[str]] = {
         *("write-baseline", "write-scene", "write-model", "write-include", "write-points"),
     ),
 }
-# Of a command where a flag means something else, or needs a group of its own.
+# Commands where a flag means something else, or needs a group of its own.
 _OWN: dict[str, Mapping[str, Sequence[str]]] = {
     "fit": {
         "What to read": ("as", "touches", "from", "to", "against", "law"),
@@ -56,7 +56,7 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
     },
     "land": {"Drops": ("heights", "tilt", "controller")},
 }
-# What an option of plain text takes, of those that one command has.
+# Values of an option of plain text, for options that only one command has.
 _TAKES = {
     **dict.fromkeys(("gravity", "stiffness"), "QUANTITY"),
     **dict.fromkeys(("recipe", "integrator", "scene", "engine"), "NAME"),

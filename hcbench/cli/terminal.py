@@ -113,7 +113,8 @@ def status(what: str) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    over, begin = threading.Event(), time.monotonic()
+    over = threading.Event()
+    begin = time.monotonic()
 
     def write() -> None:
         wait = _AFTER_S
@@ -159,7 +160,8 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
         def tick(done: int, total: int) -> None:
             first[:] = first or [(time.monotonic(), done)]
-            elapsed, new = time.monotonic() - first[0][0], done - first[0][1]
+            elapsed = time.monotonic() - first[0][0]
+            new = done - first[0][1]
             rate = f"{new / elapsed:,.0f}/s" if new else ""
             bar.update(task, completed=done, total=total, count=f"{done}/{total}", rate=rate)
             if done >= total:

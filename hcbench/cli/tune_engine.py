@@ -88,7 +88,8 @@ def _next_line(answer: Answer, script: Path | None) -> str:
     """The command that shows how the pasted text does: on the script, or on the user's model."""
     from hcbench.terms.setting import PAIR
 
-    target, (low, high) = answer.target, answer.best.speeds
+    target = answer.target
+    (low, high) = answer.best.speeds
     model, pair = (quote(str(script)), PAIR) if script is not None else ("my.xml", answer.pair)
     asked = f'--alpha "{target.law.alpha:.10g} s/m"'
     if target.reading == "points":
@@ -137,7 +138,8 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
 
 
 def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
-    best, target = answer.best, answer.target
+    best = answer.best
+    target = answer.target
     spheres = "; for spheres: a flat face gains energy" if best.flat is False else ""
     why = best.tuned.why if best.tuned else "the plug-in gives each impact the e of its own speed"
     show(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")

@@ -182,7 +182,8 @@ def _table(tuned: TunedModel) -> list[str]:
             title = f"e of {' on '.join([now.facts.pair[0], *filter(None, [now.attitude])])}"
             old, new = (f"{p.curve[place].lowest:.2f} ... {p.curve[place].highest:.2f}" for p in (was, now))
             rows.append((f"{title} at {now.curve[place].speed_in:.2g} m/s", old, new))
-    before, after = tuned.before.record, tuned.after.record
+    before = tuned.before.record
+    after = tuned.after.record
     for quantity in QUANTITIES:
         numbers = [record[quantity.key] / quantity.si for record in (before, after)]
         if not all(map(math.isnan, numbers)):

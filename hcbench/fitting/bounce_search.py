@@ -20,25 +20,56 @@ if TYPE_CHECKING:
 
 # Longest flight that the search tries, s: a ball that rises 7.6 m.
 _LONGEST = 2.5
-_LEAST_E, _MOST_E = 0.05, 1.01
-# Clutter: clicks at least as loud as this one less 3 dB, a second of the recording, and some never seen.
-_AS_LOUD, _UNSEEN = 3.0, 0.3
-# price, s, dB: a louder click just before is the touch
-_ECHO, _ECHO_WITHIN, _ECHO_OVER = 1.5, 40e-3, 1.0
-# e from one bounce to the next rises by about 0.4 (1 - e)²; around that, what it scatters and is mistimed by.
-_RISE, _RISE_SD, _SCATTER, _TIMING = 0.4, 0.35, 0.008, 2e-4
-# Share of bounces that scatter this many times as much
-_WILD, _WILDER = 0.1, 5.0
-# dB: sd over speed; range of clutter; cut of the square, in sd
-_LOUDNESS, _LOUDEST, _CUT = 4.0, 30.0, 16.0
-_UNHEARD, _MOST_UNHEARD = 3.0, 2
-# dB, s: loud clicks within a flight speak against it
-_INSIDE, _INSIDE_FROM, _MOST_INSIDE = 2.0, 60e-3, 4
-# Of the score by the last touch; less is what a chance click adds
-_LEAST_GAIN, _LEAST_OF_WEAK = 2.0, 5.0
+# Bounds of e from one flight to the next; above 1 for errors of the clicks' times.
+_LEAST_E = 0.05
+_MOST_E = 1.01
+# dB: the rate of clutter that rivals a click counts clicks that are at most this much quieter.
+_AS_LOUD = 3.0
+# 1/s: clutter that the recording does not happen to show.
+_UNSEEN = 0.3
+# Price of a click that a louder one precedes: the louder one is the touch, this one its echo.
+_ECHO = 1.5
+# Longest time from a touch to its echo, s.
+_ECHO_WITHIN = 40e-3
+# dB by which the touch is louder than its echo, at least.
+_ECHO_OVER = 1.0
+# e rises from one bounce to the next by about this times (1 - e)²: the ball comes slower.
+_RISE = 0.4
+# Standard deviation of that factor.
+_RISE_SD = 0.35
+# Scatter of e from bounce to bounce.
+_SCATTER = 0.008
+# Error of a click's time, s.
+_TIMING = 2e-4
+# Share of bounces that scatter more than the others.
+_WILD = 0.1
+# Those bounces scatter this many times as much.
+_WILDER = 5.0
+# dB: standard deviation of a touch's level about the one that its speed gives.
+_LOUDNESS = 4.0
+# dB: range over which the levels of clutter spread.
+_LOUDEST = 30.0
+# A squared deviation counts up to this, in squared standard deviations.
+_CUT = 16.0
+# Price of a touch that is not heard.
+_UNHEARD = 3.0
+# Touches of a train that may be unheard.
+_MOST_UNHEARD = 2
+# dB: a click within a flight speaks against the flight if it is at most this much quieter than the
+# louder end.
+_INSIDE = 2.0
+# Clicks count so long after the start of a flight, s: earlier ones are echoes.
+_INSIDE_FROM = 60e-3
+# Clicks within a flight that count, at most.
+_MOST_INSIDE = 4
+# The last touch of a train adds at least this to the score: a chance click adds less.
+_LEAST_GAIN = 2.0
+# The same for a weak click: many of its kind are too weak to be seen.
+_LEAST_OF_WEAK = 5.0
 # Two trains with this share of their clicks in common are one train.
 _SHARED = 0.7
-_SAME = 3e-4  # s
+# Two echoes are one reflection if their delays differ by less, s.
+_SAME = 3e-4
 # Flights that the search tries as the last of a train.
 _ENDS = 3000
 
@@ -197,7 +228,7 @@ class _Search:
 
     def last_that_counts(self, i: int, j: int) -> tuple[int, int]:
         """The last flight of a train that ends with this one, without last clicks that add little."""
-        # As many clicks again are too weak to be seen
+        # A click this weak is one of many: as many again are too weak to be seen.
         weak = self.level.min() + _AS_LOUD
         while (h := int(self.before[i, j])) >= 0:
             if self.score[i, j] - self.score[h, i] > (

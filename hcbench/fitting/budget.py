@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 
-# s, for the note on what contact times that were left out would change
+# Contact time, s, for the note on what contact times that were left out would change.
 _CONTACT = 1e-4
 
 
@@ -89,7 +89,8 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
         matrix, _ = reduced.profile(np.array(fit.scatter), np.array(noise))
         total += matrix[:q]
     # Column q belongs to the residual itself, which no input moves.
-    hessian, slopes = total[:, :q], total[:, q + 1 :]
+    hessian = total[:, :q]
+    slopes = total[:, q + 1 :]
     return np.asarray(np.linalg.lstsq(hessian, slopes, rcond=1e-12)[0].T)
 
 
@@ -111,7 +112,8 @@ def _noise_rows(fit: LawFit, name: str) -> list[BudgetRow]:
     gain = np.linalg.lstsq(np.asarray(hessian), direction, rcond=1e-12)[0]
     for reduced, s_m in zip(fit.reduced, fit.noise, strict=True):
         by_scatter, by_noise = reduced.variance_parts(fit.scatter, s_m, gain)
-        scatter, noise = scatter + by_scatter, noise + by_noise
+        scatter = scatter + by_scatter
+        noise = noise + by_noise
     total = scatter + noise or 1.0
     return [
         BudgetRow("scatter of e", "A", fit.scatter, spread * float(np.sqrt(scatter / total))),

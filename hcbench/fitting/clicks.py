@@ -18,15 +18,22 @@ if TYPE_CHECKING:
 
     Indices = NDArray[np.int64]
 
-# Hz, lower and upper ends: ringing and speech are low and clicks reach high, but so does noise.
+# Lower and upper ends of the bands, Hz: ringing and speech are low and clicks reach high, but so
+# does noise.
 _BANDS = ((1200.0, None), (4000.0, None), (8000.0, None), (1200.0, 5000.0), (500.0, 2500.0))
-# s: a click is what is louder for this long than before it
-_NEXT, _LAST = 0.6e-3, 4e-3
+# A click is louder for this long than the sound just before it, s.
+_NEXT = 0.6e-3
+# The sound before it is averaged over this time, s.
+_LAST = 4e-3
+# Ratio of the two energies from which on there is a click.
 _RISE = 2.5
+# A click has this multiple of the noise's energy, at least.
 _OVER_NOISE = 6.0
 # Shortest time between two clicks, s.
 _APART = 6e-3
+# Clicks that are kept, the loudest: the search takes their number squared.
 _MOST_CLICKS = 150
+# Correlation finds a click's time to a part of a sample.
 _OVERSAMPLING = 4
 
 
@@ -70,15 +77,16 @@ def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats
 
 def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
     """Samples at which something begins that is louder than before, and how loud it is, dB over the noise."""
-    ahead, back = max(4, round(_NEXT * rate)), round(_LAST * rate)
-    # In place: these arrays are what long recordings need memory for
+    ahead = max(4, round(_NEXT * rate))
+    back = round(_LAST * rate)
+    # Computed in place: for a long recording these arrays take most of the memory.
     energy = np.zeros(len(sound) + 1)
     np.cumsum(np.square(sound, out=energy[1:]), out=energy[1:])
     after = np.subtract(energy[back + ahead : -1], energy[back : -1 - ahead])
     before = np.subtract(energy[back : -1 - ahead], energy[: -1 - ahead - back])
     del energy
     after /= ahead
-    # Few bits are silent between steps
+    # A recording of few bits is silent between its steps: a step is added to the noise.
     noise = float(np.percentile(after[::4], 25)) + step**2 + 1e-30
     before /= back
     before += 0.3 * noise
@@ -127,7 +135,8 @@ class Timer:
 
     def _piece(self, onset: int) -> Floats:
         """The click from 0.3 ms before its onset to 1.2 ms after, oversampled, of energy 1."""
-        before, after = round(0.3e-3 * self.band.rate), round(1.2e-3 * self.band.rate)
+        before = round(0.3e-3 * self.band.rate)
+        after = round(1.2e-3 * self.band.rate)
         margin = before + round(0.5e-3 * self.band.rate)
         piece = self.band.sound[max(0, onset - margin) : onset + after + margin]
         piece = np.pad(piece, (max(0, margin - onset), max(0, after + 2 * margin - len(piece))))
@@ -141,7 +150,8 @@ def _onset(sound: Floats, rate: int, place: int) -> int:
     window = sound[first : place + round(0.8e-3 * rate)]
     n = len(window)
     k = np.arange(4, n - 4)
-    sums, squares = np.cumsum(window), np.cumsum(window**2)
+    sums = np.cumsum(window)
+    squares = np.cumsum(window**2)
     left = squares[k - 1] / k - (sums[k - 1] / k) ** 2
     right = (squares[-1] - squares[k - 1]) / (n - k) - ((sums[-1] - sums[k - 1]) / (n - k)) ** 2
     criterion = k * np.log(left + 1e-30) + (n - k) * np.log(right + 1e-30)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.table import Table
     from hcbench.terms.impact import Floats
 
-# What columns may be called, and the kind of number in them.
+# Names that a column may have, and the kind of number in it.
 _NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "time": (
         "time",
@@ -98,7 +98,7 @@ _NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "force": ("force", ("force", "f", "load")),
 }
 _ROLE_OF = {name: role for role, (_, names) in _NAMES.items() for name in names}
-# What programs and people write besides, and says nothing of the bounces.
+# Columns that programs and people write besides the data; they say nothing of the bounces.
 _BESIDE = frozenset(
     [
         "#",

@@ -13,7 +13,7 @@ from hcbench.system.errors import UserError
 if TYPE_CHECKING:
     from hcbench.fitting.result import FitResult
 
-# Of each material: fewer hardly tell how much drops differ
+# Drops of each material: fewer hardly show how much drops differ.
 _DROPS_TO_KNOW = 3
 
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
 
-# Width of intervals over the posterior's: without it, 0.93 of them held in disturbed rooms
+# Intervals of clicks are wider than the posterior's by this: without it, 0.93 of them held in
+# disturbed rooms.
 _OF_CLICKS = 1.15
 
 
@@ -123,7 +124,8 @@ def bounce_train(
     touch = np.empty(impacts)
     by = np.zeros((count, 1 + q + impacts))
     speed = first
-    # Of the speed, by ln of the first speed, by the law's parameters, and by the change of each e.
+    # Derivatives of the speed by ln of the first speed, the law's parameters and the change of each
+    # e.
     gradient = np.zeros(1 + q + impacts)
     gradient[0] = first
     for i in range(count):
@@ -169,6 +171,7 @@ class TouchTimes(Dataset):
     picks: Picks | None = None
     recording: Recording | None = None
     heard: tuple[Picks, ...] = ()
+    # Likely size of the measuring noise, in the data's SI unit.
     noise_scale: ClassVar[float] = 2e-4
     noise_unit: ClassVar[str] = "s"
 

@@ -21,13 +21,16 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 
+# Newton steps, at most.
 _STEPS = 25
 # Longest Newton step of a parameter: a change of ln e, or of the ln of a speed.
 _LONGEST_STEP = 0.5
-# How far ln of e may come out above 0: data about 0 lie on both sides of it
+# ln of e may come out so far above 0: data about 0 lie on both sides of it.
 _BEYOND = 0.05
-# Of the grid over a parameter, and its half width in standard deviations
-_POINTS, _WIDTH = 121, 8.0
+# Points of the grid over a parameter.
+_POINTS = 121
+# Half width of that grid, in standard deviations.
+_WIDTH = 8.0
 # Grid points over the share of the loss at the reference speed that α explains; e0 explains the
 # rest.
 _SHARES = 41
@@ -199,11 +202,13 @@ def _law_step(
         one.profile(np.array(scatter), np.array(n))[0][: q + 1, : q + 1]
         for one, n in zip(reduced, noise, strict=True)
     )
-    hessian, slope = np.asarray(total)[:q, :q], np.asarray(total)[:q, q]
+    hessian = np.asarray(total)[:q, :q]
+    slope = np.asarray(total)[:q, q]
     move = np.linalg.lstsq(hessian, slope, rcond=1e-12)[0]
     held = move > room
     if held.any():
-        move, unheld = np.where(held, room, move), ~held
+        move = np.where(held, room, move)
+        unheld = ~held
         left = slope[unheld] - hessian[np.ix_(unheld, held)] @ move[held]
         move[unheld] = np.linalg.lstsq(hessian[np.ix_(unheld, unheld)], left, rcond=1e-12)[0]
     return np.minimum(move, room), hessian
@@ -272,9 +277,9 @@ def _shares(
 
 
 ENDS = (0.025, 0.5, 0.975)
-# Of eq. (16) with e0 against without: below that, the interval of α spans both
+# Below these odds between eq. (16) with and without e0, the interval of α spans both.
 ODDS_TO_DROP = 25.0
-# odds, for the value between the two: some constant loss is the rule
+# Prior odds of the law with e0: some constant loss is the rule.
 _PRIOR_OF_E0 = 3.0
 
 
@@ -298,7 +303,8 @@ def estimate_of(fit: LawFit, name: str, inputs: float = 0.0) -> Estimate:
 def widened(estimate: Estimate, factor: float) -> Estimate:
     """The estimate with an interval that many times as wide."""
     value = estimate.value
-    low, high = value - factor * (value - estimate.low), value + factor * (estimate.high - value)
+    low = value - factor * (value - estimate.low)
+    high = value + factor * (estimate.high - value)
     return Estimate(value, factor * estimate.uncertainty, max(0.0, low), high)
 
 

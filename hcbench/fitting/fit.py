@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Impacts that a warning names.
 _SHOWN = 4
-# Share of the posterior at e > 1 from which on the data cannot be right
+# The data cannot be right if the posterior has this share at e > 1.
 _GAINS = 0.999
 
 
@@ -175,7 +175,8 @@ def _lack_of_one(one: _Fitted) -> LackOfFit:
         for name in (PLAIN, "constant")
     )
     if sticks > log_odds:
-        log_odds, shape = sticks, "e falls at low speeds, as where bodies stick"
+        log_odds = sticks
+        shape = "e falls at low speeds, as where bodies stick"
     return LackOfFit(math.exp(min(log_odds, 700.0)), shape, math.exp(min(sticks, 700.0)))
 
 

@@ -63,7 +63,8 @@ def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
 
 def _gains(fit: LawFit, i: int, directions: Floats) -> tuple[Floats, Floats]:
     """Twice the gain in ln likelihood by a parameter along each direction (n, c), and its value."""
-    model, grid = fit.models[i], fit.surface.grid
+    model = fit.models[i]
+    grid = fit.surface.grid
     left, offset = _without_law(reduce(model, directions), grid.log_scatter, grid.log_noise[i])
     of_residual = left[..., 0, 0]
     along = np.diagonal(left, axis1=-2, axis2=-1)[..., 1:]
@@ -86,7 +87,9 @@ def _without_law(reduced: Reduced, log_scatter: Floats, log_noise: Floats) -> tu
     scatter, noise = np.meshgrid(np.exp(log_scatter), np.exp(log_noise), indexing="ij")
     matrix, offset = reduced.profile(scatter, noise)
     q = reduced.law
-    law, cross, rest = matrix[..., :q, :q], matrix[..., :q, q:], matrix[..., q:, q:]
+    law = matrix[..., :q, :q]
+    cross = matrix[..., :q, q:]
+    rest = matrix[..., q:, q:]
     # A law that has no slope where it ends leaves a singular matrix: nothing to eliminate.
     law = law + 1e-9 * np.eye(q)
     offset = offset - 0.5 * np.linalg.slogdet(law)[1]

@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 # Density of air at 20 °C and 101325 Pa, kg/m³.
 AIR_DENSITY = 1.204
-# a sphere at Reynolds numbers 1e3 ... 1e5
-DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY = 0.47, 0.05
+# Drag of a sphere at Reynolds numbers from 1e3 to 1e5.
+DRAG_COEFFICIENT = 0.47
+DRAG_COEFFICIENT_UNCERTAINTY = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +66,10 @@ class Ballistics:
         v = 1.0 / math.sqrt(self.drag)
         u = launch / v
         up = v / g * math.atan(u)
-        rising, falling = np.minimum(time, up), np.maximum(time - up, 0.0)
-        angle, fallen = math.atan(u) - g * rising / v, g * falling / v
+        rising = np.minimum(time, up)
+        falling = np.maximum(time - up, 0.0)
+        angle = math.atan(u) - g * rising / v
+        fallen = g * falling / v
         height = v * v / g * (np.log(np.cos(angle) * math.sqrt(1.0 + u * u)) - np.log(np.cosh(fallen)))
         slope = np.where(time < up, -np.tan(angle), np.tanh(fallen))
         return height, v / g * (u + slope) / (1.0 + u * u), -v * slope

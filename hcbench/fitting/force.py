@@ -22,12 +22,15 @@ if TYPE_CHECKING:
 
 # A pulse begins and ends at this share of its largest force.
 _EDGE = 0.05
-# Of e by shape and by impulse: standard deviations, and at least so much.
-_APART, _NO_CONTRADICTION = 3.0, 0.01
+# e by the shape and e by the impulse contradict each other beyond so many standard deviations.
+_APART = 3.0
+# A smaller difference between those two never counts as a contradiction.
+_NO_CONTRADICTION = 0.01
+# Points of a pulse that a fit needs.
 _LEAST_POINTS = 20
 # Standard deviations of α below 0 from which the data surely gain energy.
 _SIGMAS_BELOW = 3.0
-# Rms over the largest force from which on the loop is another law's
+# Rms difference over the largest force from which on the loop is another law's.
 _OFF_LAW = 0.05
 
 
@@ -107,9 +110,10 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     if not 0.0 < e < 1.0:
         got = f"the impulse {impulse:.4g} N s is {impulse / (mass * speed):.3g} times m v"
         raise UserError(name, got, "1 ... 2 times", "Look at mass, speed, units and the sign of the force")
-    lasts, top = float(np.ptp(time[inside])), float(force.max())
+    lasts = float(np.ptp(time[inside]))
+    top = float(force.max())
     start_n = setup.exponent or 1.5
-    # Where nothing is lost, (F t)² is (k m) times a number of n's alone: a start is all that is needed.
+    # In a contact without loss (F t)² is k m times a function of n alone: good enough for a start.
     start_k = _stiffness_for(top, mass, speed, start_n)
 
     def residual(p: Floats) -> Floats:
@@ -144,7 +148,8 @@ def _approach(name: str, setup: MeasurementSetup) -> tuple[float, float, float, 
     """Mass in kg and speed in m/s, each with its standard uncertainty. Raises UserError without either."""
     if setup.mass is None:
         raise UserError("mass", f"not given for {name}", "the effective mass", "--mass '0.45 kg'")
-    mass, u_mass = setup.mass.value, setup.mass.uncertainty
+    mass = setup.mass.value
+    u_mass = setup.mass.uncertainty
     if setup.speed is not None:
         return mass, u_mass, setup.speed.value, setup.speed.uncertainty
     if setup.height is None:

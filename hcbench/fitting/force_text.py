@@ -48,7 +48,8 @@ def lines_of(force_fit: ForceFit, describe: Callable[[float, float], str]) -> li
     """The main numbers of the fit. describe: a value and its standard uncertainty as text."""
     sd = np.sqrt(np.diag(force_fit.covariance))
     low, high = force_fit.alpha_interval
-    k, n = force_fit.stiffness, force_fit.exponent
+    k = force_fit.stiffness
+    n = force_fit.exponent
     lines = [
         f"data      {force_fit.file}: {force_fit.kind}, fitted with the law",
         f"k         {describe(k, k * sd[0])} N/m^{n:.4g}",

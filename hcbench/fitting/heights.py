@@ -48,7 +48,8 @@ class Heights(Dataset):
         return self.uncertainty
 
     def _launches(self) -> Floats:
-        g, drag = self.setup.ballistics.gravity, self.setup.ballistics.drag
+        g = self.setup.ballistics.gravity
+        drag = self.setup.ballistics.drag
         if not drag:
             return np.sqrt(2.0 * g * self.heights)
         return np.sqrt(np.expm1(2.0 * drag * g * self.heights) / drag)
@@ -69,7 +70,8 @@ class Heights(Dataset):
 
         Its residual is that at no changes: what the ones given do is added back to first order.
         """
-        dropped, ballistics = self.setup.height is not None, self.setup.ballistics
+        dropped = self.setup.height is not None
+        ballistics = self.setup.ballistics
         train = bounce_train(curve, ballistics, math.exp(own[0]), latent, dropped)
         apex = np.array([ballistics.apex(w) for w in train.launch])
         by = apex[:, 1:] * train.by
@@ -94,7 +96,7 @@ class Heights(Dataset):
         return [f"height {i + 1}" for i in range(len(self.heights))]
 
 
-# Grid of the scatter between drops
+# Grid over the scatter between drops.
 _BETWEEN = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 60)])
 # Scale of the half-Cauchy prior of the scatter between drops.
 _SCALE = 0.05
@@ -147,7 +149,8 @@ def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
             break
         log_likelihood, mean, sd = _over_between(x[others], s[others])
         share = _shares(log_likelihood + _prior())
-        middle, between = float(share @ mean), float(share @ _BETWEEN)
+        middle = float(share @ mean)
+        between = float(share @ _BETWEEN)
         variance = float(share @ (sd**2 + (mean - middle) ** 2))
         off = float((x[k] - middle) / np.sqrt(s[k] ** 2 + between**2 + variance))
         if abs(off) > _ODD:

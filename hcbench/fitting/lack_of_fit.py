@@ -22,16 +22,20 @@ if TYPE_CHECKING:
 
 # From these odds on, a change besides the law is certain, and no law of the list fits.
 ODDS_AGAINST = 10.0
-# Odds against a constant loss e0, which is the rule
+# Prior odds of adhesion against a constant loss e0, which is the rule.
 PRIOR_OF_ADHESION = 1.0 / 3.0
-# Odds of adhesion from which on it may be what seems a constant loss
+# From these odds on adhesion may be what seems a constant loss.
 _RIVAL = 0.1
-# Of the change, standard deviation of each coefficient
+# Standard deviations of each coefficient of the change, tried in turn.
 _SIZES = (0.01, 0.03, 0.1, 0.3)
+# Degrees of the Legendre polynomials that make up the change.
 _DEGREES = (1, 2, 3)
+# Grid over the ln of the scatter of e.
 _SCATTER = np.linspace(math.log(2e-4), 0.0, 28)
-# Of ln s_m: points, and how far beyond the grid of the fit
-_NOISE_STEPS, _WIDER = 15, 1.5
+# Points of the grid over the ln of the measuring noise.
+_NOISE_STEPS = 15
+# That grid reaches so far, in ln, beyond the grid of the fit.
+_WIDER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +125,8 @@ class _Change:
         change = np.arange(q, q + len(used))
         part[..., change, change] += size**-2
         n = q + len(used)
-        normal, right = part[..., :n, :n] + 1e-9 * np.eye(n), part[..., :n, n]
+        normal = part[..., :n, :n] + 1e-9 * np.eye(n)
+        right = part[..., :n, n]
         best = np.linalg.solve(normal, right[..., None])[..., 0]
         quadratic = part[..., n, n] - (right * best).sum(axis=-1)
         log_density = self._offset - 0.5 * quadratic - 0.5 * np.linalg.slogdet(normal)[1]

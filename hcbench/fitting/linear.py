@@ -74,7 +74,9 @@ class Reduced:
         """
         normal, log_det = self.grams(scatter, noise)
         p = self.own
-        own, cross, outer = normal[..., :p, :p], normal[..., :p, p:], normal[..., p:, p:]
+        own = normal[..., :p, :p]
+        cross = normal[..., :p, p:]
+        outer = normal[..., p:, p:]
         if p:
             outer = outer - np.swapaxes(cross, -1, -2) @ np.linalg.solve(own, cross)
             log_det = log_det + np.linalg.slogdet(own)[1]
@@ -84,7 +86,7 @@ class Reduced:
         """Variance of gain · δ_law that comes from the scatter of e, and from the noise of measuring."""
         p, q = self.own, self.law
         normal, _ = self.grams(np.array(scatter), np.array(noise))
-        # What weighs the residual into the slope of δ_law, own parameters eliminated.
+        # Weights of the residual in the slope by δ_law, with own parameters eliminated.
         to_law = np.concatenate([-np.linalg.solve(normal[:p, :p], normal[:p, p : p + q]), np.eye(q)]) @ gain
         along = self.columns[:, : p + q] @ to_law
         variance = scatter**2 * self.size**2 + noise**2
@@ -119,7 +121,8 @@ def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | Non
 
     more: (n, c), further right-hand sides; offsets: (c, p), what they do to the offsets of the prior.
     """
-    p, q = model.by_own.shape[1], model.by_law.shape[1]
+    p = model.by_own.shape[1]
+    q = model.by_law.shape[1]
     blocks = [model.by_own, model.by_law, model.residual[:, None]] + ([] if more is None else [more])
     columns = np.concatenate(blocks, axis=1) / model.shape[:, None]
     vectors, size, turn = _directions(model.by_scatter / model.shape[:, None])
@@ -130,7 +133,8 @@ def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | Non
     for i, (mean, sd) in enumerate(model.prior):
         if math.isfinite(sd):
             row = np.zeros(columns.shape[1])
-            row[i], row[p + q] = 1.0 / sd, mean / sd
+            row[i] = 1.0 / sd
+            row[p + q] = mean / sd
             if offsets is not None:
                 row[p + q + 1 :] = offsets[:, i] / sd
             prior += np.outer(row, row)

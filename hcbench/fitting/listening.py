@@ -36,20 +36,33 @@ SHORTEST = 0.02
 _MOST = 6
 # Clicks of two frequency bands within this time are one touch, s.
 _SAME = 2e-3
+# Two trains with this share of their touches in common are one.
 _SHARED = 0.7
-# s, dB: clicks that may be the touch in place of one nearby
-_NEAR, _QUIETER = 45e-3, 15.0
-_NOT_MUCH_QUIETER = 6.0  # dB
-# rounds; swaps fitted in each, the likeliest to first order
-_SWAPS, _TRIED = 4, 2
-# s_e from which on a touch is left out where that divides s_e by so much
-_ROUGH, _SMOOTHER = 8e-3, 1.6
-# First clicks that may be none of the ball's: s_e without them
-_KNOCKS, _FAR_SMOOTHER = 2, 2.0
+# A click this near to a touch may be the touch in its place, s.
+_NEAR = 45e-3
+# dB by which such a click may be quieter.
+_QUIETER = 15.0
+# dB: an earlier click that is at most this much quieter is likely the touch, the later one its
+# echo.
+_NOT_MUCH_QUIETER = 6.0
+# Rounds in which touches are exchanged for clicks near them.
+_SWAPS = 4
+# Exchanges that each round fits: the likeliest by a first-order estimate.
+_TRIED = 2
+# Scatter of e from which on a touch may be left out.
+_ROUGH = 8e-3
+# Leaving out a touch must divide the scatter by this.
+_SMOOTHER = 1.6
+# First clicks that may be knocks instead of the ball's, at most.
+_KNOCKS = 2
+# Leaving out such clicks must divide the scatter by this.
+_FAR_SMOOTHER = 2.0
 # Touches that must remain where some are left out.
 _LEAST_LEFT = 5
-# Share of the best score of a train that is taken if its s_e is this share
-_CLOSE, _SMOOTH = 0.7, 0.5
+# A train with at least this share of the best score may replace the best train.
+_CLOSE = 0.7
+# Such a train must scatter by at most this share of the best one.
+_SMOOTH = 0.5
 # A train below this share of the best score does not rival the best one.
 _HALF = 0.5
 
@@ -167,8 +180,8 @@ class _Heard:
         try:
             with np.errstate(all="ignore"):
                 return replace(self, fit=fit_law(LAWS[WITH_E0], [self.data()], self.reference))
-        # No law fits this train.
         except (ArithmeticError, ValueError):
+            # No law fits this train.
             return replace(self, fit=None)
 
     @property
@@ -184,7 +197,7 @@ class _Heard:
         """Reflections that were taken for touches exchanged for them; a touch that spoils all left out."""
         if self.fit is None:
             return self
-        # Before swaps, which would make the ball's touches go with a knock
+        # Knocks go first: swaps would fit the ball's touches to them.
         now = self.without_knocks()
         for _ in range(_SWAPS):
             if (swapped := now.swapped()) is None:
@@ -258,7 +271,8 @@ class _Heard:
 
         An echo comes after its touch: so a click before, not much quieter, is likely to be the touch.
         """
-        clicks, level = self.band.places, self.band.level
+        clicks = self.band.places
+        level = self.band.level
         place = self.places[k]
         # Level of this touch's own click, dB.
         own = float(level[np.searchsorted(clicks, place)])
@@ -273,7 +287,8 @@ class _Heard:
         """The train without one touch."""
         if len(self.places) <= _LEAST_LEFT:
             return self
-        places, numbers = np.delete(self.places, k), np.delete(self.numbers, k)
+        places = np.delete(self.places, k)
+        numbers = np.delete(self.numbers, k)
         return replace(self, places=places, numbers=numbers - numbers[0]).fitted()
 
     def picks(self) -> Picks:
@@ -281,7 +296,8 @@ class _Heard:
         level = self.band.level[np.searchsorted(self.band.places, self.places)]
         scatter = alpha = None
         if self.fit is not None:
-            scatter, alpha = self.fit.scatter, alpha_of(self.plain(), self.fit)
+            scatter = self.fit.scatter
+            alpha = alpha_of(self.plain(), self.fit)
         return Picks(
             self.begin + times, self.numbers, level, self.band.frequency, self.train.score, scatter, alpha
         )

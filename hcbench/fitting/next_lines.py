@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 
-# The names in a scene that hcbench writes
-_POINTS, _PAIR = "points.csv", "ball,plate"
+# Names in a scene that hcbench writes.
+_POINTS = "points.csv"
+_PAIR = "ball,plate"
 
 
 def next_lines(
@@ -47,7 +48,8 @@ def next_lines(
     elif result.law == "constant" and result.restitution is not None:
         what = check = f"--restitution {result.restitution.value:.6g}"
     else:
-        what, check = f"--points {_POINTS}", f"--pairs {_POINTS}"
+        what = f"--points {_POINTS}"
+        check = f"--pairs {_POINTS}"
     lines = ["next:"]
     if _POINTS in what and "--write-points" not in given:
         lines.append(f"  hcbench {shlex.join(given)} --write-points {_POINTS}")
@@ -89,7 +91,8 @@ def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
     at = next((i for i, (_, row) in enumerate(rows[:4]) if "t" in row and "y" in row), None)
     if at is None:
         return None
-    header, below = rows[at][1], rows[at + 1 :]
+    header = rows[at][1]
+    below = rows[at + 1 :]
     # Tracker writes no line of units: this file is of another program.
     if below and below[0][1][0].strip().isalpha():
         return None

@@ -16,14 +16,18 @@ if TYPE_CHECKING:
     from hcbench.fitting.linear import Reduced
     from hcbench.terms.impact import Floats
 
-# Of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
+# Likeliest scatter of e from one impact to the next: 0.1 to 2 % are seen.
 SCATTER_SCALE = 0.0035
 # The grid reaches so many times below and above what is likely.
 _SPAN = 1e4
+# Scale of the prior of the noise, in ln: instruments differ by a factor of three.
 _FACTOR = math.log(3.0)
-# Of e: impacts of bodies other than balls scatter by a third
+# Largest scatter of e: bodies other than balls scatter by a third.
 MOST_SCATTER = 1.0
-_COARSE, _FINE = 19, 13
+# Points of the first grid, over all noise that is possible.
+_COARSE = 19
+# Points of the grid about the likeliest noise.
+_FINE = 13
 # A point of the grid is dropped if the ln of its density is this far below the largest.
 _NEGLIGIBLE = 9.0
 
@@ -142,7 +146,8 @@ def _zoomed(grid: Floats, log_weight: Floats) -> Floats:
     likely = np.flatnonzero(log_weight > log_weight.max() - _NEGLIGIBLE)
     if not likely.size:
         raise FloatingPointError("no noise is likely")
-    low, high = max(likely[0] - 1, 0), min(likely[-1] + 1, len(grid) - 1)
+    low = max(likely[0] - 1, 0)
+    high = min(likely[-1] + 1, len(grid) - 1)
     return np.linspace(grid[low], grid[high], _FINE)
 
 

@@ -15,13 +15,25 @@ if TYPE_CHECKING:
     from hcbench.fitting.estimate import Estimate
     from hcbench.terms.impact import Floats
 
-# A rival has five touches, and an α that is wrong by 3 standard deviations and 2 %.
-_RIVAL_TOUCHES, _RIVAL_SCATTER, _RIVAL_APART, _RIVAL_SHARE = 5, 0.03, 3.0, 0.02
-# m/s: a fall of 1.8 m
-_LEAST_SCORE, _LEAST_TOUCHES, _MOST_SCATTER, _MOST_SPEED = 10.0, 6, 0.02, 6.0
+# Touches of a train that rivals the first one, at least.
+_RIVAL_TOUCHES = 5
+# Largest scatter of e of a rival.
+_RIVAL_SCATTER = 0.03
+# Standard deviations by which a rival's α differs, at least.
+_RIVAL_APART = 3.0
+# Share of the first train's α by which a rival's α differs, at least.
+_RIVAL_SHARE = 0.02
+# A lower score, as ln odds, is hardly more regular than noise.
+_LEAST_SCORE = 10.0
+# Touches that a fit needs.
+_LEAST_TOUCHES = 6
+# Largest scatter of e: that of a ball is 0.1 to 2 %.
+_MOST_SCATTER = 0.02
+# m/s: a fall of 1.8 m. A faster first impact needs a height that the user gives.
+_MOST_SPEED = 6.0
 
 
-# Below it a law is not chosen: of such trains 1 in 20 is not the ball's
+# No law is chosen below this score: 1 in 20 of such trains is not the ball's.
 _SURE_SCORE = 25.0
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # Largest e of a ball over several bounces: steel on steel reaches 0.99.
 _MOST_E = 0.999
-# e of the first touch by the height, over that of the second by the times
+# Bounds of the first touch's e by the drop height, over the second touch's e by the times.
 _HEIGHT_E = (0.33, 1.05)
 
 
@@ -51,8 +51,8 @@ def require_different(files: tuple[Path, ...]) -> None:
     for path in files if len(files) > 1 else ():
         try:
             content = read_bytes(path)
-        # The function that reads the file for the fit reports what is wrong with it.
         except OSError:
+            # The function that reads the file for the fit reports what is wrong with it.
             continue
         if (other := seen.setdefault(content, path)) is not path:
             got = f"{path} has the same content as {other}"

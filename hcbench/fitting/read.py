@@ -192,7 +192,8 @@ def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
 
 def _require_few(name: str, count: int, what: str) -> None:
     if count > _MOST_TOUCHES:
-        got, advice = f"{count} {what}", "Leave out the rattle at the end"
+        got = f"{count} {what}"
+        advice = "Leave out the rattle at the end"
         raise UserError(name, got, f"up to {_MOST_TOUCHES} touches of one ball", advice)
 
 
@@ -260,7 +261,8 @@ def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """Heights of drops and of the rebounds: the speeds in and out of each impact."""
-    before, after = columns.get("height_in"), columns.get("height_out")
+    before = columns.get("height_in")
+    after = columns.get("height_out")
     columns.require("height_in", before > 0, "above 0")
     columns.require("height_out", (after >= 0) & (after <= before), "from 0 to the height of the drop")
     v_in = np.array([setup.ballistics.dropped(h)[0] for h in before])
@@ -288,7 +290,8 @@ def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
 
 
 def _track(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    times, heights = columns.get("time"), columns.get("height")
+    times = columns.get("time")
+    heights = columns.get("height")
     columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
     if len(times) < _LEAST_SAMPLES:
         raise UserError(columns.table.name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track")

@@ -24,8 +24,10 @@ if TYPE_CHECKING:
 
 # A recording up to this length, s, is searched whole, without windows.
 _WHOLE = 24.0
-# s: of a longer one the window is taken in which the best train is heard
-_WINDOW, _OVERLAP = 20.0, 8.0
+# Of a longer recording, the window of this length, s, with the best train is taken.
+_WINDOW = 20.0
+# Windows overlap by this time, s, so that one of them holds the whole train.
+_OVERLAP = 8.0
 # Samples that are read at once: a long recording never lies in memory whole.
 _BLOCK = 1 << 18
 _PHONES = (".m4a", ".mp4", ".mov", ".aac", ".opus", ".ogg", ".oga", ".mp3", ".flac", ".3gp", ".caf", ".amr",
@@ -51,8 +53,8 @@ def is_sound(path: Path) -> bool:
     try:
         with path.open("rb") as file:
             head = file.read(12)
-    # ValueError: a name with a null character.
     except (OSError, ValueError):
+        # ValueError: a name with a null character.
         return False
     return (head[:4] in (b"RIFF", b"RIFX", b"RF64") and head[8:12] == b"WAVE") or _is_of_phone(path)
 
@@ -127,8 +129,8 @@ class _Wav:
             warnings.simplefilter("ignore")
             try:
                 self.rate, samples = wavfile.read(path, mmap=True)
-            # Samples of 24 bits cannot be mapped into memory.
             except ValueError:
+                # Samples of 24 bits cannot be mapped into memory.
                 self.rate, samples = wavfile.read(path)
         self._samples = samples[:, None] if samples.ndim == 1 else samples
         self._file: tuple[Path, int, np.dtype[Any]] | None = None
@@ -158,7 +160,8 @@ class _Wav:
             return np.asarray(self._samples[first:last])
         path, offset, dtype = self._file
         channels = self._samples.shape[1]
-        count, begin = (last - first) * channels, offset + first * channels * dtype.itemsize
+        count = (last - first) * channels
+        begin = offset + first * channels * dtype.itemsize
         return np.fromfile(path, dtype, count, offset=begin).reshape(-1, channels)
 
 
@@ -168,7 +171,8 @@ class _Compressed:
     step = 0.0
 
     def __init__(self, path: Path) -> None:
-        self._path, self.name = path, sanitized(path.name)
+        self._path = path
+        self.name = sanitized(path.name)
         try:
             import av
         except ImportError:
@@ -186,14 +190,17 @@ class _Compressed:
 
     def blocks(self, first: int, last: float) -> Iterator[Floats]:
         """(channels, n), from one sample to another."""
-        at, held, waiting = 0, [], 0
+        at = 0
+        held = []
+        waiting = 0
         with _reading(self._path, "sound", "a recording"), self._av.open(str(self._path)) as file:
             to_float = self._av.AudioResampler(format="fltp")
             for decoded in file.decode(audio=0):
                 for frame in to_float.resample(decoded):
                     block = frame.to_ndarray().astype(float)
                     n = block.shape[1]
-                    begin, stop = max(first - at, 0), int(min(max(last - at, 0), n))
+                    begin = max(first - at, 0)
+                    stop = int(min(max(last - at, 0), n))
                     if begin < stop:
                         held.append(block[:, begin:stop])
                         waiting += stop - begin

@@ -29,11 +29,14 @@ if TYPE_CHECKING:
 
 # Largest error of a touch's time, s, with which a train counts as replayed.
 NEAR = 0.06
+# Speeds at which the fitted curve is sampled for `tune`.
 _POINTS = 20
-# Of the search for the scene's α, and its longest step, a share of α
-_ROUNDS, _SECANT = 4, 0.04
+# Rounds of the secant method for the scene's α.
+_ROUNDS = 4
+# Longest step of that search, as a share of α.
+_SECANT = 0.04
 _SCENE = "steel-plane"
-# Recipes that give the law's e at each impact, at any step
+# Recipes that give the law's e at each impact, at any step.
 _PLUGINS = ("restitution-law",)
 
 
@@ -113,7 +116,9 @@ def _made_up(scene: Replay, result: FitResult) -> Replay:
     tuned = scene.tuned
     if tuned.target.reading != "law" or not math.isfinite(scene.error):
         return scene
-    best, before, alpha = scene, scene, tuned.target.law.alpha
+    best = scene
+    before = scene
+    alpha = tuned.target.law.alpha
     step = _SECANT * alpha
     for _ in range(_ROUNDS):
         law = dataclasses.replace(tuned.target.law, alpha=alpha + step)
@@ -202,15 +207,18 @@ def touches_of(path: Trajectory) -> Floats:
 
 def _crossing(path: Trajectory, step: int) -> float:
     """Time at which the penetration passed 0 before a step, s; that of the step before if it did not."""
-    x0, x1 = path.penetration[step - 1], path.penetration[step]
-    t0, t1 = path.time[step - 1], path.time[step]
+    x0 = path.penetration[step - 1]
+    x1 = path.penetration[step]
+    t0 = path.time[step - 1]
+    t1 = path.time[step]
     share = float(-x0 / (x1 - x0)) if x1 > x0 and x0 < 0 else 0.0
     return float(t0 + share * (t1 - t0))
 
 
 def replay_text(scene: Replay) -> str:
     """Both trains and the largest error, for a terminal."""
-    count, missing = len(scene.simulated), len(scene.recorded) - len(scene.simulated)
+    count = len(scene.simulated)
+    missing = len(scene.recorded) - len(scene.simulated)
     rows = [
         (f"{i + 2}", f"{a:.4f}", f"{b:.4f}", f"{1e3 * (b - a):+.1f}")
         for i, (a, b) in enumerate(zip(scene.recorded, scene.simulated, strict=False))

@@ -22,7 +22,8 @@ GRAVITY_UNCERTAINTY = 0.02
 # Standard uncertainty of a drop height where none is given, m.
 HEIGHT_UNCERTAINTY = 1e-3
 # Bounds of every measured value, in SI: no measurement of a bounce lies outside.
-_SMALLEST, _LARGEST = 1e-9, 1e9
+_SMALLEST = 1e-9
+_LARGEST = 1e9
 
 
 @checked_fields

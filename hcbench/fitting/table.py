@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 # Largest file that is read, bytes.
 _LARGEST = 16 << 20
-# Of what anybody measures of bounces, SI; its inverse is the largest
+# Smallest measured value of bounces, SI; its inverse is the largest.
 _SMALLEST = 1e-12
-# Of a picture, though of some length in print
+# Units of a picture or of print: no lengths of the scene.
 _NO_LENGTHS = ("px", "pixel", "pixels", "dot", "pt")
-# Of a column that is a ratio, such as e
+# Units of a column that is a ratio, such as e.
 NO_UNIT = ("", "1", "-", "–")
-# After a number: a "#" in a header may be part of a name, as in "bounce #"
+# A "#" after a number starts a comment; in a header it may be part of a name, as in "bounce #".
 _COMMENT = re.compile(r"(?<=[\d.])\s+#.*")
 _NAMED = re.compile(
     r"\s*(?P<name>[^\[\]{}]*?)\s*"
@@ -78,7 +78,8 @@ class Table:
                 where = f"{self.name}, line {line}"
                 raise UserError(where, f"{cell.strip()!r} under {name!r}", "a number")
             if values[i] and not _SMALLEST <= abs(values[i] * scale) <= 1.0 / _SMALLEST:
-                where, got = f"{self.name}, line {line}", f"{cell.strip()} under {name!r}"
+                where = f"{self.name}, line {line}"
+                got = f"{cell.strip()} under {name!r}"
                 raise UserError(where, got, f"0, or {_SMALLEST:g} ... {1 / _SMALLEST:g} in SI units")
         require_bounds(
             f"{self.name}: {name}", (values * scale).tolist(), quantity, units.QUANTITIES[quantity].unit, 0.0
@@ -92,8 +93,8 @@ def computed(name: str) -> Iterator[None]:
     try:
         with np.errstate(all="ignore"):
             yield
-    # ValueError is the base of NumPy's LinAlgError.
     except (ArithmeticError, ValueError) as error:
+        # ValueError is the base of NumPy's LinAlgError.
         got = "numbers that lead to no finite result"
         raise UserError(name, got, "bounces of one ball on one plate", "Look at the units") from error
 
@@ -135,8 +136,8 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
         raise UserError(name, "is neither UTF-8 text nor a WAV recording", expected) from None
     except OSError as error:
         raise UserError(name, error.strerror or str(error), "a file that can be read") from None
-    # ValueError: a name with a null character.
     except ValueError as error:
+        # ValueError: a name with a null character.
         raise UserError(name, str(error), "a file that can be read") from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:

@@ -52,7 +52,8 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
     low = bands[:, 0].min(axis=0)
     middle = bands[best, 1]
     high = bands[:, 2].max(axis=0)
-    # By what g, height and the like add, and by what drops differ
+    # The band widens by the uncertainty of g, height and other inputs, and by the differences of
+    # drops.
     wider = _wider(result)
     return speeds, middle, middle - wider * (middle - low), np.minimum(middle + wider * (high - middle), 1.0)
 
@@ -74,7 +75,8 @@ def _band_of(fit: LawFit, speeds: Floats) -> Floats:
 def _wider(result: FitResult) -> float:
     """Factor by which the interval of the number that is given is wider than the posterior's."""
     if result.best.law.name == "constant":
-        name, estimate = "restitution", result.restitution
+        name = "restitution"
+        estimate = result.restitution
     elif result.best.law.name in FAMILY:
         name, estimate = "alpha", result.alpha
     else:
@@ -228,7 +230,9 @@ def _budget(result: FitResult) -> list[str]:
 
 def as_record(result: FitResult) -> dict[str, Any]:
     """Record of the fit for `--json`; None for numbers that do not apply."""
-    best, alpha, e = result.best, result.alpha, result.restitution
+    best = result.best
+    alpha = result.alpha
+    e = result.restitution
     return {
         "schema": SCHEMA,
         "kind": "hcbench fit",

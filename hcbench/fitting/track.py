@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
 
-# Of the noise, that flights must be higher than to be looked for
+# A flight must be this many times higher than the noise to be looked for.
 _SIGMAS = 7.0
-# The same of flights that follow on one another: where they are is known
+# The same for flights that follow one another: their places are known.
 _FOLLOWS = 5.0
 # The same, as a share of the highest point.
 _SHARE = 0.005
 # Frames that a flight has at least.
 _LEAST_FRAMES = 4
-# Of the last flight: whether its end is still flight, nothing after it tells
+# Share of the last flight that is left out: nothing after it shows whether it is still flight.
 _UNSURE = 0.1
-# Share of the drop after which the ball is falling freely for sure
+# Share of the drop after which the ball surely falls freely.
 _FALLEN = 0.05
-# Standard deviations of g from which on the scale or the clock is called wrong
+# Standard deviations of g from which on the scale or the clock is called wrong.
 _OFF = 3.0
 # A difference of g below this share does not matter, whatever its standard deviation.
 _NEAR = 0.01
@@ -97,7 +97,8 @@ class Track(Dataset):
 
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """The linear model about a law, own parameters and changes of e."""
-        ball, q = self.setup.ballistics, curve.count
+        ball = self.setup.ballistics
+        q = curve.count
         first = math.exp(own[2])
         train = bounce_train(curve, ball, first, latent, self._dropped)
         aloft = np.array([ball.aloft(w) for w in train.launch])
@@ -106,7 +107,8 @@ class Track(Dataset):
             [np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)]
         )
         which = np.clip(np.searchsorted(touch, self.times, side="right") - 1, -1, len(train.launch) - 1)
-        path, by = np.empty(len(self.times)), np.zeros((len(self.times), train.by.shape[1]))
+        path = np.empty(len(self.times))
+        by = np.zeros((len(self.times), train.by.shape[1]))
         velocity = np.empty(len(self.times))
         for j in range(-1, len(train.launch)):
             at = which == j
@@ -152,7 +154,7 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
 
     times, heights: (n,), s and m, rising times; of any point of the ball over any level.
     """
-    # Of white noise the third difference has 20 times the variance, and free flight has none.
+    # The third difference has 20 times the variance of white noise, and is 0 for free flight.
     noise = float(np.median(np.abs(np.diff(heights, 3)))) / (0.6745 * math.sqrt(20.0))
     share = _SHARE * float(np.ptp(heights))
     least = max(_SIGMAS * noise, share)
@@ -236,7 +238,7 @@ def _refined(
 ) -> tuple[list[float], float]:
     """Touches where arcs before and after them meet, the last where its arc meets the floor; the floor."""
     ends = [float(times[0]) - frame, *touches]
-    # Straight lines, in free flight
+    # Adding g t²/2 makes straight lines of free flights.
     raised = heights + 0.5 * gravity * times**2
     # Slope and height of the line of each flight; None for a flight with too few frames.
     arcs = []
@@ -301,7 +303,8 @@ def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
             values.append(-2.0 * float(np.linalg.lstsq(matrix, left[at], rcond=None)[0][0]))
             weights.append(1.0 / (4.0 * noise**2 * float(np.linalg.inv(matrix.T @ matrix)[0, 0])))
         g = s.setup.ballistics.gravity
-        off, sd = float(np.average(values, weights=weights)) / g, 1.0 / (g * math.sqrt(sum(weights)))
+        off = float(np.average(values, weights=weights)) / g
+        sd = 1.0 / (g * math.sqrt(sum(weights)))
         if abs(off) > max(_OFF * sd, _NEAR):
             warnings.append(
                 f"{s.name}: its flights fall with {100 * (1 + off):.1f} +- {100 * sd:.1f} % of the g given: "

@@ -14,8 +14,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-ODDS_TO_TELL, ODDS_OVER_E0 = 25.0, 3.0
-PLAIN, WITH_E0 = "hunt-crossley", "hunt-crossley with e0"
+# A law is chosen if all others are this many times less likely.
+ODDS_TO_TELL = 25.0
+# A law other than eq. (16) needs less of a lead over the law with e0, which can bend towards any.
+ODDS_OVER_E0 = 3.0
+PLAIN = "hunt-crossley"
+WITH_E0 = "hunt-crossley with e0"
 EITHER = "hunt-crossley, with or without e0"
 FAMILY = (PLAIN, WITH_E0, EITHER)
 
@@ -60,12 +64,15 @@ def odds_of(evidence: Mapping[str, float]) -> dict[str, float]:
     return odds
 
 
-# Below this d, ln e = -(2/3) d to five digits more than anybody measures
+# Below this d, ln e is -(2/3) d, to five digits more than anybody measures.
 _TINY = 1e-5
+# The laws' formulas are cut off at this e.
 _LEAST_E = 1e-3
-VISCOELASTIC_POWER, PLASTIC_POWER = 0.2, -0.25
+# Powers of the speed: 1 - e of a viscoelastic impact, e of a plastic one.
+VISCOELASTIC_POWER = 0.2
+PLASTIC_POWER = -0.25
 
-# Ln e, d ln e/d ln v, d ln e/d parameters
+# ln e, d ln e/d ln v, d ln e/d parameters.
 Local = tuple[float, float, tuple[float, ...]]
 
 
@@ -147,7 +154,8 @@ class ConstantLaw(CandidateLaw):
 class ViscoelasticLaw(CandidateLaw):
     """e = 1 - C v^(1/5), the first order of Ramírez, Pöschel, Brilliantov & Schwager 1999, PRE 60, 4465."""
 
-    name, formula = "viscoelastic", "1 - C v^(1/5)"
+    name = "viscoelastic"
+    formula = "1 - C v^(1/5)"
 
     def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
@@ -162,7 +170,8 @@ class ViscoelasticLaw(CandidateLaw):
 class PlasticLaw(CandidateLaw):
     """e = C v^(-1/4), at most 1: impacts that yield, at speeds well above that of first yield."""
 
-    name, formula = "plastic", "C v^(-1/4)"
+    name = "plastic"
+    formula = "C v^(-1/4)"
 
     def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
@@ -185,7 +194,7 @@ def hunt_crossley(d: float) -> tuple[float, float]:
     return math.copysign(math.log(e), -d), math.copysign(slope, -d)
 
 
-# The points of one posterior are described again and again
+# The points of one posterior are described many times.
 @lru_cache(maxsize=4096)
 def dissipation_of(log_e: float) -> float:
     """d = (3/2) α v at which ln e of eq. (16) is this, by Newton's iteration over ln d."""
@@ -228,7 +237,8 @@ class _HuntCrossleyCurve(FittedCurve):
 class HuntCrossleyLaw(CandidateLaw):
     """e of eq. (16)."""
 
-    name, formula = "hunt-crossley", "e of the law, α"
+    name = "hunt-crossley"
+    formula = "e of the law, α"
 
     def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
@@ -245,7 +255,9 @@ class LossyHuntCrossleyLaw(CandidateLaw):
     Parameters: ln e of eq. (16) at the reference speed, ln e0.
     """
 
-    name, formula, count = "hunt-crossley with e0", "e0 · e of the law, α", 2
+    name = "hunt-crossley with e0"
+    formula = "e0 · e of the law, α"
+    count = 2
 
     def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""

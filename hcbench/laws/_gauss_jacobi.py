@@ -27,7 +27,8 @@ def gauss_jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
     beside = np.sqrt(beside)
     nodes = np.linalg.eigvalsh(np.diag(middle) + np.diag(beside[1:], -1))
     # A weight is one over the sum of the squared polynomials of norm 1 at its node.
-    before, here = np.zeros(count), np.ones(count)
+    before = np.zeros(count)
+    here = np.ones(count)
     squares = here.copy()
     for i in range(count - 1):
         before, here = here, ((nodes - middle[i]) * here - beside[i] * before) / beside[i + 1]

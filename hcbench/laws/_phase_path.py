@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # 2 (atanh r - r) / r³ / 2 = Σ r^(2i) / (2i + 3): 17 terms are enough for r² <= 1/9.
 _ATANH = tuple(1.0 / (2 * i + 3) for i in range(17))
-# Below this q, y is within 6 % of its limit -1 and ln(1 + y) is the better unknown
+# Below this q, y is within 6 % of its limit -1, and ln(1 + y) is the better unknown.
 _SERIES_FROM = -2.0
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 SHIFT = 5.0
-# (1 + d) exp(-(1 + d)) = 9e-18 here: e and 1/d are the same double from here on
+# (1 + d) exp(-(1 + d)) = 9e-18 here: from here on e and 1/d are the same double.
 TOP = 42.0
 # fmt: off
 LOW = 1.0
@@ -53,7 +53,7 @@ SERIES = (
 )
 # fmt: on
 
-# doubles: the few buffers of one chunk stay in the processor's second-level cache
+# Numbers of a chunk: its few buffers stay in the processor's second-level cache.
 _CHUNK = 8192
 # d e / (1 - e) over e within 0.7 %: falls from 3/2 (no loss) to 1 (no bounce). Starts Newton's iteration.
 _START = (0.99793785, 1.24335334, -0.36192314, -1.11520903, 0.73747348)

@@ -25,7 +25,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats, Loop
 
-# e is 7e-4 there; the nodes of a quadrature grow with its root
+# e is 7e-4 there; the nodes of a quadrature grow with the root of α v.
 MOST_ALPHA_SPEED = 1e3
 _PANEL_NODES = 10
 
@@ -48,7 +48,8 @@ def _refuse(slot: str, values: Floats, wrong: NDArray[np.bool_], unit: str, expe
 
 def _quadrature_width(law: HuntCrossley, speed: Floats) -> Floats:
     """Q = d sqrt(G); UserError where α v is beyond what a quadrature is for."""
-    share, expected = law.alpha * speed, f"up to {MOST_ALPHA_SPEED:g}, beyond which nothing bounces"
+    share = law.alpha * speed
+    expected = f"up to {MOST_ALPHA_SPEED:g}, beyond which nothing bounces"
     _refuse("α v", share, ~(share <= MOST_ALPHA_SPEED), "", expected)
     d = np.asarray(law.dissipation * speed)
     return np.asarray(d * np.sqrt(g_ratio(d)))
@@ -80,14 +81,16 @@ def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
 
 def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """ΔE = ½ m v_i² (1 - e²) in J, the area of the loop; no digits are lost as e nears 1."""
-    m, v = _positive("mass", mass, "kg"), _not_negative("speed", speed, "m/s")
+    m = _positive("mass", mass, "kg")
+    v = _not_negative("speed", speed, "m/s")
     lost = one_minus_restitution(np.asarray(law.dissipation * v))
     return np.asarray(0.5 * m * v**2 * lost * (2.0 - lost))
 
 
 def penetration_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """x_m in m, where v = 0; shape of `speed` (m/s)."""
-    m, v = _positive("mass", mass, "kg"), _not_negative("speed", speed, "m/s")
+    m = _positive("mass", mass, "kg")
+    v = _not_negative("speed", speed, "m/s")
     n = law.exponent
     work = (n + 1.0) * m * v**2 * g_ratio(np.asarray(law.dissipation * v)) / (2.0 * law.stiffness)
     return np.asarray(work ** (1.0 / (n + 1.0)))
@@ -98,7 +101,8 @@ def force_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
 
     dF/dt = 0 is n m v = a k x^(n+1), which on the path is n y + (n + 1) g(y) = (n + 1) g(a v_i).
     """
-    m, v = _positive("mass", mass, "kg"), _not_negative("speed", speed, "m/s")
+    m = _positive("mass", mass, "kg")
+    v = _not_negative("speed", speed, "m/s")
     n, k = law.exponent, law.stiffness
     d = np.asarray(law.dissipation * v)
     # y / d²: finite even where d, and with it y, is 0.
@@ -176,8 +180,10 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
     n = law.exponent
     theta = np.linspace(0.0, np.pi, count)
     elapsed = _elapsed(law, float(v), count)
-    cosine, sine = np.cos(theta), np.sin(theta)
-    cosine[[0, -1]], sine[[0, -1]] = [1.0, -1.0], 0.0
+    cosine = np.cos(theta)
+    sine = np.sin(theta)
+    cosine[[0, -1]] = [1.0, -1.0]
+    sine[[0, -1]] = 0.0
     if count % 2:
         cosine[count // 2] = 0.0
     x = penetration_max(law, mass, speed) * sine ** (2.0 / (n + 1.0))

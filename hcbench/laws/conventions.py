@@ -20,9 +20,9 @@ from hcbench.laws.root import root
 from hcbench.system.errors import UserError
 from hcbench.system.notebook import Shown
 
-# Each dissipation over α
+# Each convention's dissipation over α.
 _OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}
-# That read ke and kd: whether per unit mass
+# Solvers that read ke and kd; True if they take them per unit mass.
 SOLVERS_OF_NEWTON = {"mujoco": True, "semi-implicit": False}
 
 _CAVEATS = (
@@ -247,7 +247,8 @@ def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) 
 
 def _others(contact: OneContact) -> Iterator[SystemValue]:
     """Values for the paper, and for libraries that hcbench does not run."""
-    alpha, e = contact.alpha, contact.restitution
+    alpha = contact.alpha
+    e = contact.restitution
     yield SystemValue("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v")
     yield SystemValue("paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)")
     yield SystemValue("Simbody", "dissipation", (alpha,), "s/m", "c = α: its force has the 3/2 written out")

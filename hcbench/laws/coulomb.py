@@ -40,7 +40,9 @@ def tangential(impact: Impact, launch: Launch, scene: Scene) -> Tangential:
 
     The plate's frame: x and y along it, z up. A sphere turning at (p, q, r) has (-R q, R p) there.
     """
-    m, R, inertia = scene.mass, scene.touch_radius, scene.inertia
+    m = scene.mass
+    R = scene.touch_radius
+    inertia = scene.inertia
     # Gravity pushes through the contact, too.
     J_n = m * (impact.speed_in + impact.speed_out + scene.gravity * impact.duration)
     u, v = launch.slip

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # Largest shear stress over the largest pressure p0, on the axis below the surface, ν = 0.3 (section 1.10).
 SHEAR_OVER_PRESSURE = 0.31
-# Pa; 62 000 lb/in² = 0.31 x 200 000 of section 1.10
+# Largest shear stress, Pa: 62 000 lb/in², 0.31 times the 200 000 of the paper's section 1.10.
 SHEAR_LIMIT = 62_000 * 6894.757293168361
 
 
@@ -59,7 +59,8 @@ class HertzContact:
 
     def pressure_max(self, force: float) -> float:
         """p0 = 3 F/(2π a²) = (6 F E*²/(π³ R²))^(1/3), at the middle of the circle, Pa."""
-        modulus, radius = self.contact_modulus, self.relative_radius
+        modulus = self.contact_modulus
+        radius = self.relative_radius
         return float((6.0 * force * modulus**2 / (math.pi**3 * radius**2)) ** (1.0 / 3.0))
 
     def shear_max(self, force: float) -> float:
@@ -79,7 +80,8 @@ def contact_modulus(one: Material, two: Material) -> float:
 
 def compliance(material: Material) -> float:
     """(1 - ν²)/E in 1/Pa. Raises UserError for E <= 0 and for ν outside (-1, 0.5)."""
-    modulus, poisson = material.young_modulus, material.poisson_ratio
+    modulus = material.young_modulus
+    poisson = material.poisson_ratio
     positive("young_modulus", modulus, "Pa")
     require("poisson_ratio", poisson, -1.0 < poisson < 0.5, "a Poisson's ratio between -1 and 0.5")
     return (1.0 - poisson**2) / modulus

@@ -81,7 +81,8 @@ class EllipticContact:
     def stiffness(self) -> float:
         """k of F = k x^(3/2), N/m^1.5: (2π E*/(3κ)) √(E(e) / (K(e)³ (A + B))); (4/3) E* √R for a circle."""
         m = 1.0 - self.axis_ratio**2
-        big_k, big_e = float(ellipk(m)), float(ellipe(m))
+        big_k = float(ellipk(m))
+        big_e = float(ellipe(m))
         curvature = self.long_curvature + self.short_curvature
         return (2.0 * math.pi * self.contact_modulus / (3.0 * self.axis_ratio)) * math.sqrt(
             big_e / (big_k**3 * curvature)
@@ -126,7 +127,7 @@ def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
     require("angle", angle, math.isfinite(angle), "a finite angle in rad")
     radii = (one.first, one.second, two.first, two.second)
     c1, c2, d1, d2 = (1.0 / r for r in radii)
-    # Johnson, Contact Mechanics, section 4.1: A + B and B - A of the gap A x² + B y²
+    # A + B and B - A of the gap A x² + B y² (Johnson, Contact Mechanics, section 4.1).
     total = 0.5 * (c1 + c2 + d1 + d2)
     p = c1 - c2
     q = d1 - d2
@@ -160,7 +161,7 @@ def axis_ratio(curvature_ratio: float) -> float:
     require("curvature_ratio", curvature_ratio, 0.0 < curvature_ratio <= 1.0, "A/B above 0 and up to 1")
     target = -math.log(curvature_ratio)
     if target < 1e-8:
-        # The next term goes with the square
+        # The next term of the series goes with the square.
         return math.exp(-2.0 / 3.0 * target)
 
     def miss(log_kappa: float) -> float:
@@ -185,13 +186,15 @@ def axis_stresses(kappa: float, poisson_ratio: float, depth: Floats | float) -> 
     m = 1.0 - kappa * kappa
     wide = 1.0 + zeta * zeta
     t = np.sqrt((kappa * kappa + zeta * zeta) / wide)
-    sin2, cos2 = 1.0 / wide, zeta * zeta / wide
+    sin2 = 1.0 / wide
+    cos2 = zeta * zeta / wide
     delta2 = 1.0 - m * sin2
     # S = ∫ sin²/Δ, C = ∫ cos²/Δ from 0 to φ with cot φ = z/a.
     s_term = sin2**1.5 / 3.0 * elliprd(cos2, delta2, 1.0)
     c_term = np.sqrt(sin2) * elliprf(cos2, delta2, 1.0) - s_term
     bend = 1.0 / (wide * (1.0 + t))
-    x_own, x_cross = -0.5 * bend + zeta * s_term, (bend - 1.0 + zeta * c_term) / kappa**2
+    x_own = -0.5 * bend + zeta * s_term
+    x_cross = (bend - 1.0 + zeta * c_term) / kappa**2
     y_own = (((1.0 + 2.0 * t) * bend - (1.0 + t)) / (2.0 * t) + zeta * c_term) / kappa**2
     y_cross = -bend + zeta * s_term
     sigma_x = 2.0 * kappa * (x_own + poisson_ratio * x_cross)

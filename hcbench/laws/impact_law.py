@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
     from hcbench.terms.options import Quantities, Quantity
 
-PAPER_MASS, PAPER_STIFFNESS = "1 lb", "3.1e7 lbf/in^1.5"
-_SHOWN = (0.1, 0.2, 0.5, 1.0, 2.0)  # m/s
+PAPER_MASS = "1 lb"
+PAPER_STIFFNESS = "3.1e7 lbf/in^1.5"
+# Impact speeds of the printed table, m/s.
+_SHOWN = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 
 @dataclass(frozen=True, repr=False)

@@ -101,7 +101,8 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Kelvi
     positive("speed", speed, "m/s")
     zeta = damping_ratio(law, mass)
     omega = np.sqrt(law.stiffness / mass)
-    impulse, shock = mass * omega * speed, law.damping * speed
+    impulse = mass * omega * speed
+    shock = law.damping * speed
     e = float(restitution(zeta, ending))
     swing = _end(zeta, ending)
     beta = float(np.arcsin(min(zeta, 1.0)))

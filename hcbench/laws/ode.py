@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Ending", "impact"]
 
-# Units of time X/v_i after which contact counts as never ending; a lossless one lasts about 3
+# A contact that lasts longer counts as never ending, in units of X/v_i; a lossless one lasts about
+# 3.
 LONGEST = 1e4
 
 
@@ -100,7 +101,8 @@ def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
         work = float(law.force(math.exp(log_x), 0.0)) * math.exp(log_x)
         return math.log(work / energy) if work > 0 else -math.inf
 
-    low, high = math.log(1e-15), math.log(1e3)
+    low = math.log(1e-15)
+    high = math.log(1e3)
     if not excess(low) < 0 < excess(high):
         raise UserError(
             "law",
@@ -114,7 +116,8 @@ def _force_over_units(law: ForceLaw, depth: float, speed: float) -> Force:
     """F in N over x/X and v/v_i; X, v_i in m and m/s."""
 
     def force(xi: Floats | float, eta: Floats | float) -> Floats:
-        x, v = np.asarray(xi) * depth, np.asarray(eta) * speed
+        x = np.asarray(xi) * depth
+        v = np.asarray(eta) * speed
         inside = law.force(np.abs(x), v)
         if not (x < 0.0).any():
             return inside
@@ -146,7 +149,8 @@ def _solve(
 
     events: list[Any] = [surface, pushing, turning, turning_back]
     for event, terminal, direction in zip(events, (1, 1, 0, 1), (-1, -1, -1, 1), strict=True):
-        event.terminal, event.direction = bool(terminal), direction
+        event.terminal = bool(terminal)
+        event.direction = direction
     path = solve_ivp(
         rates,
         (0.0, LONGEST),
@@ -167,6 +171,7 @@ def _solve(
 def _largest(force: Callable[[float], float], tau: Floats, sampled: Floats) -> float:
     """Largest force: that of the samples, improved between the neighbours of its sample."""
     top = int(sampled.argmax())
-    low, high = tau[max(top - 1, 0)], tau[min(top + 1, len(tau) - 1)]
+    low = tau[max(top - 1, 0)]
+    high = tau[min(top + 1, len(tau) - 1)]
     best = minimize_scalar(lambda t: -force(t), bounds=(low, high), method="bounded", options={"xatol": 1e-9})
     return max(float(sampled[top]), -float(best.fun))

@@ -71,7 +71,7 @@ class PublishedLaw:
         return restitution_of(self.chi_of(e))
 
 
-# What eq. (2) makes of (16): 1 - e = α v_i.
+# Eq. (2), the first order of (16): 1 - e = α v_i.
 FirstOrder = PublishedLaw(
     "Hunt-Crossley",
     "FirstOrder",
@@ -217,7 +217,7 @@ class TouchSpeedLaw:
     delivered: float = field(init=False)
 
     def __post_init__(self) -> None:
-        # Refuses what it refuses
+        # Raises for the values that HuntCrossley refuses.
         HuntCrossley(self.stiffness, 0.0, self.exponent)
         chi = self.family.chi_of(self.restitution)
         object.__setattr__(self, "chi", float(chi))

@@ -14,7 +14,7 @@ from hcbench.terms.arguments import checked_fields
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import SIGMAS_95
 
-# Which e an α stands for: that of eq. (16), or 1 - α v of eq. (2)
+# The e that an α stands for: that of eq. (16), or 1 - α v of eq. (2).
 Reading = Literal["law", "linear"]
 
 
@@ -72,7 +72,8 @@ class Restitution(RestitutionCurve):
         penetration: m, and rate: m/s, at the step's start. Free flight keeps U² = (v + g h/2)² - 2 g x, U the
         speed at the plane; after a step of h the body is at x - h s, with a rate of -s.
         """
-        half, sunk = gravity * timestep / 2, 2.0 * gravity * np.asarray(penetration)
+        half = gravity * timestep / 2
+        sunk = 2.0 * gravity * np.asarray(penetration)
         touch = np.sqrt(np.maximum(0.0, (np.asarray(rate) + half) ** 2 - sunk))
         left = np.clip(self.at(touch), 0.0, 1.0) * touch
         leaves = np.sqrt(np.maximum(0.0, left**2 + sunk)) - half

@@ -11,7 +11,7 @@ from hcbench.system.errors import UserError
 from hcbench.terms import units
 from hcbench.terms.units import INCH
 
-# 1/(1/R1 + 1/R2) of section 3.1: 1 in convex on 2 in concave
+# 1/(1/R1 + 1/R2) of the paper's section 3.1: 1 in convex on 2 in concave.
 PAPER_RELATIVE_RADIUS = 2 * INCH
 # The paper's section 1.2 treats impacts slower than 20 in/s, m/s.
 SPEED_LIMIT = 20 * INCH
@@ -91,7 +91,8 @@ def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
     k, e, c, d = _parts(given, slot, "IMPACT's k, e, cmax, d, such as '1e5 N/mm, 1, 10 N s/mm, 0.1 mm'", 4)
     exponent = units.parse(e, "exponent", slot)
     stiffness = units.parse(k, "stiffness", slot, exponent=exponent)
-    damping, depth = units.parse(c, "damping", slot), units.parse(d, "length", slot)
+    damping = units.parse(c, "damping", slot)
+    depth = units.parse(d, "length", slot)
     return AdamsImpact(stiffness, exponent, damping, depth)
 
 

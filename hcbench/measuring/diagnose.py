@@ -26,10 +26,12 @@ if TYPE_CHECKING:
 
     Goal = Callable[[float], float]
 
+# Phases of a speed at which a trial launches.
 _PROBE_PHASES = 4
-# A model with such costly steps is tried at one phase where its phases differ in e by less than
-# _ALIKE.
-_COSTLY, _ALIKE = 3.0, 1e-3
+# Cost of a step, over a ball's, from which on one phase is tried where e hardly depends on it.
+_COSTLY = 3.0
+# e hardly depends on the phase if it differs by no more than this over the phases.
+_ALIKE = 1e-3
 # Steps in contact, for all probes of one trial: slow contacts get fewer probes.
 _PROBE_STEPS = 20_000
 # A fix must take away this share of the error if that is less than the tolerance.

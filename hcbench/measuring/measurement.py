@@ -119,7 +119,8 @@ class Measurement(Drawn):
     @property
     def headline(self) -> list[str]:
         """Model, pair, engine and conditions of the measurement, in four lines."""
-        facts, step = self.facts, time_step(self.facts.timestep)
+        facts = self.facts
+        step = time_step(self.facts.timestep)
         gravity = float(np.linalg.norm(facts.gravity))
         return [
             f"{sanitized(facts.model)}: {sanitized(facts.pair[0])} on {sanitized(facts.pair[1])}",
@@ -218,7 +219,8 @@ class Measurement(Drawn):
         alpha = self.wanted.alpha if isinstance(self.wanted, Restitution) else self._fitted_alpha
         if math.isnan(alpha):
             return None
-        unit, mass = HuntCrossley(1.0, alpha), self.effective_mass
+        unit = HuntCrossley(1.0, alpha)
+        mass = self.effective_mass
         resolved = [i for i in self.measured if i.samples >= STEPS_TO_COMPARE and i.penetration_max > 0]
         if not resolved or not math.isfinite(mass):
             return unit
@@ -229,7 +231,8 @@ class Measurement(Drawn):
     @property
     def score(self) -> scoring.Score | None:
         """Every figure of `scoring` against `law`; None without a law."""
-        law, mass = self.law, self.effective_mass
+        law = self.law
+        mass = self.effective_mass
         if law is None or not self.measured or not math.isfinite(mass):
             return None
         return scoring.score(self.impacts, law, mass)

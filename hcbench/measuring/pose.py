@@ -108,8 +108,8 @@ def _arrays(content: bytes) -> dict[str, Any]:
         require_small_archive(content)
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    # A damaged header raises anything that Python's tokenizer and zipfile raise.
     except Exception as error:
+        # A damaged header raises anything that Python's tokenizer and zipfile raise.
         raise ValueError(f"is damaged: {error}") from None
 
 

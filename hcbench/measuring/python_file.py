@@ -23,7 +23,8 @@ def python_function(text: str) -> Callable[..., Any]:
     """The function that "file.py:function" names. Raises UserError where it is missing."""
     match = _PYTHON.fullmatch(text)
     assert match is not None
-    path, name = Path(match["file"]), match["function"]
+    path = Path(match["file"])
+    name = match["function"]
     if not path.is_file():
         raise UserError("model", f"{path} is not there", "a Python file")
     with _user_code(f"{path}", "a file that runs"):

@@ -242,7 +242,8 @@ def setting_text(value: Any) -> str:
 
 
 def _score_lines(measurement: Measurement) -> list[str]:
-    score, law = measurement.score, measurement.law
+    score = measurement.score
+    law = measurement.law
     if score is None or law is None or score.rested:
         return []
     lines = []

@@ -116,7 +116,8 @@ def as_text(motion: TrajectoryTouchdowns) -> str:
         ]
     loose = [foot for foot in motion.feet if foot.band is None]
     if loose:
-        low, high = min(f.speed.min() for f in loose), max(f.speed.max() for f in loose)
+        low = min(f.speed.min() for f in loose)
+        high = max(f.speed.max() for f in loose)
         lines += [
             "",
             "Settings that hcbench did not write have no band. `hcbench tune` writes one that is valid for"

@@ -77,7 +77,8 @@ def engines_drawn_in(folder: Path) -> set[str]:
 
 
 def _page(figures: dict[str, dict[str, Any]]) -> str:
-    numbers, engines = printed_numbers(), engines_with_two_blocks()
+    numbers = printed_numbers()
+    engines = engines_with_two_blocks()
     return render(
         "paper.html",
         figures=figures,

@@ -42,8 +42,12 @@ FULL = Effort(240, cycles=100, drawn_cycles=36, response_frequencies=84, timeste
 QUICK = Effort(6, cycles=6, drawn_cycles=3, response_frequencies=6, timestep=2e-5)
 
 LAW = constants.law(constants.ALPHAS[-1])
-SQUEEZED, FORCES = VibroImpact(constants.MASS, -1e-5, LAW, LAW), (4.0, 120.0, 400.0)
-LOOSE, PUSH = VibroImpact(constants.MASS, 1.5e-3, LAW, LAW), 150.0
+# A mass that blocks squeeze from both sides, and drives' amplitudes, N.
+SQUEEZED = VibroImpact(constants.MASS, -1e-5, LAW, LAW)
+FORCES = (4.0, 120.0, 400.0)
+# A mass with a gap to either block, and its drive's amplitude, N.
+LOOSE = VibroImpact(constants.MASS, 1.5e-3, LAW, LAW)
+PUSH = 150.0
 # Speed, m/s, at which the other contacts have the law's e.
 STAND_IN_SPEED = 0.4
 
@@ -73,10 +77,16 @@ def response_figure(effort: Effort) -> Figure:
     return figure
 
 
-# Force, N, at 90 Hz; duration, s; start speed, m/s.
-CLEAR, CLEAR_FOR, START = Sinusoid(PUSH, 90.0), 0.03, 0.1
-HARD, HARD_CYCLES = Sinusoid(1200.0, 3e3), 12
-# Line styles with ever more gaps: these lines lie on one another
+# Drive at 90 Hz of the motion in which engines differ clearly.
+CLEAR = Sinusoid(PUSH, 90.0)
+# Duration of that motion, s.
+CLEAR_FOR = 0.03
+# Its start speed, m/s.
+START = 0.1
+# A hard drive, N at Hz, and its cycles, the last of which is drawn.
+HARD = Sinusoid(1200.0, 3e3)
+HARD_CYCLES = 12
+# Line styles with ever more gaps: these lines lie on one another.
 _OVERLAID = (0, 1, 5, 4)
 
 
@@ -158,7 +168,8 @@ def bifurcation_figure(effort: Effort) -> tuple[Figure, str]:
     figure = new_figure(8.6, 6.0)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
     f = np.linspace(60.0, 120.0, effort.frequencies)
-    cycles, drawn = effort.cycles, effort.drawn_cycles
+    cycles = effort.cycles
+    drawn = effort.drawn_cycles
     stand_in = kelvin_voigt_blocks(LOOSE, STAND_IN_SPEED)
     title = f"spring and damper (4), same e and contact time at {STAND_IN_SPEED:g} m/s"
     pictures = ((LOOSE, BLUE, "eq. (16)"), (stand_in, ORANGE, title))

@@ -22,7 +22,7 @@ from hcbench.reporting.plot_style import (
 )
 from hcbench.terms.units import INCH, POUND_FORCE
 
-# α v of the sketches: a loss large enough to be seen
+# α v of the sketches: a loss large enough to be seen.
 SKETCH_ALPHA_SPEED = 0.5
 LOOP_COLOURS = (GREEN, BLUE, ORANGE, PURPLE)
 
@@ -53,11 +53,13 @@ def figure_1() -> tuple[Figure, str]:
 
     And, in words, what (4) returns if contact ends as soon as the force does.
     """
-    law, mass = HuntCrossley(1.0, SKETCH_ALPHA_SPEED), 1.0
+    law = HuntCrossley(1.0, SKETCH_ALPHA_SPEED)
+    mass = 1.0
     e = float(closed_form.restitution(law.alpha, 1.0))
     time = float(closed_form.duration(law, mass, 1.0))
     linear = kv.matched(e, time, mass, kv.Ending.SURFACE)
-    a, b = kv.loop(linear, mass, 1.0, kv.Ending.SURFACE), closed_form.loop(law, mass, 1.0)
+    a = kv.loop(linear, mass, 1.0, kv.Ending.SURFACE)
+    b = closed_form.loop(law, mass, 1.0)
     figure = new_figure(8.4, 3.5)
     left, right = figure.subplots(1, 2, sharey=True)
     left.plot(a.penetration, a.force, color=ORANGE)
@@ -65,7 +67,8 @@ def figure_1() -> tuple[Figure, str]:
     left.fill_between(a.penetration[pull], a.force[pull], 0.0, color=RED, alpha=0.25, linewidth=0)
     spring = np.array([0.0, a.penetration.max()])
     left.plot(spring, linear.stiffness * spring, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
-    shock, top = a.force[0], int(a.penetration.argmax())
+    shock = a.force[0]
+    top = int(a.penetration.argmax())
     crossing = float(np.interp(0.0, a.force[top:][::-1], a.penetration[top:][::-1]))
     for letter, x, y, dx, dy in (
         ("O", 0.0, 0.0, -13, 4), ("A", 0.0, shock, -12, -3), ("B", a.penetration[top], a.force[top], 5, 2),
@@ -160,7 +163,8 @@ def figure_4() -> Figure:
         handles = []
         for speed, colour in zip(constants.SPEEDS, LOOP_COLOURS, strict=True):
             loop = closed_form.loop(constants.law(alpha), constants.MASS, speed)
-            x, force = loop.penetration / INCH * 1e3, loop.force / POUND_FORCE
+            x = loop.penetration / INCH * 1e3
+            force = loop.force / POUND_FORCE
             handles += axes.plot(x, force, color=colour, linewidth=1.4, label=f"{speed / INCH:.0f} in/s")
         axes.axhline(limit, color=RED, linewidth=0.9, linestyle=(0, (4, 2)))
         axes.set_title(f"α = {alpha * INCH:.3f} s/in")

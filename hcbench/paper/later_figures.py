@@ -72,7 +72,8 @@ def quadratic_figure() -> Figure:
     left.set_xlabel("α vᵢ")
     left.set_ylabel("restitution e")
     left.set_ylim(0.0, 1.0)
-    one, two = constants.law(1.0), quadratic.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
+    one = constants.law(1.0)
+    two = quadratic.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
     loop = closed_form.loop(one, constants.MASS, 0.5)
     right.plot(loop.penetration * 1e6, loop.force, color=GREY, linewidth=4.0, alpha=0.6)
     x, force = _quadratic_loop(two, 0.5)
@@ -96,7 +97,8 @@ def quadratic_figure() -> Figure:
 def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floats, Floats]:
     """Force over penetration of q = 2 by its closed path: v² is exponential plus linear in x^((n+1)/2)."""
     n1 = law.exponent + 1.0
-    b, kappa = 4.0 * law.factor / (law.mass * n1), 4.0 * law.stiffness / (law.mass * n1)
+    b = 4.0 * law.factor / (law.mass * n1)
+    kappa = 4.0 * law.stiffness / (law.mass * n1)
     z = float(quadratic.turning_point(law.alpha * speed))
     # F starts with x^(1/4): points crowd towards both ends of the loop.
     theta = np.linspace(0.0, 1.0, 401)

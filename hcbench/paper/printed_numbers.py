@@ -122,8 +122,9 @@ def _case() -> Iterator[Printed]:
     yield Printed("3.2", "λ/(α k), eq. (15)", "1.5", _factor(), "", 2, "from the law at speeds near 0")
 
 
-# n; kg
-FACTOR_EXPONENTS, FACTOR_MASSES = (1.0, 1.25, 1.5, 2.0), (0.01, POUND, 100.0)
+# Exponents n and masses, kg, at which the factor is read off.
+FACTOR_EXPONENTS = (1.0, 1.25, 1.5, 2.0)
+FACTOR_MASSES = (0.01, POUND, 100.0)
 
 
 def factors() -> list[tuple[float, list[float]]]:

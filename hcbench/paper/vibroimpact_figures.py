@@ -15,7 +15,9 @@ from hcbench.terms.impact import Floats
 
 # Sketches in units of their own, k = m = 1, with a loss large enough to be seen.
 ALPHA = 0.35
-FLAT, HERTZ, SOFT = HuntCrossley(1.0, ALPHA, 1.0), HuntCrossley(1.0, ALPHA), HuntCrossley(1.0, 0.15)
+FLAT = HuntCrossley(1.0, ALPHA, 1.0)
+HERTZ = HuntCrossley(1.0, ALPHA)
+SOFT = HuntCrossley(1.0, 0.15)
 
 
 def _frame(axes: Axes) -> None:
@@ -85,8 +87,10 @@ def figure_7() -> Figure:
     return figure
 
 
-# ½ |g| of Figs. 8 and 9; cycles of the drive until the motion has settled
-SQUEEZE, SETTLED = 1.0, 12
+# ½ |g| of Figs. 8 and 9.
+SQUEEZE = 1.0
+# Cycles of the drive until the motion has settled.
+SETTLED = 12
 
 
 def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
@@ -122,7 +126,8 @@ def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tup
     linear = linearized(system)
     amplitude = 0.5 * float(np.ptp(run.position))
     theta = np.linspace(0.0, 2.0 * np.pi, 200)
-    q, v = amplitude * np.sin(theta), amplitude * 2.0 * np.pi * frequency * np.cos(theta)
+    q = amplitude * np.sin(theta)
+    v = amplitude * 2.0 * np.pi * frequency * np.cos(theta)
     return q, linear.stiffness * q + linear.damping * v
 
 

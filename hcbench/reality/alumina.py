@@ -25,7 +25,7 @@ RADIUS, DENSITY, SPEED = 0.0025, 4000.0, 3.9  # m, kg/m³, m/s
 MASS = DENSITY * 4.0 / 3.0 * np.pi * RADIUS**3
 INERTIA = 0.4 * MASS * RADIUS**2
 FIXED = {"restitution": 0.98, "friction": 0.092}
-# degrees: below, the surfaces' compliance along the plate shows, which no engine here has
+# Degrees: below, the surfaces' compliance along the plate shows, which no engine here has.
 FINE_FROM = 30.0
 # Angle of incidence from the normal in degrees against the ratio of the tangential speeds, ...
 TANGENTIAL = np.array([

@@ -21,9 +21,10 @@ from hcbench.terms.impact import Floats
 
 TITLE = "table tennis"
 UNIT = "m/s"
-TRAINING, VALIDATION = (0,), (1, 2)
+TRAINING = (0,)
+VALIDATION = (1, 2)
 PARTS = 3
-# Of the rigid law that is nearest along the table
+# Friction of the rigid law that is nearest along the table.
 FIXED = {"friction": 0.266}
 TIMESTEP = 2e-3
 DURATION = 0.06  # s
@@ -36,11 +37,13 @@ SHA256 = "c2a5e0597117c5af59d0e56a95aa3e35f541ad255b3e2687d92dc3e0c5fb5474"
 _AIR = 1.2
 # 1/m: times the speed squared it is a deceleration. 0.45 is the drag coefficient.
 _DRAG = 0.5 * _AIR * np.pi * RADIUS**2 * 0.45 / MASS
+# The Magnus force over mass, spin and speed: 0.6 is the lift coefficient.
 _LIFT = 0.5 * _AIR * np.pi * RADIUS**3 * 0.6 / MASS
 # Frames of either side of a bounce, at most.
 _FRAMES = 22
+# Frames of either side, at least.
 _LEAST = 6
-# Share of the spin after the bounce, which was not measured: for the Magnus force alone
+# Share of the spin after the bounce, which was not measured: for the Magnus force alone.
 _SPIN_KEPT = 0.8
 
 

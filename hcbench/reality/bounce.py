@@ -21,7 +21,7 @@ from hcbench.sim.toss import (
 )
 from hcbench.terms.impact import Floats
 
-# Steps of flight before the touch, and up to one more by the phase
+# Steps of flight before the touch; the phase adds up to one more.
 _BACK = 1.5
 
 

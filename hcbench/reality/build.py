@@ -18,7 +18,8 @@ from hcbench.reporting.page import PAGE
 from hcbench.system.errors import OutputError
 from hcbench.system.files import atomic_folder, json_text, write_text
 
-IMPACTS, PARAMETERS = "impacts.csv", "parameters.json"
+IMPACTS = "impacts.csv"
+PARAMETERS = "parameters.json"
 
 
 def build_own(own: Own, folder: Path) -> None:

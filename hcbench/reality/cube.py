@@ -28,8 +28,11 @@ MASS = 0.37  # kg
 PERIOD = 1.0 / 148.0
 # Unit of the shipped integers.
 DIGIT = 1e-5
+# Every fifth toss is of one part: parts to learn from, to judge by, and held out.
 PARTS = 5
-TRAINING, VALIDATION, HELD_OUT = (0,), (1, 2, 3), 4
+TRAINING = (0,)
+VALIDATION = (1, 2, 3)
+HELD_OUT = 4
 # Parameters that are known from elsewhere; none.
 FIXED: dict[str, float] = {}
 SHIPPED = Path(__file__).parent / "data" / "cube_tosses.npz"
@@ -45,7 +48,8 @@ class Corrections:
 
 
 CORRECTED = Corrections()
-_LENGTHS, _INERTIA = {"scale": 1.0}, {"inertia": 8.1e-4}
+_LENGTHS = {"scale": 1.0}
+_INERTIA = {"inertia": 8.1e-4}
 VARIANTS = {
     "": CORRECTED,
     "lengths as published": Corrections(**_LENGTHS),
@@ -68,7 +72,9 @@ def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:
     """
     if folder is None:
         with np.load(SHIPPED) as shipped:
-            numbers, lengths, steps = shipped["numbers"], shipped["lengths"], shipped["differences"]
+            numbers = shipped["numbers"]
+            lengths = shipped["lengths"]
+            steps = shipped["differences"]
         for number, of_toss in zip(numbers, np.split(steps, np.cumsum(lengths)[:-1]), strict=True):
             rows: Floats = np.cumsum(of_toss, axis=0, dtype=np.float64) * DIGIT
             yield int(number), rows

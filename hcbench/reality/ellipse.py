@@ -22,22 +22,26 @@ from hcbench.terms.impact import Floats
 
 TITLE = "ellipse drops"
 UNIT = "m/s"
-TRAINING, VALIDATION = (0,), (1, 2, 3, 4)
+TRAINING = (0,)
+VALIDATION = (1, 2, 3, 4)
 FIXED: dict[str, float] = {}
 TIMESTEP = 2e-3
 DURATION = 0.06  # s
-# semi-axes and half thickness m; kg
-LONG, SHORT, THICK, MASS = 0.035, 0.025, 0.03, 0.037
+# Semi-axes and half thickness, m.
+LONG = 0.035
+SHORT = 0.025
+THICK = 0.03
+MASS = 0.037
 INERTIA = MASS * (LONG**2 + SHORT**2) / 4.0
 # m: turns an error of spin into one of speed.
 GYRATION = np.sqrt(LONG**2 + SHORT**2) / 2.0
 SHIPPED = Path(__file__).parent / "data" / "ellipse_drops.npz"
 FILE = "IRB Bound/ellipse_uniform.mat"
-# m/s: what the copy's speed up after is lower by than the original's
+# m/s: the copy's speed up after the impact is lower than the original's by 12 ms of gravity.
 LATE = 9.81 * 0.012
 
-# Of the rows: velocities (x, z, spin; m/s, rad/s), attitude, rad, lever of the contact's normal, m, the
-# impact's number, and lever of the tangent, m, as it is stored.
+# Velocities in x and z, m/s, and spin, rad/s; attitude, rad; lever of the contact's normal, m; the
+# impact's number; lever of the tangent, m, as it is stored.
 _COLUMNS = (
     "x before", "z before", "spin before", "x after", "z after", "spin after", "angle",
     "normal lever", "number", "tangent lever",
@@ -129,7 +133,7 @@ def read(path: Path) -> Floats:
         columns = dict(zip(_COLUMNS, table.T, strict=True))
     except (OSError, KeyError, AttributeError, ValueError, TypeError, NotImplementedError) as error:
         raise UserError("--data", f"{path}: {error}", "ellipse_uniform.mat") from None
-    # Of the contact, upward, m/s.
+    # Upward velocity of the contact point before the impact, m/s.
     arriving = columns["z before"] + columns["normal lever"] * columns["spin before"]
     leaving = columns["z after"] + columns["normal lever"] * columns["spin after"]
     kept_rows: Floats = table[(arriving < -0.5) & (np.abs(leaving / arriving) < 1.5)]
@@ -168,7 +172,9 @@ _INVERSE = np.diag([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
 
 def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
     """Velocities after by a rigid law: Newton's e, and Coulomb's friction with the impulse's direction."""
-    normal, tangent, before = impacts.normal, impacts.tangent, impacts.before
+    normal = impacts.normal
+    tangent = impacts.tangent
+    before = impacts.before
     inward = np.einsum("ij,ij->i", normal, before)
     slip = np.einsum("ij,ij->i", tangent, before)
     nn = np.einsum("ij,jk,ik->i", normal, _INVERSE, normal)
@@ -206,7 +212,8 @@ def free_impulse(impacts: EllipseImpacts) -> Floats:
         impacts.normal, impacts.tangent, impacts.before, impacts.after, strict=True
     ):
         columns = np.stack([_INVERSE @ normal, _INVERSE @ tangent], axis=1)
-        scaled, aim = columns * scale[:, None], (later - before) * scale
+        scaled = columns * scale[:, None]
+        aim = (later - before) * scale
         impulse = np.linalg.lstsq(scaled, aim, rcond=None)[0]
         energy = before @ mass @ before
 

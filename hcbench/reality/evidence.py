@@ -14,7 +14,7 @@ from hcbench.reality import ellipse
 from hcbench.reality.impacts import ImpactRead
 from hcbench.terms.impact import Floats
 
-# Of the ellipse's speeds before, m/s: what the residuals of a free impulse imply.
+# Noise of the ellipse's speeds before an impact, m/s: the residuals of a free impulse imply it.
 ELLIPSE_NOISE = 0.09
 
 
@@ -91,7 +91,9 @@ def ball_slope(bounces: Any) -> Slope:
     return slope_of("ball", speed, bounces.velocity_after[:, 2] / speed, "0")
 
 
-SIGN, LATE = "sign of the tangential lever", "12 ms of gravity in the speed after"
+# Two corrections of the published data.
+SIGN = "sign of the tangential lever"
+LATE = "12 ms of gravity in the speed after"
 
 
 def ellipse_switches(training: Any, judged: Any) -> list[Switch]:

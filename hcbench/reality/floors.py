@@ -23,8 +23,11 @@ from hcbench.terms.impact import Floats
 RESTITUTIONS = (0.0, 0.1, 0.2, 0.3, 0.4)
 FRICTIONS = (0.1, 0.13, 0.15, 0.16, 0.17, 0.18, 0.19, 0.2, 0.21, 0.23, 0.26)
 EVERY = 3
-BEST_OF_EACH, NOISE = "floor: best e and friction of each toss", "floor: noise of the measured start"
-FREE_IMPULSE, RIGID = "floor: free impulse", "rigid law"
+# Names of the rows that are floors, and of the rigid law.
+BEST_OF_EACH = "floor: best e and friction of each toss"
+NOISE = "floor: noise of the measured start"
+FREE_IMPULSE = "floor: free impulse"
+RIGID = "rigid law"
 
 
 def of_friction(cell: Cell) -> SettingErrors:
@@ -58,7 +61,8 @@ def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
     lasts = float(motion.time[n - 1] - motion.time[0])
     start = motion.start
     # Standard errors of a line's value at its end and of its slope, of n points.
-    at_end, slope = 2.0 / np.sqrt(n), 3.5 / (lasts * np.sqrt(n))
+    at_end = 2.0 / np.sqrt(n)
+    slope = 3.5 / (lasts * np.sqrt(n))
     place = start.position + noise.normal(0.0, POSITION_NOISE * at_end, 3)
     velocity = start.velocity + noise.normal(0.0, POSITION_NOISE * slope, 3)
     spin = start.spin + noise.normal(0.0, ROTATION_NOISE * slope, 3)

@@ -20,14 +20,14 @@ from hcbench.workers import WorkerPool
 
 COMMITTED = Path(__file__).parent / "data" / "parameters.json"
 STARTS = 3
-# Of a search from one start, by the number of parameters
+# Simulations of a search from one start, by the number of parameters.
 _EVALUATIONS = {1: 14, 2: 30, 3: 50}
 # First step of the search, in the logarithm of each parameter.
 _FIRST_STEP = 0.3
 # Error of a scene that the engine cannot simulate.
 _FAILED = 1e3
 
-# Of a data set, an engine and a setting's key: values by the names of parameters.
+# Data set -> engine -> key of a setting -> name of a parameter -> value.
 Parameters = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
 
 

@@ -19,19 +19,34 @@ from hcbench.terms.impact import Floats
 
 # A frame whose lowest vertex is higher than this, m, is in flight.
 TOUCH = 1.5e-3
-# In frames: between two flights, before and after an impact.
-MOST_GAP, LEAST_BEFORE, LEAST_AFTER = 5, 4, 2
-# Frames of a flight that are fitted.
-MOST_BEFORE, MOST_AFTER = 12, 10
-# Standard deviations of a measured pose: m, rad.
-POSITION_NOISE, ROTATION_NOISE = 8e-5, 4e-4
-# m, rad: prior of the pose's jump while the contact lasts
-_JUMP, _TURN = 8e-3, 0.06
+# Frames between two flights of one impact, at most.
+MOST_GAP = 5
+# Frames of the flight before an impact, at least.
+LEAST_BEFORE = 4
+# Frames of the flight after an impact, at least.
+LEAST_AFTER = 2
+# Frames that are fitted, at most: before and after.
+MOST_BEFORE = 12
+MOST_AFTER = 10
+# Standard deviation of a measured position, m.
+POSITION_NOISE = 8e-5
+# Standard deviation of a measured attitude, rad.
+ROTATION_NOISE = 4e-4
+# Prior of the shift while the contact lasts: standard deviation, m.
+_JUMP = 8e-3
+# Prior of the turn while the contact lasts: standard deviation, rad.
+_TURN = 0.06
+# Rounds of least squares, at most.
 _ROUNDS = 30
-# What makes an impact good: m, of e, frames
-_ALONE, _SURE, _LONG = 5e-3, 0.05, 3
-# The unknowns: place 3, turn 3, velocity 3, spin 3, impulse 3, jump 3, jump's turn 3; and a step of each.
+# The next vertex of a good impact is higher than this, m: the impact is at one vertex alone.
+_ALONE = 5e-3
+# The e of a good impact has a smaller standard uncertainty.
+_SURE = 0.05
+# Frames after a good impact, at least.
+_LONG = 3
+# The unknowns: place, turn, velocity, spin, impulse, jump, jump's turn, three of each.
 _PLACE, _TURNED, _VELOCITY, _SPIN, _IMPULSE, _JUMPED, _JUMP_TURN = (slice(i, i + 3) for i in range(0, 21, 3))
+# Size of a step of each unknown.
 _SCALES = np.repeat([1e-4, 1e-3, 0.01, 0.05, 5e-3, 1e-3, 5e-3], 3)
 
 
@@ -151,7 +166,8 @@ class _ImpactFit:
         """Estimate the touch: its time after the flight before, the unknowns to start from, and the
         attitude.
         """
-        last, first = self.time[self.before - 1], self.time[self.before]
+        last = self.time[self.before - 1]
+        first = self.time[self.before]
         touch = 0.5 * (last + first)
         for _ in range(6):
             place, velocity, base, spin = self._arc(touch)
@@ -166,7 +182,9 @@ class _ImpactFit:
         moved = self.place[self.before :] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0]) - place
         leaving = (moved * since[:, None]).sum(axis=0) / (since**2).sum()
         start = np.zeros(len(_SCALES))
-        start[_PLACE], start[_VELOCITY], start[_SPIN] = place, velocity, spin
+        start[_PLACE] = place
+        start[_VELOCITY] = velocity
+        start[_SPIN] = spin
         start[_IMPULSE] = self.body.mass * (leaving - velocity)
         return touch, start, base
 
@@ -183,7 +201,8 @@ class _ImpactFit:
         """Residuals of unknowns of shape (b, 21), in standard deviations, shape (b, 6 n + 6)."""
         sets, frames = len(u), len(self.time)
         turn, _, velocity, spin = self._after(u)
-        since, later = self.since[None, :, None], self.later[None, :, None]
+        since = self.since[None, :, None]
+        later = self.later[None, :, None]
         speeds = np.where(later, velocity[:, None], u[:, None, _VELOCITY])
         place = u[:, None, _PLACE] + np.where(later, u[:, None, _JUMPED], 0.0) + speeds * since
         place[..., 2] -= 0.5 * GRAVITY * self.since**2
@@ -236,7 +255,7 @@ class _ImpactFit:
             at = height + velocity[:, 2] * time - 0.5 * GRAVITY * time**2 + arm[:, 2]
             rate = velocity[:, 2] - GRAVITY * time + np.cross(spin, arm)[:, 2]
             newton = np.clip(time - at / np.maximum(rate, 0.01), -4e-3, 0.03)
-            # Where the vertex hardly rises a step would go anywhere.
+            # A Newton step means nothing if the vertex hardly rises.
             time = np.where(rate < 0.01, time, newton)
         return time, rate
 

@@ -10,10 +10,11 @@ from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, POSITION, QUATERNION, Body, ContactSetting, Toss, TossModule
 from hcbench.terms.impact import Floats
 
-# m: the flight before the first touch ends where the lowest point is this low
+# The flight before the first touch ends where the lowest point is this low, m.
 NEAR = 3e-3
 # Frames of a flight to which its start is fitted.
 MOST_FLIGHT = 14
+# Frames of that flight, at least.
 LEAST_FLIGHT = 5
 # Last frames, which show where the ground is.
 REST = 5
@@ -81,12 +82,14 @@ def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
     risen = position + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
     place, velocity = np.linalg.lstsq(rows, risen, rcond=None)[0]
     turns = rotation(quaternion)
-    first, spin = turns[0], (turns[-1] * turns[0].inv()).as_rotvec() / since[-1]
+    first = turns[0]
+    spin = (turns[-1] * turns[0].inv()).as_rotvec() / since[-1]
     for _ in range(_ITERATIONS):
-        # What is left when the spin is undone is the attitude at the start, but for noise.
+        # Undoing the spin leaves the attitude at the start, and noise.
         left = (Rotation.from_rotvec(-np.outer(since, spin)) * turns * first.inv()).as_rotvec()
         turn, more = np.linalg.lstsq(rows, left, rcond=None)[0]
-        first, spin = Rotation.from_rotvec(turn) * first, spin + more
+        first = Rotation.from_rotvec(turn) * first
+        spin = spin + more
     return Toss(place, quaternions(first), velocity, spin, len(time))
 
 
@@ -94,9 +97,11 @@ def at_times(states: Floats, timestep: float, time: Floats) -> tuple[Floats, Flo
     """Positions and quaternions at times (s, from the first state on), linear between the ends of steps."""
     before = np.minimum((time / timestep).astype(int), len(states) - 2)
     share = (time / timestep - before)[:, None]
-    first, second = states[before], states[before + 1]
+    first = states[before]
+    second = states[before + 1]
     position = first[:, POSITION] * (1.0 - share) + second[:, POSITION] * share
-    one, other = first[:, QUATERNION], second[:, QUATERNION]
+    one = first[:, QUATERNION]
+    other = second[:, QUATERNION]
     sign = np.sign((one * other).sum(axis=1, keepdims=True))
     turn = one * (1.0 - share) + other * share * sign
     return position, turn / np.linalg.norm(turn, axis=1, keepdims=True)

@@ -30,14 +30,14 @@ _CAPTIONS = {
     "ball": "Error of the normal speed after a bounce.",
     "alumina": "Error of the tangential speed after over that before; e and friction are the paper's.",
 }
-# Of the cube's variants: the corrections that are made.
+# Variants of the cube's data, by the corrections that are made.
 _SWITCH_KEYS = {
     "": "lengths|inertia",
     "lengths as published": "inertia",
     "inertia as published": "lengths",
     "lengths and inertia as published": "",
 }
-# Times the least error: an identified setting that is compared with the others
+# A setting is compared with the others if its error is within this multiple of the least one.
 _NEAR = 1.5
 
 

@@ -105,7 +105,9 @@ def read(paths: Sequence[Path], body: Body) -> Tosses:
     motions = []
     for number, path in enumerate(paths):
         rows = _rows(path)
-        time, place, turn = rows[:, 0], rows[:, 1:4], rows[:, 4:]
+        time = rows[:, 0]
+        place = rows[:, 1:4]
+        turn = rows[:, 4:]
         length = np.linalg.norm(turn, axis=1, keepdims=True)
         if (np.abs(length - 1.0) > _UNIT).any():
             raise UserError(f"{path}", "a quaternion that is not a rotation", "qw, qx, qy, qz of length 1")

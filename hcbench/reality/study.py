@@ -31,7 +31,8 @@ from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool, call
 
 # Laws whose twins are read as the data are: the e that is read from the data, and the α that has this mean e.
-TWIN_E, TWIN_ALPHA = 0.235, 2.6
+TWIN_E = 0.235
+TWIN_ALPHA = 2.6
 _TWIN_EVERY = 3
 
 

@@ -114,8 +114,8 @@ def read_tensor(path: Path) -> Floats:
         content = read_bytes(path, _MOST_BYTES)
         tensor = _from_zip(content) if content[:2] == b"PK" else _from_stream(io.BytesIO(content))
         return tensor.array()
-    # Damaged archives and pickles raise errors of any kind.
     except Exception as error:
+        # Damaged archives and pickles raise errors of any kind.
         reason = getattr(error, "strerror", None) or f"{error}" or type(error).__name__
         raise UserError("data", f"{path}: {reason}", "one tensor that PyTorch saved") from None
 

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _RUN = ["gravity_m_per_s2", "engine", "setting", "timestep_s"]
-_SCENE, _OFF_AXIS = RUN_KEY.index("scene"), RUN_KEY.index("off_axis_m")
+_SCENE = RUN_KEY.index("scene")
+_OFF_AXIS = RUN_KEY.index("off_axis_m")
 _LAUNCH = ["speed_m_per_s", "phase"]
 
 

@@ -204,7 +204,8 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
     for (run, alpha), one in view.head_on.items():
         if run not in view.band_runs or run.engine == REFERENCE or view.curve(run, alpha) is None:
             continue
-        curve, of_run = one.curve, kept.get((run, alpha), {})
+        curve = one.curve
+        of_run = kept.get((run, alpha), {})
         # Shown of each speed is the impact whose loop was kept, or else one half-way through a step.
         phases = [phase for phase, *_ in of_run.values()]
         shown = one.half_way

@@ -105,7 +105,7 @@ def _residual_figure(result: FitResult) -> Figure:
     for i, (data, latent, model, off_law, noise) in enumerate(columns):
         style = {"linestyle": "none", "marker": "o", "color": COLOURS[i % len(COLOURS)], "markersize": 3.5}
         left = off_law / (noise * model.shape)
-        # Single impacts are their own readings
+        # Data of single impacts have one reading for each impact.
         off = latent if data.needs_gravity else model.residual
         upper.plot(100.0 * off, label=data.name, **style)
         lower.plot(np.clip(left, -10, 10), **style)

@@ -126,7 +126,8 @@ def _(answer: Answer) -> tuple[str, dict[str, str], str]:
 
 @_words.register
 def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
-    target, constant = tuned.target, wording.error(tuned.evaluation.constant_error)
+    target = tuned.target
+    constant = wording.error(tuned.evaluation.constant_error)
     rests = (
         f"comes to rest, {wording.length(tuned.rest.penetration)} deep" if tuned.rests else "does not rest"
     )

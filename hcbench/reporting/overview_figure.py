@@ -20,8 +20,10 @@ from hcbench.reporting.plot_style import (
 )
 from hcbench.reporting.view import RunKey, View
 
-# Of e: what never comes above, and so far below the rest, has its own frame
-_FAR, _GAP = 0.5, 0.2
+# Curves of e below this may have a frame of their own.
+_FAR = 0.5
+# They have one if they lie so far below the rest.
+_GAP = 0.2
 # A smaller range of e over the phases cannot be seen.
 _BAND_SHOWN = 1e-4
 

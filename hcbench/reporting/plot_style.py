@@ -25,13 +25,18 @@ from hcbench.terms.units import INCH
 
 # After Okabe & Ito (2008) and Tol's muted set: told apart with any kind of colour vision; markers and dashes
 # say the same again for print.
-# Text and axes.
+# INK is for text and axes.
 INK = "#26303a"
 GREY = "#8b949c"
 SLATE = "#5b6670"
-# The law: a broad pale band that curves can lie on and still be seen
+# The law: a broad pale band, on which curves can lie and still be seen.
 LAW = "#b9c0c7"
-BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#C98500", "#00805E", "#8B3F75", "#3A9BD0", "#B23A00"
+BLUE = "#0072B2"
+ORANGE = "#C98500"
+GREEN = "#00805E"
+PURPLE = "#8B3F75"
+SKY = "#3A9BD0"
+RED = "#B23A00"
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, SLATE, "#3d3d9e", "#9a8a1f", INK)
 # A target, or a limit.
 LIMIT = "#D55E00"
@@ -248,7 +253,7 @@ def _rising(values: Floats) -> Floats:
 def legend_below(figure: Figure, handles: list[Line2D]) -> None:
     """One legend for all panels, under them, in as many columns as fit."""
     labels = [str(h.get_label()) for h in handles]
-    # points, at the legend's font size
+    # Width of the longest entry in points, at the legend's font size.
     entry = 52 + 5.9 * max(map(len, labels))
     columns = max(1, int(72 * figure.get_figwidth() / entry))
     figure.legend(

@@ -14,7 +14,7 @@ from hcbench.terms.resolution import FOLLOWS, ROUND_OFF_SCORE
 TIE = 0.02
 # The same under gravity, where the phases of the fall alone scatter e.
 TIE_HEAVY = 0.25
-# Of e: a law without damping leaves a constant nothing to be off by
+# Errors of the best constant e below this leave nothing to compare with: the law has no damping.
 _NO_LINE = 1e-6
 FOLLOWS_LAW = "follows the law"
 _AGAINST_CONSTANT = {
@@ -23,12 +23,14 @@ _AGAINST_CONSTANT = {
     "bad": "worse than the best constant e",
 }
 # Limits of the rms difference of a loop, as a share of the largest force.
-LOOP_RIGHT, LOOP_NEAR = 0.01, 0.05
+LOOP_RIGHT = 0.01
+LOOP_NEAR = 0.05
 # Under gravity, at rest after a drop: depth and motion in units of g h², what gravity moves a body in a step.
-REST_DEPTH, REST_MOTION = 10.0, 1.0
-# Times v h at the top speed, which any contact needs that acts from one step to the next
+REST_DEPTH = 10.0
+REST_MOTION = 1.0
+# Multiple of v h at the top speed: a contact that acts from one step to the next needs that depth.
 DEEP = 2.5
-# Times the law's depth: a contact of another size, regardless of its shape
+# From this multiple of the law's depth a contact has another size, regardless of its shape.
 _OTHER_SIZE = 2.0
 
 

@@ -32,9 +32,9 @@ STOCK = "stock"
 LAW_SETTING = "hunt-crossley"
 # A run with so many speeds or more says something about e over speed.
 CURVE_SPEEDS = 3
-# Columns that identify a run
+# Columns that identify a run.
 _RUN = ["scene", "engine", "setting", "timestep_s"]
-# a scene's form, in words
+# Phrases for a scene's form.
 _PLACES = {"plane": "on a flat plate", "cup": "in the cup"}
 
 
@@ -178,7 +178,7 @@ class View:
         """Band runs that resolve the contact, or do not; each setting at the step that most of them share."""
         group = [run for run in self.band_runs if self.resolves_contact(run) == resolved]
         steps = [run.timestep for run in group]
-        # Of steps that are equally common, the shortest.
+        # The shortest of the steps that are equally common.
         common = max(sorted(set(steps)), key=steps.count, default=1.0)
 
         def distance(run: RunKey) -> float:

@@ -108,13 +108,13 @@ class Tally:
         self._mass = mass
         # Numbers of impacts, of those that parted, and of those that came to rest.
         self._counts = np.zeros(3, dtype=np.int64)
-        # Of the speeds asked for
+        # Lowest and highest launch speed, m/s.
         self._ends = np.array([math.inf, -math.inf])
         # Pairs of (impact speeds, m/s; e).
         self._pairs: list[tuple[Floats, Floats]] = []
         self._off_law = _Errors()
         self._off_linear = _Errors()
-        # Over phases: of e, and of its error
+        # Largest range over the phases: of e, and of its error.
         self._spreads = np.full(2, math.nan)
         self._loss = _Slope()
         self._law_loss = _Slope()
@@ -262,7 +262,7 @@ def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
 
 def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]:
     """α (s/m) and what is left (rms, of e), by pairs of impact speeds (m/s) and e; at least one number."""
-    # here, as simulating without scoring needs none of it
+    # Imported here: simulating without scoring needs no SciPy optimizer.
     from scipy.optimize import minimize_scalar
 
     count = sum(len(speed_in) for speed_in, _ in pairs)
@@ -276,7 +276,7 @@ def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]
             total += float(np.sum(off**2))
         return total / count
 
-    # From hardly any loss to hardly any bounce.
+    # The search spans α from hardly any loss to hardly any bounce.
     bounds = (math.log(1e-6 / mean_speed), math.log(1e3 / mean_speed))
     best = minimize_scalar(misfit, bounds=bounds, method="bounded")
     return math.exp(best.x), math.sqrt(best.fun)

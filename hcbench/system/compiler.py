@@ -205,7 +205,8 @@ def build(
 def loaded(source: str) -> Path | None:
     """The library made of `source` that this process has loaded, whoever compiled it; None without one."""
     # 0 on systems that cannot ask for a library without loading it.
-    path, mode = _HERE / source, getattr(os, "RTLD_NOLOAD", 0)
+    path = _HERE / source
+    mode = getattr(os, "RTLD_NOLOAD", 0)
     libraries = user_folder("cache").glob(f"{path.parent.parent.name}-{path.stem}-*.so")
     for library in libraries if mode else ():
         try:

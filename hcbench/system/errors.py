@@ -34,7 +34,10 @@ class HcbenchError(Exception):
     exit_code = 3
 
     def __init__(self, slot: str, got: str, expected: str, advice: str = "") -> None:
-        self.slot, self.got, self.expected, self.advice = slot, got, expected, advice
+        self.slot = slot
+        self.got = got
+        self.expected = expected
+        self.advice = advice
         parts = [sanitized(" ".join(part.split()), LONGEST) for part in (slot, got, expected, advice)]
         # The longest part gives way until the message fits.
         while (excess := len(_message(*parts)) - LONGEST) > 0:

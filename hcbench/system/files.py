@@ -73,8 +73,8 @@ def is_file(path: str | Path) -> bool:
     """True for a file, or a link to one; False also for a name that no file can have."""
     try:
         return Path(path).is_file()
-    # For example a name that is too long.
     except OSError:
+        # For example a name that is too long.
         return False
 
 
@@ -224,7 +224,8 @@ def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
                     shutil.rmtree(left, ignore_errors=True)
             except OSError:
                 if alone:
-                    got, expected = f"another command is writing into {folder}", "another folder"
+                    got = f"another command is writing into {folder}"
+                    expected = "another folder"
                     raise OutputError("output folder", got, expected) from None
         scratch = Path(tempfile.mkdtemp(_SCRATCH[1], _SCRATCH[0], folder))
         lock = ExitStack()

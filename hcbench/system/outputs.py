@@ -20,7 +20,7 @@ from hcbench.system.text import sanitized
 
 # Bytes at either end of a file that are searched for the mark.
 _TAIL = 4096
-# What marks JSON, which takes no comment, by the option that writes it.
+# Marks of hcbench's JSON files, which take no comment, by the option that writes them.
 _JSON = {"--write-baseline": b'"kind": "hcbench baseline"', "--out": b'"set":"hcbench-cases-'}
 _PNG = b"\x89PNG\r\n\x1a\n"
 _QUOTED = re.compile(rb"[\"']([^\"'\n]{1,255})[\"']")
@@ -90,7 +90,8 @@ def _is_same(path: Path, other: Path) -> bool:
 
 def _all_inputs(inputs: Iterable[Path]) -> Iterator[Path]:
     """Inputs and the files that they name in quotes, and those name in turn."""
-    waiting, seen = list(inputs), set[Path]()
+    waiting = list(inputs)
+    seen = set[Path]()
     while waiting and len(seen) < _MOST_NAMED:
         path = waiting.pop().absolute()
         if path in seen:
@@ -122,8 +123,8 @@ def _named(path: Path, content: bytes) -> list[Path]:
 def _is(path: Path, what: Callable[[Path], bool]) -> bool:
     try:
         return what(path)
-    # A name that is too long, or has a null character.
     except (OSError, ValueError):
+        # A name that is too long, or has a null character.
         return False
 
 

@@ -48,8 +48,8 @@ def split_names(text: str) -> list[str]:
         return text.split(",")
     try:
         return next(csv.reader([text], skipinitialspace=True), [])
-    # A field longer than the csv module takes, and so longer than any name.
     except csv.Error:
+        # A field longer than the csv module takes, and so longer than any name.
         return []
 
 

@@ -14,7 +14,8 @@ from contextvars import ContextVar
 from hcbench.system.errors import QuantityError
 
 # Bounds of a quantity other than 0: squares of others leave the range of a float.
-SMALLEST, LARGEST = 1e-30, 1e30
+SMALLEST = 1e-30
+LARGEST = 1e30
 # Quantity -> (smallest, largest) size in SI units. 0 and negative numbers are the caller's to admit.
 BOUNDS: dict[str, tuple[float, float]] = {
     "alpha": (0.0, 1e4),

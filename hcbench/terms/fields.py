@@ -151,11 +151,15 @@ def validate(table: type[T], content: Mapping[str, Any], error: type[UserError],
     except ValidationError as caught:
         first = caught.errors(include_url=False)[0]
     path, inner, expected = _place(table, first["loc"])
-    got, advice = f"{first['input']!r:.60}", ""
+    got = f"{first['input']!r:.60}"
+    advice = ""
     if first["type"] == "mistake":
-        got, expected, advice = first["ctx"]["got"] or got, first["ctx"]["expected"], first["ctx"]["advice"]
+        got = first["ctx"]["got"] or got
+        expected = first["ctx"]["expected"]
+        advice = first["ctx"]["advice"]
     elif first["type"] == "missing":
-        got, expected = "missing", expected or "a value"
+        got = "missing"
+        expected = expected or "a value"
     elif first["type"] == "extra_forbidden":
         got, one_of = inner.unknown
         expected = f"{one_of}: {', '.join(_fields(inner))}"

@@ -18,7 +18,7 @@ from hcbench.system.errors import QuantityError
 Floats = NDArray[np.float64]
 
 
-# Of files that were written before e was the speed ratio at the touch plane for every engine.
+# Words on files that were written before e was the speed ratio at the touch plane for every engine.
 FORMER_E = "whose e has an earlier definition: speeds at a step's start or end, not at the touch plane"
 # Speeds and slips determine an angle, rad, to so many decimals.
 _ANGLE_DIGITS = 12
@@ -214,7 +214,11 @@ class Trajectory:
 
 # Rows of what is recorded along the plate at each step, in the directions of `Launch`: velocity of the
 # contact point over it, m/s; spin, rad/s; friction on the body, N; kinetic energy but for the rate's, J.
-SLIP, SPIN, FRICTION, ENERGY, TANGENTIAL_ROWS = slice(0, 2), slice(2, 5), slice(5, 7), 7, 8
+SLIP = slice(0, 2)
+SPIN = slice(2, 5)
+FRICTION = slice(5, 7)
+ENERGY = 7
+TANGENTIAL_ROWS = 8
 
 
 @dataclass(frozen=True, slots=True)

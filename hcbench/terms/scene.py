@@ -48,7 +48,8 @@ class Material:
     poisson_ratio: float
 
     def __post_init__(self) -> None:
-        E, nu = self.young_modulus, self.poisson_ratio
+        E = self.young_modulus
+        nu = self.poisson_ratio
         _require("young_modulus", 0 < E < math.inf, f"{E!r} Pa", "above 0 Pa")
         _require("poisson_ratio", -1 < nu < 0.5, f"{nu!r}", "within -1 ... 0.5, both excluded")
 
@@ -84,7 +85,8 @@ class Scene:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        R1, R2 = self.ball_radius, self.plate_radius
+        R1 = self.ball_radius
+        R2 = self.plate_radius
         _require("ball.mass", 0 < self.mass < math.inf, f"{self.mass!r} kg", "above 0 kg")
         _require("ball.radius", 0 < R1 < math.inf, f"{R1!r} m", "above 0 m")
         _require("plate.radius", R2 != 0 and not math.isnan(R2), f"{R2!r} m", "a radius other than 0 m")
@@ -103,12 +105,15 @@ class Scene:
             "a negative radius",
             "Or take form = 'plane'",
         )
-        k, n, g = self.stiffness, self.exponent, self.gravity
+        k = self.stiffness
+        n = self.exponent
+        g = self.gravity
         _require("law.stiffness", 0 < k < math.inf, f"{k!r} N/m^{n:g}", "above 0")
         _require("law.exponent", 1 <= n < math.inf, f"{n!r}", "1 or more")
         _require("gravity", 0 <= g < math.inf, f"{g!r} m/s^2", "0 m/s^2 or more, towards the plate")
         _require("friction", 0 <= self.friction < math.inf, f"{self.friction!r}", "0 or more")
-        off, room = self.off_axis, -R2 - R1 if self.form == "cup" else 0.0
+        off = self.off_axis
+        room = -R2 - R1 if self.form == "cup" else 0.0
         _require(
             "off_axis",
             off == 0 or 0 < off < room,
@@ -248,7 +253,9 @@ def read_scene(folder: Path) -> Scene:
 
 
 def _scene(file: _File, folder: Path) -> Scene:
-    ball, plate, law = file.ball, file.plate, file.law
+    ball = file.ball
+    plate = file.plate
+    law = file.law
     return Scene(
         name=folder.name,
         title=file.title or folder.name,

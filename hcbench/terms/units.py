@@ -86,8 +86,8 @@ _SIGN = re.compile(r"(?<![\^*(eE])[-+]")
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")
 
 
-# What one unit is in the SI unit of its kind by Pint: those that nearly everybody writes. Pint knows
-# all others, and takes half a second to import.
+# SI values of the units that nearly everybody writes. Pint knows all others, and takes half a
+# second to import.
 _USUAL = {
     "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": INCH},
     "s/m": {"s/m": 1.0, "s/in": 1.0 / INCH},
@@ -139,8 +139,8 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
         return usual
     try:
         return _factor(unit, si)
-    # Pint raises several unrelated kinds of error for text that it cannot read as a unit.
     except Exception as error:
+        # Pint raises several unrelated kinds of error for text that it cannot read as a unit.
         if type(error) is ValueError and kind.name in _ANGLE:
             what = "an angle" if kind.name == "frequency" else "no angle"
             raise QuantityError(slot, f"{text!r} is {what} in time", expected, _ANGLE[kind.name]) from None
@@ -166,7 +166,8 @@ def parse(
     slot: what to call it in an error. exponent: n in N/m^n, for a stiffness. least, above: bounds, SI.
     Raises QuantityError for text that is not such a quantity and for values not finite or out of bounds.
     """
-    kind, slot = QUANTITIES[quantity], slot or quantity
+    kind = QUANTITIES[quantity]
+    slot = slot or quantity
     value = _without_pint(value, kind, slot, exponent)
     if isinstance(value, str):
         match = _NUMBER.fullmatch(value)
@@ -178,8 +179,8 @@ def parse(
     elif is_real(value):
         try:
             number = float(value)  # type: ignore[arg-type]
-        # Python cannot make a float of an integer with more than 308 digits.
         except OverflowError:
+            # Python cannot make a float of an integer with more than 308 digits.
             number = math.inf
     else:
         raise QuantityError(slot, f"{value!r}", f"a number or text like {kind.example!r}")

@@ -25,7 +25,8 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
 
     One for the loop; for restitution all that "auto" tries in turn. Raises SettingError where there is none.
     """
-    recipes, form = registry.preferred(engine), scene.form
+    recipes = registry.preferred(engine)
+    form = scene.form
     steps = steps_per_contact(target)
     contact = f"the law's contact lasts {steps:.3g} steps of {time_step(target.timestep)} s"
     if match != "restitution":

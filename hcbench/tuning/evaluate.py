@@ -23,15 +23,21 @@ from hcbench.terms.scene import Scene
 from hcbench.terms.setting import Setting
 from hcbench.terms.units import STANDARD_GRAVITY
 
-# Grid of launches that shows how e varies with the phase: speeds, phases.
-_SPEEDS, _PHASES = 9, 8
-# Launches at random; then, so many times, launches about the worst one.
-_RANDOM, _NEAR, _ROUNDS = 400, 24, 3
+# Speeds and phases of the grid of launches that shows how e varies with the phase.
+_SPEEDS = 9
+_PHASES = 8
+# Launches at random.
+_RANDOM = 400
+# Launches about the worst one in each of _ROUNDS rounds.
+_NEAR = 24
+_ROUNDS = 3
 # Distance of those launches from the worst one, as a share of the band and of a step.
 _NEARBY = 0.02
 _SEED = 1609
 _GOLDEN = (math.sqrt(5) - 1) / 2
-_REST_STEPS_MIN, _REST_STEPS_MAX = 200, 400_000
+# Bounds of the steps of a test at rest.
+_REST_STEPS_MIN = 200
+_REST_STEPS_MAX = 400_000
 # s: after this time a swing that the law damps at steel's α or more has visibly died.
 _REST_CONTROLLED = 0.4
 # A contact deeper than so many times v h, at the highest speed, is deep.
@@ -231,7 +237,8 @@ def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5
     return rest_of(*map(last_half, (path.time, path.penetration, path.rate, path.force)))
 
 
-SPEEDS, PHASES = 4, (0.12, 0.37, 0.62, 0.87)
+SPEEDS = 4
+PHASES = (0.12, 0.37, 0.62, 0.87)
 # (slip m/s, spin rad/s): slow to fast sliding, backspin and topspin, and all at once out of the plane.
 MOTIONS = (
     ((0.1, 0.0), (0.0, 0.0, 0.0)),

@@ -105,8 +105,12 @@ class _Finder:
         max_error: float,
         pair: Pair,
     ) -> None:
-        self.engine, self.target, self.scene, self.pair = engine, target, scene, pair
-        self._integrator, self._max_error = integrator, max_error
+        self.engine = engine
+        self.target = target
+        self.scene = scene
+        self.pair = pair
+        self._integrator = integrator
+        self._max_error = max_error
         self.never: list[Never] = []
         self.left_out = ""
         self._refused: HcbenchError | None = None
@@ -162,8 +166,8 @@ class _Finder:
         for recipe, why in tried:
             try:
                 tuned = make_tuned(recipe, why, self.target, self.scene, self._integrator)
-            # For example a version that lacks what the recipe needs.
             except (SettingError, EngineMissing) as error:
+                # For example a version that lacks what the recipe needs.
                 self._refused = self._refused or error
                 continue
             if not math.isfinite(tuned.error):
@@ -185,7 +189,8 @@ class _Finder:
 
     def choice(self, kind: Kind, tuned: Tuned) -> Choice:
         """A setting that was evaluated, as a choice."""
-        setting, target = tuned.setting, self.target
+        setting = tuned.setting
+        target = self.target
         band = target.speed_min, target.speed_max
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
         promise = None
@@ -238,7 +243,8 @@ class _Finder:
         if recipe.exact_above is None:
             tuned = self._best([(recipe, "a law in place of the contact")], math.inf)
             return None if tuned is None else self.choice("exact", tuned)
-        setting, low = recipe(target), exact_from(recipe, target)
+        setting = recipe(target)
+        low = exact_from(recipe, target)
         if not low < target.speed_max:
             return None
         train = LongestTrain(target.curve, _EXACT, target.speed_max)

@@ -40,9 +40,13 @@ if TYPE_CHECKING:
 
 # Time limit of one model, s: on an idle machine tuning takes some seconds.
 LIMIT_S = 600.0
-_TRIED_SPEEDS, _TRIED_PHASES = 6, 4
-# Speeds that the search did not see, and how often the intervals about the worst one are halved.
-_HELD_OUT_SPEEDS, _HALVINGS = 7, 2
+# Speeds and phases at which each setting is tried.
+_TRIED_SPEEDS = 6
+_TRIED_PHASES = 4
+# Speeds that the search did not see.
+_HELD_OUT_SPEEDS = 7
+# The intervals about the worst of them are halved so often.
+_HALVINGS = 2
 # Phases of a speed before any are added.
 _PHASES = 4
 # Phases of the untuned model, at the ends and the middle of the band.

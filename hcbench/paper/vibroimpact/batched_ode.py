@@ -26,14 +26,17 @@ NOTHING, TURN, SWITCH = 0, 1, 2
 
 _STAGES = 12
 _A = [DOP853.A[i, :i].copy() for i in range(_STAGES)]
-_B, _C = DOP853.B, DOP853.C[:_STAGES]
+_B = DOP853.B
+_C = DOP853.C[:_STAGES]
 _ERRORS = (DOP853.E5[:_STAGES], DOP853.E3[:_STAGES])
 _EPS = float(np.finfo(float).eps)
 _TRIALS_MAX = 10_000_000
 # A slope is the difference over this share of a step.
 _AHEAD = 1e-7
-# A step is at most 4 times and at least 0.2 times the one before.
-_LARGEST_GROWTH, _LARGEST_CUT = 4.0, 0.2
+# A step is at most so many times as long as the one before.
+_LARGEST_GROWTH = 4.0
+# A step is at least this share of the one before.
+_LARGEST_CUT = 0.2
 
 
 def integrate(
@@ -89,13 +92,15 @@ class _Batch:
         # A NaN compares false, so that its step is not good.
         good = no_goal & (error <= 1.0)
         self._resize(rows[no_goal], h[no_goal], error[no_goal])
-        speed, distance = self._speed(rows, y), self._distance(rows, y)
+        speed = self._speed(rows, y)
+        distance = self._distance(rows, y)
         narrow = self.high[rows] - self.low[rows] <= 2.0 * _EPS * self.high[rows]
         reached = ~no_goal & (narrow | (np.abs(np.where(goal == TURN, speed, distance)) <= 1.0))
         turns = good & (speed < 0.0)
         # A turning point beyond a switch: the switch comes first.
         crosses = ((good & ~turns) | (reached & (goal == TURN))) & (distance < 0.0)
-        self.goal[rows[turns]], self.goal[rows[crosses]] = TURN, SWITCH
+        self.goal[rows[turns]] = TURN
+        self.goal[rows[crosses]] = SWITCH
         self.low[rows[turns | crosses]] = 0.0
         takes = (good | reached) & ~turns & ~crosses
         search = ~takes & (self.goal[rows] != NOTHING)
@@ -169,7 +174,8 @@ class _Batch:
         """Take these steps to y, and change the modes where they end on a switch."""
         until = self.checkpoints[self.passed[rows], rows]
         arrived = h >= until - self.t[rows]
-        before, goal = self.mode[:, rows], self.goal[rows]
+        before = self.mode[:, rows]
+        goal = self.goal[rows]
         self.t[rows] = np.where(arrived, until, self.t[rows] + h)
         y[1, goal == TURN] = 0.0
         self.y[:, rows] = y

@@ -15,7 +15,7 @@ Modes: TypeAlias = NDArray[np.int8]
 Indices: TypeAlias = NDArray[np.intp]
 Flags: TypeAlias = NDArray[np.bool_]
 
-# Pulled off: still inside the block's surface, but the law would pull
+# Modes of a contact. Pulled off: inside the block's surface, where the law would pull.
 APART, CONTACT, PULLED_OFF = 0, 1, 2
 # Row 0 is the right block and row 1 the left one, whose x points the other way.
 SIGNS = np.array([[1.0], [-1.0]])
@@ -24,10 +24,10 @@ _GRAIN = 0.01
 # A state this near to a surface is on it, as a share of the length scale.
 _AT_SURFACE = 1e-14
 _EPS = float(np.finfo(float).eps)
-# Of the length scale: F(x, v)/F(x, 0) has no meaning nearer to x = 0
+# Share of the length scale: F(x, v)/F(x, 0) has no meaning nearer to x = 0.
 _SHALLOWEST = 1e-9
 
-# P in N at times (s) of oscillators
+# The drive P, N, at times, s, of oscillators.
 Drives: TypeAlias = Callable[[Floats, Indices], Floats]
 
 
@@ -92,7 +92,7 @@ class TwoSidedContact:
         """The modes after these switches, apart <-> contact at surfaces, contact <-> pulled off at forces."""
         x, w = self._sides(y, rows)
         side = np.array([[0], [1]])
-        # With no gap one side is met where the other is left: both go by the speed.
+        # Without a gap a body meets one side where it leaves the other: the speed decides for both.
         near = _AT_SURFACE * self.length[rows] + 8.0 * _EPS * np.abs(y[0])
         surface = (switch == side) | (np.abs(x) <= near)
         force = ~surface & (switch == 2 + side)

@@ -100,7 +100,8 @@ def _simulate(
     """Simulate these systems and drives side by side; rows as `Orbits` keeps them, shape (5, cases,
     keep).
     """
-    system, (position, velocity) = cases[0][0], start.tolist()
+    system = cases[0][0]
+    (position, velocity) = start.tolist()
     amplitude = np.array([d.amplitude for _, d in cases])
     omega = 2.0 * np.pi * np.array([d.frequency for _, d in cases])
     phase = np.array([d.phase for _, d in cases])
@@ -127,9 +128,10 @@ class _CycleRecorder:
 
     def __init__(self, position: Floats, cycles: int, keep: int) -> None:
         self.record = np.empty((5, position.size, keep))
-        # Of `record`, for the cycle under way
+        # Column of `record` for the cycle that is under way.
         self.column = np.full(position.size, keep - cycles)
-        self.highest, self.lowest = position.copy(), position.copy()
+        self.highest = position.copy()
+        self.lowest = position.copy()
         self.touches = np.zeros(position.size)
 
     def observe(
@@ -141,7 +143,8 @@ class _CycleRecorder:
         self.touches[rows] += ((before == APART) & (after != APART)).any(axis=0)
         ends, y = rows[arrived], y[:, arrived]
         late = self.column[ends] >= 0
-        which, column = ends[late], self.column[ends][late]
+        which = ends[late]
+        column = self.column[ends][late]
         self.record[:2, which, column] = y[:, late]
         self.record[2:, which, column] = self.highest[which], self.lowest[which], self.touches[which]
         self.highest[ends] = self.lowest[ends] = y[0]
@@ -195,5 +198,6 @@ def kelvin_voigt_blocks(system: VibroImpact, speed: float) -> VibroImpact:
         e = float(closed_form.restitution(law.alpha, speed))
         return matched(e, float(closed_form.duration(law, system.mass, speed)), system.mass, Ending.FORCE)
 
-    right, left = stand_in(system.right), stand_in(system.left)
+    right = stand_in(system.right)
+    left = stand_in(system.left)
     return replace(system, right=right, left=left)  # type: ignore[arg-type]

@@ -78,7 +78,9 @@ def simulate(
     if isinstance(drive, Sinusoid):
         step_max = min(step_max, 0.1 / drive.frequency)
     start = np.array([position, velocity, 0.0, 0.0])
-    times, states, events = [0.0], [start], []
+    times = [0.0]
+    states = [start]
+    events = []
 
     def record(_: Indices, t: Floats, y: Floats, before: Modes, after: Modes, __: Flags) -> None:
         times.append(float(t[0]))
@@ -152,7 +154,8 @@ def motion_size(
 
     A depth X and a speed V with F(X, 0) X = m V², about those of an impact; for a squeezed mass its swing.
     """
-    half, squeeze = system.gap / 2.0, system.squeeze
+    half = system.gap / 2.0
+    squeeze = system.squeeze
     start = 0.5 * system.mass * velocity**2
     for law, x in ((system.right, position - half), (system.left, -position - half)):
         start += max(0.0, stored(law, x) - stored(law, squeeze))
@@ -184,7 +187,7 @@ def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
         k, n = law.stiffness, law.exponent
         return n * k * depth ** (n - 1.0), law.dissipation * k * depth**n
     x = depth * np.array([1.0 - 1e-5, 1.0 + 1e-5])
-    # m/s; in v these laws are straight lines near 0
+    # The difference over 2e-6 m/s: near v = 0 these laws are straight lines in v.
     v = np.array([-1e-6, 1e-6])
     return float(np.diff(law.force(x, 0.0))[0] / np.diff(x)[0]), float(np.diff(law.force(depth, v))[0] / 2e-6)
 

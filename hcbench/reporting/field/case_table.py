@@ -15,7 +15,7 @@ _VERDICTS = {
     "error": ("error", "bad"),
     "unsupported": ("–", "none"),
 }
-# What becomes of the restitution that is asked for: in a cell, its grade, and in a sentence.
+# Fate of the restitution that is asked for: in a cell, its grade, and in a sentence.
 _OBEDIENCE = {
     "obeyed": ("obeyed", "good", "obeyed by {}"),
     "threshold": ("above {}", "even", "obeyed above some speed by {}"),

@@ -28,7 +28,7 @@ COLUMNS = {
     "files": "files it reads",
     "version": "version",
 }
-# What a colour means, in the legend.
+# Meaning of each colour, in the legend.
 GRADES = {
     "good": ("✓", "follows the law: the error of e is below a tenth of the best constant e's"),
     "even": ("≈", "about as wrong as the best constant e, or less"),

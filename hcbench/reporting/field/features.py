@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from hcbench.reporting.field.probe import Probe
     from hcbench.reporting.field.view import FieldView
 
-RUN, _FOLDER = "this run", "hcbench's adapter"
+RUN = "this run"
+_FOLDER = "hcbench's adapter"
 FEATURES = {
     "law": "its own law",
     "exponent": "exponent",

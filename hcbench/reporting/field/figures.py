@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 # Panels side by side, at most.
 _COLUMNS = 4
 # Limits of the errors in figures: smaller and larger ones are drawn there.
-_FLOOR, _CEILING = 1e-8, 30.0
+_FLOOR = 1e-8
+_CEILING = 30.0
 _STOCK: dict[str, Any] = {"color": KIND_COLOURS["stock"], "marker": "X", "markersize": 5.0}
 _BEST: dict[str, Any] = {"color": KIND_COLOURS["settings"], "marker": "s", "markersize": 3.5}
 _PLUGIN: dict[str, Any] = {"color": KIND_COLOURS["exact"], "marker": "v", "markersize": 4.0}

@@ -140,7 +140,8 @@ def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
 
 def _lines(view: FieldView, case: Case) -> list[str]:
     """Sentences on a setting's error of e, its energy, and slow impacts."""
-    off, down = view.off(case), view.stays_down(case)
+    off = view.off(case)
+    down = view.stays_down(case)
     lines = []
     if math.isfinite(off):
         lines.append(f"At {band(view, case.timestep)}, e is wrong by at most {error(off)}.")

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 BALLS = (1, 100)
 _LAUNCHES = (Launch(0.1, 0.25), Launch(0.2, 0.5), Launch(0.4, 0.75))
-_STEPS, _LIMIT_S = 100, 240.0
+_STEPS = 100
+_LIMIT_S = 240.0
 # Duration of one measurement, about, s.
 _REPEAT_S = 0.3
 

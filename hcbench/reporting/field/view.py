@@ -23,11 +23,14 @@ from hcbench.sim.passivity import MOST_E
 from hcbench.terms.resolution import FOLLOWS
 
 _KEY = ["engine", "setting", "gravity_m_per_s2", "timestep_s"]
-# Kinds of settings
-CONSTANT, SETTINGS, PLUGIN, STOCK = "constant", "settings", "plugin", "stock"
+# Kinds of settings.
+CONSTANT = "constant"
+SETTINGS = "settings"
+PLUGIN = "plugin"
+STOCK = "stock"
 # Kinds of settings of the engine's own contact.
 OWN = (CONSTANT, SETTINGS)
-# Of e: below it at every speed an engine counts as one that does not bounce
+# An engine whose e is lower at every speed counts as one that does not bounce.
 NO_BOUNCE = 0.05
 
 
@@ -233,7 +236,7 @@ class FieldView:
         counts = self.folded[case].status
         if "parted" in counts or "rested" in counts:
             return ""
-        # Of those that are equally common, the first by name.
+        # The first by name of those that are equally common.
         return min(counts, key=lambda status: (-counts[status], status))
 
     def curve(self, case: Case) -> Curve:
