@@ -36,7 +36,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 Json = dict[str, Any]
-States = list[list[Any]]  # [step, state of a body, state of the next ...], of each recorded step
+# [step, state of a body, state of the next ...], of each recorded step
+States = list[list[Any]]
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
 # Places of z, of vz, and of vx, vy, vz in the state of a body.
 _Z = 2
@@ -58,7 +59,8 @@ def run(engine: Any, cases: Json) -> Json:
         # An engine that steps one world at a time has each run in a batch of its own.
         key = _batch_key(each) if hasattr(engine, "start") else str(number)
         batches.setdefault(key, []).append(each)
-    states: dict[int, Json] = {}  # by the identity of the run: equal runs may be in two cases
+    # By the identity of the run: equal runs may be in two cases.
+    states: dict[int, Json] = {}
     for batch in batches.values():
         for each, result in _run(engine, batch):
             states[id(each)] = result
@@ -84,7 +86,8 @@ def _run(engine: Any, runs: list[Json]) -> list[tuple[Json, Json]]:
         made = _make_worlds(engine, results)
         if made:
             _step_worlds(engine, made)
-    except Exception as error:  # an engine's own; the other runs go on
+    # An engine's own error ends its runs; the others go on.
+    except Exception as error:
         failed = {"error": f"{type(error).__name__}: {error}"}
         results = [(each, result if "unsupported" in result else failed) for each, result in results]
     return results
@@ -113,12 +116,14 @@ def _step_worlds(engine: Any, made: list[tuple[Json, States]]) -> None:
     if is_batch:
         engine.start()
     any_run, _ = made[0]
-    for step in range(1 + any_run["steps"]):  # one number for a whole batch
+    # One number of steps for a whole batch.
+    for step in range(1 + any_run["steps"]):
         if step:
             engine.step()
         asked = [_is_asked(each, step) for each, _ in made]
         if not any(asked):
-            continue  # reading the state may cost an engine more than a step
+            # Reading the state may cost an engine more than a step.
+            continue
         worlds = engine.state() if is_batch else [engine.state()]
         for (_, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
             if is_asked:
@@ -140,16 +145,19 @@ def restitution(each: Json, states: States) -> float:
     timestep = each["world"]["timestep"]
     *_, gravity_z = each["world"]["gravity"]
     ball, *_ = each["world"]["bodies"]
-    touch = ball["radius"]  # height of the ball's centre at touch, m
+    # Height of the ball's centre at touch, m.
+    touch = ball["radius"]
     z = {step: body[_Z] for step, body, *_ in states}
-    squares = {}  # of the speed at the plane, m²/s²
+    # Of the speed at the plane, m²/s².
+    squares = {}
     for step, height in z.items():
         if step - 1 in z and step + 1 in z:
             # Central differences mean the same in every integrator; the energy takes them to the
             # plane.
             speed = (z[step + 1] - z[step - 1]) / (2 * timestep)
             squares[step] = speed**2 - 2 * gravity_z * (height - touch)
-    turned = math.inf  # the first step after which the ball is higher
+    # The first step after which the ball is higher.
+    turned = math.inf
     for step, later in pairwise(z):
         if z[later] > z[step]:
             turned = later
@@ -183,7 +191,8 @@ def vibration(each: Json, states: States) -> float:
     """Standard deviation of the velocity in the last recorded steps, m/s, of the body that shakes most."""
     last = _last(each, states)
     shaking = []
-    for body in range(1, len(last[0])):  # a state's first entry is the step
+    # A state's first entry is the step.
+    for body in range(1, len(last[0])):
         by_axis = [pstdev(state[body][axis] for state in last) for axis in _VELOCITY]
         shaking.append(math.hypot(*by_axis))
     return max(shaking)
@@ -193,7 +202,8 @@ def force_noise(each: Json, states: States) -> float:
     """Standard deviation of the contact's force over the weight, from the velocity in the last steps."""
     upward = [body[_VZ] for _, body, *_ in _last(each, states)]  # m/s
     *_, gravity_z = each["world"]["gravity"]
-    gained = -each["world"]["timestep"] * gravity_z  # in a step of free fall, m/s
+    # Speed gained in a step of free fall, m/s.
+    gained = -each["world"]["timestep"] * gravity_z
     return float(pstdev(later - now for now, later in pairwise(upward)) / gained)
 
 
@@ -245,17 +255,20 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
     """The verdict on one case. done: the results of its runs, in order."""
     verdict = {"case": case["id"], "title": case["title"], "verdict": "pass", "why": "", "worst": {}}
     limits = {name: limit["value"] for name, limit in case["tolerance"].items()}
-    off = dict.fromkeys(limits, -1.0)  # largest error so far
+    # Largest error so far.
+    off = dict.fromkeys(limits, -1.0)
     try:
         for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
             if "states" not in result:
-                ((word, why),) = result.items()  # "unsupported" or "error"
+                # The word is "unsupported" or "error".
+                ((word, why),) = result.items()
                 return {**verdict, "verdict": word, "why": str(why)}
             if not _is_finite(result["states"]):
                 return {**verdict, "verdict": "fail", "why": f"a state is not finite (run {number})"}
             for name, measured, true in _compared(each, result["states"], combine):
                 error = abs(measured - true)
-                if not error <= off[name]:  # a nan is the worst
+                # Written so that a nan is the worst.
+                if not error <= off[name]:
                     off[name] = error
                     verdict["worst"][name] = [measured, true, number]
     except NotImplementedError as error:

@@ -17,8 +17,10 @@ Json = dict[str, Any]
 STEPS = (1 / 60, 1 / 240, 1 / 1000)
 GRAVITY = 9.81
 RADIUS = 0.05
-CLEAR = 2.0625  # steps of flight before the touch: the impact speed is read from three positions
-AFTER = 0.5  # s that a launch lasts: a soft contact has ended by then
+# Steps of flight before the touch: the impact speed is read from three positions.
+CLEAR = 2.0625
+# Time that a launch lasts, s: a soft contact has ended by then.
+AFTER = 0.5
 CLOSE = {"value": 0.02, "reason": "Two drops of one material differ by more"}
 FILE = Path(__file__).with_name("hcbench-cases-1.json")
 

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
-from typing_extensions import TypedDict  # pydantic takes that of typing from Python 3.12 on
+
+# pydantic takes TypedDict of typing from Python 3.12 on only.
+from typing_extensions import TypedDict
 
 from hcbench.system.errors import UserError
 

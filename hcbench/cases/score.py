@@ -16,9 +16,12 @@ from hcbench.system.text import sanitized
 
 KNOWN = Path(__file__).with_name("known.json")
 MEASURED = Path(__file__).with_name("measured.json")
-_HALF = 0.5  # of the restitution asked for: less does not count as a bounce
-_LONGEST_WHY = 1000  # characters of a reason that an engine's file gives
-_ALIKE = 0.02  # range of mean e over all restitutions asked for: less takes no notice of them
+# In restitutions asked for: less does not count as a bounce.
+_HALF = 0.5
+# Characters of a reason that an engine's file gives.
+_LONGEST_WHY = 1000
+# Range of mean e over all restitutions asked for: less takes no notice of them.
+_ALIKE = 0.02
 
 
 def the_cases(only: Sequence[str] = ()) -> Json:

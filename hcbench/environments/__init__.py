@@ -4,4 +4,5 @@ hcbench itself is not copied there: a worker process in such an environment impo
 that started it (`hcbench.sim.remote`), so there is none that could be out of date.
 """
 
-ADD = "hcbench engines add"  # what brings a missing one
+# The command that installs a missing engine.
+ADD = "hcbench engines add"

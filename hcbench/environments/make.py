@@ -21,7 +21,8 @@ from hcbench.system.errors import CannotRun, HcbenchError, OutputError, UserErro
 from hcbench.system.files import scratch_folder
 
 _END_WITH_PARENT = 1  # PR_SET_PDEATHSIG
-LOWEST_PYTHON = (3, 11)  # that hcbench runs on
+# Lowest Python that hcbench runs on.
+LOWEST_PYTHON = (3, 11)
 _NO_NETWORK = re.compile(r"(?i)failed to fetch|error sending request|dns error|network (is|was) |timed? ?out")
 _NO_WHEEL = re.compile(r"(?i)no (usable )?wheels|wheels are required|only found wheels")
 _NO_VERSION = re.compile(r"(?i)there (is|are) no versions? of|was not found in the package registry")
@@ -137,7 +138,8 @@ def _run_uv(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProce
         ) from None
     return run_with_parent(
         [command, *arguments],
-        cwd=folder,  # a project's own settings of uv, where the user happens to be, are not meant
+        # Elsewhere a project's own settings of uv would count, where the user happens to be.
+        cwd=folder,
         env={**os.environ, "UV_PYTHON_DOWNLOADS": "never", "NO_COLOR": "1"},
     )
 

@@ -29,9 +29,10 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
 
 _PACKAGE = Path(__file__).parents[1]
-# Of a processor: a search that takes less is quicker made than read
+# A search that takes less of a processor's time, s, is quicker made than read.
 _WORTH_S = 0.05
-_OLD_S = 90 * 86400.0  # since it was found; older ones are removed
+# Time since a setting was found, s, from which it is removed.
+_OLD_S = 90 * 86400.0
 
 
 def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Path | None:

@@ -17,11 +17,16 @@ from hcbench.terms.setting import Setting
 class Role(StrEnum):
     """Property of the target that a recipe's settings match."""
 
-    STOCK = "stock"  # nothing: the engine's default
-    CONSTANT_E = "constant-e"  # one restitution for all speeds
-    FALLING_E = "falling-e"  # any restitution that falls with speed
-    LAW = "law"  # the restitution of eq. (16)
-    LAW_AND_LOOP = "law-and-loop"  # and its force over penetration
+    # Nothing: the engine's default.
+    STOCK = "stock"
+    # One restitution for all speeds.
+    CONSTANT_E = "constant-e"
+    # Any restitution that falls with speed.
+    FALLING_E = "falling-e"
+    # The restitution of eq. (16).
+    LAW = "law"
+    # That restitution, and the law's force over penetration.
+    LAW_AND_LOOP = "law-and-loop"
 
 
 @dataclass(frozen=True, slots=True)

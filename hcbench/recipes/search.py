@@ -133,7 +133,8 @@ def evolve(
             base = members[worst.argmin()]
         mutants = base + random.uniform(*_MUTATION) * (one - other)
         crossed = random.random(members.shape) < _CROSSED
-        crossed[each, random.integers(0, size, count)] = True  # at least one of each
+        # At least one parameter of each mutant is crossed.
+        crossed[each, random.integers(0, size, count)] = True
         trials = np.where(crossed, mutants, members)
         outside = (trials < lowest) | (trials > highest)
         trials = np.where(outside, random.uniform(lowest, highest, members.shape), trials)

@@ -17,9 +17,9 @@ from hcbench.terms.arguments import checked_fields
 from hcbench.terms.impact import Floats
 from hcbench.terms.units import INCH
 
-# m/s: what Hunt and Crossley's law was fitted over
+# Speeds that Hunt and Crossley's law was fitted over, m/s.
 PAPER = (1.0 * INCH, 20.0 * INCH)
-# g h: slower impacts end within the step that finds them, and the body stays down
+# In g h: slower impacts end within the step that finds them, and the body stays down.
 SLOWEST = 1.6
 
 
@@ -48,7 +48,7 @@ def why_cut(low: float, timestep: float, gravity: float) -> str:
 
 
 TargetKind = Literal["law", "linear", "points", "constant"]
-# What the law may be off by to be worth a try, as a share of what one e for all speeds is wrong by.
+# The law is worth a try if its misfit is below this share of the error of one e for all speeds.
 _GOOD_FIT = 0.25
 _WORDS = {"law": "α of the law, by --alpha", "linear": "1 - α v, by --alpha and --target linear"}
 _WORDS |= {"constant": "one e, by --restitution"}

@@ -94,7 +94,8 @@ class Backend:
         return foreign_errors(f"engine {self.engine!r}", advice=f"{untried}: install one of those")
 
 
-@cache  # reading it takes milliseconds, and every setting asks for it
+# Reading a version takes milliseconds, and every setting asks for it.
+@cache
 def installed_version(package: str) -> str:
     """Version of a package of this environment. PackageNotFoundError for none."""
     return metadata.version(package)
@@ -112,6 +113,7 @@ def require(engine: Engine) -> str:
     return version
 
 
-@cache  # once, regardless of Python's own filters
+# Once, regardless of Python's own filters.
+@cache
 def _warn(untried: str) -> None:
     warnings.warn(untried, UntriedVersionWarning, stacklevel=4)

@@ -11,7 +11,8 @@ from typing import Any
 from hcbench.system.errors import UserError
 from hcbench.system.text import number, sanitized, table
 
-_NAMED = 6  # pairs that an error names
+# Pairs that an error names.
+_NAMED = 6
 
 
 @dataclass(frozen=True)

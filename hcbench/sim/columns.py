@@ -115,11 +115,11 @@ class Launches(Columns[Launch]):
             return cls(speed, phase, np.full(count, np.nan), slips, spins)
         gain = gravity * timestep  # m/s a step
         steps = np.minimum(steps_most, np.floor(speed / gain - share - phase))
-        # Launched so many steps before the touch
+        # Launched so many steps before the touch.
         flight = timestep * (steps + phase)
         start = np.maximum(0.0, speed - gain * (steps + phase + share))
         height = flight * (speed - 0.5 * gravity * flight)
-        # So slow that it falls from rest within the first step
+        # So slow that it falls from rest within the first step.
         falls = steps < 0
         fallen = np.maximum(0.0, speed * speed - (share * gain) * (share * gain))
         start = np.where(falls, 0.0, start)
@@ -134,7 +134,8 @@ class Launches(Columns[Launch]):
         for speed, phase, height, slip, spin in rows:
             yield Launch(speed, phase, None if math.isnan(height) else height, tuple(slip), tuple(spin))
 
-    def __reduce__(self) -> tuple[Any, ...]:  # as bytes, which every version of NumPy reads
+    # As bytes, which every version of NumPy reads.
+    def __reduce__(self) -> tuple[Any, ...]:
         table = np.column_stack([self.speed, self.phase, self.height, self.slip, self.spin])
         return _launches_of, (table.tobytes(),)
 
@@ -171,7 +172,10 @@ def _launches_of(table: bytes) -> Launches:
 
 
 def _listed(column: NDArray[Any]) -> list[Any]:
-    """A column's values, NaN as the one object that `Impact` has for it: then equal impacts are equal."""
+    """A column's values, with NaN as one object.
+
+    `Impact` has that object too, so that impacts with equal numbers are equal.
+    """
     values: list[Any] = column.tolist()
     if column.dtype == np.float64 and np.isnan(column).any():
         return [np.nan if value != value else value for value in values]  # noqa: PLR0124

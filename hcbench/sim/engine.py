@@ -233,7 +233,8 @@ def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
 def module_of(engine: Engine, name: str) -> Any:
     """A module of the engine's folder, imported when first asked for; None where there is none."""
     path = type(engine).__module__.rpartition(".")[0]
-    for part in name.split("."):  # one folder at a time: `find_spec` imports those above, and raises for none
+    # One folder at a time: `find_spec` imports those above, and raises where there is none.
+    for part in name.split("."):
         if not path or find_spec(path := f"{path}.{part}") is None:
             return None
     return import_module(path)

@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from hcbench.environments.store import Environment
     from hcbench.sim.backend import Backend
 
-# For one bounce: engines that compile their kernels first take a minute
+# Limit of a trial bounce, s: engines that compile their kernels first take a minute.
 _TRIAL_S = 300.0
-_TRIAL_STEP, _TRIAL_SPEED = 1e-3, 0.4  # s, m/s
+# Time step, s, and speed, m/s, of that bounce.
+_TRIAL_STEP = 1e-3
+_TRIAL_SPEED = 0.4
 _VERSION = re.compile(r"\d[\w.+!-]*")
 
 
@@ -106,7 +108,8 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
     declared = (adapter.requires or ()) if adapter else ()
     is_own = adapter is not None and adapter.name == "hcbench"
     lines = list(worker_requirements())
-    asked = backend.package  # with the extras of its own that it goes with
+    # Asked for with the extras of its own that the adapter goes with.
+    asked = backend.package
     for line in declared:
         needed, _, marker = line.partition(";")
         needed = needed.strip()

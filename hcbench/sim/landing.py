@@ -16,9 +16,10 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
     from hcbench.terms.options import Controller
 
-# a foot that is off the floor for longer has left it; shorter gaps are chatter
+# A foot that is off the floor for longer, s, has left it; shorter gaps are chatter.
 PARTED_S = 0.005
-WINDOW_S = 0.5  # after the first touch, in which a landing is measured
+# Time after the first touch, s, in which a landing is measured.
+WINDOW_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,9 +163,9 @@ class FootfallLog:
         self._last = touch
 
     def add(self, time: float, step: float, force: float, slide: float, depth: float) -> None:
-        """One step in which the floor pushed.
+        """Add one step in which the floor pushed.
 
-        time: of its start. slide: speed along the floor, m/s.
+        time: of its start, s. step: s. force: N. slide: speed along the floor, m/s. depth: m.
         """
         if time - self._last > PARTED_S:
             self.bounces += 1

@@ -21,11 +21,12 @@ from hcbench.terms.impact import Impact, Launch
 if TYPE_CHECKING:
     from hcbench.sim.shared_model import SharedModelEngine
 
-# m/s, over the default band of models
+# Over the default band of models, m/s.
 DEFAULT_SPEEDS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
 DEFAULT_PHASES = 4
-# Among `Facts.shares`
-CONTACT, WEIGHT = "the contact of the pair", "gravity and motion of the links"
+# Two of the causes in `Facts.shares`.
+CONTACT = "the contact of the pair"
+WEIGHT = "gravity and motion of the links"
 Vector = tuple[float, float, float]
 
 
@@ -161,7 +162,8 @@ class Facts:
 
 
 def _three_digits(vector: Iterable[float]) -> str:
-    return " ".join(f"{x + 0.0:.3g}" for x in vector)  # + 0.0: no "-0"
+    # Adding 0.0 leaves no "-0" to read.
+    return " ".join(f"{x + 0.0:.3g}" for x in vector)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +180,8 @@ class Output:
     version: tuple[int, ...] = ()
 
 
-BESIDE = Output()  # the source, for the installed engine
+# The source itself, for the installed engine.
+BESIDE = Output()
 
 
 @dataclass(frozen=True, slots=True)

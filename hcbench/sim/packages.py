@@ -14,7 +14,8 @@ from hcbench.system.files import is_file, read_text
 Id = TypeVar("Id")
 
 EXPAND_XACRO = "Expand it first: xacro robot.urdf.xacro > robot.urdf"
-_LISTED = 12  # names that an error shows
+# Names that an error shows.
+_LISTED = 12
 
 
 def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, Id]:
@@ -48,7 +49,8 @@ def suggest_names(request: str, names: Iterable[str]) -> tuple[str, str]:
     )
 
 
-Packages = tuple[tuple[str, str], ...]  # (name, folder)
+# (name, folder) of each.
+Packages = tuple[tuple[str, str], ...]
 
 _NAMED = re.compile(r"(?P<scheme>package|model)://(?P<name>[^/\"'<>]+)/(?P<rest>[^\"'<>]+)")
 _FILE = re.compile(r"(?P<before>filename\s*=\s*)(?P<quote>[\"'])(?P<name>.*?)(?P=quote)")

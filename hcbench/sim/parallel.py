@@ -26,9 +26,11 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
-_MOST_STEPS = 64  # between two looks
-_GUESSED = 4 << 30  # bytes of free memory
-# Units in the last place of the position that a step at the highest speed must move it by
+# Steps between two looks.
+_MOST_STEPS = 64
+# Bytes of free memory where the system does not tell.
+_GUESSED = 4 << 30
+# A step at the highest speed must move the body by so many units in the last place of its position.
 _FEWEST = 4.0
 
 
@@ -102,8 +104,8 @@ class BatchWorld(World):
 
 
 class ScriptedWorlds(BatchWorld):
-    """Copies of a script's world, stepped together; heights and velocities are arrays. See
-    `hcbench.sim.scripted`.
+    """Copies of the world of an engine's script, stepped together; heights and velocities are
+    arrays.
     """
 
     def __init__(
@@ -127,8 +129,10 @@ class ScriptedWorldsEngine(ScriptedEngine[Options]):
 
     bits = 32
     own_process = True
-    limit = 600.0  # kernels are compiled when first used
-    together = 64  # a step of one world costs as much as of all
+    # Seconds: kernels are compiled when first used.
+    limit = 600.0
+    # A step of one world costs as much as of all.
+    together = 64
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:  # type: ignore[override]
         """The worlds of the script. Raises SettingError for a step too short for float32."""
@@ -143,7 +147,8 @@ class BatchSimulation(Simulation):
     def __init__(self, world: BatchWorld, state: Floats, launches: int) -> None:
         self._world = world
         self._state = state
-        self._which = np.arange(launches)  # places of the launches that have not ended
+        # Places of the launches that have not ended.
+        self._which = np.arange(launches)
 
     def advance(self, steps: int) -> Record:
         """Up to `steps` steps; the force is what each did to the momentum."""

@@ -30,21 +30,32 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
-HEIGHTS = tuple(np.geomspace(2e-4, 0.2, 40).tolist())  # m, of the drops
-# s: how long drops are simulated; who bounces then must be allowed to by the target
+# Heights of the drops, m.
+HEIGHTS = tuple(np.geomspace(2e-4, 0.2, 40).tolist())
+# Simulated time of a drop, s; what bounces then must be allowed to by the target.
 LASTS = 30.0
-MOST_E = 1.002  # a larger e gains energy; 1.0005 is what searches aim at
+# A larger e gains energy; searches aim at 1.0005.
+MOST_E = 1.002
 MOST_ENERGY = MOST_E**2
-MOST_DRIFT = 1e-4  # m/s down a slope below the friction angle
-_STILL = 1.0  # s before the end in which a body still bounces
-# m/s: a train has ended there, in hops of 50 nm; the law's own never ends, as its e nears 1
+# Largest drift down a slope below the friction angle, m/s.
+MOST_DRIFT = 1e-4
+# Time before the end, s, in which a body still bounces.
+_STILL = 1.0
+# A train of bounces has ended at this speed, m/s, in hops of 50 nm; the law's own never ends, as
+# its e nears 1.
 _SLOWEST = 1e-3
-_TABLE = 5000  # speeds from _SLOWEST on, each less than 0.2 % above the one before
-_CHUNK = 1000  # steps
-# Of the band's lowest speed, and m/s: between them no impact may gain energy
-_SLOW, _FAST = 0.1, 2.0
-_FALLS = 0.6  # g h: a ball that falls by a step at all arrives faster
-_SPEEDS, _PHASES = 8, 8
+# Speeds of a table from _SLOWEST on, each less than 0.2 % above the one before.
+_TABLE = 5000
+# Steps of drops that are taken at once.
+_CHUNK = 1000
+# Between this share of the band's lowest speed and this speed, m/s, no impact may gain energy.
+_SLOW = 0.1
+_FAST = 2.0
+# In g h: a ball that falls by a step at all arrives faster.
+_FALLS = 0.6
+# Launches: so many speeds below the band, at so many phases each.
+_SPEEDS = 8
+_PHASES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +88,8 @@ class LongestTrain:
         gravity: m/s², above 0. The result has the shape of `heights`.
         """
         speed = np.sqrt(2.0 * gravity * np.asarray(heights, dtype=np.float64))
-        # A train has thousands of bounces: e from a table takes a tenth of the time of the law's series.
+        # A train has thousands of bounces: e from a table takes a tenth of the time of the law's
+        # series.
         speeds = np.geomspace(min(_SLOWEST, speed.min()), speed.max(), _TABLE)
         restitutions = self.restitution(speeds)
         next_touch = speed / gravity
@@ -259,7 +271,7 @@ def passivity_of(
     LASTS.
     """
     low, high = speeds
-    # Of one in an environment of its own
+    # An engine in an environment of its own answers by its adapter.
     adapter = getattr(engine, "adapter", engine)
     controlled = getattr(adapter, "error_controlled", None)
     phases = 1 if controlled is None and not hasattr(adapter, "load") else _PHASES

@@ -91,9 +91,11 @@ class Reading(NamedTuple):
     hardest: Any
 
 
-EACH = Rule._fields[:3]  # fields of a rule that each launch has of its own
-NEVER = 2**31 - 1  # beyond every step
-# Fields that are whole numbers
+# Fields of a rule that each launch has of its own.
+EACH = Rule._fields[:3]
+# Beyond every step.
+NEVER = 2**31 - 1
+# Fields that are whole numbers.
 WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])
 
 
@@ -140,7 +142,12 @@ def _typed(numbers: Any, kind: type) -> list[Any]:
 
 
 def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
-    """The function that adds a step to a reading: (height, rising, *rule, *reading) -> the next reading."""
+    """The function that adds a step to a reading: (height, rising, *rule, *reading) -> the next
+    reading.
+
+    height, rising: of each body's centre after the step, m and m/s, (b,). The fields of `Rule` and
+    `Reading` follow in their order. The contact's force is what the step does to the momentum.
+    """
     size, where, both, either = xp.abs, xp.where, xp.logical_and, xp.logical_or
     rest_steps, idle_steps, falling_steps = REST_STEPS, IDLE_STEPS, FALLING_STEPS
     not_finite, too_deep, parted, rested = map(int, (End.NOT_FINITE, End.TOO_DEEP, End.PARTED, End.RESTED))

@@ -122,7 +122,8 @@ class RemoteEngine(Wrapped):
         """
         if lacking := set(worker_requirements()) - set(self.environment.requirements):
             got = f"its environment is of another hcbench, without {', '.join(sorted(lacking))}"
-            assert self.backend is not None  # else it had no environment
+            # An engine without a package has no environment of its own.
+            assert self.backend is not None
             advice = f"Try: {self.backend.add_command(self.environment.name)}"
             raise EngineMissing(f"engine {self.name!r}", got, "", advice)
         return self.environment.version
@@ -246,7 +247,8 @@ def interpreter(environment: Environment) -> Interpreter:
     """
     values = {name: entry_points.entry_point(name).value for name in entry_points.names()}
     tops = {name: value.partition(":")[0].partition(".")[0] for name, value in values.items()}
-    wanted = dict.fromkeys(("hcbench", tops[environment.engine]))  # packages, each once
+    # Packages to make importable, each once.
+    wanted = dict.fromkeys(("hcbench", tops[environment.engine]))
     modules = []
     for top in wanted:
         module = sys.modules[top]

@@ -16,12 +16,19 @@ from hcbench.terms.impact import Floats, Launch
 if TYPE_CHECKING:
     from hcbench.sim.world import World
 
-# A body counts as resting if it sinks more slowly than this (m/s), lies less deep (of R, or so many
-# m per second of the step), and vibrates less (m/s) or less than before.
-_SINKING_MAX, _DEPTH_MAX, _DEPTH_STEP, VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
-# simulated, until a body is taken to lie as it will
-_SECONDS, _STEPS_MAX = 4.0, 4000
-_LET_DOWN = 1e-9  # m: the height it is let down from
+# A body counts as resting if it sinks more slowly than this, m/s; lies less deep than so much of R,
+# or so many m for a step of 1 s; and vibrates by less, m/s, or by less than this share of what it
+# did before.
+_SINKING_MAX = 1e-5
+_DEPTH_MAX = 1e-3
+_DEPTH_STEP = 0.2
+VIBRATION_MAX = 1e-4
+_DECAY_MAX = 0.95
+# Simulated time, s, and steps until a body is taken to lie as it will.
+_SECONDS = 4.0
+_STEPS_MAX = 4000
+# Height from which it is let down, m.
+_LET_DOWN = 1e-9
 
 
 @dataclass(frozen=True, slots=True)

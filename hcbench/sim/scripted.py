@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Pair, Setting
 
 PythonLaw = HuntCrossley | Restitution
-# An accuracy of error control by which e hardly depends on where in a step the contact starts
+# At this accuracy of error control e hardly depends on where in a step the contact starts.
 TIGHT = 1e-8
 
 
@@ -162,7 +162,8 @@ class ScriptWorld(World):
         self.names: dict[str, Any] = {"__name__": f"hcbench_{engine.name}"}
         try:
             exec(compile(script, f"<{engine.name} script>", "exec"), self.names)
-        except ImportError as error:  # of an installed package
+        # The package is installed, and does not import.
+        except ImportError as error:
             got = f"cannot be imported: {error}"
             advice = f"Try: {engine.backend.command}"
             raise EngineMissing(f"engine {engine.name!r}", got, "", advice) from None
@@ -186,15 +187,18 @@ class BallSimulation(Simulation):
         step: Any = world.names["step"]
         force = world.names.get("force")
         law = world.names.get("law")
-        states = [self.state]  # height of the centre, m, and velocity upwards, m/s
-        reported = []  # force in each step, N; None where the script gives none
+        # Height of the centre, m, and velocity upwards, m/s.
+        states = [self.state]
+        # Force in each step, N; None where the script gives none.
+        reported = []
         for _ in range(steps):
             z, v = states[-1]
             at_start = law(world.radius - z, -v) if law and z < world.radius else None
             reported.append(force() if force else at_start)
             try:
                 states.append(step())
-            except RuntimeError as error:  # the engine gave up
+            # The engine gave up.
+            except RuntimeError as error:
                 world.diverged = sanitized(error)
                 states.append((math.nan, math.nan))
         self.state = states[-1]

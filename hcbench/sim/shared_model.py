@@ -40,14 +40,19 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Pair, Setting
 
 
-# Of a ball's state: velocities come after the 7 positions of a free joint
-_HEIGHT, _RISING = 2, 7 + 2
-_LOOK = 16  # steps between two looks at which launches have ended
-# Times fewer launches than began have not ended: the others' steps are no longer worth it
+# Places in a ball's state: velocities come after the 7 positions of a free joint.
+_HEIGHT = 2
+_RISING = 7 + 2
+# Steps between two looks at which launches have ended.
+_LOOK = 16
+# Once so many times fewer launches than began go on, the steps of the other copies are not worth
+# it.
 _FEW = 8
-# Times the steps of the longest launch, and steps more, until the few are left
-_LONGER, _REST = 4, 256
-_WIDTH = 32  # copies in a batch, at least
+# The few that are left go on for as many times the steps of the longest launch, and so many more.
+_LONGER = 4
+_REST = 256
+# Copies in a batch, at least.
+_WIDTH = 32
 
 
 class Copies(ABC):
@@ -110,14 +115,16 @@ class CopiesWorld(BatchWorld):
         """Read launches together until few have not ended; those few begin again in a batch of their own."""
         left = np.arange(len(launches))
         parts: list[Impacts] = []
-        order: list[Any] = []  # of the parts' launches
+        # Places of the parts' launches among all.
+        order: list[Any] = []
         while left.size:
             reading = self._read(launches.take(left))
             has_ended = reading.end > 0
             contacts = contacts_of(Reading(*(column[has_ended] for column in reading)))
             ended = left[has_ended]
             order.append(ended)
-            gained = self.gravity * self.timestep  # speed in a step of free fall, m/s
+            # Speed gained in a step of free fall, m/s.
+            gained = self.gravity * self.timestep
             speeds = self.speed_reading.speeds(contacts.came, contacts.left, gained, self.gravity)
             parts.append(contacts.impacts(launches.take(ended), speeds, self.timestep, self.diverged))
             left = left[~has_ended]

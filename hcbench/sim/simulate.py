@@ -36,22 +36,24 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
-# For one step of a trajectory, beyond the engine's limit for a launch
+# Time that a step of a trajectory may take beyond the engine's limit for a launch, s.
 STEP_S = 1e-3
-# Steps in a chunk: at least, and as a share of those taken already
-SHORTEST_CHUNK, _CHUNK_SHARE = 8, 8
-# Of the steps that a guess expects: then it is seen how soon the bodies part
+# Steps in a chunk: at least, and the share of those taken already, 1 in so many.
+SHORTEST_CHUNK = 8
+_CHUNK_SHARE = 8
+# Share of the steps that a guess expects: then it is seen how soon the bodies part.
 _GUESS_SHARE = 2 / 3
 _WRONG = [STATUSES.index(status) for status in (Status.NO_TOUCH, Status.DIVERGED)]
-# Steps of launches that are simulated together, all in all, which bounds memory
+# Steps of launches that are simulated together, all in all: bounds memory.
 _ROOM = 2**18
-# So many times fewer launches than a world has places for, at least, however long they take
+# A group has at least a world's places over this number, however long its launches take.
 _LEAST_SHARE = 8
-# m/s: for a body let down on the plate, a step is judged at this speed
+# A step is judged at this speed for a body that is let down on the plate, m/s.
 _SLOWEST = 1e-3
 
 
-@cache  # as reading a version takes as long as tens of launches
+# Reading a version takes as long as tens of launches.
+@cache
 def require_installed(name: str) -> None:
     """Raises EngineMissing; warns of a version that was never tried."""
     require(here(name))
@@ -169,13 +171,19 @@ def _run_group(world: World, launches: Launches, first: int, expected: int) -> t
 def _until_ended(
     world: World, simulation: Simulation, launches: Launches, first: int, expected: int
 ) -> tuple[Impacts, int]:
+    """The impacts of a simulation's launches, in order, and the steps that the longest took.
+
+    first, expected: as in `_run_group`. Launches that have ended are read and no longer looked at.
+    """
     after = world.speed_reading.steps_after
     rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest, after)
     left = np.arange(len(launches))
     longest = 0
-    history: list[Floats] = []  # of shape (3 or 11, b, n) each
+    # Each of shape (3 or 11, b, n).
+    history: list[Floats] = []
     parts: list[Impacts] = []
-    order: list[NDArray[np.int64]] = []  # of the parts' launches
+    # Places of the parts' launches among all.
+    order: list[NDArray[np.int64]] = []
     steps = first
     while left.size:
         chunk = simulation.advance(max(SHORTEST_CHUNK, world.least_steps, steps)).rows()
@@ -215,7 +223,8 @@ def _read(
     read = impacts_of(
         launches, time, rows[:3], counts, ends, world.gravity, world.speed_reading, world.diverged
     )
-    if len(rows) == 3:  # nothing is recorded along the plate
+    # Nothing is recorded along the plate.
+    if len(rows) == 3:
         return read
     for i in np.flatnonzero(read.is_measured & launches.is_oblique):
         read.tangential[i] = tangential_of(

@@ -8,7 +8,8 @@ from dataclasses import astuple, dataclass
 
 from hcbench.sim.rest import Rest
 
-WORSE = 1.2  # times what it was: more is worse
+# Times what it was: more than that is worse.
+WORSE = 1.2
 
 
 @dataclass(frozen=True, slots=True)

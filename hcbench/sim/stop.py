@@ -24,17 +24,26 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 # A touch must come within so many times the flight, and steps: Bullet's acts from 10 µm deep on.
-FLIGHT_SLACK, FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX = 4.0, 5000, 2_000_000
-CONTACT_S = 5.0  # s: no bounce that anybody measures lasts longer
-# Steps of a contact: at least, at most
-CONTACT_STEPS_MIN, CONTACT_STEPS_MAX = 500, 500_000
-# Of the speed at touch: slower than any bounce
-REST_SHARE, REST_STEPS = 1e-6, 32
-IDLE_SHARE, IDLE_STEPS = 1e-3, 128  # slow, without any force
-# Times the speed that gravity gives in a step
-FALL_STEPS, FALLING_STEPS = 1.5, 128
+FLIGHT_SLACK = 4.0
+FLIGHT_SLACK_STEPS = 5000
+FLIGHT_STEPS_MAX = 2_000_000
+# Longest contact, s: no bounce that anybody measures lasts longer.
+CONTACT_S = 5.0
+# Steps of the longest contact: at least, and at most.
+CONTACT_STEPS_MIN = 500
+CONTACT_STEPS_MAX = 500_000
+# Slower than any bounce: this share of the speed at touch, for so many steps.
+REST_SHARE = 1e-6
+REST_STEPS = 32
+# Slow, and without any force: this share of the speed at touch, for so many steps.
+IDLE_SHARE = 1e-3
+IDLE_STEPS = 128
+# Held against gravity: so many times the speed that gravity gives in a step, for so many steps.
+FALL_STEPS = 1.5
+FALLING_STEPS = 128
 
-_NEVER = 1 << 62  # beyond every step
+# Beyond every step.
+_NEVER = 1 << 62
 
 
 class End(IntEnum):
@@ -68,7 +77,8 @@ class QuietRun:
         touch: its step, (b,).
         """
         step = np.arange(start, start + met.shape[1])
-        if not met.any():  # nearly always
+        # Nearly always no step is quiet.
+        if not met.any():
             self.last_broken[:] = step[-1]
             return np.zeros(met.shape, bool)
         broken = np.maximum.accumulate(np.where(met, self.last_broken[:, None], step), axis=1)
@@ -183,7 +193,7 @@ class StopRule:
         steps = np.stack(list(whens.values()))
         first = steps.min(axis=0)
         ended = first < _NEVER
-        # The weightiest comes first
+        # The weightiest reason comes first.
         why = np.array([*whens])[steps.argmin(axis=0)]
         return np.where(ended, first + 1, 0), np.where(ended, why, End.GOING)
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
 
 
-# Of a normal along x: from here on the plate counts as across x
+# Component along x of a normal from which the plate counts as across x.
 _ACROSS = 0.9
-# Cosine from which a direction counts as normal to the plate
+# Cosine from which a direction counts as normal to the plate.
 _NORMAL = 1.0 - 1e-6
 
 
@@ -90,7 +90,7 @@ def along_plate(impact: Impact) -> AlongPlate:
     """Summarize an impact along the plate; slip and spin are 0 for one that is not oblique."""
     motion = impact.tangential
     if motion is not None:
-        # Along the way of the launch, and about the axis across it
+        # Along the way of the launch, and about the axis across it.
         slip_in, _ = motion.slip_in
         slip_out, _ = motion.slip_out
         _, spin_in, _ = motion.spin_in

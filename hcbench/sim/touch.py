@@ -17,18 +17,19 @@ from hcbench.system.errors import SceneError, UserError
 from hcbench.system.notebook import Shown
 from hcbench.terms.impact import Floats
 
-# Of the smaller one's size: an overlap at the start up to which it is just moved out
+# Overlap at the start, in sizes of the smaller one, up to which the two are just moved apart.
 DEEPEST = 0.1
-# Share of a joint's motion that must be along the normal for it to launch a body
+# Share of a joint's motion that must be along the normal for it to launch a body.
 LEAST_APPROACH = 1e-3
 _ROUNDS = 60
-_SEEN = 1e-9  # m: an overlap that is more than rounding
-# Times the smallest distance: two that are so far apart again will not meet
+# An overlap that is more than rounding, m.
+_SEEN = 1e-9
+# Two that are so many times their smallest distance apart again will not meet.
 _PASSED = 4.0
 _SCAN_STEPS = 200
-# Joints that an error names: the pose that cures it, with all of them, needs the room
+# Joints that an error names: the pose that cures it, with all of them, needs the room.
 _SHOWN = 2
-# Of the smaller one's size: a distance that counts as touching
+# Distance that counts as touching, in sizes of the smaller one.
 _CLOSE = 1e-12
 
 
@@ -43,7 +44,8 @@ def travel_by_distance(distance: Callable[[float], float], size: float, approach
     nearest = math.inf
     for _ in range(_ROUNDS):
         gap = distance(travel)
-        if abs(gap) > _PASSED * nearest:  # they have passed each other
+        # The two have passed each other.
+        if abs(gap) > _PASSED * nearest:
             return best
         if abs(gap) <= nearest:
             nearest, best = abs(gap), travel

@@ -20,9 +20,9 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.terms.scene import built_in_folder
 
 NAME = "two-blocks"
-# m, of the sphere: the relative radius of section 3.1; no force depends on it
+# Radius of the sphere, m: the relative radius of the paper's section 3.1; no force depends on it.
 RADIUS = 0.0508
-# The geoms, bodies and files of the blocks; where they are along x
+# Names of the blocks' geoms, bodies and files, and the side of each along x.
 SIDES = {"left": -1.0, "right": 1.0}
 
 

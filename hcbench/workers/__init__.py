@@ -100,7 +100,8 @@ def map_surviving_crashes(
         return list(function(jobs, *args))
     worker = worker_of_thread().at(at)
     results: list[Result] = []
-    crashes = suspects_end = 0  # jobs before suspects_end are run one by one
+    # Jobs before suspects_end are run one by one.
+    crashes = suspects_end = 0
     while (done := len(results)) < len(jobs):
         alone = done < suspects_end
         batch = jobs[done : done + 1] if alone else jobs[done:]

@@ -14,9 +14,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn
 
-# Elsewhere libraries that draw may not survive a fork
+# Elsewhere than on Linux, libraries that draw may not survive a fork.
 AVAILABLE = sys.platform == "linux"
-_SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
+# PR_SET_PDEATHSIG of prctl(2).
+_SET_PARENT_DEATH_SIGNAL = 1
 _POLL_S = 1e-3
 
 
@@ -29,7 +30,8 @@ class Fork:
     def __init__(self, function: Callable[[], object]) -> None:
         self.returncode: int | None = None
         parent = os.getpid()
-        with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # other threads: of BLAS
+        # Python warns of forks where there are other threads: here those of BLAS.
+        with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
             self.pid = os.fork()
         if not self.pid:
             _run(parent, function)
@@ -63,10 +65,11 @@ def _run(parent: int, function: Callable[[], object]) -> NoReturn:
     """Run a function; only os._exit leaves, as this is a copy of its parent's program."""
     try:
         ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
-        # What is the parent's is not looked at again, so that both go on sharing its memory
+        # Objects of the parent's are not looked at again, so that both go on sharing its memory.
         gc.freeze()
         for number in signal.valid_signals():
-            if callable(signal.getsignal(number)):  # the parent's own way to end
+            # The parent's own way to end at a signal is not the copy's.
+            if callable(signal.getsignal(number)):
                 signal.signal(number, signal.SIG_DFL)
         if os.getppid() == parent:
             function()

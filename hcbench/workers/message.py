@@ -10,8 +10,9 @@ from typing import Any
 
 from hcbench.system.errors import EngineFailed, HcbenchError, typed
 
-_PROTOCOL = 4  # the default of 3.11
-# a module, a function of it, arguments
+# Default of Python 3.11, the oldest that may be at the other end.
+_PROTOCOL = 4
+# A module, a function of it, and arguments.
 FirstCall = tuple[str, str, tuple[Any, ...]]
 
 

@@ -28,11 +28,12 @@ from hcbench.workers.serve import serve, serve_forked
 
 Result = TypeVar("Result")
 
-# Share of the time that a process at work gets, on the busiest machine
+# Share of the time that a process at work gets, on the busiest machine.
 _IDLE = 0.05
-# That this process waits, which counts it in milliseconds of 32 bits
+# Longest wait of this process, s: the system counts it in milliseconds of 32 bits.
 _LONGEST_S = 1e6
-_START_S = 60.0  # for a new interpreter to come up on a busy machine
+# Time for a new interpreter to come up on a busy machine, s.
+_START_S = 60.0
 
 
 class WorkerDied(EngineFailed):
@@ -69,7 +70,8 @@ class Worker:
     def reset_after_fork(self) -> None:
         """Begin again: in the child of a fork, the process is its parent's."""
         if self._process is not None:
-            self._process.returncode = 0  # nothing to wait for here
+            # There is nothing to wait for here.
+            self._process.returncode = 0
             self._pipe.close()
         self._process = None
         self._is_up = False
@@ -105,7 +107,9 @@ class Worker:
                 death.results = results
                 self._kill()
                 raise death from error
-            except BaseException:  # an interrupt, or an answer that cannot be read
+            # An interrupt, or an answer that cannot be read, leaves the pipe in the middle of a
+            # message.
+            except BaseException:
                 self._kill()
                 raise
         if error is not None:
@@ -137,7 +141,8 @@ class Worker:
                 self._process = Fork(partial(serve_forked, end, first))
             else:
                 self._process = self._spawn(end, first)
-        if self._closed:  # by another thread
+        # Another thread has closed it meanwhile.
+        if self._closed:
             raise CannotRun("worker", "is no longer needed", "")
 
     def _spawn(self, end: Connection, first: FirstCall | None) -> subprocess.Popen[bytes]:
@@ -212,7 +217,8 @@ class Worker:
         with self._lock:
             self._kill()
 
-    def __del__(self) -> None:  # its thread has ended
+    # The thread of this worker has ended.
+    def __del__(self) -> None:
         self._kill()
 
     def _kill(self) -> None:
@@ -235,10 +241,12 @@ def _working_directory() -> str:
     try:
         return os.getcwd()  # noqa: PTH109 - crosses as text
     except FileNotFoundError:
-        return os.path.sep  # deleted under us
+        # The folder was deleted while this process was in it.
+        return os.path.sep
 
 
-_workers: WeakSet[Worker] = WeakSet()  # of this process
+# The workers of this process.
+_workers: WeakSet[Worker] = WeakSet()
 _shared = Worker()
 _thread = threading.local()
 

@@ -9,7 +9,8 @@ from functools import cache
 from typing import Any
 
 
-@cache  # opening it takes as long as three launches
+# Opening the library takes as long as three launches.
+@cache
 def _c() -> Any:
     return ctypes.CDLL(None)
 
@@ -31,7 +32,8 @@ def redirect_output() -> Iterator[None]:
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
-        with suppress(OSError, TypeError, AttributeError):  # C keeps a buffer of its own
+        # C keeps a buffer of its own.
+        with suppress(OSError, TypeError, AttributeError):
             _c().fflush(None)
         for fd, copy in copies:
             os.dup2(copy, fd)

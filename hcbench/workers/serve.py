@@ -14,7 +14,8 @@ from typing import NoReturn
 from hcbench.workers.message import CallEnd, FirstCall, pickled, portable
 
 _is_worker = False
-_environment = ""  # the name of this process' Interpreter
+# Name of this process' Interpreter.
+_environment = ""
 
 
 def mark_as_worker(environment: str = "") -> None:
@@ -26,7 +27,8 @@ def mark_as_worker(environment: str = "") -> None:
     """
     global _is_worker, _environment
     _is_worker, _environment = True, environment
-    with suppress(ValueError):  # not the main thread: then interrupts do not come here anyway
+    # In another thread than the main one: then interrupts do not come here anyway.
+    with suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -59,7 +61,8 @@ def serve(handle: int, environment: str = "", first: FirstCall | None = None) ->
     mark_as_worker(environment)
     pipe = type(Pipe()[0])(handle)
     error: Exception | None = None
-    with suppress(EOFError, OSError):  # the parent has gone
+    # The parent has gone.
+    with suppress(EOFError, OSError):
         while True:
             pipe.send_bytes(pickled(CallEnd(error)))
             if first is not None:
@@ -69,7 +72,7 @@ def serve(handle: int, environment: str = "", first: FirstCall | None = None) ->
             request = pipe.recv_bytes()
             try:
                 folder, function, args = pickle.loads(request)
-                # The parent's: relative paths mean the same here
+                # The parent's folder: relative paths mean the same here.
                 os.chdir(folder)
                 for result in function(*args):
                     pipe.send_bytes(pickled(result))
