@@ -7,6 +7,11 @@
 #define HCB_REST 1e-9          /* under Newton; */
 #define HCB_REST_MOVING 3e-7   /* under Newton while an elliptic cone rolls or slides, or its line search, which ends early in
                                   stiffer rows, leaves bodies a torque that no contact gives; */
+#define HCB_REST_LOADED 1e-4   /* under Newton at most, on feet of robots; */
+#define HCB_REST_GIVES 0.05    /* there: of how the contact has accelerated in the last step, over gravity. The solver starts from
+                                  that step's accelerations, and rows that push must differ from those that do not by more than
+                                  what these change by; */
+#define HCB_REST_BELOW 0.1     /* there: least share of gravity along the normal */
 #define HCB_REST_CG 1e-3       /* under CG, which does not settle stiffer rows in its iterations; */
 #define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
@@ -33,10 +38,16 @@ static void add_to_AR(const mjModel* m, mjData* d, int row, double change) {
   }
 }
 
+/* Whether forces of rewritten rows start from 0: PGS takes them from the last step's accelerations times D, which for rows as stiff
+   is noise, for which it would give up all forces that it starts from. Nothing else of a step reads D under PGS. */
+static int starts_at_rest(const mjModel* m, const mjData* d) {
+  return m->opt.solver == mjSOL_PGS && d->efc_AR && !(m->opt.enableflags & mjENBL_FWDINV);
+}
+
 static void set_row(const mjModel* m, mjData* d, int row, double acceleration_, double compliance) {
   double *KBIP = d->efc_KBIP + 4 * row, before = d->efc_R[row];
   d->efc_R[row] = fmax(d->efc_R[row] * KBIP[2] / (1 - KBIP[2]) * compliance, mjMINVAL);
-  d->efc_D[row] = 1 / d->efc_R[row];
+  d->efc_D[row] = starts_at_rest(m, d) ? mjMINVAL : 1 / d->efc_R[row];
   add_to_AR(m, d, row, d->efc_R[row] - before);
   KBIP[0] = 1; /* mj_referenceConstraint comes next and computes -B vel - K I (pos - margin) */
   KBIP[1] = 0;
@@ -58,18 +69,34 @@ static int is_loaded(const mjModel* m, const mjData* d) {
   return loaded;
 }
 
-static double rest_compliance(const mjModel* m, const blow* b) {
-  double fastest = 0;
+/* How a contact accelerates along its rows, at most, by the accelerations that the solver starts from. */
+static double change_of(const mjModel* m, const mjData* d, const blow* b) {
+  double most = 0;
+  int sparse = mj_isSparse(m);
+  for (int k = b->row; k < b->row + b->rows; k++) {
+    size_t at = sparse ? (size_t)d->efc_J_rowadr[k] : (size_t)k * m->nv;
+    int count = sparse ? d->efc_J_rownnz[k] : m->nv;
+    double sum = 0;
+    for (int j = 0; j < count; j++) sum += d->efc_J[at + j] * d->qacc_warmstart[sparse ? d->efc_J_colind[at + j] : j];
+    most = fmax(most, fabs(sum));
+  }
+  return most;
+}
+
+static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, int loaded) {
+  double fastest = 0, gravity = mju_norm3(m->opt.gravity), falls = HCB_REST_BELOW * HCB_STILL * gravity * m->opt.timestep;
   for (int k = 0; k < 6; k++) fastest = fmax(fastest, fabs(b->rate[k]));
   int moves = fastest > HCB_STANDS;
   if (is_dual(m)) return moves ? HCB_FORCES_MOVING : HCB_REST_FORCES;
   if (m->opt.solver == mjSOL_CG) return HCB_REST_CG;
-  return moves && m->opt.cone == mjCONE_ELLIPTIC ? HCB_REST_MOVING : HCB_REST;
+  double least = moves && m->opt.cone == mjCONE_ELLIPTIC ? HCB_REST_MOVING : HCB_REST;
+  if (!loaded || b->law.still <= falls) return least;
+  return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
 }
 
-static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage) {
+static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
-  double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, b);
+  double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
   double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(b->parting, b->swing));
   for (int i = 0; i < b->rows; i++) {

@@ -480,7 +480,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   int loaded = is_loaded(m, d);
   for (int i = 0; i < count; i++) {
     all[i].held = loaded && all[i].touches && !all[i].rests;
-    set_rows(m, d, memory, all + i, stage);
+    set_rows(m, d, memory, all + i, stage, loaded);
   }
   mj_freeStack(d);
 }
