@@ -90,7 +90,7 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
   if (is_dual(m)) return moves ? HCB_FORCES_MOVING : HCB_REST_FORCES;
   if (m->opt.solver == mjSOL_CG) return HCB_REST_CG;
   double least = moves && m->opt.cone == mjCONE_ELLIPTIC ? HCB_REST_MOVING : HCB_REST;
-  if (!loaded || b->law.still <= falls) return least;
+  if (!loaded || gravity == 0 || b->law.still <= falls) return least;
   return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
 }
 
