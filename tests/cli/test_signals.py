@@ -94,7 +94,7 @@ def test_a_report_that_is_interrupted_leaves_nothing(tmp_path: Path, number: sig
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
 def test_a_sweep_that_is_interrupted_leaves_whole_parts(tmp_path: Path, number: signal.Signals) -> None:
-    (tmp_path / "study.toml").write_text(LONG.format(phases=8, timestep=1e-6), encoding="utf-8")
+    (tmp_path / "study.toml").write_text(LONG.format(phases=80, timestep=1e-5), encoding="utf-8")
     process = start(["sweep", "study.toml", "--out", "mine", "--jobs", "2"], tmp_path)
     wait_for("a part", lambda: list((tmp_path / "mine").glob("part-*")))
     end(process, number)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from long_searches import long_study
 from scipy.special import lambertw
 
 from hcbench.laws import _phase_path, _restitution_series, closed_form
@@ -274,9 +275,15 @@ def test_energy_loss_goes_with_the_cube_of_speed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("d", "n"), [(1e-3, 1.5), (0.2, 1.0), (0.2, 1.5), (1.5, 1.2), (1.5, 3.0), (8.0, 1.5)]
+    ("d", "n"),
+    [
+        (0.2, 1.5),
+        (1.5, 3.0),
+        *(pytest.param(d, n, marks=long_study) for d, n in [(1e-3, 1.5), (0.2, 1.0), (1.5, 1.2), (8.0, 1.5)]),
+    ],
 )
 def test_extremes_and_duration_agree_with_many_digits(d: float, n: float) -> None:
+    """Two of six cases; `make test-all` has all."""
     law = law_of(d, speed=0.4, exponent=n)
     depth, force = true_extremes(law, POUND, 0.4)
     assert closed_form.penetration_max(law, POUND, 0.4) == pytest.approx(depth, rel=2e-15)
