@@ -168,7 +168,11 @@ def simulate_bounces(scene: Scene, drop: Drop) -> Dropped:
 
 
 def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float, encode: Encode) -> bytes:
-    """TRAIN_COLUMNS, as the bytes of a file, with how the bodies lie at the end in its metadata."""
+    """The bounces of drops as the bytes of a file, in TRAIN_COLUMNS: times in s, heights in m.
+
+    The metadata has the place of the bodies at the end of each drop.
+    alpha: s/m, of the law.
+    """
     tables = []
     rests = []
     for drop, seen in dropped:

@@ -71,7 +71,10 @@ def _filled(values: Any, length: int) -> Any:
 
 
 def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
-    """Each text once, in the order in which they come, and which one is where. texts: or one for all rows."""
+    """Each text once, in the order in which they come, and the number of the text in each row.
+
+    texts: one for each of `length` rows, or a single text for all.
+    """
     if isinstance(texts, str):
         return np.array([texts], dtype=str), np.zeros(length, dtype=np.int32)
     values = np.asarray(texts).tolist()
@@ -112,6 +115,7 @@ def _parquet_type(name: str) -> Any:
 
 # Made from buffers: `pyarrow.array` loads pandas, which takes more memory than the rest of a sweep.
 def _parquet_column(values: Any, length: int, kind: Any) -> Any:
+    """A column of `length` values as an Arrow array; texts are stored once, with their numbers."""
     import pyarrow as pa
 
     if not pa.types.is_dictionary(kind):

@@ -103,6 +103,10 @@ class Files:
                 self._system.rm_file(self._path(LOCK))
 
     def _claim(self, me: dict[str, Any]) -> None:
+        """Write the lock file of this sweep; raise CannotRun if another sweep holds it.
+
+        me: content of the lock, with a token of its own.
+        """
         if LOCK in self.names():
             owner = self.read(LOCK).decode("utf-8", "replace")
             with suppress(ValueError, KeyError, TypeError):

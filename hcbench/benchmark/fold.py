@@ -59,7 +59,7 @@ class ShownLaunches:
 
     @classmethod
     def joined(cls, parts: Sequence[ShownLaunches]) -> ShownLaunches:
-        """Launches of several parts of a curve; at least one."""
+        """Launches of several parts of a curve, one part after another; at least one part."""
         return cls(
             parts[0].phase,
             np.concatenate([part.restitution for part in parts]),
@@ -130,7 +130,11 @@ class Folder:
         return asked.round(12) if self._edges is None else np.searchsorted(self._edges, asked)
 
     def add(self, columns: _Columns) -> None:
-        """Add the columns FOLDED of one impact or more, and FOLDED_OBLIQUE where there are such."""
+        """Add the columns FOLDED of one impact or more, and FOLDED_OBLIQUE if the study has oblique
+        launches.
+
+        columns: arrays of shape (n,), SI, for all phases of their speeds.
+        """
         e = to_digits(columns[RESTITUTION.key])
         law = to_digits(columns[LAW.key])
         speed_in = to_digits(columns[SPEED_IN.key])
@@ -175,6 +179,14 @@ class Folder:
         asked: Floats,
         angle: Floats,
     ) -> _Part:
+        """Fold the impacts of one angle, arrays of shape (n,).
+
+        law: e of the law.
+        speed_in, asked: impact speed and the speed asked for, m/s.
+        samples: steps in contact.
+        phase: 0 ... 1.
+        angle: rad, the same for all.
+        """
         group = np.unique(asked.round(12), return_inverse=True)[1]
         curve = curve_of_columns(
             group,

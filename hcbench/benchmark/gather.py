@@ -71,7 +71,10 @@ def places_of(impacts: bytes) -> dict[Key, slice]:
 
 
 def _loops_in(content: bytes) -> dict[float, dict[_Launched, Loop]]:
-    """The loops of a shard by α and by launch."""
+    """The loops of a shard: α (s/m) -> launch speed (m/s) and phase -> loop.
+
+    content: bytes of the shard's file of loops; empty if it kept none.
+    """
     if not content:
         return {}
     columns = columns_in(content, LOOP_COLUMNS)
@@ -89,6 +92,9 @@ class _Gathering:
     """Adds up impacts of one key."""
 
     def __init__(self, key: Key, study: Mapping[str, Any]) -> None:
+        """key: the setting, step and α, values of RUN_KEY. study: the sweep's description, numbers
+        in SI.
+        """
         self._key = key
         self.alpha = float(key[RUN_KEY.index("alpha_s_per_m")])
         self._law = HuntCrossley(study["stiffness"], self.alpha, study["exponent"])

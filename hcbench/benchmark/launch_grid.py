@@ -64,7 +64,10 @@ class LaunchGrid:
         return np.array(self.speeds)[speed], (phase + 0.5) / self.phases
 
     def launches(self, part: range) -> Launches:
-        """The launches that reach these speeds and phases at touch."""
+        """The launches that reach the grid's speeds (m/s) and phases at the touch.
+
+        part: numbers of the launches in the grid, counted over speeds, then angles, then phases.
+        """
         speed, phase = self.asked(part)
         angle = np.unravel_index(np.arange(part.start, part.stop), self.shape)[1]
         return Launches.touching(

@@ -180,7 +180,7 @@ def _drops(store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _loop_table(results: Sequence[Gathered]) -> pd.DataFrame:
-    """LOOP_COLUMNS of all kept loops."""
+    """All kept loops, one below another, in LOOP_COLUMNS: a row for each step, SI."""
     import pandas as pd
 
     loops = []

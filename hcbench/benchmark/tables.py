@@ -55,7 +55,11 @@ def digest(content: bytes) -> str:
 
 
 def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) -> ShardFiles:
-    """The files of a shard from its batches: the same impacts give the same bytes."""
+    """The files of a shard from its batches: the same impacts give the same bytes.
+
+    encode: writes tables with the given columns and metadata. A shard without loops has no file of
+    them.
+    """
     measured = {}
     for name in results[0].columns:
         measured[name] = np.concatenate([result.columns[name] for result in results])

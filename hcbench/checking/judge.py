@@ -110,7 +110,10 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
 
 
 def _against(check: Check, rows: Sequence[CurvePoint]) -> str:
-    """The target in words; of an uncertain α, how wrong it lets e be."""
+    """The target in words. An uncertain α is named with the error of e that it allows.
+
+    rows: points of the measured curve; their impact speeds, m/s, decide on that error.
+    """
     wanted = check.wanted
     speeds = np.array([row.speed_in for row in rows if not math.isnan(row.speed_in)])
     if not isinstance(wanted, Restitution) or not wanted.uncertainty or not speeds.size:

@@ -127,6 +127,13 @@ class _Search:
     """
 
     def __init__(self, times: Floats, level: Floats, duration: float, shortest: float) -> None:
+        """Rate each click by itself, without any train yet.
+
+        times: rising, s, shape (n,).
+        level: dB, shape (n,).
+        duration: of the recording, s.
+        shortest: shortest flight, s.
+        """
         n = len(times)
         self.times = times
         self.level = level
@@ -145,7 +152,10 @@ class _Search:
         self.unheard = np.zeros((n, n), dtype=np.int64)
 
     def extend(self, i: int) -> None:
-        """Extend trains by all flights that begin at click i, when those that end there are known."""
+        """Extend trains by all flights that begin at click i.
+
+        The trains that end at click i have to be known: clicks are taken in the order of time.
+        """
         flight = self.times - self.times[i]
         to = np.flatnonzero((flight >= self.shortest) & (flight <= _LONGEST))
         if not to.size:
@@ -218,7 +228,10 @@ class _Search:
         return np.asarray(np.where(is_first, 0.0, smooth) - np.log(flight_before))
 
     def _inside(self, i: int, to: Indices) -> Floats:
-        """The price of clicks within the flight from i to each of `to` that are as loud as its ends."""
+        """The price, shape (t,), of clicks within the flight from i to each of `to`, shape (t,).
+
+        Only clicks count that are nearly as loud as the louder end of the flight.
+        """
         after = self.times > self.times[i] + _INSIDE_FROM
         limit = np.maximum(self.level[i], self.level[to]) - _INSIDE
         counted = (
@@ -239,7 +252,9 @@ class _Search:
         return i, j
 
     def walk_back(self, i: int, j: int) -> Train:
-        """The train that ends with a flight, without last clicks that are echoes."""
+        """The train that ends with the flight from click i to click j, without last clicks that are
+        echoes.
+        """
         score = float(self.score[i, j])
         # Clicks from the last to the first: the best train is found from its end.
         clicks = [j, i]

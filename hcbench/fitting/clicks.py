@@ -134,7 +134,10 @@ class Timer:
         return _onset(self.band.sound, self.band.rate, place)
 
     def _piece(self, onset: int) -> Floats:
-        """The click from 0.3 ms before its onset to 1.2 ms after, oversampled, of energy 1."""
+        """The click from 0.3 ms before its onset to 1.2 ms after, oversampled, of energy 1.
+
+        onset: sample of the sound. A margin of 0.5 ms is kept at either end, for shifts.
+        """
         before = round(0.3e-3 * self.band.rate)
         after = round(1.2e-3 * self.band.rate)
         margin = before + round(0.5e-3 * self.band.rate)
@@ -145,7 +148,13 @@ class Timer:
 
 
 def _onset(sound: Floats, rate: int, place: int) -> int:
-    """The sample that parts noise from click: where k ln var(before) + (n - k) ln var(after) is least."""
+    """The sample that parts noise from click, near a sample `place` of the sound.
+
+    It is the k at which k ln var(before) + (n - k) ln var(after) is least (Maeda 1985).
+
+    sound: shape (samples,).
+    rate: samples a second.
+    """
     first = max(0, place - round(2.5e-3 * rate))
     window = sound[first : place + round(0.8e-3 * rate)]
     n = len(window)
@@ -163,7 +172,11 @@ def _shifted(piece: Floats, shift: float) -> Floats:
 
 
 def _shift_to(template: Floats, piece: Floats, reach: int) -> float:
-    """Delay of a piece against the template in samples, refined by a parabola to fractions of one."""
+    """Delay of a piece against the template, in samples, refined by a parabola to fractions of one.
+
+    template, piece: shape (n,).
+    reach: largest delay, samples. A maximum at the end of the reach is not refined.
+    """
     core = template[reach : len(template) - reach]
     score = np.correlate(piece, core, "valid")
     top = int(np.argmax(score))

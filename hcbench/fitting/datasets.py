@@ -219,7 +219,12 @@ class TouchTimes(Dataset):
         return np.array([self.times[0], math.log(first)])
 
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
-        """The linear model about a law, own parameters and changes of e."""
+        """Linear model of the times of touches about a law, own parameters and changes of e.
+
+        own: time of the first touch, s, and ln of the first speed, m/s.
+        latent: relative change of each e, shape (k,).
+        The residuals are times, s, one for each touch that was heard.
+        """
         ballistics = self.setup.ballistics
         dropped = self.setup.height is not None
         train = bounce_train(curve, ballistics, math.exp(own[1]), latent, dropped)

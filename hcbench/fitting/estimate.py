@@ -170,7 +170,11 @@ def _share_of_step(move: Floats, own_moves: Sequence[Floats]) -> float:
 
 
 def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floats:
-    """Parameters fitted to the rough pairs of v and e, by least squares in ln e."""
+    """Law parameters to start from, shape (q,), fitted to rough pairs of v and e by least squares
+    in ln e.
+
+    reference: speed at which the parameters are defined, m/s.
+    """
     pairs = [s.pairs() for s in sets]
     speed = np.concatenate([speeds for speeds, _ in pairs])
     e = np.concatenate([restitutions for _, restitutions in pairs])
@@ -239,6 +243,12 @@ def _posterior(
 def _line(
     parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: NoiseLikelihood
 ) -> tuple[Floats, float, Floats]:
+    """An even grid over the one parameter of a law: points (g, 1), ln of the cell's width, and a
+    mask (g,).
+
+    The mask is true where e is at most 1. The grid is centred on `centre` and as wide as `spread`;
+    without a spread it is twice as wide as the curvature of the likelihood suggests.
+    """
     sd = 1.0 / math.sqrt(max(float(hessian[0, 0]), 1e-12)) if spread is None else float(spread[0])
     factor = 2.0 * _WIDTH if spread is None else _WIDTH
     half = min(factor * max(sd, 1e-12), 20.0)
@@ -249,9 +259,15 @@ def _line(
 def _shares(
     parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: NoiseLikelihood
 ) -> tuple[Floats, Floats, Floats]:
-    """A grid over ψ = ln e at the reference speed and the share f of it that goes with α, even in both.
+    """A grid over ψ = ln e at the reference speed and the share f of it that goes with α, even in
+    both.
 
-    The density is flat in ψ, as it is for the other laws, and in f: so this law has no arbitrary constant.
+    The density is flat in ψ, as it is for the other laws, and in f: so this law has no arbitrary
+    constant. Returned are points relative to `parameters`, shape (g, 2), ln of the cells' areas,
+    and a mask of the points where e is at most 1.
+
+    parameters, centre, spread: shape (2,).
+    hessian: shape (2, 2).
     """
     low, high = 0.0, 1.0
     if spread is not None:
@@ -294,7 +310,10 @@ class Estimate:
 
 
 def estimate_of(fit: LawFit, name: str, inputs: float = 0.0) -> Estimate:
-    """A parameter from the posterior of its law. inputs: what is given adds this much, in quadrature."""
+    """A parameter from the posterior of its law, in the unit of `describe`, with its 95 % interval.
+
+    inputs: standard uncertainty that comes from what was given, added in quadrature.
+    """
     return _estimate(
         fit.values(name), fit.posterior.weight, inputs, 0.0, math.inf if name == "alpha" else 1.0
     )
@@ -309,12 +328,15 @@ def widened(estimate: Estimate, factor: float) -> Estimate:
 
 
 def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = ODDS_TO_DROP) -> Estimate:
-    """α of eq. (16) where a constant loss e0 may be present.
+    """α of eq. (16), s/m, where a constant loss e0 may be present.
 
-    The interval reaches from the lower to the upper end of both laws' 95 % intervals, as long as the odds
-    between them lie within 25 : 1, or what is given. An average by odds is too narrow: at e0 = 0.99 the law
-    without e0 is favoured for having one parameter less, and the average contains the true value 84 % of the
-    time.
+    The interval reaches from the lower to the upper end of both laws' 95 % intervals, as long as
+    the odds
+    between them lie within 25 : 1, or what is given. An average by odds is too narrow: at e0 = 0.99
+    the law without e0 is favoured for having one parameter less, and the average contains the true
+    value 84 % of the time.
+
+    inputs: standard uncertainty of α, s/m, from what was given, such as g.
     """
     kept = in_question(plain, lossy, odds)
     estimates = [estimate_of(fit, "alpha", inputs) for fit in kept]

@@ -40,7 +40,13 @@ class Flag:
 
 
 def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
-    """Each touch by itself: would one more parameter, its own error, make the data much likelier?"""
+    """Flag touches that one more parameter, their own error, would make much likelier; one for each
+    data set.
+
+    A touch may have bounced off the curve, or have been measured off. The limit holds for all
+    candidates together, so that 1 % of good data sets have a flag. Data with fewer than 3 degrees
+    of freedom have none.
+    """
     for i, (s, model) in enumerate(zip(sets, fit.models, strict=True)):
         degrees = len(model.residual) - model.by_own.shape[1] - model.by_law.shape[1]
         if degrees < _LEAST_FREE:

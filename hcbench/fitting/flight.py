@@ -59,7 +59,11 @@ class Ballistics:
         return speed, self.gravity / speed * (1.0 - self.drag * speed * speed)
 
     def path(self, launch: float, time: Floats) -> tuple[Floats, Floats, Floats]:
-        """A flight at times since launch: heights, m, their derivatives by its speed, velocities, m/s."""
+        """A flight at times since its launch, s, shape (n,).
+
+        launch: speed upwards, m/s.
+        Returns heights, m; their derivatives by the launch speed, s; velocities upwards, m/s.
+        """
         g = self.gravity
         if not self.drag:
             return launch * time - 0.5 * g * time**2, time.copy(), launch - g * time
@@ -75,7 +79,12 @@ class Ballistics:
         return height, v / g * (u + slope) / (1.0 + u * u), -v * slope
 
     def fall(self, touch: float, before: Floats) -> tuple[Floats, Floats, Floats]:
-        """A fall from rest at times before its touch: heights, derivatives and velocities as of `path`."""
+        """A fall from rest at times before its touch, s, shape (n,).
+
+        touch: speed at the touch, m/s.
+        Returns heights, m; their derivatives by that speed, s; velocities upwards, m/s. Before its
+        release the ball is at rest with drag; without drag the parabola goes on.
+        """
         g = self.gravity
         if not self.drag:
             return touch * before - 0.5 * g * before**2, before.copy(), g * before - touch

@@ -187,8 +187,11 @@ def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]
 
 
 def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
-    """Select the samples of the push, and correct the force: zero of the load cell removed, push
-    upwards.
+    """Select the samples of the push: a mask, and the force, N, upwards and with its zero removed.
+
+    time, force: s and N, shape (n,).
+    Raises UserError without a push, with several, with fewer than 20 samples in it, or with too
+    little quiet around it to set the zero.
     """
     zero = float(np.median(force))
     force = force - zero

@@ -45,7 +45,12 @@ def as_record(force_fit: ForceFit) -> dict[str, object]:
 
 
 def lines_of(force_fit: ForceFit, describe: Callable[[float, float], str]) -> list[str]:
-    """The main numbers of the fit. describe: a value and its standard uncertainty as text."""
+    """The main numbers of the fit, a line each.
+
+    describe: a function of a value and its standard uncertainty that writes both, with their
+    digits.
+    Stiffness k is in N/m^n, α in s/m; misfit is the rms difference over the largest force.
+    """
     sd = np.sqrt(np.diag(force_fit.covariance))
     low, high = force_fit.alpha_interval
     k = force_fit.stiffness

@@ -180,7 +180,15 @@ def _logs(each: Sequence[Estimate]) -> tuple[Floats, Floats]:
 
 
 def _over_between(x: Floats, s: Floats) -> tuple[Floats, Floats, Floats]:
-    """ln of the likelihood of each τ with μ integrated out, and mean and standard deviation of μ there."""
+    """ln of the likelihood of each τ with μ integrated out, and mean and standard deviation of μ
+    there.
+
+    μ is the middle of all drops, τ the scatter between them: a value of the grid _BETWEEN, shape
+    (g,).
+
+    x, s: estimate of each drop and its standard deviation, shape (drops,).
+    The three results have the shape (g,).
+    """
     weight = 1.0 / (s**2 + _BETWEEN[:, None] ** 2)
     total = weight.sum(axis=1)
     mean = (weight * x).sum(axis=1) / total

@@ -135,7 +135,10 @@ class _Change:
 
 
 def _shape(change: Floats) -> str:
-    """Describe the departure of e from the law by the change at a slow, a middle and a fast impact."""
+    """Describe how e departs from the law.
+
+    change: change of ln e at a slow, a middle and a fast impact, shape (3,).
+    """
     slow, middle, fast = change
     if middle > max(slow, fast):
         return "e lies above the law at middle speeds and below it at both ends"

@@ -70,7 +70,10 @@ class Reduced:
     def profile(self, scatter: Floats, noise: Floats) -> tuple[Floats, Floats]:
         """Own parameters integrated out: matrices S (..., q+c, q+c) and offsets (...).
 
-        The log-likelihood of δ_law is offset - ½ zᵀ S z with z = (-δ_law, 1) on the first right-hand side.
+        The log-likelihood of δ_law is offset - ½ zᵀ S z with z = (-δ_law, 1) on the first
+        right-hand side.
+
+        scatter, noise: s_e and s_m, of any one shape (...).
         """
         normal, log_det = self.grams(scatter, noise)
         p = self.own
@@ -83,7 +86,12 @@ class Reduced:
         return outer, self.constant - 0.5 * log_det
 
     def variance_parts(self, scatter: float, noise: float, gain: Floats) -> tuple[float, float]:
-        """Variance of gain · δ_law that comes from the scatter of e, and from the noise of measuring."""
+        """Variance of gain · δ_law that comes from the scatter of e, and from the noise of
+        measuring.
+
+        scatter, noise: s_e and s_m.
+        gain: weights of the law's parameters, shape (q,).
+        """
         p, q = self.own, self.law
         normal, _ = self.grams(np.array(scatter), np.array(noise))
         # Weights of the residual in the slope by δ_law, with own parameters eliminated.

@@ -33,10 +33,11 @@ _NEGLIGIBLE = 9.0
 
 
 def scatter_prior(log_scatter: Floats) -> Floats:
-    """ln of the density over ln s_e: 1/s_e is half a normal distribution, of width 1/SCATTER_SCALE.
+    """ln of the density over ln s_e, in the shape of `log_scatter`.
 
-    It has almost nothing below a third of the scale, so that few touches that happen to lie on the curve do
-    not get an interval of no width, and a long tail above it.
+    1/s_e is half a normal distribution, of width 1/SCATTER_SCALE. It has almost nothing below a
+    third of the scale, so that few touches that happen to lie on the curve do not get an interval
+    of no width, and a long tail above it.
     """
     away = SCATTER_SCALE * np.exp(-log_scatter)
     return np.asarray(0.5 * math.log(2.0 / math.pi) + np.log(away) - 0.5 * away**2)
@@ -69,7 +70,10 @@ def _log_cell(grid: Floats) -> float:
 
 
 def coarse_grid(sets: Sequence[Dataset]) -> NoiseGrid:
-    """A coarse grid over all noise that is possible."""
+    """A coarse grid over all noise that is possible: ln s_e, and ln s_m for each data set.
+
+    A data set with a known s_m has that value alone.
+    """
     scatter = np.linspace(math.log(SCATTER_SCALE / _SPAN), math.log(MOST_SCATTER), _COARSE)
     noise = tuple(
         np.log(s.noise_scale) + np.linspace(-math.log(_SPAN), math.log(100.0), _COARSE)
@@ -152,7 +156,10 @@ def _zoomed(grid: Floats, log_weight: Floats) -> Floats:
 
 
 def best_noise(surface: NoiseLikelihood, delta: Floats) -> tuple[float, list[float]]:
-    """The most likely s_e, and s_m a data set, at δ."""
+    """The most likely s_e, and s_m for each data set, in its SI unit.
+
+    delta: change of the law's parameters, shape (q,).
+    """
     per_set = surface.over_noise(delta)
     total = surface.prior_scatter + sum(logsumexp(part, axis=1) for part in per_set)
     k = int(np.argmax(total))

@@ -63,7 +63,13 @@ class SpeedPairs(Dataset):
         return np.zeros(0)
 
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
-        """The linear model about a law; it is linear in the changes of e as it is."""
+        """Linear model of the relative errors of e about a law, one row for each of n impacts.
+
+        curve: the law with its parameters.
+        own, latent: unused, since the model has no own parameters and is linear in the changes of
+        e.
+        Each row is weighted by the relative uncertainties of the speed and of e.
+        """
         n = len(self.speed)
         local = [curve.local(v) for v in self.speed]
         e = np.exp([log_e for log_e, _, _ in local])

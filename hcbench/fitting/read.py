@@ -167,6 +167,7 @@ def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
 
 
 def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
+    """Read touch times, or the intervals between touches, s. Raises UserError unless they rise."""
     if "interval" in columns.places:
         intervals = columns.get("interval")
         columns.require("interval", intervals > 0, "above 0")
@@ -177,6 +178,11 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 
 def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
+    """Check the times of touches, s, shape (n,), and make a data set of them.
+
+    Raises UserError for times that do not rise, too few or too many of them, a contact that lasts
+    longer than the shortest flight, and flights that no ball has.
+    """
     if (np.diff(times) <= 0).any():
         raise UserError(name, "times that fall", "times that rise")
     least = 3 if setup.height is not None else 4
@@ -210,6 +216,11 @@ def too_few_touches(name: str, count: int, least: int) -> UserError:
 
 
 def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
+    """Check the heights of successive bounces, m, and make a data set of them.
+
+    A first row that is the drop height itself is left out. Raises UserError for heights that do not
+    fall, too few or too many of them, and a first bounce above the drop.
+    """
     heights = columns.get("height")
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
@@ -273,6 +284,10 @@ def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 
 def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
+    """Return the impacts as they are; raise UserError for data that leave α unknown.
+
+    Needed are 3 to 500 impacts, two speeds or more, and an e above 0.
+    """
     if len(pairs.speed) > _MOST_PAIRS:
         got = f"{len(pairs.speed)} impacts"
         raise UserError(pairs.name, got, f"up to {_MOST_PAIRS}", "Average those of nearly one speed")

@@ -124,6 +124,10 @@ class _Wav:
     """Blocks of a WAV file, mapped into memory where its samples allow."""
 
     def __init__(self, path: Path) -> None:
+        """Open the file. Raises UserError for what is not a WAV recording.
+
+        Samples are scaled to -1 ... 1; `step` is the size of their last bit on that scale.
+        """
         with _reading(path, "WAV", "a WAV recording, PCM or float"), warnings.catch_warnings():
             # SciPy warns of chunks that it does not know, such as a title.
             warnings.simplefilter("ignore")

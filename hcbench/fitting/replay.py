@@ -158,6 +158,11 @@ def _recorded(result: FitResult) -> Floats:
 
 
 def _target(result: FitResult, timestep: float) -> Target:
+    """The target of a scene with the fitted law: its formula if it is plain eq. (16), or else
+    points of it.
+
+    timestep: s. The scene keeps its own mass and stiffness. Raises UserError without a law.
+    """
     if result.law is None:
         raise UserError("--engine", "no law is certain", "a law to tune to, such as --law hunt-crossley")
     scene = load_scene(_SCENE)
@@ -174,7 +179,12 @@ def _target(result: FitResult, timestep: float) -> Target:
 
 
 def _simulated(scene: Scene, setting: Setting, result: FitResult, recorded: Floats) -> Floats:
-    """Times of the touches in the scene from its first on, as many as were recorded where it has them."""
+    """Times of touches in the simulated scene, s from the first of them; at most as many as were
+    recorded.
+
+    recorded: times of the recorded touches from the second on, s, shape (n,). The body is dropped
+    so that it touches at the speed that the first recorded flight shows.
+    """
     s = _touch_times(result)
     gravity = s.setup.gravity.value
     speed = 0.5 * gravity * float(s.times[1] - s.times[0])

@@ -41,9 +41,10 @@ def speeds_over(result: FitResult, count: int) -> Floats:
 
 
 def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, Floats, Floats]:
-    """Speeds, e of the law chosen or likeliest, and its 95 % band, low and high: four arrays (count,).
+    """Speeds (m/s), e of the law that is chosen or likeliest, and the ends of its 95 % band.
 
-    The band spans the law with and without e0 where that is open.
+    Each of the four arrays has the shape (count,). The band spans the law with and without e0 if
+    the data leave that open.
     """
     speeds = speeds_over(result, count)
     # Shape (laws, 3, speeds).

@@ -96,7 +96,13 @@ class Track(Dataset):
         return np.array([self.floor, self.touch_times[0], math.log(first)])
 
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
-        """The linear model about a law, own parameters and changes of e."""
+        """Linear model of the heights about a law, own parameters and changes of e.
+
+        own: height of the floor, m; time of the first touch, s; ln of the first speed, m/s.
+        latent: relative change of each e, shape (k,).
+        The residuals are heights, m, one for each frame. The drop height is known only where the
+        setup has it: other own parameters have a flat prior.
+        """
         ball = self.setup.ballistics
         q = curve.count
         first = math.exp(own[2])
@@ -236,7 +242,15 @@ def _of_flights(lows: Indices, times: Floats, raised: Floats, frame: float, grav
 def _refined(
     touches: list[float], times: Floats, heights: Floats, floor: float, frame: float, gravity: float
 ) -> tuple[list[float], float]:
-    """Touches where arcs before and after them meet, the last where its arc meets the floor; the floor."""
+    """Refine times of touches, s, and the height of the floor, m.
+
+    A touch is where the arcs before and after it meet; the last one is where its arc meets the
+    floor. A touch that would move by two frames or more stays.
+
+    times, heights: of the frames, s and m, shape (n,).
+    frame: time between two frames, s.
+    gravity: m/s².
+    """
     ends = [float(times[0]) - frame, *touches]
     # Adding g t²/2 makes straight lines of free flights.
     raised = heights + 0.5 * gravity * times**2
@@ -286,9 +300,11 @@ def _too_few(name: str, count: int) -> UserError:
 
 
 def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
-    """Tracks whose flights fall with another g than the one given: a wrong scale or frame rate.
+    """Warn of tracks whose flights fall with another g than the one given: a wrong scale or frame
+    rate.
 
-    What the fit leaves of each flight is a parabola then, for any law.
+    The residuals of each flight are a parabola then, for any law. A warning needs a difference of g
+    of 3 standard deviations and 1 %.
     """
     warnings = []
     for s, left, noise in zip(sets, fit.measured_off(), fit.noise, strict=True):

@@ -82,6 +82,11 @@ def _series(d: Floats, top: float) -> Floats:
 
 
 def _in_chunks(near: Callable[[Floats, float], Floats], far: Callable[[Floats], Floats], d: Floats) -> Floats:
+    """Evaluate a function of d piece by piece, same shape as d, with the branch that each d needs.
+
+    near: the series up to a largest d, LOW or TOP.
+    far: the function beyond TOP.
+    """
     flat = np.ascontiguousarray(d).reshape(-1)
     out = np.empty_like(flat)
     for start in range(0, flat.size, _CHUNK):

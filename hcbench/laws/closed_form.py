@@ -126,7 +126,13 @@ def rate_at(
 
 
 def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floats]:
-    """v, and 1 + a v, where q = Q cos θ: v = v_i sqrt(G) cos θ y/q, with Q = d sqrt(G)."""
+    """v, m/s, and 1 + a v along the path of one impact, in the shape of `cosine`.
+
+    The path is q = Q cos θ with Q = d sqrt(G): v = v_i sqrt(G) cos θ y/q.
+
+    speed: v_i, m/s.
+    cosine: cos θ, 1 at the touch and -1 at the parting.
+    """
     d = law.dissipation * speed
     root = float(np.sqrt(g_ratio(np.asarray(d))))
     q = d * root * cosine

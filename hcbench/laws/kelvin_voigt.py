@@ -48,7 +48,11 @@ def restitution(zeta: Floats | float, ending: Ending) -> Floats:
 
 
 def damping_ratio_for(e: float, ending: Ending) -> float:
-    """ζ that gives the restitution e, 0 < e <= 1: the inverse of `restitution`."""
+    """ζ that gives the restitution e, 0 < e <= 1: the inverse of `restitution`.
+
+    ending: condition that ends the contact; under FORCE ζ has no closed form.
+    Raises UserError for another e: no damping, however large, gives e = 0.
+    """
     within(
         "restitution", e, np.nextafter(0.0, 1.0), 1.0, "0 < e <= 1; no damping, however large, gives e = 0"
     )

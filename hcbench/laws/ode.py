@@ -116,6 +116,7 @@ def _force_over_units(law: ForceLaw, depth: float, speed: float) -> Force:
     """F in N over x/X and v/v_i; X, v_i in m and m/s."""
 
     def force(xi: Floats | float, eta: Floats | float) -> Floats:
+        """F, N, over penetration and rate in units of the depth scale and of the impact speed."""
         x = np.asarray(xi) * depth
         v = np.asarray(eta) * speed
         inside = law.force(np.abs(x), v)

@@ -289,7 +289,11 @@ def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str
 
 
 def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> str:
-    """A sentence if this contact has one e where the target has several; "" if that is not what is wrong."""
+    """A sentence if this contact has one e where the target has several; "" otherwise.
+
+    goal: e wanted at an impact speed, m/s.
+    tolerance: of e.
+    """
     parted = [impact for impact in impacts if impact.status is Status.PARTED]
     e = [impact.restitution for impact in parted]
     wanted = [goal(impact.speed_in) for impact in parted]

@@ -196,6 +196,7 @@ def by_drop(robots: Sequence[Landings], names: Sequence[str]) -> Iterator[tuple[
 
 
 def _row(drop: Landing, name: str) -> tuple[str, ...]:
+    """Cells of one landing: times in ms, slip and penetration in mm, tilt in degrees."""
     return (
         f"{drop.height:.4g}",
         f"{math.degrees(drop.tilt):.4g}",
@@ -213,6 +214,7 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
 
 
 def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
+    """Cells of each foot of one landing: times in ms, slip and penetration in mm, forces in N."""
     rows: list[tuple[str, ...]] = []
     for foot in drop.feet:
         contact = number(1e3 * foot.contact, ".3g")

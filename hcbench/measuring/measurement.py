@@ -118,7 +118,10 @@ class Measurement(Drawn):
 
     @property
     def headline(self) -> list[str]:
-        """Model, pair, engine and conditions of the measurement, in four lines."""
+        """Model, pair, engine and conditions of the measurement, in four lines.
+
+        The step is in s, gravity in m/s², the effective mass in kg.
+        """
         facts = self.facts
         step = time_step(self.facts.timestep)
         gravity = float(np.linalg.norm(facts.gravity))

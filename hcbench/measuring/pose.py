@@ -62,6 +62,7 @@ def _values(name: str, text: str) -> list[float]:
 
 
 def _numbers(name: Any, values: Any) -> tuple[float, ...]:
+    """The values of a joint as finite numbers; raises QuantityError for anything else."""
     try:
         array = np.asarray(values)
         numbers = () if array.dtype.kind == "c" else tuple(array.astype(float).reshape(-1).tolist())

@@ -122,7 +122,11 @@ def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
 
 
 def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tuple[Floats, Floats]:
-    """The Kelvin-Voigt ellipse of the linearised mass for the amplitude and frequency of a run."""
+    """Position and force of the linearised mass over one cycle: a Kelvin-Voigt ellipse, shape
+    (200,) each.
+
+    frequency: Hz. The amplitude is that of the run.
+    """
     linear = linearized(system)
     amplitude = 0.5 * float(np.ptp(run.position))
     theta = np.linspace(0.0, 2.0 * np.pi, 200)

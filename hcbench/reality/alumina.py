@@ -50,7 +50,11 @@ def body() -> Body:
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> MeasuredBounces:
-    """All throws, of the three figures one after the other."""
+    """All throws, of the three figures one after the other; parts, folder and variant change
+    nothing.
+
+    Velocities are in m/s; speeds and spins after the bounce are unknown, NaN.
+    """
     angle = np.radians(np.concatenate([TANGENTIAL[:, 0], SPIN_AFTER[:, 0], REBOUND[:, 0]]))
     zero = np.zeros_like(angle)
     velocity = SPEED * np.stack([np.sin(angle), zero, -np.cos(angle)], axis=1)

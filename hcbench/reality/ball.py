@@ -61,7 +61,11 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 
 
 def read(path: Path) -> MeasuredBounces:
-    """All bounces that both sides are known of."""
+    """Read the bounces whose both sides are known, from the published archive.
+
+    Speeds are in m/s and spins in rad/s. Kept are bounces with 0.3 < e < 1.2 and an uncertainty of
+    e below 0.04. Raises UserError for an archive that cannot be read.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
             (index,) = (name for name in archive.namelist() if name.endswith("index.csv"))
@@ -172,6 +176,11 @@ def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, floa
     powers = np.stack([np.ones_like(time), time, time**2 / 2.0, time**3 / 6.0], axis=1)
 
     def left(u: Floats) -> Floats:
+        """Distances of the arc from the measured places, m, shape (3 n,).
+
+        u: place (m) and velocity (m/s) at time 0, shape (6,). Drag and lift give the next two
+        derivatives.
+        """
         start = u[:3]
         velocity = u[3:]
         speed = float(np.linalg.norm(velocity))

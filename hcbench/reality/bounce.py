@@ -65,7 +65,10 @@ def bounced(
 
 
 def _launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: float) -> list[Toss]:
-    """Tosses that begin a step or two before the touch, each in another phase of the step."""
+    """Tosses that begin a step or two before the touch, each in another phase of the step.
+
+    timestep, duration: s. The state at the touch is followed back through free flight.
+    """
     phases = np.random.default_rng(0).random(len(bounces))
     tosses = []
     for i, phase in enumerate(phases):

@@ -116,7 +116,10 @@ def as_motion(number: int, rows: Floats, corrections: Corrections = CORRECTED) -
 
 
 def pack(folder: Path, path: Path) -> None:
-    """Write the tosses of the original repository that are shipped; each number to 1e-5 of its unit."""
+    """Write the tosses that are shipped, all but the held-out ones, as differences of integers.
+
+    folder: the original repository's tosses. Each number keeps 1e-5 of its unit: half widths, or 1.
+    """
     kept = [(number, rows) for number, rows in poses(folder) if number % PARTS != HELD_OUT]
     whole = [np.rint(rows / DIGIT).astype(np.int32) for _, rows in kept]
     steps = [np.diff(rows, axis=0, prepend=0).astype(np.int32) for rows in whole]

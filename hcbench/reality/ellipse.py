@@ -91,7 +91,10 @@ def body() -> Body:
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> EllipseImpacts:
-    """Impacts of parts of the data, shipped or of a folder of the original repository."""
+    """Impacts of parts of the data, shipped or of a folder of the original repository.
+
+    States are velocities in x and z, m/s, and spin, rad/s: shape (n, 3). `variant` changes nothing.
+    """
     if folder is None:
         with np.load(SHIPPED) as shipped:
             rows = shipped["rows"].astype(np.float64)

@@ -55,7 +55,11 @@ def speeds_and_e(impacts: Sequence[ImpactRead]) -> tuple[Floats, Floats]:
 
 
 def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
-    """Slope of e over speed by least squares, its interval by bootstrap over impacts."""
+    """Slope of e over impact speed, s/m, by least squares, with a 95 % interval by bootstrap.
+
+    speed, e: m/s and 1, shape (n,).
+    constant: the slope that the same reading gives for a constant e, in words.
+    """
     noise = np.random.default_rng(0)
     drawn = (noise.integers(0, len(e), len(e)) for _ in range(500))
     slopes = [np.polyfit(speed[i], e[i], 1)[0] for i in drawn]

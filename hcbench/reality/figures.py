@@ -65,7 +65,9 @@ def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
 
 
 def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
-    """Round numbers of a log axis, and their labels."""
+    """Round numbers (1, 2 and 5 times a power of ten) of a log axis from low to high, and their
+    labels.
+    """
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     values = []
     for power in powers:

@@ -37,7 +37,10 @@ def of_friction(cell: Cell) -> SettingErrors:
 
 
 def best(outcomes: list[SettingErrors]) -> SettingErrors:
-    """For each toss, the outcome of the floor that fits it best."""
+    """For each toss, the errors of the outcome with the best score.
+
+    outcomes: errors of all tosses, one for each point of the floor's grid.
+    """
     pick = np.argmin([each.scores for each in outcomes], axis=0)
 
     def chosen(name: str) -> Floats:
@@ -57,6 +60,9 @@ def of_noise(cell: Cell) -> SettingErrors:
 
 
 def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
+    """The motion with another start: the measured one plus the noise that a fit of its flight
+    leaves.
+    """
     n = min(motion.flight, MOST_FLIGHT)
     lasts = float(motion.time[n - 1] - motion.time[0])
     start = motion.start

@@ -90,6 +90,7 @@ def search(cell: Cell) -> list[tuple[Floats, float]]:
     tries: list[tuple[Floats, float]] = []
 
     def error(u: Floats) -> float:
+        """Mean error of the bounces or tosses with these parameters, ln of each, shape (k,)."""
         try:
             mean = float(np.mean(outcome_of(replace(cell, values=_values(cell, u))).errors))
         except EngineFailed:

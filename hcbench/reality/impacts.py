@@ -138,7 +138,13 @@ class _ImpactFit:
     def __init__(
         self, body: Body, corners: Floats, vertex: int, motion: Motion, frames: Floats, before: int
     ) -> None:
-        """frames: of both flights. before: how many of them are of the first."""
+        """Estimate the touch, from which the fit starts.
+
+        corners: vertices in the body's frame, m, shape (8, 3).
+        vertex: number of the one that touches.
+        frames: numbers of the frames of both flights, shape (n,).
+        before: how many of them are of the first flight.
+        """
         self.body = body
         self.corners = corners
         self.vertex = vertex
@@ -152,7 +158,12 @@ class _ImpactFit:
         self.later = self.since > 0.0
 
     def _arc(self, touch: float) -> tuple[Floats, Floats, Rotation, Floats]:
-        """Place, velocity, attitude and spin at a time, by the flight before."""
+        """Place (m), velocity (m/s), attitude and spin (rad/s) at a time, by the flight before the
+        impact.
+
+        touch: time, s, in the time of the motion. Straight lines are fitted to the place in free
+        fall and to the turn.
+        """
         since = self.time[: self.before] - touch
         rows = np.stack([np.ones_like(since), since], axis=1)
         risen = self.place[: self.before] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
@@ -163,8 +174,11 @@ class _ImpactFit:
         return place, velocity, Rotation.from_rotvec(turn) * last, spin
 
     def _touch(self) -> tuple[float, Floats, Rotation]:
-        """Estimate the touch: its time after the flight before, the unknowns to start from, and the
-        attitude.
+        """Estimate the time of the touch, s, the unknowns to start from, shape (21,), and the
+        attitude then.
+
+        The touch is where the flight before brings the vertex to the plate, by Newton's method. The
+        impulse to start from gives the velocity that leads through the frames after it.
         """
         last = self.time[self.before - 1]
         first = self.time[self.before]
@@ -260,7 +274,12 @@ class _ImpactFit:
         return time, rate
 
     def impact(self, number: int, order: int) -> ImpactRead | None:
-        """The impact; None where no unknowns fit."""
+        """Fit the impact and derive its numbers with their uncertainties; None where no unknowns
+        fit.
+
+        number: of the motion.
+        order: place among the impacts of the motion.
+        """
         fitted = _least_squares(self.left, self.start)
         if fitted is None:
             return None

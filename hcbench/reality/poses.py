@@ -79,7 +79,11 @@ def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Bo
 
 
 def box_of(path: Path) -> Body:
-    """The first box of an MJCF file. UserError where there is none, or its mass is not known."""
+    """The first box of an MJCF file: sizes in m, mass in kg, inertia in kg m².
+
+    A box without a mass has MJCF's density. Raises UserError for a file that cannot be read, has no
+    box, or has numbers that no box has.
+    """
     try:
         root = ElementTree.fromstring(read_text(path))
         owner, geom = next(
@@ -101,7 +105,11 @@ def box_of(path: Path) -> Body:
 
 
 def read(paths: Sequence[Path], body: Body) -> Tosses:
-    """A toss of each file. UserError for other columns, and for no flight before the first touch."""
+    """A toss of each file: times in s, places in m, quaternions (w, x, y, z), a row for each frame.
+
+    Raises UserError for other columns, times that do not rise, quaternions that are not rotations,
+    and fewer than five frames of flight before the first touch.
+    """
     motions = []
     for number, path in enumerate(paths):
         rows = _rows(path)

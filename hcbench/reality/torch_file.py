@@ -59,7 +59,10 @@ class _Tensor:
     strides: Any
 
     def array(self) -> Floats:
-        """The numbers; ValueError for a description that leads outside the storage."""
+        """The numbers as an array of the tensor's shape, float64.
+
+        Raises ValueError for a shape and strides that lead outside the storage.
+        """
         numbers = self.storage()
         shape = _whole_numbers(self.shape)
         strides = _whole_numbers(self.strides)
@@ -121,6 +124,11 @@ def read_tensor(path: Path) -> Floats:
 
 
 def _from_zip(content: bytes) -> _Tensor:
+    """Read the newer format: a zip archive with a pickle and a file for each storage.
+
+    A storage is read only when its numbers are needed. Raises any error that a damaged archive
+    leads to.
+    """
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("data.pkl"))
         pickled = io.BytesIO(_stored(archive, name))
@@ -145,6 +153,11 @@ def _stored(archive: zipfile.ZipFile, name: str) -> bytes:
 
 
 def _from_stream(file: io.BytesIO) -> _Tensor:
+    """Read the older format: pickles one after another, then the storages.
+
+    The pickle of a tensor comes before its storage, so `load` returns a function that finds the
+    storage later. Raises ValueError for a storage larger than the file.
+    """
     kinds: dict[str, str] = {}
     storages: dict[str, _Numbers] = {}
 

@@ -233,7 +233,10 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
 
 
 def _kept_loops(view: View) -> dict[tuple[RunKey, float], dict[float, tuple[Any, ...]]]:
-    """(run, the main α) -> speed -> phase, times, penetrations, forces."""
+    """Loops of the main α: run and α -> launch speed (m/s) -> phase, times, penetrations, forces.
+
+    Times are in s, penetrations in m, forces in N.
+    """
     columns = ["speed_m_per_s", "phase", "time_s", "penetration_m", "force_n"]
     loops: dict[tuple[RunKey, float], dict[float, tuple[Any, ...]]] = {}
     if view.results.loops.empty:

@@ -218,9 +218,11 @@ def set_ticks(axis: Axis, ticks: Sequence[float], text: Callable[[float], str] =
 
 
 def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high: float) -> Floats:
-    """Positions nearest to these, at least `gap` apart, within low ... high: for labels beside lines.
+    """Positions nearest to these, at least `gap` apart, within low ... high: for labels beside
+    lines.
 
-    The gap gives way where there are more labels than room.
+    positions: shape (n,), in any order; the result has their order.
+    The gap gives way if there are more labels than room.
     """
     count = len(positions)
     gap = min(gap, (high - low) / max(count - 1, 1))

@@ -151,7 +151,7 @@ class Tally:
         self._pairs.append((speed_in, e))
 
     def score(self) -> Score:
-        """Score all that was added."""
+        """Score all impacts that were added. A number that they do not determine is NaN."""
         impacts, parted, rested = self._counts.tolist()
         constant, constant_error = best_constant(self._law.alpha, self._ends)
         exponent = self._loss.value()
@@ -196,6 +196,7 @@ class _Errors:
         self._count = 0
 
     def add(self, errors: Floats, speeds: Floats) -> None:
+        """Add errors of e and the speeds at which they occurred, m/s; both of shape (n,), n > 0."""
         worst = int(np.abs(errors).argmax())
         size = abs(float(errors[worst]))
         # Also true where the size is NaN.
@@ -222,6 +223,9 @@ class _Slope:
         self._sums = np.zeros(5)
 
     def add(self, speed_in: Floats, loss: Floats) -> None:
+        """Add impact speeds, m/s, and energy losses, J; both of shape (n,). Losses of 0 are left
+        out.
+        """
         lossy = loss > 0
         if not lossy.any():
             return
@@ -244,7 +248,12 @@ class _Slope:
 
 
 def phase_spread(launch: NDArray[np.int64], values: Floats) -> float:
-    """The largest difference between values of one launch; NaN where each has one value."""
+    """The largest difference between values of one launch at its phases; NaN if each launch has one
+    value.
+
+    launch: number of each value's launch, shape (n,).
+    values: shape (n,).
+    """
     order = np.lexsort((values, launch))
     _, first, count = np.unique(launch[order], return_index=True, return_counts=True)
     has_several = count > 1

@@ -85,6 +85,7 @@ class Scene:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
+        """Raise SceneError for a value that no such scene has."""
         R1 = self.ball_radius
         R2 = self.plate_radius
         _require("ball.mass", 0 < self.mass < math.inf, f"{self.mass!r} kg", "above 0 kg")
@@ -253,6 +254,9 @@ def read_scene(folder: Path) -> Scene:
 
 
 def _scene(file: _File, folder: Path) -> Scene:
+    """The scene that a file describes; values with units become SI. Raises SceneError or
+    QuantityError.
+    """
     ball = file.ball
     plate = file.plate
     law = file.law

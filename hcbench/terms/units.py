@@ -319,6 +319,11 @@ def _expand(text: str, slot: str, value: str) -> Floats:
 def _require_bounds(
     numbers: list[float], value: object, kind: QuantityKind, slot: str, least: float, above: float
 ) -> None:
+    """Raise QuantityError unless all numbers, in SI, are finite and within the kind's bounds.
+
+    value: what the user gave, for the message.
+    least, above: the lowest number that may be, and one that all must exceed.
+    """
     if not np.isfinite(numbers).all():
         raise QuantityError(slot, f"{value!r:.80} is not finite", f"a finite number like {kind.example!r}")
     lowest = min(numbers)

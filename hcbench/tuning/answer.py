@@ -157,6 +157,7 @@ class Answer(Drawn):
         yield f"to paste: .text, {len(self.text.splitlines())} lines"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
+        """Columns of the choices as a table; speeds in m/s."""
         for choice in self.choices:
             yield {
                 "kind": choice.kind,

@@ -104,10 +104,12 @@ def _asked(condition: Condition, alpha: float) -> tuple[Scene, Target]:
 
 
 def line(table: Sequence[Row], i: int) -> list[Any] | None:
-    """The settings of one e in the rows around the interval from i to i + 1, and its error at both ends.
+    """The best constant setting between rows i and i + 1 of the table, and its error of e at both
+    ends.
 
-    None where one of AROUND rows has no such error, or one that is not near the line through all of them,
-    straight over logarithms of both.
+    The errors are read off a straight line, over logarithms of both, through the AROUND rows about
+    the interval. The names of all constant settings of those rows are joined by "or". None if one
+    of the rows has no constant setting, or an error that is not near the line.
     """
     first = max(0, min(i + 1 - AROUND // 2, len(table) - AROUND))
     around = table[first : first + AROUND]

@@ -66,7 +66,13 @@ class _Batch:
     def __init__(
         self, system: TwoSidedContact, y: Floats, checkpoints: Floats, step_max: Floats, observe: Observer
     ) -> None:
-        """See `integrate`. observe: called with each step that is taken."""
+        """Begin at t = 0, with the first step that the system proposes.
+
+        y: shape (components, oscillators).
+        checkpoints: times, s, rising, shape (checkpoints, oscillators).
+        step_max: longest step, s, shape (oscillators,).
+        observe: called with each step that is taken.
+        """
         count = y.shape[1]
         self.system = system
         self.checkpoints = checkpoints
@@ -83,7 +89,12 @@ class _Batch:
         self.rounding = max(1e-15, 1e-4 * system.tolerance)
 
     def try_steps(self, rows: Indices) -> None:
-        """Try a step of each: take it, try a shorter one next time, or begin or go on with a search."""
+        """Try one step of each of these oscillators, shape (rows,).
+
+        A good step is taken; a bad one is tried again with a shorter length. A step that passes a
+        turning point or a switch begins a search for the length that ends there, which the next
+        tries go on with.
+        """
         goal = self.goal[rows]
         no_goal = goal == NOTHING
         left = self.checkpoints[self.passed[rows], rows] - self.t[rows]

@@ -137,7 +137,14 @@ class _CycleRecorder:
     def observe(
         self, rows: Indices, _: Floats, y: Floats, before: Modes, after: Modes, arrived: Flags
     ) -> None:
-        """Take in a step of these oscillators; see `batched_ode.Observer`. They turn only where steps end."""
+        """Take in one step of these oscillators. They turn only where steps end, so extremes are
+        exact.
+
+        rows: numbers of the oscillators, shape (r,).
+        y: their states at the end of the step, position (m) and velocity (m/s) first.
+        before, after: modes of both contacts, shape (2, r).
+        arrived: whether the step ends a cycle, shape (r,).
+        """
         self.highest[rows] = np.maximum(self.highest[rows], y[0])
         self.lowest[rows] = np.minimum(self.lowest[rows], y[0])
         self.touches[rows] += ((before == APART) & (after != APART)).any(axis=0)

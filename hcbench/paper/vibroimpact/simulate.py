@@ -97,7 +97,11 @@ def simulate(
 def _motion_of(
     system: VibroImpact, times: Floats, states: Floats, events: tuple[Event, ...]
 ) -> SimulatedMotion:
-    """The motion with its forces and energies; states: position, velocity, energies lost and put in."""
+    """The motion with its forces, N, and energies, J.
+
+    times: s, shape (n,).
+    states: shape (n, 4): position (m), velocity (m/s), energies lost and put in (J).
+    """
     q, v, lost, put_in = states.T
     half = system.gap / 2.0
     return SimulatedMotion(
