@@ -146,9 +146,14 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
 
 
 def _decoded(path: Path) -> str:
-    """UTF-8, UTF-16 with its mark, and what spreadsheets in Windows write."""
+    """UTF-8, UTF-16 with or without its mark, and what spreadsheets in Windows write."""
     try:
-        return read_text(path, "utf-8-sig", _LARGEST)
+        text = read_text(path, "utf-8-sig", _LARGEST)
+        if "\0" not in text:
+            return text
+        # Latin letters in UTF-16 without its mark: each second byte is 0, and all of it is valid UTF-8.
+        raw = path.read_bytes()
+        return raw.decode("utf-16-le" if raw[1:2] == b"\0" else "utf-16-be")
     except UnicodeDecodeError:
         raw = path.read_bytes()
         if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -161,7 +166,7 @@ def _decoded(path: Path) -> str:
 
 
 def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
-    """A table with one header line. Separators: comma, semicolon, tab; # begins a comment.
+    """A table with one header line. Separators: comma, semicolon, tab, |, blanks; # begins a comment.
 
     A header may be the last comment before the numbers, as `numpy.savetxt` writes it. Raises UserError with
     the file, the line, what it has and what was expected.
@@ -199,10 +204,14 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
         raise UserError(name, "has comments only", "a header and rows of numbers")
     if len(lines) > 2 and _is_title(lines[0][1], lines[1][1]):
         lines = lines[1:]
+    lines = _without_pipes(lines)
     numbers = [n for n, _ in lines]
     texts = [text for _, text in lines]
     separator = _separator(texts)
-    rows = [_cells(name, number, text, separator) for number, text in lines]
+    if not any(separator in text for text in texts):
+        texts = _without_blanks(texts)
+        separator = _separator(texts)
+    rows = [_cells(name, number, text, separator) for number, text in zip(numbers, texts, strict=True)]
     joined = joined_header(rows)
     if joined is not None:
         begin, header = joined
@@ -276,6 +285,36 @@ def _separator(texts: list[str]) -> str:
     return next((sign for sign in ("\t", ";") if sign in first), ",")
 
 
+def _without_pipes(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """Lines of a table of Markdown or of a database, with tabs for "|" and without rules."""
+    if "|" not in lines[0][1]:
+        return lines
+    kept: list[tuple[int, str]] = []
+    for number, text in lines:
+        if not _RULE.fullmatch(text):
+            cells = text.strip().strip("|").split("|")
+            kept.append((number, "\t".join(cell.strip() for cell in cells)))
+    return kept
+
+
+def _without_blanks(texts: list[str]) -> list[str]:
+    """Lines of numbers between blanks, with tabs for the blanks; other lines as they are.
+
+    Names in the header may have single blanks where there are two and more between the columns.
+    """
+    header, *rows = texts
+    cells = [row.split() for row in rows]
+    widths = {len(row) for row in cells}
+    if len(widths) != 1 or widths == {1} or not all(_looks_numeric(cell) for row in cells for cell in row):
+        return texts
+    # A unit in brackets belongs to the name before it.
+    for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])"):
+        names = re.split(blanks, header.strip())
+        if {len(names)} == widths:
+            return ["\t".join(names), *("\t".join(row) for row in cells)]
+    return texts
+
+
 def _is_title(first: str, second: str) -> bool:
     """Say whether a line is a name alone, over a header of several columns."""
     titles = [cell for cell in re.split(r"[\t;,]", first) if cell.strip()]
@@ -322,6 +361,7 @@ _UNITS = frozenset(
         "%",
     ]
 )
+_RULE = re.compile(r"[\s|:+-]+")
 _SUFFIX = re.compile(r"(.+?)(?:\s*/\s*|_|\s*,\s*|\s+in\s+|\s+)([^\s/,_]+(?:/s|/h)?)")
 _NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
 _ONLY_NUMBERS = re.compile(r"[-+\d.,;\teE\s±()%]*\d[-+\d.,;\teE\s±()%]*")

@@ -66,7 +66,8 @@ def convert(
     Returns
     -------
     Conversion
-        `rows`: what to write in each system; `caveats`.
+        `rows`: what to write in each system; `caveats`. `restitution` is e of the law at `speed` and
+        `restitution_linear` is 1 - α v there, whatever the target.
 
     Raises
     ------

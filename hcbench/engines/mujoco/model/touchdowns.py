@@ -65,7 +65,9 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
             raise UserError("trajectory", f"no {name!r} in it", "qpos and qvel of each state, and time")
         if array.ndim != 2 or array.shape[1] != width or len(array) < 2:
             shape = " x ".join(map(str, array.shape))
-            raise UserError("trajectory", f"{name}: {shape} numbers", f"n x {width}, for this model")
+            raise UserError(
+                "trajectory", f"{name}: {shape} numbers", f"n x {width}, for this model, with n of 2 or more"
+            )
         arrays.append(array)
     qpos, qvel = arrays
     steps: Floats = float(model.opt.timestep) * np.arange(len(qpos), dtype=np.float64)
