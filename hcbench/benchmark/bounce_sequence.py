@@ -45,10 +45,10 @@ class Bounce:
 
 
 def bounces(path: Trajectory, count: int) -> list[Bounce]:
-    """The first `count` bounces of a body, or fewer.
+    """The first `count` bounces of a body, or fewer: times in s, heights over the surface in m.
 
-    A height over the surface is the highest sample of a flight and its two neighbours', by the parabola
-    through them.
+    A height is the highest sample of a flight and its two neighbours', by the parabola through
+    them.
     """
     gap = -path.penetration
     acting = path.force != 0

@@ -124,7 +124,7 @@ class _Gathering:
             self._waiting = [_rows(whole, last)]
 
     def _looped(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> Iterator[Impact]:
-        """Impacts whose loops are scored."""
+        """Impacts of the study's loop speeds, with their loops, from columns in SI."""
         speeds = columns["speed_m_per_s"]
         phases = columns["phase"]
         head_on = columns.get("angle_rad", np.zeros(len(speeds))) == 0.0
@@ -144,7 +144,11 @@ class _Gathering:
                 )
 
     def _use(self, columns: _Columns) -> None:
-        """Score and fold impacts: all phases of their speeds; none is nothing to do."""
+        """Score and fold impacts: all phases of their speeds. Columns without impacts change
+        nothing.
+
+        columns: arrays of shape (n,), SI.
+        """
         if not len(columns["status"]):
             return
         status = columns["status"]

@@ -68,6 +68,12 @@ def _report_own(
     out: Path | None,
     jobs: int,
 ) -> Path:
+    """Read the user's poses of a box, judge the settings by them, and write the report; return its
+    folder.
+
+    given: size, mass, inertia and model of the box, as typed; the model or both size and mass are
+    needed.
+    """
     from hcbench.workers import WorkerPool
 
     size, mass, inertia, model = given

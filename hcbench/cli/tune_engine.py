@@ -89,7 +89,7 @@ def _next_line(answer: Answer, script: Path | None) -> str:
     from hcbench.terms.setting import PAIR
 
     target = answer.target
-    (low, high) = answer.best.speeds
+    low, high = answer.best.speeds
     model, pair = (quote(str(script)), PAIR) if script is not None else ("my.xml", answer.pair)
     asked = f'--alpha "{target.law.alpha:.10g} s/m"'
     if target.reading == "points":

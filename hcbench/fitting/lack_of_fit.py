@@ -118,7 +118,12 @@ class _Change:
         return max((self._evidence(used, size) for size in _SIZES), key=lambda one: one[0])[1]
 
     def _evidence(self, used: range, size: float) -> tuple[float, Floats]:
-        """ln of the evidence with a change of this size, and its likeliest coefficients."""
+        """ln of the evidence with a change of this size, and its likeliest coefficients, shape
+        (c,).
+
+        used: numbers of the c coefficients.
+        size: standard deviation of each coefficient, of ln e.
+        """
         q = self._law
         keep = [*range(q), *(q + k for k in used), -1]
         part = self._matrix[..., keep, :][..., :, keep].copy()

@@ -151,7 +151,10 @@ class _Heard:
 
     @classmethod
     def of(cls, band: FrequencyBand, train: Train, setup: MeasurementSetup, recording: Recording) -> _Heard:
-        """A train of a recording with its law fitted, the reference speed in the middle of its speeds."""
+        """A train of a recording with its law fitted; without a fit if it has too few touches.
+
+        The reference speed, m/s, lies in the middle of the impact speeds.
+        """
         places = band.places[train.clicks]
         start = cls(
             band=band,

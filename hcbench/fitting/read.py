@@ -131,7 +131,13 @@ def _force_columns(path: Path, kind: str | None) -> DataColumns | None:
 
 
 def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
-    """The fit of a file of forces; None for any other. kind: as for `read_dataset`."""
+    """The fit of a file of forces; None for any other file.
+
+    Penetration (m), rate (m/s) and force (N) are fitted as a loop; time (s) and force as a pulse.
+
+    kind: as for `read_dataset`.
+    Raises UserError for a force without the other columns, and times that do not rise.
+    """
     columns = _force_columns(path, kind)
     if columns is None:
         return None
@@ -271,7 +277,11 @@ def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 
 def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    """Heights of drops and of the rebounds: the speeds in and out of each impact."""
+    """Impacts from heights of drops and of their rebounds, m: the speeds in and out of each impact,
+    m/s.
+
+    Raises UserError for heights of 0 and below, and a rebound above its drop.
+    """
     before = columns.get("height_in")
     after = columns.get("height_out")
     columns.require("height_in", before > 0, "above 0")

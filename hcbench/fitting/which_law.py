@@ -124,6 +124,9 @@ class _PowerCurve(FittedCurve):
         return 1
 
     def local(self, speed: float) -> Local:
+        """ln e at a speed, m/s, its slope over ln v, and its derivative by ln e at the reference
+        speed.
+        """
         moving = self.factor * speed**self.power
         e = self.level + moving
         # Below this e the formula of the law no longer holds.
@@ -226,6 +229,9 @@ class _HuntCrossleyCurve(FittedCurve):
         return 1 if self.log_e0 is None else 2
 
     def local(self, speed: float) -> Local:
+        """ln e at a speed, m/s, its slope over ln v, and its derivatives by the logarithms of both
+        losses.
+        """
         log_e, slope = hunt_crossley(self.rate * speed)
         at_reference = hunt_crossley(self.rate * self.reference)[1]
         by_loss = slope / at_reference if at_reference else speed / self.reference

@@ -49,12 +49,16 @@ def impact(
 ) -> Impact:
     """One impact from touch to parting.
 
-    mass kg; speed v_i m/s at touch; gravity m/s² towards the plate, acting through the contact too. ending:
-    parting where x = 0, or already where F = 0 (matters to laws that pull). count: points of the loop, even
-    in time. tolerance: relative error of a step; the absolute one is a tenth of it, in units of v_i and X.
-    step_max: largest step in units of X/v_i; the fixed step where the tolerance is inf. A body that turns
-    back towards the plate before it has parted lacks the energy for it: RESTED. Raises UserError for mass or
-    speed that are not above 0, gravity below 0, fewer than 3 points.
+    mass: kg.
+    speed: v_i at touch, m/s.
+    gravity: m/s² towards the plate, acting through the contact too.
+    ending: parting where x = 0, or already where F = 0 (matters to laws that pull).
+    count: points of the loop, even in time.
+    tolerance: relative error of a step; the absolute one is a tenth of it, in units of v_i and X.
+    step_max: largest step in units of X/v_i; the fixed step where the tolerance is inf.
+
+    A body that turns back towards the plate before it has parted lacks the energy for it: RESTED.
+    Raises UserError for mass or speed that are not above 0, gravity below 0, fewer than 3 points.
     """
     positive("mass", mass, "kg")
     positive("speed", speed, "m/s")

@@ -56,6 +56,11 @@ def summarize(law: HuntCrossley, mass: float, speed: float, relative_radius: flo
 
 
 def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str, ...]:
+    """Sentences on an impact outside the paper's range.
+
+    speed: m/s.
+    shear: largest shear stress, Pa; None if the exponent is another than that of spheres.
+    """
     warnings = []
     # The margin lets 20 in/s itself pass, whatever unit it was converted from.
     if speed > SPEED_LIMIT * (1 + 1e-12):

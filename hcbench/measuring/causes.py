@@ -52,8 +52,9 @@ def speeds_of(impacts: Sequence[Impact]) -> list[float]:
 
 
 def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> float | None:
-    """The one e for a fix that is constant in speed: the mean of what is wanted at the lowest and the highest
-    speed. None without a target.
+    """The one e for a fix that is constant in speed; None without a target.
+
+    It is the mean of the target at the lowest and at the highest speed, m/s, within 0 ... 1.
     """
     if wanted is None:
         return None

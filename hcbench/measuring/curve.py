@@ -115,6 +115,7 @@ def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None
     """One point for each launch speed and angle, in the order of the launches.
 
     wanted: e that an impact should have; NaN for an impact that is held against nothing.
+    The points hold speeds in m/s, angles in rad, and e over the phases: mean, lowest, highest.
     """
     every = list(impacts)
     number_of: dict[Launch, int] = {}
@@ -177,6 +178,11 @@ def curve_of_columns(
     share = step_shares(phase[rows], starts)
 
     def mean(values: Floats | None, width: int = 1) -> Floats:
+        """Means over the phases of each point, shape (count,), or (count, width) if width > 1; NaN
+        without an impact.
+
+        values: of each impact, shape (n,) or (n, width).
+        """
         means = np.full((count, width), math.nan)
         if values is not None:
             ordered = values[rows].reshape(-1, width)

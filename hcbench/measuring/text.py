@@ -242,6 +242,7 @@ def setting_text(value: Any) -> str:
 
 
 def _score_lines(measurement: Measurement) -> list[str]:
+    """Lines on the score against the law; none without a law, or if an impact came to rest."""
     score = measurement.score
     law = measurement.law
     if score is None or law is None or score.rested:

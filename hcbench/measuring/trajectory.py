@@ -56,6 +56,9 @@ def touchdowns_job(job: Job, trajectory: Any, limit: float | None = None) -> Tra
 
 
 def _arrays(trajectory: Any) -> dict[str, Floats]:
+    """The arrays qpos, qvel and time of a trajectory, a file's or a mapping's; UserError for
+    anything else.
+    """
     if isinstance(trajectory, str | Path):
         trajectory = read_named(Path(trajectory), "trajectory", "qpos and qvel")
     if not isinstance(trajectory, Mapping):
@@ -127,6 +130,7 @@ def as_text(motion: TrajectoryTouchdowns) -> str:
 
 
 def _row(foot: Touchdowns) -> tuple[str, ...]:
+    """Cells of one foot: speeds in m/s, the last but one in per cent."""
     valid = "—" if foot.band is None else f"{foot.band[0]:.3g} ... {foot.band[1]:.3g}"
     return (
         sanitized(foot.part, 30),

@@ -207,7 +207,11 @@ def fit_coulomb(impacts: EllipseImpacts) -> tuple[float, float]:
 
 
 def free_impulse(impacts: EllipseImpacts) -> Floats:
-    """Errors of the best impulse at the contact that adds no energy: no rigid law is nearer."""
+    """Errors of the best impulse at the contact that adds no energy, m/s, shape (n,).
+
+    No rigid law comes nearer to the speeds after an impact. Errors of spin count times the radius
+    of gyration.
+    """
     scale = np.array([1.0, 1.0, GYRATION])
     mass = np.diag([MASS, MASS, INERTIA])
     least = []
@@ -233,6 +237,14 @@ def free_impulse(impacts: EllipseImpacts) -> Floats:
 
 
 def _bounded(scaled: Floats, aim: Floats, start: Floats, gain: Any) -> Floats:
+    """The impulse nearest to `aim` that adds no energy, N s along the normal and the tangent, shape
+    (2,).
+
+    scaled: change of the scaled state by each impulse, shape (3, 2).
+    aim: wanted change of the scaled state, m/s, shape (3,).
+    gain: share of the energy that an impulse takes away.
+    """
+
     def square(u: Floats) -> float:
         return 1e3 * float(np.sum((scaled @ u - aim) ** 2))
 

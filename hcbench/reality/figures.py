@@ -79,7 +79,11 @@ def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
 
 
 def impacts(read: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]) -> Figure:
-    """e of each impact with its error, and the middle half of what twins give through the same reading."""
+    """e of each impact over its speed, m/s, with its standard uncertainty.
+
+    twins: impacts read from simulated motions, by the name of their law; the band is the middle
+    half of their e.
+    """
     figure = new_figure(8.2, 4.4)
     axes = figure.add_subplot()
     speed, e = speeds_and_e(read)

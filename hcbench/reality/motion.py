@@ -65,7 +65,13 @@ def lowest(body: Body, position: Floats, quaternion: Floats) -> Floats:
 
 
 def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: Floats) -> Motion:
-    """A measured motion that ends at rest on the ground, whose height is taken from the last frames."""
+    """A measured motion that ends at rest on the ground; its last frames show the height of the
+    ground.
+
+    time: s, shape (n,).
+    position: of the centre, m, shape (n, 3), over any level.
+    quaternion: w first, shape (n, 4).
+    """
     up = np.abs(rotation(quaternion[-REST:]).as_matrix()[:, 2, :].mean(axis=0))
     stands_on = body.half_sizes[int(np.argmax(up))]
     position = position - np.array([0.0, 0.0, position[-REST:, 2].mean() - stands_on])
@@ -76,7 +82,13 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
 
 
 def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
-    """Position, attitude, velocity and spin at the first time, by least squares of free flight."""
+    """State at the first time, by least squares of free flight: m, m/s and rad/s.
+
+    time: s, shape (n,).
+    position: m, shape (n, 3).
+    quaternion: w first, shape (n, 4).
+    The spin is found by iteration, since turns do not add.
+    """
     since = time - time[0]
     rows = np.stack([np.ones_like(since), since], axis=1)
     risen = position + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
@@ -94,7 +106,12 @@ def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
 
 
 def at_times(states: Floats, timestep: float, time: Floats) -> tuple[Floats, Floats]:
-    """Positions and quaternions at times (s, from the first state on), linear between the ends of steps."""
+    """Positions (m) and quaternions at times, linear between the ends of steps.
+
+    states: shape (steps, components).
+    timestep: s.
+    time: s from the first state on, shape (n,).
+    """
     before = np.minimum((time / timestep).astype(int), len(states) - 2)
     share = (time / timestep - before)[:, None]
     first = states[before]
@@ -140,7 +157,12 @@ class Tosses:
         return self.judged(self.simulated(module, setting, values, timestep), timestep)
 
     def judged(self, simulated: Sequence[Floats], timestep: float = TIMESTEP) -> SettingErrors:
-        """Errors of states from the measured starts."""
+        """Errors of simulated states, each from its measured start.
+
+        simulated: states of each toss, a row for each step.
+        timestep: s.
+        Distances are in per cent of the body's width, angles in rad.
+        """
         width = 2.0 * float(np.mean(self.body.half_sizes))
         rows = [
             _away(measured, *at_times(states, timestep, measured.time - measured.time[0]))

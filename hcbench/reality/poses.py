@@ -145,9 +145,10 @@ def _rows(path: Path) -> Floats:
 
 
 def judge(tosses: Tosses, pool: WorkerPool, identify: bool = False, tick: Tick | None = None) -> Own:
-    """Read the impacts, and run each setting, by the e and the friction that were read.
+    """Read the impacts, and run each setting with the e and the friction that were read.
 
     identify: search the parameters of all settings on the tosses themselves.
+    Settings with other parameters are left out unless they are searched.
     """
     impacts = read_impacts(tosses.body, tosses.motions)
     known = read_values(impacts)

@@ -199,7 +199,9 @@ def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[dict[str, Any]]:
-    """Curves of every setting, step and α of the engines that ran over a band."""
+    """Curves of every setting, step (s) and α (s/m) of the engines that ran over a band; numbers in
+    SI.
+    """
     kept = _kept_loops(view)
     for (run, alpha), one in view.head_on.items():
         if run not in view.band_runs or run.engine == REFERENCE or view.curve(run, alpha) is None:

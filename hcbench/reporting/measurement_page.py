@@ -70,7 +70,7 @@ def summary(measurement: Measurement) -> str:
 
 
 def curve_figure(measurement: Measurement) -> Figure:
-    """e over approach speed, its phases as a band, and what was asked and wanted."""
+    """e over approach speed, m/s: a band over the phases, what the model asks for, and the target."""
     points = [p for p in measurement.curve if not math.isnan(p.restitution)]
     speeds = np.array([p.speed_in for p in points], dtype=float)
     e = np.array([p.restitution for p in points], dtype=float)
@@ -127,7 +127,9 @@ def landing_page(robots: Sequence[Landings]) -> str:
 
 
 def force_figure(robots: Sequence[Landings]) -> Figure:
-    """Force of the floor over weight, over time: a column a robot, a row a tilt, a line a height."""
+    """Force of the floor over weight, over time in ms: a column a robot, a row a tilt, a line a
+    height.
+    """
     tilts = list(dict.fromkeys(drop.tilt for drop in robots[0].drops))
     panel_width, panel_height = _PANEL
     width = max(6.4, panel_width * len(robots))
@@ -155,8 +157,9 @@ def force_figure(robots: Sequence[Landings]) -> Figure:
 
 
 def explorer_of(measurement: Measurement) -> Explorer | None:
-    """Build the explorer; None without a law to compare with, or if no contact has steps enough for
-    a loop.
+    """Build the explorer of one measurement; its data are in SI.
+
+    None without a law to compare with, or if no contact has steps enough for a loop.
     """
     law = measurement.law
     facts = measurement.facts

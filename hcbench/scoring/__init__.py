@@ -56,7 +56,11 @@ def phase_spread(impacts: Sequence[Impact]) -> float:
 
 
 def _columns(impacts: Sequence[Impact]) -> Measured:
-    """Impacts as columns; launches that differ in phase alone share a number."""
+    """Impacts as columns of shape (n,): speeds in m/s, energies lost over the kinetic energy
+    before.
+
+    Launches that differ in phase alone share a number.
+    """
     numbers: dict[Launch, int] = {}
     launch = []
     for impact in impacts:

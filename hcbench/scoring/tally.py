@@ -127,7 +127,10 @@ class Tally:
         self._loops += loops
 
     def add(self, some: Measured) -> None:
-        """Add one or more impacts; all phases of a launch at once."""
+        """Add one or more impacts; all phases of a launch have to come in one call.
+
+        some: columns of shape (n,), speeds in m/s.
+        """
         good = some.parted | some.rested
         speed_in = some.speed_in[good]
         e = some.e[good]

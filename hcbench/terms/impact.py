@@ -189,8 +189,10 @@ class Trajectory:
         return self._at(every)
 
     def simplified(self, tolerance: float) -> Trajectory:
-        """The steps that matter: straight lines over time between them pass all others within `tolerance`
-        times the largest penetration, rate and force (Douglas and Peucker, 1973). Both ends stay.
+        """The steps that matter, by the algorithm of Douglas and Peucker (1973).
+
+        Straight lines over time between the kept steps pass all others within `tolerance` times the
+        largest penetration, rate and force. Both ends stay.
         """
         columns = np.array([self.penetration, self.rate, self.force])
         largest = np.abs(columns).max(axis=1, keepdims=True)

@@ -136,7 +136,11 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 
 
 def _near(worst: Impact, target: Target, reach: float, random: np.random.Generator) -> list[Launch]:
-    """Launches about one impact: `reach` of the band, of a step and of the highest speed to each side."""
+    """Launches at random about the worst impact.
+
+    reach: half width of the range they are drawn from, as a share of the band, of a step and, for
+    the slip, of the highest speed.
+    """
     speed = target.speed_min if math.isnan(worst.speed_in) else worst.speed_in
     speeds = speed + random.uniform(-1, 1, _NEAR) * reach * _width(target)
     phases = worst.launch.phase + random.uniform(-1, 1, _NEAR) * reach
@@ -167,7 +171,11 @@ def _errors(impacts: Sequence[Impact], target: Target, _: Scene) -> Floats:
 
 
 def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) -> Evaluation:
-    """Compare impacts with the target: of `held_out_launches`, and any others after them."""
+    """Compare impacts with the target.
+
+    impacts: those of `held_out_launches`, in their order, and any others after them.
+    An evaluation without any measured impact has the count and reason of the failures alone.
+    """
     good = [i for i in impacts if i.is_measured]
     failed = [i for i in impacts if not i.is_measured]
     oblique = [i for i in impacts if i.launch.is_oblique]

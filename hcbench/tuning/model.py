@@ -175,7 +175,10 @@ def _tuned(job: Job) -> TunedModel:
 def _of_spring(
     job: _TuneJob, requests: Sequence[Request], opened: Callable[[Request], ModelUnderTest]
 ) -> RestitutionCurve:
-    """e that a contact by stiffness and damping has between bodies of the pairs' effective mass."""
+    """e that a contact by stiffness and damping has between bodies of the pairs' effective mass.
+
+    Raises UserError for pairs of different effective masses, on which that e depends.
+    """
     assert job.spring is not None
     masses = []
     for request in requests:

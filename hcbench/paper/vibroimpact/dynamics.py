@@ -53,6 +53,9 @@ class TwoSidedContact:
     size: Floats = field(init=False)
 
     def __post_init__(self) -> None:
+        """Set the size of each component. Raises UserError for contacts too shallow to resolve over
+        their gap.
+        """
         shallow = self.length * self.tolerance < _GRAIN * _EPS * np.abs(self.half_gap)
         # No step would be good: the error that it may have is less than a position's last digit.
         if shallow.any():
@@ -77,9 +80,14 @@ class TwoSidedContact:
         return out
 
     def distance(self, y: Floats, mode: Modes, rows: Indices) -> tuple[Floats, Indices]:
-        """Distance to the nearest switch (below 0: beyond), and the number of that switch.
+        """Distance to the nearest switch (below 0: beyond), and the number of that switch; both of
+        shape (r,).
 
-        For surfaces over the size of the motion; for forces F(x, v)/F(x, 0).
+        For surfaces the distance is over the size of the motion; for forces it is F(x, v)/F(x, 0).
+
+        y: states, shape (components, r).
+        mode: of both contacts, shape (2, r).
+        rows: numbers of the masses, shape (r,).
         """
         x, w = self._sides(y, rows)
         surface = np.where(mode == APART, -x, x) / self.length[rows]
@@ -89,7 +97,14 @@ class TwoSidedContact:
         return distances.min(axis=0), distances.argmin(axis=0)
 
     def transition(self, y: Floats, mode: Modes, switch: Indices, rows: Indices) -> Modes:
-        """The modes after these switches, apart <-> contact at surfaces, contact <-> pulled off at forces."""
+        """The modes after these switches, shape (2, r).
+
+        Surfaces switch between apart and contact, forces between contact and pulled off.
+
+        y: states, shape (components, r).
+        mode: of both contacts, shape (2, r).
+        switch: number of the switch of each mass, shape (r,).
+        """
         x, w = self._sides(y, rows)
         side = np.array([[0], [1]])
         # Without a gap a body meets one side where it leaves the other: the speed decides for both.
@@ -130,7 +145,11 @@ class TwoSidedContact:
         return np.stack([right.force(inside[0], w[0]), left.force(inside[1], w[1])])
 
     def _force_ratio(self, x: Floats, w: Floats, rows: Indices) -> Floats:
-        """F(x, v)/F(x, 0), clipped to -1 ... 1: above 0 while the block presses."""
+        """F(x, v)/F(x, 0), clipped to -1 ... 1, shape (2, r): above 0 while the block presses.
+
+        x: penetration into either block, m, shape (2, r).
+        w: its rate, m/s, shape (2, r).
+        """
         ratio = np.empty_like(x)
         for side, law in enumerate(self.laws):
             if isinstance(law, HuntCrossley):

@@ -101,7 +101,7 @@ def _simulate(
     keep).
     """
     system = cases[0][0]
-    (position, velocity) = start.tolist()
+    position, velocity = start.tolist()
     amplitude = np.array([d.amplitude for _, d in cases])
     omega = 2.0 * np.pi * np.array([d.frequency for _, d in cases])
     phase = np.array([d.phase for _, d in cases])
