@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import binom
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
     Flags = NDArray[np.bool_]
 
+# Of the first energy: more is named by the plug-in.
+LARGEST_GAIN = 0.01
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "plugins.md"
 
 
@@ -39,13 +42,20 @@ class Gains:
         return cls(np.full(count, np.nan), np.full(count, np.nan), flags[0], flags[1])
 
     def require_no_more_than(self, mark: str, classes: Mapping[str, list[int]]) -> None:
-        """Assert that the page says as much of each class."""
+        """Assert that these scenes are of the page's population, in each class.
+
+        Scenes in which bodies tumble end elsewhere on another processor, whose sums round otherwise: so the
+        largest gain of some scenes is no bound of the next. The scenes that gain more than the page's 99 %
+        are few, as a binomial has them, and none gains more than 1 %.
+        """
         said = on_the_page(mark)
         assert not (self.diverged & ~self.named).any()
+        assert np.nanmax(self.gain[~self.named], initial=0.0) <= LARGEST_GAIN
         for name, chosen in classes.items():
-            quiet = [i for i in chosen if not self.named[i]]
-            assert np.nanmax(self.gain[quiet], initial=0.0) <= float(said[name][4]) / 100, name
-        assert np.nanmax(self.gain, initial=0.0) <= max(float(said["all"][i]) for i in (4, 7)) / 100
+            quiet = self.gain[[i for i in chosen if not self.named[i]]]
+            above = int(np.sum(quiet > float(said[name][3]) / 100))
+            # One class in ten thousand has more by chance.
+            assert above <= binom.ppf(1 - 1e-4, len(quiet), 0.01), name
         assert self.diverged.sum() <= int(said["all"][8])
 
     def write(self, mark: str, classes: Mapping[str, list[int]]) -> None:
