@@ -51,6 +51,12 @@ _LIMIT_S = 60.0
 Answer = TypeVar("Answer")
 
 
+@cache
+def _scene(name: str) -> Scene:
+    """A built-in scene, read once: the cases of all tests ask for it thousands of times."""
+    return load_scene(name)
+
+
 def target_for(recipe: Recipe, scene: Scene) -> Target:
     """The law at α = 0.008 s/in, at the step that a recipe's claims are checked at."""
     if recipe.role is Role.STOCK or recipe.one_step:
@@ -67,14 +73,14 @@ def target_for(recipe: Recipe, scene: Scene) -> Target:
 @cache
 def setting_for(recipe: str, scene: str) -> Setting:
     """A recipe's setting for `target_for`."""
-    return registry.recipe(recipe)(target_for(registry.recipe(recipe), load_scene(scene)))
+    return registry.recipe(recipe)(target_for(registry.recipe(recipe), _scene(scene)))
 
 
 @cache
 def impacts_for(recipe: str, scene: str) -> tuple[Impact, ...]:
     """Impacts of LAUNCHES."""
     engine = registry.engine(registry.recipe(recipe).engine)
-    return tuple(engine.run(load_scene(scene), setting_for(recipe, scene), LAUNCHES))
+    return tuple(engine.run(_scene(scene), setting_for(recipe, scene), LAUNCHES))
 
 
 Applies = Callable[["type[EngineConformance]", Recipe, Scene], bool]
@@ -155,18 +161,18 @@ class EngineConformance:
             (f"{cls.engine}.{name}", scene)
             for name, recipe in registry.recipes(cls.engine).items()
             for scene in cls.scenes
-            if all(applies(cls, recipe, load_scene(scene)) for applies in test.conditions)
+            if all(applies(cls, recipe, _scene(scene)) for applies in test.conditions)
         ]
 
     @_claim(lambda cls, recipe, scene: not _fits(cls, recipe, scene))
     def test_a_form_of_scene_that_the_recipe_is_not_for_is_refused(self, recipe: str, scene: str) -> None:
         """The error names the form."""
         forms = registry.recipe(recipe).forms
-        suited = next(name for name in scene_names() if load_scene(name).form in forms)
+        suited = next(name for name in scene_names() if _scene(name).form in forms)
         engine = registry.engine(self.engine)
-        form = load_scene(scene).form
+        form = _scene(scene).form
         with pytest.raises(SettingError, match=form):
-            engine.run(load_scene(scene), setting_for(recipe, suited), LAUNCHES)
+            engine.run(_scene(scene), setting_for(recipe, suited), LAUNCHES)
 
     @_claim(_fits, lambda _, recipe, __: recipe.ends is not None)
     def test_where_nothing_bounces_launches_end_as_the_recipe_says(self, recipe: str, scene: str) -> None:
@@ -197,7 +203,7 @@ class EngineConformance:
     @_claim(_bounces, _is_set, lambda _, recipe, __: not recipe.one_step)
     def test_what_the_loop_loses_is_what_the_body_loses(self, recipe: str, scene: str) -> None:
         """The area of force over penetration is the kinetic energy lost."""
-        mass = load_scene(scene).mass
+        mass = _scene(scene).mass
         resolved = [(i, i.loop) for i in impacts_for(recipe, scene) if i.loop is not None and i.samples >= 50]
         if not resolved:
             pytest.skip("its loops are not resolved")
@@ -222,7 +228,7 @@ class EngineConformance:
         before = impacts_for(recipe, scene)
         setting = setting_for(recipe, scene)
         engine = registry.engine(setting.engine)
-        case = load_scene(scene)
+        case = _scene(scene)
         some = LAUNCHES[3::7]
         again = [*engine.run(case, setting, some), *engine.run(case, setting, some[-1:])]
         for one in again:
@@ -238,7 +244,7 @@ class EngineConformance:
         """v² = 2 g h: exactly at the touch plane, else to what a step adds."""
         setting = setting_for(recipe, scene)
         engine = registry.engine(setting.engine)
-        with_gravity = dataclasses.replace(load_scene(scene), gravity=GRAVITY)
+        with_gravity = dataclasses.replace(_scene(scene), gravity=GRAVITY)
         height = 1e-4 if setting.timestep < 1e-4 else 1e-2
         (impact,) = engine.run(with_gravity, setting, [Launch(0.0, height=height)])
         # Speed that one step of free fall adds, m/s.
@@ -282,7 +288,7 @@ class EngineConformance:
         """A simulation advanced in pieces records what it does in one."""
         setting = setting_for(recipe, scene)
         engine = registry.engine(setting.engine)
-        about = (load_scene(scene), setting, LAUNCHES[:2], BAND[1])
+        about = (_scene(scene), setting, LAUNCHES[:2], BAND[1])
         whole = _run_where(engine, _record_in, *about, (24,))
         pieces = _run_where(engine, _record_in, *about, (5, 1, 18))
         assert np.array_equal(whole, pieces, equal_nan=True)
