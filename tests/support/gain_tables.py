@@ -45,7 +45,7 @@ class Gains:
         """Assert that these scenes are of the page's population, in each class.
 
         Scenes in which bodies tumble end elsewhere on another processor, whose sums round otherwise: so the
-        largest gain of some scenes is no bound of the next. The scenes that gain more than the page's 99 %
+        largest gain of some scenes does not bound the next. The scenes that gain more than the page's 99 %
         are few, as a binomial has them, and none gains more than 1 %.
         """
         said = on_the_page(mark)
