@@ -50,8 +50,10 @@ OBLIQUE_COLUMNS = keys((ANGLE, *ALONG, COULOMB))
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Launches of one setting. kept: the indices of those whose loops are kept. oblique: whether to tell what
-    each does along the plate.
+    """Launches of one setting.
+
+    kept: the indices of those whose loops are kept.
+    oblique: whether to tell what each does along the plate.
     """
 
     scene: Scene

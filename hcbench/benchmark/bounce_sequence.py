@@ -93,8 +93,10 @@ def rest(path: Trajectory) -> RestAfterDrop:
 class Drop:
     """A drop under gravity, and everything that is needed to simulate it anywhere.
 
-    height: m. law_heights: after each bounce, as (16) has it, m. duration: to be simulated, s. rests: whether
-    it is long enough to lie still.
+    height: m.
+    law_heights: after each bounce, as (16) has it, m.
+    duration: to be simulated, s.
+    rests: whether it is long enough to lie still.
     """
 
     setting: Setting
@@ -130,7 +132,10 @@ def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUN
 
 
 def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[Drop]:
-    """A drop of each setting that the study drops, for its main α. mapper: as of `make_plan`."""
+    """A drop of each setting that the study drops, for its main α.
+
+    mapper: as of `make_plan`.
+    """
     study = plan.study
     height = study.train_height
     if height is None:
@@ -171,6 +176,7 @@ def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float, encode: 
     """The bounces of drops as the bytes of a file, in TRAIN_COLUMNS: times in s, heights in m.
 
     The metadata has the place of the bodies at the end of each drop.
+
     alpha: s/m, of the law.
     """
     tables = []

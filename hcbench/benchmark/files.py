@@ -38,7 +38,11 @@ class Files:
     """The files of a folder, by names relative to it. OSError for what cannot be done."""
 
     def __init__(self, system: Any, root: str, where: str) -> None:
-        """system: of fsspec, where the folder is `root`. where: how the user calls it."""
+        """The files below `root`, on any file system that fsspec knows.
+
+        system: of fsspec, where the folder is `root`.
+        where: how the user calls it.
+        """
         self._system = system
         self._root = root.rstrip("/")
         self.where = where

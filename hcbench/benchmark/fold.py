@@ -72,13 +72,17 @@ class ShownLaunches:
 class Folded:
     """Impacts of one setting, α and step.
 
-    status: how many ended so, in the order in which they came. angle, rad: the smallest, that `curve` and
-    `at_step` are of, 0 as a rule. curve: e over launch speed against e of (16), speeds rising. of_loops,
-    half_way: one launch of each speed of the curve: in the phase whose loops are kept, the later of two
-    middle ones; and in the phase nearest to half-way through a step. at_step: the point of the study's
-    step_speed; None where none was launched so. depth: the greatest, m. restitution: the least and the
-    largest e. off: largest |e - e of (16)|; off_parted: of those that parted. rested: the fastest that came
-    to rest, m/s. friction: largest difference between the ratio of impulses and Coulomb's; None where nothing
+    status: how many ended so, in the order in which they came. angle, rad: the smallest, that
+    `curve` and `at_step` are of, 0 as a rule.
+    curve: e over launch speed against e of (16), speeds rising.
+    of_loops, half_way: one launch of each speed of the curve: in the phase whose loops are kept,
+    the later of two middle ones; and in the phase nearest to half-way through a step.
+    at_step: the point of the study's step_speed; None where none was launched so.
+    depth: the greatest, m.
+    restitution: the least and the largest e.
+    off: largest |e - e of (16)|; off_parted: of those that parted.
+    rested: the fastest that came to rest, m/s.
+    friction: largest difference between the ratio of impulses and Coulomb's; None where nothing
     slid.
     """
 
@@ -114,7 +118,10 @@ class Folder:
     """Folds impacts of one setting, α and step, all of a speed at once."""
 
     def __init__(self, study: Mapping[str, Any]) -> None:
-        """study: as JSON."""
+        """A folder without impacts yet, for one study.
+
+        study: as JSON.
+        """
         self._step_speed = float(study["step_speed"])
         self._loop_phase = (study["phases"] // 2 + 0.5) / study["phases"]
         self._edges = _edges(study)

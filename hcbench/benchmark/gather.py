@@ -33,7 +33,11 @@ _Launched = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Gathered:
-    """Impacts of a setting, α and step. score: SCORE_FIELDS. loops: those kept, by speed and phase."""
+    """Impacts of a setting, α and step.
+
+    score: SCORE_FIELDS.
+    loops: those kept, by speed and phase.
+    """
 
     key: Key
     folded: Folded
@@ -42,8 +46,9 @@ class Gathered:
 
 
 def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> list[Gathered]:
-    """Collect the shards of one setting, for each α. job: their store, the study as JSON, and their
-    numbers and names.
+    """Collect the shards of one setting, for each α.
+
+    job: their store, the study as JSON, and their numbers and names.
     """
     store, study, shards = job
     seen: dict[Key, _Gathering] = {}
@@ -92,8 +97,10 @@ class _Gathering:
     """Adds up impacts of one key."""
 
     def __init__(self, key: Key, study: Mapping[str, Any]) -> None:
-        """key: the setting, step and α, values of RUN_KEY. study: the sweep's description, numbers
-        in SI.
+        """Sums without impacts yet, for one setting, step and α.
+
+        key: the setting, step and α, values of RUN_KEY.
+        study: the sweep's description, numbers in SI.
         """
         self._key = key
         self.alpha = float(key[RUN_KEY.index("alpha_s_per_m")])

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 class LaunchGrid:
     """A setting, launched or dropped at every speed (m/s), angle (rad) and phase, compared to every α (s/m).
 
-    spin: of all, see `Launch`, rad/s. loop_speeds: those at which loops are kept, at the middle phase.
+    spin: of all, see `Launch`, rad/s.
+    loop_speeds: those at which loops are kept, at the middle phase.
     share: of g h, see `SpeedReading`, by which every engine touches at the same speeds.
     """
 

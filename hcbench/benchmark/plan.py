@@ -52,7 +52,8 @@ _ON_A_DEVICE = 2**20
 class Inputs:
     """Inputs of a result besides its setting; compared wherever it is simulated.
 
-    digests: of the scene's model files, engine -> role -> SHA-256. versions: package or engine -> version.
+    digests: of the scene's model files, engine -> role -> SHA-256.
+    versions: package or engine -> version.
     """
 
     scene: Scene
@@ -64,8 +65,9 @@ class Inputs:
 class Shard:
     """Some launches of one setting, and everything that is needed to simulate them anywhere.
 
-    number: of all shards of the study. part: which of the grid's launches. oblique: whether the study has
-    oblique launches.
+    number: of all shards of the study.
+    part: which of the grid's launches.
+    oblique: whether the study has oblique launches.
     """
 
     number: int
@@ -85,9 +87,10 @@ class Shard:
 class Plan:
     """The settings of a study, and the shards that their launches are cut into.
 
-    inputs: by a scene's name. records: what is known of each setting, α and step, as JSON. cuts: of each
-    shard the grid, and which of its launches. starts: number of the first shard of each grid, and at the end
-    how many there are.
+    inputs: by a scene's name.
+    records: what is known of each setting, α and step, as JSON.
+    cuts: of each shard the grid, and which of its launches.
+    starts: number of the first shard of each grid, and at the end how many there are.
     """
 
     study: Study

@@ -101,7 +101,10 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 
 
 def _keys(about: Mapping[str, Any]) -> dict[Key, None]:
-    """Keys of all settings, in the study's order, each once. about: description of the sweep."""
+    """Keys of all settings, in the study's order, each once.
+
+    about: description of the sweep.
+    """
     keys: dict[Key, None] = {}
     for setting in about["settings"]:
         key = tuple(setting[name] for name in RUN_KEY)
@@ -111,7 +114,10 @@ def _keys(about: Mapping[str, Any]) -> dict[Key, None]:
 
 @dataclass(frozen=True)
 class _StoredRows:
-    """Reads the rows of an `ImpactTable` out of a store. of_settings: their shards by _SETTING."""
+    """Reads the rows of an `ImpactTable` out of a store.
+
+    of_settings: their shards by _SETTING.
+    """
 
     store: Store
     of_settings: Mapping[Key, Sequence[tuple[int, str]]]

@@ -72,7 +72,11 @@ class ImpactTable:
     def __init__(
         self, folded: Mapping[Key, Folded], read: Callable[[Collection[Key]], Iterable[pd.DataFrame]]
     ) -> None:
-        """folded: in the study's order. read: rows of some keys in that order, in pieces."""
+        """Results that are read when they are needed.
+
+        folded: in the study's order.
+        read: rows of some keys in that order, in pieces.
+        """
         self.folded, self._read = folded, read
 
     @classmethod
@@ -140,9 +144,12 @@ class _InMemory:
 class Results(Drawn):
     """Everything a report or a check reads.
 
-    study: the study file's content with its defaults filled in. settings: one record a run key.
-    versions: package -> version. impacts, loops, scores: tables, columns as above. answers: what `tune` says
-    of the study's conditions, where that is known without a search, see `usual_answers`.
+    study: the study file's content with its defaults filled in.
+    settings: one record a run key.
+    versions: package -> version.
+    impacts, loops, scores: tables, columns as above.
+    answers: what `tune` says of the study's conditions, where that is known without a search, see
+    `usual_answers`.
     """
 
     study: Mapping[str, Any]

@@ -52,9 +52,12 @@ _TRIES = 2
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """State of a run. impacts, shards: in the store, and `of` the number of all impacts.
+    """State of a run.
 
-    resumed: shards that existed when it began. damaged: those that were, and are run again.
+    impacts, shards: in the store, and `of` the number of all impacts.
+
+    resumed: shards that existed when it began.
+    damaged: those that were, and are run again.
     """
 
     impacts: int
@@ -66,9 +69,13 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Processes that run a study. width: number of tasks at once. mapper: like `map`, for recipes.
+    """Processes that run a study.
 
-    task_s: how long a task may take, s, that has several jobs. advice: what to do after it failed.
+    width: number of tasks at once.
+    mapper: like `map`, for recipes.
+
+    task_s: how long a task may take, s, that has several jobs.
+    advice: what to do after it failed.
     """
 
     executor: Executor
@@ -123,13 +130,16 @@ def sweep(
 ) -> Progress:
     """Run all of a study into a folder (a path, or an URL that fsspec opens).
 
-    jobs: engines at once, where no executor is given: each in a process of its own. resume: go on with what
-    is in the folder; shards that are whole are not run again. executor: any of concurrent.futures' kind; it
-    is left open. scheduler: the address of a Dask scheduler, instead. progress: called for each shard.
-    However it ends, killed included, what is in the folder is whole; a sweep that has been resumed leaves the
-    same bytes as one that was never disturbed.
-    Raises UserError for what the study asks wrongly and for a folder of something else, CannotRun where the
-    folder is taken or the workers are not what they should be, OutputError where it cannot be written.
+    jobs: engines at once, where no executor is given: each in a process of its own.
+    resume: go on with what is in the folder; shards that are whole are not run again.
+    executor: any of concurrent.futures' kind; it is left open.
+    scheduler: the address of a Dask scheduler, instead.
+    progress: called for each shard.
+
+    However it ends, killed included, what is in the folder is whole; a sweep that has been resumed
+    leaves the same bytes as one that was never disturbed. Raises UserError for what the study asks
+    wrongly and for a folder of something else, CannotRun where the folder is taken or the workers
+    are not what they should be, OutputError where it cannot be written.
     """
     require_parquet()
     store = Store(open_files(os.fspath(folder)))
@@ -165,7 +175,10 @@ def run_plan(
     timeouts: Timeouts,
     encode: Encode = parquet,
 ) -> Progress:
-    """Run what is not in the store. encode: makes the bytes of a table."""
+    """Run what is not in the store.
+
+    encode: makes the bytes of a table.
+    """
     store.create_or_verify(plan, resume)
     done = set[int]()
     damaged = list[int]()

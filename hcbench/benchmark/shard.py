@@ -102,7 +102,10 @@ def _in_batches(
 ) -> ShardFiles:
     """The files of a shard, simulated batch by batch, each as large as its loops fit in memory.
 
-    run: simulates a batch. encode: makes the bytes of a table. Raises what `run` raises.
+    run: simulates a batch.
+    encode: makes the bytes of a table.
+
+    Raises what `run` raises.
     """
     setting = shard.grid.setting
     launches = shard.grid.launches(shard.part)

@@ -31,8 +31,9 @@ _BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")
 class Run:
     """One line of a study: a recipe at some steps, over some speeds, for some α.
 
-    scene: with the run's own gravity, friction and place off the axis. dropped: bodies fall to touch at these
-    speeds; else they are launched at them. angles: from the normal, rad: each launch is made at each of them.
+    scene: with the run's own gravity, friction and place off the axis.
+    dropped: bodies fall to touch at these speeds; else they are launched at them.
+    angles: from the normal, rad: each launch is made at each of them.
     spin: of all launches, see `Launch`, rad/s.
     """
 
@@ -75,13 +76,15 @@ class Study:
     kept and scored.
 
     all_loops: keep those at every other speed of the band too, and of the drops, to look at.
-    scene: the main one; each run has its own. main_alpha, step_speed: the α and the speed that figures of one
-    α or one speed show. train_height, m: settings that run under gravity are dropped from there and followed
-    bounce after bounce until they rest; those at the step train_step, s, too, without having to. page: what
-    is written of it; "field": all installed engines side by side. missing: those that are not.
-    speed_unit: that its speeds are shown in, "in/s" or "m/s", as they were written. left_out: of a preview,
-    what of its study it has and what not, in words. device: that its engines compute on, in batches of any
-    size; "" for each engine's own way.
+    scene: the main one; each run has its own.
+    main_alpha, step_speed: the α and the speed that figures of one α or one speed show.
+    train_height, m: settings that run under gravity are dropped from there and followed bounce
+    after bounce until they rest; those at the step train_step, s, too, without having to.
+    page: what is written of it; "field": all installed engines side by side.
+    missing: those that are not.
+    speed_unit: that its speeds are shown in, "in/s" or "m/s", as they were written.
+    left_out: of a preview, what of its study it has and what not, in words.
+    device: that its engines compute on, in batches of any size; "" for each engine's own way.
     """
 
     title: str
@@ -264,7 +267,10 @@ def _runs(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pa
 
 
 def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Run:
-    """A run of a study's file; what it leaves out is the study's. where: the line, for errors."""
+    """A run of a study's file; what it leaves out is the study's.
+
+    where: the line, for errors.
+    """
     own = scene
     if table.scene is not None:
         own = load_scene(table.scene, folder)
@@ -347,7 +353,10 @@ def _is_shown(run: Run, study: Study) -> bool:
 
 
 def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
-    """A run as a preview has it. speeds: m/s, in place of the study's band."""
+    """A run as a preview has it.
+
+    speeds: m/s, in place of the study's band.
+    """
     run = replace(run, alphas=(study.main_alpha,))
     if run.dropped:
         # Every second speed, and the last one: the band stays.

@@ -41,7 +41,10 @@ Summary = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class ShardFiles:
-    """The files of a shard. loops: of its kept loops, empty where there are none."""
+    """The files of a shard.
+
+    loops: of its kept loops, empty where there are none.
+    """
 
     number: int
     impacts: bytes

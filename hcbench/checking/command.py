@@ -28,7 +28,10 @@ DEFAULT_FILE = "pyproject.toml"
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Files to write; None: not at all. force: replace files that hcbench did not write."""
+    """Files to write; None: not at all.
+
+    force: replace files that hcbench did not write.
+    """
 
     junit: Path | None = None
     markdown: Path | None = None

@@ -248,7 +248,10 @@ def _conditions(run: Mapping[str, Any]) -> str:
 
 
 def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
-    """The verdict on one setting, α and step of a study. key: values of RUN_KEY."""
+    """The verdict on one setting, α and step of a study.
+
+    key: values of RUN_KEY.
+    """
     run = dict(zip(RUN_KEY, key, strict=True))
     alpha = run["alpha_s_per_m"]
     setting = f"{run['scene']} {run['engine']} {run['setting']}"

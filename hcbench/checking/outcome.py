@@ -43,8 +43,10 @@ _ERRORS: dict[Verdict, type[HcbenchError]] = {
 class Outcome:
     """The result of one check.
 
-    against: what it was held against, in words. max_error: the limit; NaN where it was held against nothing.
-    message: one line. worst: the row that decides.
+    against: what it was held against, in words.
+    max_error: the limit; NaN where it was held against nothing.
+    message: one line.
+    worst: the row that decides.
     """
 
     name: str
@@ -117,7 +119,11 @@ _LIMIT = re.compile(r"\s*(?P<name>[a-z]+)\s*(?P<way>[<>])=?\s*(?P<value>.+?)\s*"
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One bound. most: whether `value` (SI) is the largest allowed; else the smallest. text: as given."""
+    """One bound.
+
+    most: whether `value` (SI) is the largest allowed; else the smallest.
+    text: as given.
+    """
 
     name: str
     value: float
@@ -188,7 +194,10 @@ def _tilt(tilt: float) -> str:
 
 
 def _judge(values: Sequence[tuple[Limit, float, str]], count: str) -> tuple[Verdict, str]:
-    """The verdict, and the worst value in words. values: (limit, value in SI, where it was found)."""
+    """The verdict, and the worst value in words.
+
+    values: (limit, value in SI, where it was found).
+    """
     if not values:
         return Verdict.FAILED, f"nothing that a limit could hold of: {count}"
     excesses = [limit.excess(value) for limit, value, _ in values]

@@ -120,8 +120,8 @@ class Check:
     """One model compared with one target: `wanted` or `baseline`; neither: only measured, for a new baseline.
 
     source: as in `measure`.
-    max_error: largest |e - wanted| allowed at any speed and phase. limit: s, after which it counts as hung;
-    None: see `measure`.
+    max_error: largest |e - wanted| allowed at any speed and phase.
+    limit: s, after which it counts as hung; None: see `measure`.
     """
 
     name: str

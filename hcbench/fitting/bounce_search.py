@@ -76,7 +76,11 @@ _ENDS = 3000
 
 @dataclass(frozen=True, slots=True)
 class Train:
-    """clicks: (n,), which of the clicks. numbers: (n,), which touch each is, from 0: some may be unheard."""
+    """Successive touches of one ball among the clicks of a recording.
+
+    clicks: (n,), which of the clicks.
+    numbers: (n,), which touch each is, from 0: some may be unheard.
+    """
 
     clicks: Indices
     numbers: Indices
@@ -88,7 +92,11 @@ def likeliest_trains(
 ) -> list[Train]:
     """Trains of three clicks or more that share few of them, the likeliest first.
 
-    times: (n,), s, rising. level: (n,), dB. duration: of the recording, s. shortest: s, of a flight.
+    times: (n,), s, rising.
+    level: (n,), dB.
+    duration: of the recording, s.
+    shortest: s, of a flight.
+
     Dynamic programming over flights, each from a click i to a later click j.
     """
     if len(times) < 3:
@@ -121,9 +129,10 @@ class _Search:
     """Scores of the best trains that end with the flight from click i to click j; arrays of shape
     (n, n).
 
-    last: that flight, s; the second of two where a touch between them is unheard. e: of its last impact, NaN
-    for none. before: the click at which the flight before began, -1 for none. gap: whether a touch within
-    the flight is unheard; unheard: how many are in the train.
+    last: that flight, s; the second of two where a touch between them is unheard.
+    e: of its last impact, NaN for none.
+    before: the click at which the flight before began, -1 for none.
+    gap: whether a touch within the flight is unheard; unheard: how many are in the train.
     """
 
     def __init__(self, times: Floats, level: Floats, duration: float, shortest: float) -> None:
@@ -178,7 +187,9 @@ class _Search:
     ) -> None:
         """Extend trains that come to click i from clicks `heard` (h,) by flights to clicks `to` (t,).
 
-        flight: (t,), s. inside: (t,), the price of clicks within it. gap: a touch within it is unheard.
+        flight: (t,), s.
+        inside: (t,), the price of clicks within it.
+        gap: a touch within it is unheard.
         """
         last = self.last[heard, i][:, None]
         e_before = self.e[heard, i][:, None]

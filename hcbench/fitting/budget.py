@@ -24,7 +24,10 @@ _CONTACT = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """One source. kind: "A" or "B". uncertainty: its own, standard, SI.
+    """One source.
+
+    kind: "A" or "B".
+    uncertainty: its own, standard, SI.
 
     share: what it adds to the standard uncertainty of the parameter, in the parameter's unit.
     """
@@ -37,7 +40,12 @@ class BudgetRow:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """parameter: which one. rows: sources. left_out: what a contact of 0.1 ms would add to the parameter."""
+    """Contributions to the uncertainty of one parameter.
+
+    parameter: which one.
+    rows: sources.
+    left_out: what a contact of 0.1 ms would add to the parameter.
+    """
 
     parameter: str
     rows: tuple[BudgetRow, ...]

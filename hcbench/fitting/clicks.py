@@ -39,8 +39,9 @@ _OVERSAMPLING = 4
 
 @dataclass(frozen=True, slots=True)
 class FrequencyBand:
-    """Part of a sound in one band of frequencies (Hz), with its clicks. sound: (n,), filtered;
-    rate: Hz.
+    """Part of a sound in one band of frequencies (Hz), with its clicks.
+
+    sound: (n,), filtered; rate: Hz.
 
     places, level: (m,), samples at which clicks are, and how loud each is, dB over the noise.
     """
@@ -104,7 +105,10 @@ class Timer:
     """
 
     def __init__(self, band: FrequencyBand, places: Indices) -> None:
-        """places: (n,), samples at which the train's clicks are."""
+        """Time the clicks of one train in a band.
+
+        places: (n,), samples at which the train's clicks are.
+        """
         self.band = band
         self._times: dict[int, float] = {}
         pieces = [self._piece(self._onset_of(int(p))) for p in places]

@@ -21,7 +21,8 @@ _DROPS_TO_KNOW = 3
 class Comparison:
     """Difference of two materials in α, or in 1 - e where e of both is constant.
 
-    files: names of the other's. compared: "alpha", or "one_minus_e" where e of both is constant.
+    files: names of the other's.
+    compared: "alpha", or "one_minus_e" where e of both is constant.
     ratio: of the first material's to the other's.
     """
 

@@ -98,7 +98,10 @@ class Dataset(ABC):
 
 @dataclass(frozen=True, slots=True)
 class BounceTrain:
-    """Flights one after the other. launch: (n,), m/s. touch: (m,), speed of each impact, m/s.
+    """Flights one after the other.
+
+    launch: (n,), m/s.
+    touch: (m,), speed of each impact, m/s.
 
     by: (n, 1 + q + m), derivatives of each launch speed by ln of the first speed, the law's parameters, and
     the relative changes of e.
@@ -158,9 +161,11 @@ def drop_prior(setup: MeasurementSetup, own: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class TouchTimes(Dataset):
-    """times: (n,), s, of successive touches. Own parameters: time of the first, ln of the first speed.
+    """Times at which a ball touches the plate, from a recording or a list.
 
-    numbers: (n,), which touch each is, from 0; None: none is missing. picks, recording: where they come from.
+    times: (n,), s, of successive touches. Own parameters: time of the first, ln of the first speed.
+    numbers: (n,), which touch each is, from 0; None: none is missing.
+    picks, recording: where they come from.
     heard: all trains of the recording, the one taken first; empty where the user chose the touches.
     """
 
@@ -223,6 +228,7 @@ class TouchTimes(Dataset):
 
         own: time of the first touch, s, and ln of the first speed, m/s.
         latent: relative change of each e, shape (k,).
+
         The residuals are times, s, one for each touch that was heard.
         """
         ballistics = self.setup.ballistics
@@ -280,7 +286,10 @@ class TouchTimes(Dataset):
 
 
 def pairs_of_launches(launches: Floats, setup: MeasurementSetup, drop: float | None) -> tuple[Floats, Floats]:
-    """Impact speeds and e of flights with these launch speeds, all m/s. drop: m, where let go, if known."""
+    """Impact speeds and e of flights with these launch speeds, all m/s.
+
+    drop: m, where let go, if known.
+    """
     ballistics = setup.ballistics
     touch = np.array([ballistics.touch(w)[0] for w in launches])[:-1]
     if drop is None:

@@ -38,7 +38,11 @@ _SHARES = 41
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """parameters: (g, q), points of a grid. weight: (g,), their share; the shares add up to 1."""
+    """The posterior of a law's parameters, on a grid.
+
+    parameters: (g, q), points of a grid.
+    weight: (g,), their share; the shares add up to 1.
+    """
 
     parameters: Floats
     weight: Floats
@@ -60,10 +64,11 @@ def quantiles(values: Floats, weight: Floats, shares: Sequence[float]) -> list[f
 class LawFit:
     """One law about its most likely parameters.
 
-    own, latent, models, reduced: a data set each; latent: relative changes of each e, and in the models
-    divided by `width`, how much wider than s_e each scatters. log_evidence: ln of the marginal likelihood,
-    parameters and noise integrated out. scatter, noise: the most likely s_e and s_m. beyond: share of the
-    posterior where the law would gain energy, cut off.
+    own, latent, models, reduced: a data set each; latent: relative changes of each e, and in the
+    models divided by `width`, how much wider than s_e each scatters.
+    log_evidence: ln of the marginal likelihood, parameters and noise integrated out.
+    scatter, noise: the most likely s_e and s_m.
+    beyond: share of the posterior where the law would gain energy, cut off.
     """
 
     law: CandidateLaw
@@ -104,7 +109,9 @@ class LawFit:
 def fit_law(
     law: CandidateLaw, sets: Sequence[Dataset], reference: float, width: Sequence[Floats] | None = None
 ) -> LawFit:
-    """Fit one law by Newton steps, and the noise by a grid between them. reference: m/s, middle of the data.
+    """Fit one law by Newton steps, and the noise by a grid between them.
+
+    reference: m/s, middle of the data.
 
     width: per data set (m,), how much wider than s_e each e scatters; None: all alike.
     """

@@ -50,7 +50,10 @@ def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:
 
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """All laws on some data sets. impacts: those that count little, where outliers were looked for."""
+    """All laws on some data sets.
+
+    impacts: those that count little, where outliers were looked for.
+    """
 
     sets: Sequence[Dataset]
     fits: dict[str, LawFit]
@@ -87,7 +90,10 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
 
 
 def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
-    """Fit of some data sets. law: a law's name, or "auto" for the one that the evidence chooses."""
+    """Fit of some data sets.
+
+    law: a law's name, or "auto" for the one that the evidence chooses.
+    """
     speeds = np.concatenate([s.pairs()[0] for s in sets])
     reference = float(np.exp(np.log(speeds).mean()))
     each = [_fitted([s], reference) for s in sets]
@@ -258,8 +264,10 @@ def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) ->
 
 @dataclass(frozen=True, slots=True)
 class _OverDrops:
-    """alpha: of all drops. between: share of it by which drops differ; None for one drop.
+    """Estimates from all drops together.
 
+    alpha: of all drops.
+    between: share of it by which drops differ; None for one drop.
     odd: (file, how far off it is in standard deviations) of drops that do not belong to the others.
     """
 
@@ -271,7 +279,10 @@ class _OverDrops:
 def _alpha_of_drops(
     result: FitResult, whole: _Fitted, each: Sequence[_Fitted], used: Sequence[_Fitted]
 ) -> _OverDrops:
-    """α with what g, height and the like add to its interval. used: the drops without doubts."""
+    """α with what g, height and the like add to its interval.
+
+    used: the drops without doubts.
+    """
     chosen = result.law
     evidence = whole.evidence
     inputs = result.budget.of_inputs

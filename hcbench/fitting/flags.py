@@ -27,8 +27,11 @@ _LEAST_FREE = 3
 
 @dataclass(frozen=True, slots=True)
 class Flag:
-    """file, touch: which. what: "measured off" or "bounced off". size: how far, in SI or as a share of e.
+    """A touch that stands out from the others of its data.
 
+    file, touch: which.
+    what: "measured off" or "bounced off".
+    size: how far, in SI or as a share of e.
     sigmas: how far from the others, in standard deviations with this touch left out.
     """
 
@@ -105,7 +108,8 @@ def _without_law(reduced: Reduced, log_scatter: Floats, log_noise: Floats) -> tu
 def gains_by_moving(fit: LawFit, s: Dataset, rows: Sequence[int], moves: Floats) -> Floats:
     """The gain in ln evidence where one reading each is another, to first order: shape (c,).
 
-    rows: which reading, moves: (c,), by how much. s: the one data set that was fitted, its noise not given.
+    rows: which reading, moves: (c,), by how much.
+    s: the one data set that was fitted, its noise not given.
     """
     (model,) = fit.models
     moved = np.repeat(model.residual[:, None], len(moves), axis=1)

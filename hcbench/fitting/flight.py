@@ -24,7 +24,11 @@ DRAG_COEFFICIENT_UNCERTAINTY = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Ballistics:
-    """gravity: g', m/s². drag: 1/V², s²/m²; 0 in a vacuum."""
+    """Vertical flight under gravity, in air or in a vacuum.
+
+    gravity: g', m/s².
+    drag: 1/V², s²/m²; 0 in a vacuum.
+    """
 
     gravity: float
     drag: float = 0.0

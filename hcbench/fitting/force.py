@@ -36,9 +36,15 @@ _OFF_LAW = 0.05
 
 @dataclass(frozen=True, repr=False)
 class ForceFit(Shown):
-    """value: k in N/m^n, n, α in s/m. covariance: (3, 3), of ln k, n and α; n's is 0 where it was given.
+    """The fit of eq. (16) to a measured force, over time or over penetration and rate.
 
-    e, e_uncertainty: by the impulse; NaN for loops. speed: m/s. misfit: rms of the force over its largest.
+    stiffness, exponent: k, N/m^n, and n.
+    alpha: α, s/m.
+    covariance: (3, 3), of ln k, n and α; that of n is 0 where n was given.
+    e, e_uncertainty: by the impulse; NaN for loops.
+    speeds: lowest and highest speed of the data, m/s.
+    misfit: rms of the force over its largest.
+    e_by_shape: e of a pulse by its shape; NaN for loops.
     """
 
     file: str
@@ -222,7 +228,8 @@ def _stiffness_for(top: float, mass: float, speed: float, n: float) -> float:
 def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, exponent: float | None) -> ForceFit:
     """F = k x^n (1 + (3/2) α ẋ) through points of any number of impacts. Raises UserError for too few.
 
-    penetration, rate, force: shape (n,), m, m/s (above 0 on approach) and N. exponent: n where it is known.
+    penetration, rate, force: shape (n,), m, m/s (above 0 on approach) and N.
+    exponent: n where it is known.
     """
     used = penetration > 0.0
     x = penetration[used]

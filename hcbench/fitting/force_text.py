@@ -83,7 +83,10 @@ def lines_of(force_fit: ForceFit, describe: Callable[[float, float], str]) -> li
 
 
 def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine: str) -> str:
-    """The fit for a terminal, and the command to go on with. describe: as of `lines_of`."""
+    """The fit for a terminal, and the command to go on with.
+
+    describe: as of `lines_of`.
+    """
     lines = lines_of(force_fit, describe)
     if not force_fit.is_law:
         return "\n".join(lines) + "\n"

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Heights(Dataset):
-    """heights: (n,), m, of successive bounces; the first may be where the ball was let go.
+    """Heights to which a ball rises after successive bounces.
+
+    heights: (n,), m, of successive bounces; the first may be where the ball was let go.
 
     Own parameter: ln of the speed of the first touch where the drop height is given, else of the first
     launch.
@@ -109,8 +111,9 @@ _LOWEST = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class Drops:
-    """Value shared by all drops, over a grid of the scatter between drops τ, (t,). share: posterior
-    of τ.
+    """Value shared by all drops, over a grid of the scatter between drops τ, (t,).
+
+    share: posterior of τ.
 
     mean, sd: (t,), of ln of the shared value at each τ.
     """
@@ -125,7 +128,10 @@ class Drops:
         return float(self.share @ _BETWEEN)
 
     def estimate(self, inputs: float = 0.0) -> Estimate:
-        """The shared value. inputs: relative standard uncertainty that all drops have in common."""
+        """The shared value.
+
+        inputs: relative standard uncertainty that all drops have in common.
+        """
         low, middle, high = np.exp(_quantiles(self.share, self.mean, np.hypot(self.sd, inputs)))
         mean = float(self.share @ self.mean)
         spread = float(self.share @ (self.sd**2 + (self.mean - mean) ** 2)) + inputs**2

@@ -40,8 +40,10 @@ _WIDER = 1.5
 
 @dataclass(frozen=True, slots=True)
 class LackOfFit:
-    """odds: of a change besides the law against none. shape: what e does that the law does not.
+    """Signs that no law of the list describes the data.
 
+    odds: of a change besides the law against none.
+    shape: what e does that the law does not.
     adhesion: odds of bodies that stick against the likeliest law.
     """
 
@@ -93,7 +95,11 @@ class _Change:
     """A change of ln e besides a law, over a grid of scatter and noise."""
 
     def __init__(self, fit: LawFit, s: Dataset, shapes: Floats) -> None:
-        """s: the one data set that was fitted. shapes: (m, c), change at each impact by coefficient."""
+        """Prepare the likelihood of a change of e about the fitted law.
+
+        s: the one data set that was fitted.
+        shapes: (m, c), change at each impact by coefficient.
+        """
         (model,) = fit.models
         by_change = (model.by_scatter / fit.width[0]) @ shapes
         reduced = reduce(replace(model, by_law=np.concatenate([model.by_law, by_change], axis=1)))

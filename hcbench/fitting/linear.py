@@ -21,10 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class LinearModel:
-    """residual: (n,). by_own: (n, p), derivatives by parameters of this data set alone. by_law: (n, q).
+    """A data set linearised about a law: n readings, p own and q law parameters, m changes of e.
 
-    by_scatter: (n, m), D. shape: (n,), standard deviations of the noise of measuring at s_m = 1.
-    prior: (p, 2) mean offset and standard deviation of each own parameter, inf where nothing is known.
+    residual: (n,).
+    by_own: (n, p), derivatives by parameters of this data set alone.
+    by_law: (n, q).
+    by_scatter: (n, m), D.
+    shape: (n,), standard deviations of the noise of measuring at s_m = 1.
+    prior: (p, 2) mean offset and standard deviation of each own parameter, inf where nothing is
+    known.
     speed: (m,), impact speed in m/s that goes with each column of by_scatter.
     """
 
@@ -41,10 +46,11 @@ class LinearModel:
 class Reduced:
     """Linear model reduced so that its likelihood is cheap for any s_e and s_m.
 
-    size: (m,), eigenvalues' roots of D Dᵀ. columns: (m, p + q + c), the model's columns [own, law, residual
-    and more right-hand sides] along its eigenvectors; rest: their Gram matrix across them, of rest_count
-    dimensions.
-    turn: (m, m), from ε to those directions. prior: Gram matrix of what is known before.
+    size: (m,), eigenvalues' roots of D Dᵀ.
+    columns: (m, p + q + c), the model's columns [own, law, residual and more right-hand sides]
+    along its eigenvectors; rest: their Gram matrix across them, of rest_count dimensions.
+    turn: (m, m), from ε to those directions.
+    prior: Gram matrix of what is known before.
     constant: added to the log-likelihood.
     """
 

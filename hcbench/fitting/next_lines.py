@@ -35,7 +35,8 @@ def next_lines(
 ) -> list[str]:
     """Make a scene with this contact, and check it; none without an engine.
 
-    engine: "" where none can run. given: the words after `hcbench` that led here.
+    engine: "" where none can run.
+    given: the words after `hcbench` that led here.
     scene: a scene that was written, and its path; it is checked then.
     """
     if not engine:

@@ -51,7 +51,11 @@ def noise_prior(log_noise: Floats, scale: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class NoiseGrid:
-    """log_scatter: (k,), ln s_e, even. log_noise: one array (l,) of ln s_m, even, a data set."""
+    """A grid over the scatter of e and the noise of each data set.
+
+    log_scatter: (k,), ln s_e, even.
+    log_noise: one array (l,) of ln s_m, even, a data set.
+    """
 
     log_scatter: Floats
     log_noise: tuple[Floats, ...]

@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SpeedPairs(Dataset):
-    """Impacts measured one by one. speed, restitution: (n,), m/s and 1.
+    """Impacts measured one by one.
+
+    speed, restitution: (n,), m/s and 1.
 
     speed_uncertainty, restitution_uncertainty: (n,), standard, 0 where none is given.
-    twice: whether e is v_out/v_in, so that an error of v_in counts in both; then without uncertainties the
-    relative error of both speeds is to be found.
+    twice: whether e is v_out/v_in, so that an error of v_in counts in both; then without
+    uncertainties the relative error of both speeds is to be found.
     """
 
     name: str
@@ -68,6 +70,7 @@ class SpeedPairs(Dataset):
         curve: the law with its parameters.
         own, latent: unused, since the model has no own parameters and is linear in the changes of
         e.
+
         Each row is weighted by the relative uncertainties of the speed and of e.
         """
         n = len(self.speed)

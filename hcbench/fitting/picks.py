@@ -39,10 +39,15 @@ _SURE_SCORE = 25.0
 
 @dataclass(frozen=True, slots=True)
 class Picks:
-    """Touches heard. times: (n,), s. numbers: (n,), which touch each is, from 0: some may be unheard.
+    """Touches heard.
 
-    level: (n,), dB over the noise. band: Hz, above which they were looked for. score: ln of the likelihood
-    ratio of one ball against clutter. scatter, alpha: of a fit to them alone; None where they are too few.
+    times: (n,), s.
+    numbers: (n,), which touch each is, from 0: some may be unheard.
+
+    level: (n,), dB over the noise.
+    band: Hz, above which they were looked for.
+    score: ln of the likelihood ratio of one ball against clutter.
+    scatter, alpha: of a fit to them alone; None where they are too few.
     """
 
     times: Floats
@@ -86,7 +91,8 @@ def reservation_of(heard: Sequence[Picks]) -> str:
 def doubts_of(heard: Sequence[Picks], scatter: float, fastest: float, height_given: bool) -> list[str]:
     """Reasons to doubt that the first train is the ball's; with any, the fit gives no number.
 
-    scatter: of e, 1. fastest: impact speed, m/s.
+    scatter: of e, 1.
+    fastest: impact speed, m/s.
     """
     best, reasons = heard[0], []
     if best.score < _LEAST_SCORE:

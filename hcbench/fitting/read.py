@@ -47,8 +47,10 @@ _KINDS: dict[frozenset[str], str] = {
 
 @dataclass(frozen=True, slots=True)
 class Excerpt:
-    """Part of a recording. begin, end: s. train: from 0, and touches, from 1: None where not
-    chosen.
+    """Part of a recording.
+
+    begin, end: s.
+    train: from 0, and touches, from 1: None where not chosen.
     """
 
     begin: float = 0.0
@@ -74,8 +76,10 @@ def read_dataset(
 ) -> Dataset:
     """The data set in a file.
 
-    kind: one of KINDS, in place of what the header says. part: of a recording, what to take. Raises UserError
-    with the file, the line, what it has and what was expected.
+    kind: one of KINDS, in place of what the header says.
+    part: of a recording, what to take.
+
+    Raises UserError with the file, the line, what it has and what was expected.
     """
     if kind == "sound" or (kind is None and is_sound(path)):
         return _sound(path, setup, part)
@@ -115,7 +119,10 @@ def _kind_of(columns: DataColumns, asked: str | None) -> str:
 
 
 def has_force(path: Path, kind: str | None = None) -> bool:
-    """True for a file of forces. kind: as for `read_dataset`."""
+    """True for a file of forces.
+
+    kind: as for `read_dataset`.
+    """
     return _force_columns(path, kind) is not None
 
 
@@ -210,7 +217,10 @@ def _require_few(name: str, count: int, what: str) -> None:
 
 
 def too_few_touches(name: str, count: int, least: int) -> UserError:
-    """The error for a recording with too few touches, with the reason. least: 3 with a height, 4 without."""
+    """The error for a recording with too few touches, with the reason.
+
+    least: 3 with a height, 4 without.
+    """
     expected = f"{least} or more"
     advice = "Record more bounces"
     if least == 4:

@@ -36,8 +36,11 @@ _PHONES = (".m4a", ".mp4", ".mov", ".aac", ".opus", ".ogg", ".oga", ".mp3", ".fl
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """sound: (n,), one channel, -1 ... 1. rate: Hz. step: between two values that a sample can have.
+    """Sound of one channel, or a window of it.
 
+    sound: (n,), one channel, -1 ... 1.
+    rate: Hz.
+    step: between two values that a sample can have.
     begin: when in the file it begins, s.
     """
 
@@ -69,9 +72,11 @@ def read_recording(
     """Read WAV (integers of 8 to 32 bits or floats) or a phone's format; of several channels the
     loudest.
 
-    score: how likely a part holds bounces. begin, end: s, the part to read. Of more than 24 s the
-    20 s with the best score; no more than that is held in memory. Raises UserError for other files
-    and for files without a sound.
+    score: how likely a part holds bounces.
+    begin, end: s, the part to read. Of more than 24 s the 20 s with the best score; no more than
+    that is held in memory.
+
+    Raises UserError for other files and for files without a sound.
     """
     name = sanitized(path.name)
     source = _Compressed(path) if _is_of_phone(path) else _Wav(path)

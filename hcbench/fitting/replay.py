@@ -42,11 +42,13 @@ _PLUGINS = ("restitution-law",)
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """recorded, simulated: (n,), times of touches in s from the first of them; the scene may miss some.
+    """A recorded train of bounces beside its simulation in an engine.
 
-    tuned: what `tune` chose. setting: that of the scene, and alpha its α in s/m where it is another than the
-    fit's, to make up for contacts that last a step. Begins with the second touch of the recording, whose
-    speed the flight before it tells.
+    recorded, simulated: (n,), times of touches in s from the first of them; the scene may miss some.
+    tuned: what `tune` chose.
+    setting: that of the scene, and alpha its α in s/m where it is another than the fit's, to make
+    up for contacts that last a step. Begins with the second touch of the recording, whose speed the
+    flight before it tells.
     """
 
     tuned: Tuned

@@ -32,14 +32,19 @@ class DropResult:
 
 @dataclass(frozen=True, repr=False)
 class FitResult(Drawn):
-    """law: the one that the data support; None where several are left. asked: the one of --law, or "auto".
+    """The fit of all laws to one or more drops.
 
+    law: the one that the data support; None where several are left.
+    asked: the one of --law, or "auto".
     fits: every law tried, the likeliest first; odds: of each against the best of the others.
-    alpha, e0, restitution: None where the law that they belong to is ruled out or was not asked for.
+    alpha, e0, restitution: None where the law that they belong to is ruled out or was not asked
+    for.
     speeds: range of impact speeds in m/s that the data hold.
-    doubts: why neither a law nor α is given although one was fitted. reservation: why no law is given.
+    doubts: why neither a law nor α is given although one was fitted.
+    reservation: why no law is given.
     lack: the odds that no law fits.
-    drops: of several files, each by itself; between: by which share of α they differ beyond their own errors.
+    drops: of several files, each by itself; between: by which share of α they differ beyond their
+    own errors.
     against: the comparison with another material, where files of one were given.
     """
 
@@ -78,7 +83,10 @@ class FitResult(Drawn):
             yield dict(zip(names, row, strict=True))
 
     def scene(self, engine: str, timestep: float) -> Replay:
-        """A scene that bounces as the recording did, tuned as `hcbench tune` does. timestep: s."""
+        """A scene that bounces as the recording did, tuned as `hcbench tune` does.
+
+        timestep: s.
+        """
         from hcbench.fitting.replay import replay
 
         return replay(self, engine, timestep)

@@ -42,12 +42,15 @@ class Known:
 @checked_fields
 @dataclass(frozen=True, slots=True)
 class MeasurementSetup:
-    """SI. height: of the bottom of the ball above the plate where it was let go; None: unknown.
+    """SI.
 
-    mass, diameter: both or none, of the ball; with both, flights have drag, buoyancy and added mass.
+    height: of the bottom of the ball above the plate where it was let go; None: unknown.
+
+    mass, diameter: both or none, of the ball; with both, flights have drag, buoyancy and added
+    mass.
     contact_time: of the first impact; the others last longer as v^(-1/5), as spheres do.
-    timing: standard uncertainty of each time in s; None: to be found. speed, exponent: of the approach (m/s)
-    and n of the law, for forces.
+    timing: standard uncertainty of each time in s; None: to be found.
+    speed, exponent: of the approach (m/s) and n of the law, for forces.
     """
 
     gravity: Known = Known(STANDARD_GRAVITY, GRAVITY_UNCERTAINTY)

@@ -43,9 +43,12 @@ _NAMED = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """name: what errors call the file. header: names in lower case with their units, "" for none.
+    """A table as the file has it: names, units and cells of text.
 
-    cells: text, a row each; lines: their numbers in the file. decimal: the sign in numbers.
+    name: what errors call the file.
+    header: names in lower case with their units, "" for none.
+    cells: text, a row each; lines: their numbers in the file.
+    decimal: the sign in numbers.
     """
 
     name: str
@@ -89,7 +92,10 @@ class Table:
 
 @contextmanager
 def computed(name: str) -> Iterator[None]:
-    """Numbers that no computation carries are the file's mistake. name: what the error calls the file."""
+    """Numbers that no computation carries are the file's mistake.
+
+    name: what the error calls the file.
+    """
     try:
         with np.errstate(all="ignore"):
             yield

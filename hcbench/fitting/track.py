@@ -50,8 +50,9 @@ _FRAMES_OF_G = 6
 
 @dataclass(frozen=True, slots=True)
 class Track(Dataset):
-    """times, heights: (n,), s and m, of any point of the ball over any level.
+    """Heights of a ball in the frames of a film.
 
+    times, heights: (n,), s and m, of any point of the ball over any level.
     touch_times: (k,), s, floor and drop, m: to start from; drop: None where the track does not begin with the
     ball let go.
     Own parameters: height of the floor, time of the first touch, ln of the speed of the first touch where it
@@ -100,6 +101,7 @@ class Track(Dataset):
 
         own: height of the floor, m; time of the first touch, s; ln of the first speed, m/s.
         latent: relative change of each e, shape (k,).
+
         The residuals are heights, m, one for each frame. The drop height is known only where the
         setup has it: other own parameters have a flat prior.
         """
@@ -197,8 +199,9 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
 def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, lows: Indices) -> None:
     """Raise UserError where the flights between touches fall with quite another g than the one given.
 
-    times, heights: (n,), s and m. lows: (k,), the frames of touches. A film shown slower than it was taken
-    stretches time, a wrong scale the heights; both enter α in full.
+    times, heights: (n,), s and m.
+    lows: (k,), the frames of touches. A film shown slower than it was taken stretches time, a wrong
+    scale the heights; both enter α in full.
     """
     measured = 0.0
     expected = 0.0
@@ -230,7 +233,10 @@ def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, 
 def _of_flights(lows: Indices, times: Floats, raised: Floats, frame: float, gravity: float) -> Indices:
     """The lowest frames up to the first that no free flight of its height leads to: the rest is noise.
 
-    lows: (k,), frames. times, raised: (n,), s and m over the floor. frame: s. gravity: m/s².
+    lows: (k,), frames.
+    times, raised: (n,), s and m over the floor.
+    frame: s.
+    gravity: m/s².
     """
     for i, (a, b) in enumerate(itertools.pairwise(lows)):
         flight = math.sqrt(8.0 * float(raised[a:b].max()) / gravity)
@@ -282,7 +288,8 @@ def _extended(
 ) -> list[float]:
     """Touches, and those after them that the heights of flights tell, however few frames show them.
 
-    heights: over the floor. least: m, of a flight that is one.
+    heights: over the floor.
+    least: m, of a flight that is one.
     """
     while True:
         window = touches[-1] - touches[-2] if len(touches) > 1 else times[-1] - touches[-1]

@@ -36,8 +36,8 @@ class Friction:
     The coefficient rises as a quintic of slip/slip_speed to `static` at 1 and falls to `dynamic` at 3: the
     Stribeck curve of Drake's MultibodyPlant (`set_stiction_tolerance`); Simbody's transition speed is alike.
 
-    static, dynamic: coefficients, static >= dynamic >= 0; `static` alone is both. slip_speed: m/s; sticking
-    contacts creep below it.
+    static, dynamic: coefficients, static >= dynamic >= 0; `static` alone is both.
+    slip_speed: m/s; sticking contacts creep below it.
     """
 
     static: float

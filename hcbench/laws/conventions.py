@@ -49,7 +49,10 @@ class SystemValue:
 
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """One contact as one system writes it. missing: what has no value, and why, a sentence each."""
+    """One contact as one system writes it.
+
+    missing: what has no value, and why, a sentence each.
+    """
 
     rows: tuple[SystemValue, ...] = ()
     missing: tuple[str, ...] = ()
@@ -60,8 +63,11 @@ class Vocabulary:
 class OneContact:
     """Contact that is to be expressed in every system's parameters.
 
-    alpha: α, s/m. speed: where a restitution should hold, m/s, or None. reading: whether that is e of (16) or
-    1 - α v. contact_time: of a spring and damper, s. timestep: of a bounce in one step, s; None: not known.
+    alpha: α, s/m.
+    speed: where a restitution should hold, m/s, or None.
+    reading: whether that is e of (16) or 1 - α v.
+    contact_time: of a spring and damper, s.
+    timestep: of a bounce in one step, s; None: not known.
     """
 
     alpha: float
@@ -93,8 +99,10 @@ class OneContact:
 class Conversion(Shown):
     """One contact in all conventions.
 
-    alpha: α, s/m. speed: where the restitution holds, m/s, or None. restitution: e of the law there,
-    restitution_linear: 1 - α v. missing: what has no value, and why, a sentence each.
+    alpha: α, s/m.
+    speed: where the restitution holds, m/s, or None.
+    restitution: e of the law there, restitution_linear: 1 - α v.
+    missing: what has no value, and why, a sentence each.
     """
 
     alpha: float
@@ -144,10 +152,15 @@ def contact_of(
 ) -> OneContact:
     """One contact, from exactly one of the first seven.
 
-    alpha: α, s/m. drake: hunt_crossley_dissipation, s/m. simbody: dissipation, s/m. restitution: e at
-    `speed`. solref: MuJoCo's two numbers (constant impedance assumed); with a 0 in front the one-step
-    setting at `timestep`. adams, newton: of an effective mass in kg; MuJoCo's solver in Newton needs
-    none. The rest as in `OneContact`.
+    alpha: α, s/m.
+    drake: hunt_crossley_dissipation, s/m.
+    simbody: dissipation, s/m.
+    restitution: e at `speed`.
+    solref: MuJoCo's two numbers (constant impedance assumed); with a 0 in front the one-step
+    setting at `timestep`.
+    adams, newton: of an effective mass in kg; MuJoCo's solver in Newton needs none. The rest as in
+    `OneContact`.
+
     Raises UserError for numbers without meaning and for none or several of the first seven.
     """
     dissipations = {"alpha": alpha, "drake": drake, "simbody": simbody}

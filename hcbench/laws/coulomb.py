@@ -23,7 +23,11 @@ Pair = tuple[float, float]
 
 
 def friction_impulse(slip: Sequence[float], normal_impulse: float, scene: Scene) -> Pair:
-    """Impulse of friction on the ball, N s. slip: velocity of its contact point, m/s. normal_impulse: N s."""
+    """Impulse of friction on the ball, N s.
+
+    slip: velocity of its contact point, m/s.
+    normal_impulse: N s.
+    """
     sticking = 1.0 / (1.0 / scene.mass + scene.touch_radius**2 / scene.inertia)
     speed = math.hypot(*slip)
     share = min(sticking, scene.friction * normal_impulse / speed) if speed > 0.0 else 0.0

@@ -31,7 +31,9 @@ class ForceLaw(Protocol):
 class HuntCrossley:
     """F = k x^n (1 + (3/2) α v), eq. (16).
 
-    stiffness: k, N/m^n. alpha: α of e ≈ 1 - α v_i, s/m. exponent: n >= 1.
+    stiffness: k, N/m^n.
+    alpha: α of e ≈ 1 - α v_i, s/m.
+    exponent: n >= 1.
     """
 
     stiffness: float
@@ -61,7 +63,8 @@ class HuntCrossley:
 class KelvinVoigt:
     """F = k x + c v, eq. (4): jumps to c v_i at touch, pulls before parting.
 
-    stiffness: k, N/m. damping: c, N s/m.
+    stiffness: k, N/m.
+    damping: c, N s/m.
     """
 
     stiffness: float

@@ -27,7 +27,9 @@ SHEAR_LIMIT = 62_000 * 6894.757293168361
 class HertzContact:
     """Two bodies that touch at a point, round about it.
 
-    relative_radius: R, m. contact_modulus: E*, Pa. Forces given to the methods are N, >= 0.
+    relative_radius: R, m.
+    contact_modulus: E*, Pa. Forces given to the methods are N, >= 0.
+
     Raises UserError unless both are above 0.
     """
 

@@ -66,8 +66,11 @@ def sphere(radius: float, material: Material) -> Surface:
 class EllipticContact:
     """Two surfaces pressed together; forces in N, lengths in m, pressures in Pa.
 
-    long_curvature, short_curvature: A <= B, 1/m. axis_ratio: κ = b/a. contact_modulus: E*, Pa.
-    poisson_ratios: of both bodies. radius_min: the smallest principal radius, m.
+    long_curvature, short_curvature: A <= B, 1/m.
+    axis_ratio: κ = b/a.
+    contact_modulus: E*, Pa.
+    poisson_ratios: of both bodies.
+    radius_min: the smallest principal radius, m.
     """
 
     long_curvature: float

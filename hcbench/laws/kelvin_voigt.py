@@ -81,8 +81,10 @@ def matched(e: float, duration: float, mass: float, ending: Ending) -> KelvinVoi
 class KelvinVoigtImpact:
     """One impact by eq. (4), SI.
 
-    force_at_touch: c v_i, the shock at first touch. force_max: the largest push, the shock included.
-    tension_max: largest pull before x = 0 (0 if contact ends at F = 0). penetration_left: x where it ends.
+    force_at_touch: c v_i, the shock at first touch.
+    force_max: the largest push, the shock included.
+    tension_max: largest pull before x = 0 (0 if contact ends at F = 0).
+    penetration_left: x where it ends.
     """
 
     restitution: float

@@ -24,7 +24,11 @@ class AdamsImpact:
     """F = max(0, k x^e + step(x, 0, 0, d, c_max) v), IMPACT of MSC Adams' function reference.
 
     step is the cubic from 0 at the touch to c_max at the depth d, and c_max below it.
-    stiffness: k, N/m^e. exponent: e, 1 or more. damping: c_max, N s/m. depth: d, m.
+
+    stiffness: k, N/m^e.
+    exponent: e, 1 or more.
+    damping: c_max, N s/m.
+    depth: d, m.
     """
 
     stiffness: float
@@ -82,7 +86,10 @@ class NewtonSpring:
         return one_way_restitution(self.kd / (2.0 * math.sqrt(self.ke * mass)))
 
     def points(self, mass: float, low: float, high: float) -> tuple[tuple[float, float], ...]:
-        """(speed m/s, e): one pair, as e is the same over the band. high: m/s."""
+        """(speed m/s, e): one pair, as e is the same over the band.
+
+        high: m/s.
+        """
         return ((low, self.restitution(mass)),)
 
 

@@ -36,8 +36,11 @@ Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 class PublishedLaw:
     """F = k x^n (1 + χ(e) v/v_i) with the χ of one publication.
 
-    name: as it is cited. symbol: what it is called here. slug: what settings and studies call it. formula,
-    chi: χ(e), in words and as a function. takes_zero: whether χ(0) is finite.
+    name: as it is cited.
+    symbol: what it is called here.
+    slug: what settings and studies call it.
+    formula, chi: χ(e), in words and as a function.
+    takes_zero: whether χ(0) is finite.
     """
 
     name: str
@@ -204,9 +207,13 @@ class TouchSpeedLaw:
 
     So every impact has the same χ and delivers the same e at every speed: α falls as 1/v_i.
 
-    family: the law, such as Flores. stiffness: k, N/m^n. restitution: e asked for. exponent: n >= 1.
-    chi, delivered: χ(e), and the restitution that follows from it. Raises UserError for numbers that no law
-    of this kind has.
+    family: the law, such as Flores.
+    stiffness: k, N/m^n.
+    restitution: e asked for.
+    exponent: n >= 1.
+    chi, delivered: χ(e), and the restitution that follows from it.
+
+    Raises UserError for numbers that no law of this kind has.
     """
 
     family: PublishedLaw

@@ -34,7 +34,10 @@ from hcbench.terms.impact import Floats
 class QuadraticDamping:
     """F = k x^n + λ2 x^((n-1)/2) v |v|.
 
-    stiffness: k, N/m^n. alpha: α, s/m. mass: kg, on which λ2 depends. exponent: n >= 1.
+    stiffness: k, N/m^n.
+    alpha: α, s/m.
+    mass: kg, on which λ2 depends.
+    exponent: n >= 1.
     """
 
     stiffness: float

@@ -43,8 +43,11 @@ class RestitutionCurve(ABC):
 class Restitution(RestitutionCurve):
     """e of a contact with the parameter α: it falls as the impact speed grows.
 
-    alpha: α, s/m. reading: "law" for e of eq. (16), "linear" for e = 1 - α v of eq. (2), below 0 from v = 1/α
-    on. uncertainty: standard uncertainty of α, s/m. Raises SettingError for an α below 0 or not finite.
+    alpha: α, s/m.
+    reading: "law" for e of eq. (16), "linear" for e = 1 - α v of eq. (2), below 0 from v = 1/α on.
+    uncertainty: standard uncertainty of α, s/m.
+
+    Raises SettingError for an α below 0 or not finite.
     """
 
     alpha: float

@@ -79,7 +79,10 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
 
 
 def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator[Suspect]:
-    """Too few steps in contact, without a gain of energy. softer: what else would help."""
+    """Too few steps in contact, without a gain of energy.
+
+    softer: what else would help.
+    """
     gain, samples = _gain(impacts)
     if gain > 1 + NOTABLE_GAIN or not 0 < samples <= STEPS_BY_CHANCE:
         return
@@ -111,7 +114,8 @@ def gravity(
 ) -> Iterator[Suspect]:
     """Gravity does more than its part during a step or a contact.
 
-    acceleration: vector, m/s^2. fix: what to write, of the longest contact (s) that gravity leaves alone.
+    acceleration: vector, m/s^2.
+    fix: what to write, of the longest contact (s) that gravity leaves alone.
     apply: takes gravity away.
     """
     g = float(np.linalg.norm(acceleration))
@@ -129,7 +133,10 @@ def gravity(
 
 
 def other_contacts(names: Iterable[str]) -> Iterator[Suspect]:
-    """Other things touch the pair during the impact. names: theirs."""
+    """Other things touch the pair during the impact.
+
+    names: theirs.
+    """
     if others := ", ".join(names):
         yield Suspect(
             "other-contacts",

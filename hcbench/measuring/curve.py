@@ -35,12 +35,18 @@ class CurvePoint:
 
     A mean weighs each phase by the share of the time step that it stands for.
 
-    speed: at launch, m/s. speed_in: mean at touch, m/s; gravity makes the two differ. restitution: mean e.
-    lowest, highest: e. target: mean of the e wanted at each impact's speed; NaN without a target.
+    speed: at launch, m/s.
+    speed_in: mean at touch, m/s; gravity makes the two differ.
+    restitution: mean e.
+    lowest, highest: e.
+    target: mean of the e wanted at each impact's speed; NaN without a target.
     worst_phase: e - target of the one impact in which it is largest, with its sign.
-    samples: fewest steps in contact. failed: impacts without an e. angle: from the normal, rad.
-    restitution_after_force: mean of the ratio once the contact force has ceased; e differs where joints or
-    servos act until the bodies part. along: means of what it does along the plate; NaN if not known.
+    samples: fewest steps in contact.
+    failed: impacts without an e.
+    angle: from the normal, rad.
+    restitution_after_force: mean of the ratio once the contact force has ceased; e differs where
+    joints or servos act until the bodies part.
+    along: means of what it does along the plate; NaN if not known.
     """
 
     speed: float
@@ -73,7 +79,10 @@ class CurvePoint:
         return f"{self.speed_in:.4g} m/s{angle}"
 
     def record(self, is_oblique: bool) -> dict[str, Any]:
-        """The point as JSON and data frames have it. is_oblique: whether any launch of the curve is."""
+        """The point as JSON and data frames have it.
+
+        is_oblique: whether any launch of the curve is.
+        """
         return record(CURVE_POINT, self, is_oblique)
 
 
@@ -160,10 +169,15 @@ def curve_of_columns(
 ) -> Curve:
     """One point for each group of impacts that are given as columns, shape (n,).
 
-    group: number of the point that an impact belongs to, each of 0 to k - 1 at least once. speed: at launch,
-    m/s; angle: from the normal, rad; phase: share of a step; each impact of a group has its own phase.
-    speed_in: m/s. restitution: NaN for an impact without an e. target: NaN for an impact that is held against
-    nothing. samples: steps in contact. after_force: as `Impact.restitution_after_force`. along: shape (n, 6).
+    group: number of the point that an impact belongs to, each of 0 to k - 1 at least once.
+    speed: at launch, m/s; angle: from the normal, rad; phase: share of a step; each impact of a
+    group has its own phase.
+    speed_in: m/s.
+    restitution: NaN for an impact without an e.
+    target: NaN for an impact that is held against nothing.
+    samples: steps in contact.
+    after_force: as `Impact.restitution_after_force`.
+    along: shape (n, 6).
     """
     first_of_group = np.unique(group, return_index=True)[1]
     count = len(first_of_group)
@@ -222,8 +236,9 @@ def curve_of_columns(
 def step_shares(phases: Floats, starts: Whole) -> Floats:
     """The share of a step that each phase stands for: half of the gaps on both sides; a group's add up to 1.
 
-    phases: shape (n,), rising within each group. starts: where each group begins.
-    `measure` launches at more phases where e differs between neighbours, so the phases are not even.
+    phases: shape (n,), rising within each group.
+    starts: where each group begins. `measure` launches at more phases where e differs between
+    neighbours, so the phases are not even.
     """
     ends = np.append(starts[1:], len(phases))[: len(starts)] - 1
     following = np.roll(phases, -1)
@@ -279,8 +294,10 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
 
 
 def _between(impacts: Sequence[Impact]) -> list[Launch]:
-    """Launches at phases half-way between neighbours whose e differ, the most different first; none once all
-    is known, or where many steps decide. impacts: in the order of their phases.
+    """Launches at phases half-way between neighbours whose e differ, the most different first; none
+    once all is known, or where many steps decide.
+
+    impacts: in the order of their phases.
 
     The step after the last phase is that of the first again.
     """

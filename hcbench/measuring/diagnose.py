@@ -184,7 +184,9 @@ def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
 def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> list[Launch]:
     """Launches to try fixes on: some phases of the worst speed, the lowest and the highest.
 
-    Of the worst speed alone where all take too many steps. step_cost: see `ModelUnderTest`.
+    Of the worst speed alone where all take too many steps.
+
+    step_cost: see `ModelUnderTest`.
     """
 
     def badness(impact: Impact) -> tuple[bool, float]:

@@ -47,9 +47,12 @@ _FROM_USD = "Isaac Sim's URDF exporter makes a URDF of a USD file"
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One measurement. source: see `measure`; only files cross to the worker, objects stay here.
+    """One measurement.
 
-    beyond_bounds: whether numbers beyond physical bounds are admitted. rest: None: not measured.
+    source: see `measure`; only files cross to the worker, objects stay here.
+
+    beyond_bounds: whether numbers beyond physical bounds are admitted.
+    rest: None: not measured.
     """
 
     source: Any

@@ -51,9 +51,12 @@ def Wanted(
     """Build the target's e(v) from exactly one of alpha, restitution and points; SI numbers, or
     with units.
 
-    alpha: s/m, of eq. (16) (`reading` "law") or of e = 1 - α v (`reading` "linear"); "0.31 +- 0.004 s/m" has
-    a standard uncertainty. restitution: one e for all speeds. points: pairs (v m/s, e), straight between,
-    constant beyond. Raises UserError and QuantityError.
+    alpha: s/m, of eq. (16) (`reading` "law") or of e = 1 - α v (`reading` "linear"); "0.31 +- 0.004
+    s/m" has a standard uncertainty.
+    restitution: one e for all speeds.
+    points: pairs (v m/s, e), straight between, constant beyond.
+
+    Raises UserError and QuantityError.
     """
     ways = {"alpha": alpha, "restitution": restitution, "points": points if len(points) else None}
     given = [name for name, value in ways.items() if value is not None]
@@ -95,8 +98,9 @@ class Cause:
 class Measurement(Drawn):
     """One pair of one model, measured.
 
-    remedy: what is left with all causes fixed, as a sentence. rest: how the two lie on each other; None where
-    they do not, or where that was not measured. rest_causes: of what is too much there.
+    remedy: what is left with all causes fixed, as a sentence.
+    rest: how the two lie on each other; None where they do not, or where that was not measured.
+    rest_causes: of what is too much there.
     """
 
     facts: Facts

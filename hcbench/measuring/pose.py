@@ -90,7 +90,11 @@ def read_state(state: Any) -> Pose:
 
 
 def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:
-    """The named arrays of an .npz or JSON file. slot, what: of the error, UserError. what: it should have."""
+    """The named arrays of an .npz or JSON file.
+
+    slot, what: of the error, UserError.
+    what: it should have.
+    """
     try:
         if file.suffix == ".npz":
             content: Any = _arrays(read_bytes(file))

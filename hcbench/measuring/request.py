@@ -22,7 +22,9 @@ LONGEST_LIMIT_S = 1e6
 def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) -> Request:
     """A request from what a user writes, text with units parsed.
 
-    pair: "a,b" or ("a", "b"), first the one that moves. launch: as `LaunchOptions` describes it.
+    pair: "a,b" or ("a", "b"), first the one that moves.
+    launch: as `LaunchOptions` describes it.
+
     Raises UserError, and QuantityError for numbers and units.
     """
     given: dict[str, Any] = {name: value for name, value in launch.items() if value is not None}

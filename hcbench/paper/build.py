@@ -24,7 +24,10 @@ ASKED = (0.3, 0.5, 0.7, 0.9)
 
 
 def drawings(effort: Effort) -> list[Drawing]:
-    """All figures, in the page's order. effort: what the forced ones may cost."""
+    """All figures, in the page's order.
+
+    effort: what the forced ones may cost.
+    """
     functions: dict[str, Any] = {
         "figure-1": impact_figures.figure_1,
         "figure-2": impact_figures.figure_2,
@@ -50,9 +53,12 @@ def build(
 ) -> Path:
     """Write the page and its figures (SVG, PNG) into `folder` and return the page. All of it, or nothing.
 
-    quick: few parameters in the two forced figures. jobs: processes for the largest of them. tick: called
-    with (figures done, figures in all). The same version gives the same bytes for any jobs. Raises
-    OutputError where the folder cannot be written.
+    quick: few parameters in the two forced figures.
+    jobs: processes for the largest of them.
+    tick: called with (figures done, figures in all). The same version gives the same bytes for any
+    jobs.
+
+    Raises OutputError where the folder cannot be written.
     """
     plan = drawings(replace(QUICK if quick else FULL, jobs=jobs))
     with atomic_folder(folder, PAGE) as scratch:

@@ -25,9 +25,10 @@ from hcbench.terms.impact import Floats
 class Effort:
     """Amount of computation for the forced figures.
 
-    frequencies, cycles, drawn_cycles: of the bifurcation, the last cycles being drawn. response_frequencies:
-    of the response. timestep: of the engines, s, where the mass is clear; a quarter of it where it is
-    squeezed. jobs: processes for the bifurcation; they change the time, not the figure.
+    frequencies, cycles, drawn_cycles: of the bifurcation, the last cycles being drawn.
+    response_frequencies: of the response.
+    timestep: of the engines, s, where the mass is clear; a quarter of it where it is squeezed.
+    jobs: processes for the bifurcation; they change the time, not the figure.
     """
 
     frequencies: int

@@ -21,9 +21,11 @@ STEEL_DENSITY = 7850.0
 class Printed:
     """One number of the paper.
 
-    where: section or equation. what: of what. printed: the digits as printed, ours: the value, both in
-    `unit`. digits: how many of the printed digits are meant (two of 600 lb). note: where the difference
-    comes from.
+    where: section or equation.
+    what: of what.
+    printed: the digits as printed, ours: the value, both in `unit`.
+    digits: how many of the printed digits are meant (two of 600 lb).
+    note: where the difference comes from.
     """
 
     where: str

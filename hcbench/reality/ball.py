@@ -170,7 +170,9 @@ def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float |
 def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, float]:
     """Velocity at time 0, m/s, standard uncertainty of its height's rate, and rms of what the arc leaves, m.
 
-    time: s, shape (n,). place: m, shape (n, 3). spin: rad/s, shape (3,).
+    time: s, shape (n,).
+    place: m, shape (n, 3).
+    spin: rad/s, shape (3,).
     """
     # Columns of the Taylor series about time 0, to third order.
     powers = np.stack([np.ones_like(time), time, time**2 / 2.0, time**3 / 6.0], axis=1)

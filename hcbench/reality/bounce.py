@@ -29,7 +29,9 @@ _BACK = 1.5
 class MeasuredBounces:
     """Velocities (m/s) and spins (rad/s) at the touch, before and after, shape (n, 3), and attitudes (n, 4).
 
-    What was not measured after is NaN. numbers: which of the data set, shape (n,).
+    What was not measured after is NaN.
+
+    numbers: which of the data set, shape (n,).
     """
 
     numbers: Floats

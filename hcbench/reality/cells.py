@@ -27,7 +27,10 @@ Result = TypeVar("Result")
 class Cell:
     """A setting of an engine on parts of a data set.
 
-    setting: its key. values: of its parameters. folder: of the original data. variant: of the data set.
+    setting: its key.
+    values: of its parameters.
+    folder: of the original data.
+    variant: of the data set.
     """
 
     data: str

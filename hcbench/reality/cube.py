@@ -41,7 +41,11 @@ FOLDER = "data/tosses_processed"
 
 @dataclass(frozen=True, slots=True)
 class Corrections:
-    """Corrections of the published data. scale: of all lengths. inertia: kg m²."""
+    """Corrections of the published data.
+
+    scale: of all lengths.
+    inertia: kg m².
+    """
 
     scale: float = 1.0204
     inertia: float = 1.07e-3

@@ -22,7 +22,8 @@ ELLIPSE_NOISE = 0.09
 class Slope:
     """Change of e per m/s of impact speed, with its 95 % interval; and median e of n impacts.
 
-    constant: the slope that the same reading returns of a constant e. of: what was read.
+    constant: the slope that the same reading returns of a constant e.
+    of: what was read.
     """
 
     of: str
@@ -36,7 +37,11 @@ class Slope:
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """Errors on a set with some of its corrections. on: names of those that are made. errors: by setting."""
+    """Errors on a set with some of its corrections.
+
+    on: names of those that are made.
+    errors: by setting.
+    """
 
     on: tuple[str, ...]
     errors: Mapping[str, str]

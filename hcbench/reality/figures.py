@@ -41,7 +41,10 @@ def name_of(score: SettingScore) -> str:
 
 
 def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
-    """One row for each setting, floors as lines. unit: of the errors."""
+    """One row for each setting, floors as lines.
+
+    unit: of the errors.
+    """
     settings = [score for score in scores if score.engine != NO_ENGINE]
     settings.sort(key=lambda score: score.error, reverse=True)
     floors = [score for score in scores if score.engine == NO_ENGINE]

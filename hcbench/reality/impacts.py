@@ -54,11 +54,18 @@ _SCALES = np.repeat([1e-4, 1e-3, 0.01, 0.05, 5e-3, 1e-3, 5e-3], 3)
 class ImpactRead:
     """An impact of a motion at one vertex.
 
-    number: the motion's. order: 0 of a motion's first flight. time: s, from the motion's start. speed_in,
-    speed_out: of the vertex, at the plate, m/s; e their ratio; u_e its standard uncertainty, without what
-    differs from impact to impact. friction: tangential over normal impulse, against the slip. slip: m/s.
-    duration: s, between the two crossings of the plate. second: height of the next vertex, m. frames_after:
-    that were fitted. chi_square: a degree of freedom. energy_lost: share of the kinetic energy.
+    number: the motion's.
+    order: 0 of a motion's first flight.
+    time: s, from the motion's start.
+    speed_in, speed_out: of the vertex, at the plate, m/s; e their ratio; u_e its standard
+    uncertainty, without what differs from impact to impact.
+    friction: tangential over normal impulse, against the slip.
+    slip: m/s.
+    duration: s, between the two crossings of the plate.
+    second: height of the next vertex, m.
+    frames_after: that were fitted.
+    chi_square: a degree of freedom.
+    energy_lost: share of the kinetic energy.
     """
 
     number: int
@@ -248,7 +255,10 @@ class _ImpactFit:
         return np.stack([-arriving[:, 2], leaving, friction, slip, duration, lost], axis=1)
 
     def _energy(self, turn: Rotation, velocity: Floats, spin: Floats) -> Floats:
-        """Twice the kinetic energy, J, shape (b,). velocity, spin: in the world's frame, shape (b, 3)."""
+        """Twice the kinetic energy, J, shape (b,).
+
+        velocity, spin: in the world's frame, shape (b, 3).
+        """
         own = turn.inv().apply(spin)
         energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + own**2 @ np.array(self.body.inertia)
         return energy
@@ -257,8 +267,9 @@ class _ImpactFit:
         """Time, s after the touch, and speed, m/s, at which the flight after carries the vertex up
         through the plate, shape (b,) each.
 
-        u: unknowns, shape (b, 21). turn: attitude at the touch. velocity (m/s), spin (rad/s): after the
-        impulse, shape (b, 3). Twelve steps by Newton from 7 ms on, without a test of convergence.
+        u: unknowns, shape (b, 21).
+        turn: attitude at the touch. velocity (m/s), spin (rad/s): after the impulse, shape (b, 3).
+        Twelve steps by Newton from 7 ms on, without a test of convergence.
         """
         after = Rotation.from_rotvec(u[:, _JUMP_TURN]) * turn
         corner = after.apply(self.corners[self.vertex])
@@ -319,8 +330,11 @@ class _ImpactFit:
 def _least_squares(left: Callable[[Floats], Floats], start: Floats) -> tuple[Floats, Floats, float] | None:
     """Unknowns that make the squares least, the matrix of normal equations there, and the sum of squares.
 
-    By Gauss and Newton, with differences for slopes, all in one call; None where it does not settle.
-    left: residuals, shape (b, n), of unknowns, shape (b, 21). start: shape (21,).
+    By Gauss and Newton, with differences for slopes, all in one call; None where it does not
+    settle.
+
+    left: residuals, shape (b, n), of unknowns, shape (b, 21).
+    start: shape (21,).
     """
     best = start
     step = 1e-3 * _SCALES

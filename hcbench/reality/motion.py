@@ -29,8 +29,9 @@ _ITERATIONS = 12
 class Motion:
     """Poses at times: arrays of shape (n,) s, (n, 3) m with the plate at z = 0, (n, 4) as (w, x, y, z).
 
-    number: which of its data set. flight: frames before the first touch. start: at the first time; its
-    steps count frames, not an engine's.
+    number: which of its data set.
+    flight: frames before the first touch.
+    start: at the first time; its steps count frames, not an engine's.
     """
 
     number: int
@@ -87,6 +88,7 @@ def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
     time: s, shape (n,).
     position: m, shape (n, 3).
     quaternion: w first, shape (n, 4).
+
     The spin is found by iteration, since turns do not add.
     """
     since = time - time[0]
@@ -161,6 +163,7 @@ class Tosses:
 
         simulated: states of each toss, a row for each step.
         timestep: s.
+
         Distances are in per cent of the body's width, angles in rad.
         """
         width = 2.0 * float(np.mean(self.body.half_sizes))

@@ -93,7 +93,10 @@ def _toss(results: RealityResults) -> dict[str, Any]:
 def _of(
     scores: Sequence[SettingScore], data: str, setting: str, cone: str | None = None
 ) -> list[SettingScore]:
-    """Scores of engines' settings of one name in a data set. cone: None for any."""
+    """Scores of engines' settings of one name in a data set.
+
+    cone: None for any.
+    """
     chosen = []
     for score in scores:
         is_engine = score.engine != NO_ENGINE

@@ -23,7 +23,8 @@ NO_ENGINE = "none"
 class SettingScore:
     """A line: a mean error with its 95 % interval over n tosses or bounces.
 
-    cone: of friction, where the engine has several. rotation_deg: mean angle, of tosses.
+    cone: of friction, where the engine has several.
+    rotation_deg: mean angle, of tosses.
     """
 
     set: str

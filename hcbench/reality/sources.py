@@ -10,7 +10,9 @@ from hcbench.system.files import read_bytes
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A data set. repository, commit and path: of the original; shipped: whether hcbench has it.
+    """A data set.
+
+    repository, commit and path: of the original; shipped: whether hcbench has it.
 
     sha256: of the file at `path`; "" for a folder.
     """

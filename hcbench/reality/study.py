@@ -38,8 +38,10 @@ _TWIN_EVERY = 3
 
 @dataclass(frozen=True, slots=True)
 class RealityRequest:
-    """Options of the study. folders: of the original data. part: to judge; None: the validation
-    parts.
+    """Options of the study.
+
+    folders: of the original data.
+    part: to judge; None: the validation parts.
     """
 
     sets: Sequence[str]
@@ -56,9 +58,12 @@ class RealityRequest:
 class RealityResults:
     """Results of the study.
 
-    changed: scores on a data set with parts of it left as published, by what is. impacts: read from the
-    cube's tosses. twins: the same of synthetic ones, by law. slopes: of e over speed. switches: of the
-    ellipse's corrections. drawn: poses of one toss at its frames, measured and by setting.
+    changed: scores on a data set with parts of it left as published, by what is.
+    impacts: read from the cube's tosses.
+    twins: the same of synthetic ones, by law.
+    slopes: of e over speed.
+    switches: of the ellipse's corrections.
+    drawn: poses of one toss at its frames, measured and by setting.
     """
 
     request: RealityRequest

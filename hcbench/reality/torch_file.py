@@ -51,7 +51,10 @@ _Load = Callable[[str, str], Callable[[], _Numbers]]
 
 @dataclass(frozen=True, slots=True)
 class _Tensor:
-    """A tensor whose numbers may not be read yet, as the file describes it. strides: in numbers."""
+    """A tensor whose numbers may not be read yet, as the file describes it.
+
+    strides: in numbers.
+    """
 
     storage: Callable[[], _Numbers]
     offset: Any
@@ -89,7 +92,10 @@ def _whole_numbers(values: Any) -> tuple[int, ...]:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Knows tensors and nothing else. load: what stands for a storage's key and type."""
+    """Knows tensors and nothing else.
+
+    load: what stands for a storage's key and type.
+    """
 
     def __init__(self, content: bytes, load: _Load) -> None:
         super().__init__(io.BytesIO(content))

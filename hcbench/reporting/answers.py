@@ -17,8 +17,11 @@ _VERBS = {"exact": "Attach", "settings": "Set", "constant": "Set"}
 class PageChoice:
     """One of an answer's choices.
 
-    say: one sentence with its error and band. error: the largest of e over the band, m/s. more: what else to
-    know of it. text: to paste. shown: the runs to draw, its own and stock.
+    say: one sentence with its error and band.
+    error: the largest of e over the band, m/s.
+    more: what else to know of it.
+    text: to paste.
+    shown: the runs to draw, its own and stock.
     """
 
     kind: str
@@ -38,7 +41,10 @@ def choices(view: View, answer: Mapping[str, Any]) -> list[PageChoice]:
 
 
 def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) -> PageChoice:
-    """One of an answer's choices as the page shows it. answer, choice: as JSON."""
+    """One of an answer's choices as the page shows it.
+
+    answer, choice: as JSON.
+    """
     kind = str(choice["kind"])
     setting = str(choice["setting"])
     alpha = float(answer["alpha"])

@@ -111,7 +111,8 @@ def write_report(
 ) -> StudyReport:
     """Write a report as `report` does.
 
-    stage: shows, by a name, how far a part of the work is. warn: takes what was left out.
+    stage: shows, by a name, how far a part of the work is.
+    warn: takes what was left out.
     """
     with WorkerPool(jobs) as pool:
         with stage("reading the study"):

@@ -33,8 +33,9 @@ def build(
     """Write the report of `results` into `folder` and return its page. All of it appears, or nothing.
 
     pool: draws the figures of a field's page, side by side; None: this process does.
-    tick: called with figures (drawn, of all).
-    index.html; figures/overview.svg; restitution.csv, loops.csv, scores.csv, summary.json.
+    tick: called with figures (drawn, of all). index.html; figures/overview.svg; restitution.csv,
+    loops.csv, scores.csv, summary.json.
+
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
     if results.study.get("page") == "field":
@@ -70,7 +71,10 @@ def overview_drawing(view: View) -> Drawing:
 
 
 def page_text(by_gravity: Views, results: Results, overview: dict[str, Any]) -> str:
-    """The page. overview: what `draw` returns of `overview_drawing`."""
+    """The page.
+
+    overview: what `draw` returns of `overview_drawing`.
+    """
     view = by_gravity.main
     explored = explorer(by_gravity)
     return render(
@@ -100,7 +104,10 @@ def band_text(view: View) -> str:
 
 
 def _speed_span(view: View, unit: float) -> str:
-    """Ends of the study's band, in two digits. unit: of speed, m/s."""
+    """Ends of the study's band, in two digits.
+
+    unit: of speed, m/s.
+    """
     low, high = view.band / unit
     return wording.span(f"{low:.2g}", f"{high:.2g}")
 

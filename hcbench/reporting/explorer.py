@@ -33,8 +33,10 @@ _USUAL_STEP = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class Explorer:
-    """Values for the page's templates. data: JSON. choice: the best of the answer that the page
-    opens with.
+    """Values for the page's templates.
+
+    data: JSON.
+    choice: the best of the answer that the page opens with.
 
     tabs: id -> title of the panels under the plots.
     """

@@ -43,7 +43,8 @@ def fit_page(
 ) -> str:
     """The page as HTML text.
 
-    typed: the words after `hcbench` that led here. scene: one that bounces as the recording did, to be drawn.
+    typed: the words after `hcbench` that led here.
+    scene: one that bounces as the recording did, to be drawn.
     """
     sounds = []
     heard = []

@@ -114,7 +114,10 @@ _PANEL = 3.4, 2.4
 
 
 def landing_page(robots: Sequence[Landings]) -> str:
-    """The page as HTML text. robots: dropped in the same way."""
+    """The page as HTML text.
+
+    robots: dropped in the same way.
+    """
     names = labels(robots)
     return render(
         "landing.html",

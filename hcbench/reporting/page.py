@@ -39,8 +39,9 @@ _FILTERS: dict[str, Callable[..., str]] = {
 class Drawing:
     """A figure of a page, by the name of its files; its title and caption stand in the page's template.
 
-    draw: makes the figure and, where something is measured in it, the sentence that ends the caption; None
-    where there is nothing to show, and `why` says so. alt: what the figure shows, for who cannot see it.
+    draw: makes the figure and, where something is measured in it, the sentence that ends the
+    caption; None where there is nothing to show, and `why` says so.
+    alt: what the figure shows, for who cannot see it.
     """
 
     name: str

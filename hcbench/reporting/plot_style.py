@@ -92,7 +92,9 @@ def new_figure(width: float, height: float) -> Figure:
 
 @dataclass(frozen=True, slots=True)
 class PlotStyle:
-    """Style of one setting of one engine. dashes: on-off lengths in points; () is a full line.
+    """Style of one setting of one engine.
+
+    dashes: on-off lengths in points; () is a full line.
 
     kind: "exact" (a law in place of the contact), "settings", "constant" (one e for all speeds) or "stock".
     """
@@ -218,8 +220,9 @@ def set_ticks(axis: Axis, ticks: Sequence[float], text: Callable[[float], str] =
 
 
 def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high: float) -> Floats:
-    """Positions nearest to these, at least `gap` apart, within low ... high: for labels beside
-    lines.
+    """Positions nearest to these, at least `gap` apart, within low ...
+
+    high: for labels beside lines.
 
     positions: shape (n,), in any order; the result has their order.
     The gap gives way if there are more labels than room.

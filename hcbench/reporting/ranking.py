@@ -36,7 +36,9 @@ _OTHER_SIZE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class RunVerdict:
-    """Verdict on one run, in words. grade: "good", "even", "bad", for colour beside the words.
+    """Verdict on one run, in words.
+
+    grade: "good", "even", "bad", for colour beside the words.
 
     lacks: what keeps it from being used under gravity.
     """

@@ -47,7 +47,10 @@ def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
 
 
 def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
-    """A row of `ranking`. with_gravity: the same study under gravity, if it has it."""
+    """A row of `ranking`.
+
+    with_gravity: the same study under gravity, if it has it.
+    """
     outcome = verdict(view, run)
     score = view.score(run) or {}
     if view.gravity:
@@ -135,7 +138,10 @@ class PastedTexts:
     """The texts to paste of all runs, every text once."""
 
     def __init__(self, by_gravity: Views) -> None:
-        """by_gravity: the study."""
+        """Texts to paste for the settings of one study.
+
+        by_gravity: the study.
+        """
         self.stored: list[str] = []
         self.settings: dict[str, Cells] = {}
         self._places: dict[tuple[float, RunKey, float], int] = {}

@@ -39,7 +39,10 @@ _PLACES = {"plane": "on a flat plate", "cup": "in the cup"}
 
 
 class RunKey(NamedTuple):
-    """One setting of one engine at one step. place: where, if not in the study's own scene."""
+    """One setting of one engine at one step.
+
+    place: where, if not in the study's own scene.
+    """
 
     engine: str
     setting: str

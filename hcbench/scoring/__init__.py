@@ -38,7 +38,8 @@ __all__ = [
 def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
     """Everything there is to say about one setting at one step against one law.
 
-    impacts: one or more, over speeds and phases; a launch is one (speed, phase). mass: effective mass, kg.
+    impacts: one or more, over speeds and phases; a launch is one (speed, phase).
+    mass: effective mass, kg.
     """
     require("impacts", list(impacts), bool(impacts), "one or more")
     positive("mass", mass, "kg")

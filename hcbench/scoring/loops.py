@@ -73,7 +73,10 @@ def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | No
 
 
 def _at_surface(x: Floats, f: Floats) -> float:
-    """Force at which the line through two samples meets x = 0, N. x: m, f: N, shape (2,)."""
+    """Force at which the line through two samples meets x = 0, N.
+
+    x: m, f: N, shape (2,).
+    """
     if x[1] == x[0]:
         return float(f[0])
     return float(f[0] - x[0] * (f[1] - f[0]) / (x[1] - x[0]))

@@ -81,8 +81,10 @@ SCORE_FIELDS = tuple(f.name for f in fields(Score))
 class Measured:
     """Impacts as columns, shape (n,).
 
-    speed: asked for, m/s. launch: a number that launches share which differ in phase only. speed_in, m/s, e
-    and energy_lost (a share) are NaN where there is none. gained: whether any is known to have gained energy.
+    speed: asked for, m/s.
+    launch: a number that launches share which differ in phase only. speed_in, m/s, e and
+    energy_lost (a share) are NaN where there is none.
+    gained: whether any is known to have gained energy.
     """
 
     speed: Floats
@@ -103,7 +105,10 @@ class Tally:
     """
 
     def __init__(self, law: HuntCrossley, mass: float) -> None:
-        """mass: effective mass, kg."""
+        """A tally without impacts yet.
+
+        mass: effective mass, kg.
+        """
         self._law = law
         self._mass = mass
         # Numbers of impacts, of those that parted, and of those that came to rest.
@@ -190,7 +195,10 @@ class Tally:
 
 
 class _Errors:
-    """Adds up errors, NaN as long as there is none. worst_speed: where the first largest is, m/s."""
+    """Adds up errors, NaN as long as there is none.
+
+    worst_speed: where the first largest is, m/s.
+    """
 
     def __init__(self) -> None:
         self.largest = math.nan

@@ -188,8 +188,10 @@ def build(
 ) -> Path:
     """The shared library made of the C file `source` of this package; compiled unless the cache has it whole.
 
-    flags, link: for the compiler, before and after the source. headers: of others; where they change, so
-    does the library. Raises NotCompiled with the reason.
+    flags, link: for the compiler, before and after the source.
+    headers: of others; where they change, so does the library.
+
+    Raises NotCompiled with the reason.
     """
     path = _HERE / source
     command = [*compiler(), *FLAGS, *flags, str(path), *link, "-lm"]

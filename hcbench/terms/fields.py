@@ -55,7 +55,10 @@ class ResultTable(FileTable):
 
 
 def mistake(expected: str, got: str = "", advice: str = "") -> PydanticCustomError:
-    """Make the error that a validator raises. got: "" for the value as given."""
+    """Make the error that a validator raises.
+
+    got: "" for the value as given.
+    """
     return PydanticCustomError("mistake", "{expected}", {"expected": expected, "got": got, "advice": advice})
 
 
@@ -63,7 +66,9 @@ def mistake(expected: str, got: str = "", advice: str = "") -> PydanticCustomErr
 class InUnits:
     """Marks a field as a quantity: a number (SI) or text with a unit, read as SI.
 
-    quantity: a name in `units.QUANTITIES`. several: a tuple of them, each once. least, above: bounds, SI.
+    quantity: a name in `units.QUANTITIES`.
+    several: a tuple of them, each once.
+    least, above: bounds, SI.
     """
 
     quantity: str
@@ -127,7 +132,10 @@ Steps = Annotated[tuple[float, ...], InUnits("timestep", several=True, above=0.0
 
 
 def read_toml(path: Path, error: type[UserError], slot: str, expected: str = "a TOML file") -> dict[str, Any]:
-    """The content of a TOML file; raises `error` where there is none. expected: what the file should be."""
+    """The content of a TOML file; raises `error` where there is none.
+
+    expected: what the file should be.
+    """
     # Imported here: it takes as long as most of what reads fields.
     import tomllib
 

@@ -75,7 +75,9 @@ class Launch:
     ) -> Launch:
         """Drop a body so that it touches at `speed`, m/s, in a step's `phase`.
 
-        It starts at rest, or with less than one step's gain in speed. share: as in `touching`.
+        It starts at rest, or with less than one step's gain in speed.
+
+        share: as in `touching`.
         """
         return cls.touching(speed, phase, timestep, gravity, steps_most=math.inf, share=share)
 
@@ -93,10 +95,11 @@ class Launch:
     ) -> Launch:
         """Launch a body so that it touches at `speed`, m/s, in a step's `phase`, under gravity, m/s².
 
-        A plain `Launch` arrives faster than its speed, and at fewer phases. The flight takes `steps_most`
-        whole steps and the phase, or fewer, so that the body is never thrown upwards; if no whole step
-        fits, it falls from rest, at the phase that results. share: of g h, see `SpeedReading`: steps h keep
-        (v + share g h)² + 2 g z.
+        A plain `Launch` arrives faster than its speed, and at fewer phases. The flight takes
+        `steps_most` whole steps and the phase, or fewer, so that the body is never thrown upwards;
+        if no whole step fits, it falls from rest, at the phase that results.
+
+        share: of g h, see `SpeedReading`: steps h keep (v + share g h)² + 2 g z.
         """
         if gravity <= 0.0:
             return cls(speed, phase, None, slip, spin)
@@ -141,8 +144,10 @@ class Launch:
         return self.height if self.height is not None else (2.0 + self.phase) * timestep * self.speed
 
     def clearance_in_phase(self, timestep: float, gravity: float) -> float:
-        """`clearance`, m, with a height changed by up to half a step's way, so that the touch falls into its
-        phase. gravity: into the plate, m/s².
+        """`clearance`, m, with a height changed by up to half a step's way, so that the touch falls
+        into its phase.
+
+        gravity: into the plate, m/s².
         """
         if self.height is None:
             return self.clearance(timestep)
@@ -150,7 +155,10 @@ class Launch:
         return self.height + (self.phase - 0.5) * min(way, self.height)
 
     def touch_speed(self, timestep: float, gravity: float) -> float:
-        """Approach speed at touch, m/s: sqrt(v² + 2 g clearance). gravity: into the plate, m/s²."""
+        """Approach speed at touch, m/s: sqrt(v² + 2 g clearance).
+
+        gravity: into the plate, m/s².
+        """
         if gravity == 0.0:
             return abs(self.speed)
         return math.sqrt(max(0.0, self.speed * self.speed + 2.0 * gravity * self.clearance(timestep)))
@@ -229,8 +237,10 @@ class Tangential:
     `Launch`.
 
     slip_in, slip_out: velocity of the contact point over the plate, before and after, m/s.
-    spin_in, spin_out: angular velocity, rad/s. impulse: of friction on the body, N s.
-    normal_impulse: N s. energy_in, energy_out: kinetic energy of the whole motion, J.
+    spin_in, spin_out: angular velocity, rad/s.
+    impulse: of friction on the body, N s.
+    normal_impulse: N s.
+    energy_in, energy_out: kinetic energy of the whole motion, J.
     """
 
     slip_in: tuple[float, ...]
@@ -264,8 +274,9 @@ Loop = Trajectory
 class Impact:
     """One impact. Speeds are >= 0, m/s; NaN only where `status` says that there is nothing to report.
 
-    speed_in, speed_out: at the touch plane. speed_after_force: of a user's model, in the first state that the
-    contact force no longer acts in, from where joints and servos act on until the bodies part; else NaN.
+    speed_in, speed_out: at the touch plane.
+    speed_after_force: of a user's model, in the first state that the contact force no longer acts
+    in, from where joints and servos act on until the bodies part; else NaN.
     """
 
     launch: Launch

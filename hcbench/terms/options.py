@@ -25,8 +25,10 @@ from typing import (
 class Option(NamedTuple):
     """Form of an option in commands and files.
 
-    takes: the word for its value in a command's help. group: the title above it there. flag: its name on the
-    command line and in files; "" for the parameter's name with dashes. choices: the only values, if any.
+    takes: the word for its value in a command's help.
+    group: the title above it there.
+    flag: its name on the command line and in files; "" for the parameter's name with dashes.
+    choices: the only values, if any.
     """
 
     help: str

@@ -30,7 +30,9 @@ _SUFFIXES = {
 class Field:
     """One field of a record.
 
-    name: in Python. unit: SI; "" for a number without one. meaning: one line, without the unit.
+    name: in Python.
+    unit: SI; "" for a number without one.
+    meaning: one line, without the unit.
     kind: type of the value; a float may be NaN, which is null in JSON, unless it is `given`.
     attribute: where a Python object has it, with dots for parts of parts; the name by default.
     oblique: only records of oblique launches have it.
@@ -68,7 +70,10 @@ Fields = tuple[Field, ...]
 
 
 def record(fields: Fields, source: Any, oblique: bool = True) -> dict[str, Any]:
-    """The fields of an object by their keys. oblique: whether to add those of oblique launches."""
+    """The fields of an object by their keys.
+
+    oblique: whether to add those of oblique launches.
+    """
     return {field.key: field.of(source) for field in fields if oblique or not field.oblique}
 
 

@@ -60,12 +60,15 @@ class Scene:
     """The truth about a drop, SI, and the engine files that say the same.
 
     form: "cup", the true concave plate; "plane", the equivalent sphere 1/(1/R1 + 1/R2) on a plane.
-    ball_radius: R1, m. plate_radius: R2, m, negative when concave, inf when flat.
-    stiffness: k, N/m^exponent. gravity: m/s^2 towards the plate, 0 for launches in free flight.
-    off_axis: how far from a cup's axis the ball's centre is when it touches, m; it is launched along the
-    normal there.
+    ball_radius: R1, m.
+    plate_radius: R2, m, negative when concave, inf when flat.
+    stiffness: k, N/m^exponent.
+    gravity: m/s^2 towards the plate, 0 for launches in free flight.
+    off_axis: how far from a cup's axis the ball's centre is when it touches, m; it is launched
+    along the normal there.
     friction: Coulomb's μ between the two.
     models: engine name -> role -> file, as the engine loads it.
+
     Raises SceneError for values that no such scene has.
     """
 

@@ -20,7 +20,8 @@ class Setting:
     engine: the engine's registered name.
     name: the recipe that made it, such as "impulse".
     timestep: s.
-    options: the engine's own words with JSON values; the adapter validates them. Empty means: as authored.
+    options: the engine's own words with JSON values; the adapter validates them. Empty means: as
+    authored.
     """
 
     engine: str

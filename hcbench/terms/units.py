@@ -124,7 +124,10 @@ def _factor(unit: str, si: str) -> float:
 
 
 def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
-    """Return one `unit` in the SI unit of the kind. text: all that the user wrote, for errors."""
+    """Return one `unit` in the SI unit of the kind.
+
+    text: all that the user wrote, for errors.
+    """
     if not unit:
         return 1.0
     si = kind.unit.replace("^n", f"^{exponent!r}")
@@ -162,9 +165,14 @@ def parse(
 ) -> float:
     """Parse one quantity and return it in SI units.
 
-    value: a number (SI already) or text such as "0.008 s/in". quantity: a name in QUANTITIES.
-    slot: what to call it in an error. exponent: n in N/m^n, for a stiffness. least, above: bounds, SI.
-    Raises QuantityError for text that is not such a quantity and for values not finite or out of bounds.
+    value: a number (SI already) or text such as "0.008 s/in".
+    quantity: a name in QUANTITIES.
+    slot: what to call it in an error.
+    exponent: n in N/m^n, for a stiffness.
+    least, above: bounds, SI.
+
+    Raises QuantityError for text that is not such a quantity and for values not finite or out of
+    bounds.
     """
     kind = QUANTITIES[quantity]
     slot = slot or quantity
@@ -224,7 +232,10 @@ def parse_uncertain(
 ) -> tuple[float, float]:
     """A quantity and its standard uncertainty, SI: "0.31 +- 0.004 s/m", "30 ± 0.1 cm"; 0 where none is given.
 
-    The unit may stand behind both, or behind a pair in brackets. least, above: bounds, SI.
+    The unit may stand behind both, or behind a pair in brackets.
+
+    least, above: bounds, SI.
+
     Raises QuantityError.
     """
     match = _UNCERTAIN.fullmatch(value) if isinstance(value, str) else None
@@ -254,8 +265,12 @@ def parse_values(
 ) -> Floats:
     """Several quantities, shape (n,), SI: "4, 8, 16 in/s", "1:20 in/s" (20 even values), "1:20:5 in/s" (5).
 
-    A list may mix all of these. A unit at the end alone holds for the whole list; otherwise each item has its
-    own, or none has one. Order is kept. least, above: bounds, SI. Raises QuantityError.
+    A list may mix all of these. A unit at the end alone holds for the whole list; otherwise each
+    item has its own, or none has one. Order is kept.
+
+    least, above: bounds, SI.
+
+    Raises QuantityError.
     """
     kind = QUANTITIES[quantity]
     slot = slot or quantity

@@ -49,12 +49,18 @@ _NEXT: dict[Kind | None, tuple[Kind, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A setting to use. tuned: what the engine did with it; None for a plug-in, which needs no run.
+    """A setting to use.
 
-    kind: "exact" (a plug-in), "settings" (numbers of the engine's own), "constant" (one e for all speeds).
-    text: to paste, with the user's two names. max_error: the largest error of e over `speeds`, m/s. max_e:
-    the largest e in that band and below. passivity: None where it was not measured. needs: what a user's
-    model must have. promise: what `measure` will compare with.
+    tuned: what the engine did with it; None for a plug-in, which needs no run.
+
+    kind: "exact" (a plug-in), "settings" (numbers of the engine's own), "constant" (one e for all
+    speeds).
+    text: to paste, with the user's two names.
+    max_error: the largest error of e over `speeds`, m/s.
+    max_e: the largest e in that band and below.
+    passivity: None where it was not measured.
+    needs: what a user's model must have.
+    promise: what `measure` will compare with.
     """
 
     kind: Kind
@@ -132,9 +138,10 @@ class Never:
 class Answer(Drawn):
     """Choices in the order exact, settings, constant, where they exist; `best` is what was asked for.
 
-    asked: the kind; None for the first that the engine has. named: a setting that was asked for by its name,
-    even one that fails. left_out: why the plug-in is not among the choices where it could not be compiled,
-    and how to get it; or "".
+    asked: the kind; None for the first that the engine has.
+    named: a setting that was asked for by its name, even one that fails.
+    left_out: why the plug-in is not among the choices where it could not be compiled, and how to
+    get it; or "".
     """
 
     engine: str

@@ -309,7 +309,10 @@ def _listed(pair: BodyPair | Sequence[BodyPair] | None) -> list[BodyPair]:
 
 
 def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
-    """The files to write and the version that has to load them. version: "ENGINE@3.5"."""
+    """The files to write and the version that has to load them.
+
+    version: "ENGINE@3.5".
+    """
     numbers: tuple[int, ...] = ()
     if version:
         match = _VERSION.fullmatch(version)
@@ -364,9 +367,10 @@ def make_target(
 ) -> tuple[Scene, Target]:
     """The scene and the target of a question; SI numbers or text with units.
 
-    adams, newton: a contact by stiffness and damping, in place of an e. speeds: the band of impact
-    speeds, by default the paper's as far as the step can bounce. mass, stiffness,
-    exponent: the scene's by default. gravity: into the plate, 9.81 m/s² by default.
+    adams, newton: a contact by stiffness and damping, in place of an e.
+    speeds: the band of impact speeds, by default the paper's as far as the step can bounce.
+    mass, stiffness, exponent: the scene's by default.
+    gravity: into the plate, 9.81 m/s² by default.
     """
     points = read_points(points)
     spring = _spring(alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton)

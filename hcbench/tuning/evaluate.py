@@ -50,13 +50,21 @@ _AS_LAW = 1.5
 class Evaluation:
     """Errors and extremes of a setting, run in the target's conditions: gravity, friction.
 
-    max_error: largest |e - target|, at random launches and about the worst of them. at_speed: where, m/s.
-    constant, constant_error: the best constant e. launches: how many. steps_min, steps_max: steps in contact.
-    penetration_max: m. force_max: N. deep: whether that is deeper than the step and the law ask for.
-    friction_error: largest error of the impulse of friction, over μ times the normal impulse; NaN without.
+    max_error: largest |e - target|, at random launches and about the worst of them.
+    at_speed: where, m/s.
+    constant, constant_error: the best constant e.
+    launches: how many.
+    steps_min, steps_max: steps in contact.
+    penetration_max: m.
+    force_max: N.
+    deep: whether that is deeper than the step and the law ask for.
+    friction_error: largest error of the impulse of friction, over μ times the normal impulse; NaN
+    without.
     phase_spread: largest difference in e between phases of one speed; NaN where a phase has no e.
-    loop_rms: distance of the loops from the law's over its largest force; NaN where no loop is resolved.
-    failed: impacts that gave no restitution, with the first reason. max_e: the largest e of all.
+    loop_rms: distance of the loops from the law's over its largest force; NaN where no loop is
+    resolved.
+    failed: impacts that gave no restitution, with the first reason.
+    max_e: the largest e of all.
     """
 
     max_error: float = math.nan

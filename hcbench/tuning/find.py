@@ -49,10 +49,14 @@ def find_answer(
 ) -> Answer:
     """Find settings of an engine for a target, under the target's gravity and friction.
 
-    engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto" aims at.
-    integrator: of an engine that has several; None for the recipe's own. max_error: of e, within which the
-    simplest setting will do. pair: what the two bodies are called in the user's model. asked: the kind;
-    None for all of them, the exact one first.
+    engine: a registered name.
+    recipe: the name of one of its recipes, or "auto".
+    match: what "auto" aims at.
+    integrator: of an engine that has several; None for the recipe's own.
+    max_error: of e, within which the simplest setting will do.
+    pair: what the two bodies are called in the user's model.
+    asked: the kind; None for all of them, the exact one first.
+
     Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
     SearchInterrupted with the best so far where an interrupt ends a search.
     """

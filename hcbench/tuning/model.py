@@ -59,8 +59,11 @@ _FAR = 0.2
 
 @dataclass(frozen=True, slots=True)
 class _TuneJob(Job):
-    """others: requests of further pairs. spring: what gives e, in place of `wanted`. max_error: of e, within
-    which the simplest setting will do.
+    """A job of measuring, with what tuning needs besides.
+
+    others: requests of further pairs.
+    spring: what gives e, in place of `wanted`.
+    max_error: of e, within which the simplest setting will do.
     """
 
     others: tuple[Request, ...] = ()
@@ -82,8 +85,9 @@ def tune_job(
     """Find the simplest setting whose e is within `max_error` of the target for all pairs at once,
     or the nearest.
 
-    requests: one a pair; their speeds span the band. A loose box is tried on face, edge and vertex. output:
-    where the texts are to be written. Files are run in a worker. UserError for a pair that cannot meet.
+    requests: one a pair; their speeds span the band. A loose box is tried on face, edge and vertex.
+    output: where the texts are to be written. Files are run in a worker. UserError for a pair that
+    cannot meet.
     """
     if len(requests) == 0:
         raise UserError("requests", "none", "one a pair")

@@ -31,7 +31,9 @@ def tune(
 ) -> Tuned:
     """A setting that matches a target, evaluated under the target's gravity and friction.
 
-    As `find_answer`, whose choice it is. progress: called with the evaluations of a search (done, at most).
+    As `find_answer`, whose choice it is.
+
+    progress: called with the evaluations of a search (done, at most).
     """
     with report_progress(progress):
         return find_answer(

@@ -124,7 +124,10 @@ def _advice(
     recipe: Recipe,
     recipes: Sequence[Recipe],
 ) -> Iterator[str]:
-    """Yield sentences that a user of the setting must know. recipes: all of its engine's."""
+    """Yield sentences that a user of the setting must know.
+
+    recipes: all of its engine's.
+    """
     depth = evaluation.penetration_max
     radius = scene.relative_radius
     if not evaluation.max_error < _BETTER * evaluation.constant_error and evaluation.constant_error > 0:

@@ -27,9 +27,10 @@ _GAINS = 0.95
 class TunedPair:
     """Result of a setting for one pair.
 
-    curve: e at held-out speeds, rising, each at the phases between which e differs. attitude: of the body,
-    such as "edge"; "" where it has but one. taken: how much of the speed at touch, at most, joints and
-    servos take between the contact's last force and the touch plane; below 0 where they add to it.
+    curve: e at held-out speeds, rising, each at the phases between which e differs.
+    attitude: of the body, such as "edge"; "" where it has but one.
+    taken: how much of the speed at touch, at most, joints and servos take between the contact's
+    last force and the touch plane; below 0 where they add to it.
     """
 
     facts: Facts
@@ -54,8 +55,10 @@ class TunedPair:
 class TunedModel(Shown):
     """A setting for pairs in their own model, and how it does there.
 
-    texts: of the setting; its `written` is "" where the engine has no such text. pairs: in each attitude.
-    untuned: the same of the model as it was. before, after: how it stands without and with the setting.
+    texts: of the setting; its `written` is "" where the engine has no such text.
+    pairs: in each attitude.
+    untuned: the same of the model as it was.
+    before, after: how it stands without and with the setting.
     enough: error of e, within which a setting will do.
     """
 

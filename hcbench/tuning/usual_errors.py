@@ -53,8 +53,9 @@ Row: TypeAlias = "list[Any]"
 
 
 class Condition(NamedTuple):
-    """Conditions for which the file has errors at any α; SI. band: of impact speeds, () for the
-    default of the step.
+    """Conditions for which the file has errors at any α; SI.
+
+    band: of impact speeds, () for the default of the step.
     """
 
     engine: str

@@ -44,8 +44,11 @@ def integrate(
 ) -> None:
     """Move every oscillator from y at t = 0 through its checkpoints.
 
-    y: shape (components, oscillators). checkpoints: times in s, rising, shape (checkpoints, oscillators).
-    step_max: the longest step of each, s. Raises EngineFailed when an oscillator makes no headway.
+    y: shape (components, oscillators).
+    checkpoints: times in s, rising, shape (checkpoints, oscillators).
+    step_max: the longest step of each, s.
+
+    Raises EngineFailed when an oscillator makes no headway.
     """
     batch = _Batch(system, y, checkpoints, step_max, observe)
     for _ in range(_TRIALS_MAX):
@@ -59,8 +62,10 @@ def integrate(
 class _Batch:
     """The state of all oscillators, t, y and mode, and what comes next for each.
 
-    passed: checkpoints. h: length of the next step, s. goal: what the end of that step is searched for;
-    low, high: bracket of its length. Arrays have the shape (..., oscillators).
+    passed: checkpoints.
+    h: length of the next step, s.
+    goal: what the end of that step is searched for; low, high: bracket of its length. Arrays have
+    the shape (..., oscillators).
     """
 
     def __init__(
@@ -162,7 +167,8 @@ class _Batch:
     def _narrow(self, rows: Indices, h: Floats, y: Floats) -> None:
         """Choose the next step of a search from the last one: by Newton's method, else by bisection.
 
-        h: length of the last step, s. y: at its end.
+        h: length of the last step, s.
+        y: at its end.
         """
 
         def value(y: Floats) -> Floats:

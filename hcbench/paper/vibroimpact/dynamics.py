@@ -36,10 +36,13 @@ class TwoSidedContact:
     """A batch of masses between blocks, whose equations depend on modes, which change at switches.
 
     y is position, velocity and, if the energy balance is kept, the energies lost and put in; shape
-    (components, masses). `rows` are the numbers of the masses that the columns of the other arrays belong to.
-    Switch 0 or 1 is the surface of the right or left block, 2 or 3 where its force ends or returns.
-    half_gap: g/2 of each, m. length, speed: the size of each motion, m, m/s; size: that of each component of
-    y. tolerance: error of a step over those sizes.
+    (components, masses). `rows` are the numbers of the masses that the columns of the other arrays
+    belong to. Switch 0 or 1 is the surface of the right or left block, 2 or 3 where its force ends
+    or returns.
+
+    half_gap: g/2 of each, m.
+    length, speed: the size of each motion, m, m/s; size: that of each component of y.
+    tolerance: error of a step over those sizes.
     """
 
     laws: tuple[ForceLaw, ForceLaw]

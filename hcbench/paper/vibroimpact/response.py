@@ -30,8 +30,10 @@ class Orbits:
     """Motion over the values of a parameter, each from the same start; arrays of shape (values,
     kept cycles).
 
-    values: of the parameter, SI, shape (values,). position (m), velocity (m/s): at the end of each cycle.
-    highest, lowest: the largest and smallest q within each cycle, m. touches: impacts in each cycle.
+    values: of the parameter, SI, shape (values,). position (m), velocity (m/s): at the end of each
+    cycle.
+    highest, lowest: the largest and smallest q within each cycle, m.
+    touches: impacts in each cycle.
     """
 
     over: Over
@@ -63,9 +65,11 @@ def orbits(
 ) -> Orbits:
     """Simulate each value of the parameter for `cycles` periods of the drive and keep the last `keep`.
 
-    values: frequencies (Hz), amplitudes (N) or gaps (m). tolerance: error of a step over the size of the
-    motion. jobs: processes that share the values; the answer is the same to the last bit. Raises UserError
-    for values the system or the drive refuses.
+    values: frequencies (Hz), amplitudes (N) or gaps (m).
+    tolerance: error of a step over the size of the motion.
+    jobs: processes that share the values; the answer is the same to the last bit.
+
+    Raises UserError for values the system or the drive refuses.
     """
     values = np.atleast_1d(np.asarray(values, dtype=float))
     require("values", values.size, values.size >= 1, "at least one value")

@@ -55,9 +55,11 @@ def simulate(
 ) -> SimulatedMotion:
     """The motion from q = position (m), q' = velocity (m/s), t = 0 to `until` (s); free without a drive.
 
-    drive: P in N over t in s, a `Sinusoid` or any smooth function (a rough one needs `step_max`, s).
-    tolerance: error of a step over the size of the motion. Raises UserError for numbers that are not finite,
-    from the caller or from the drive.
+    drive: P in N over t in s, a `Sinusoid` or any smooth function (a rough one needs `step_max`,
+    s).
+    tolerance: error of a step over the size of the motion.
+
+    Raises UserError for numbers that are not finite, from the caller or from the drive.
     """
     for slot, value, unit in (("position", position, "m"), ("velocity", velocity, "m/s")):
         require(slot, value, math.isfinite(value), f"a finite number in {unit}")

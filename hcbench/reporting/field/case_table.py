@@ -26,8 +26,11 @@ _OBEDIENCE = {
 
 @dataclass(frozen=True, slots=True)
 class CaseTable:
-    """titles: of the cases, by id. rows: of each engine its name and cells. why: id -> engine -> reason.
+    """Verdicts of the conformance cases on each engine.
 
+    titles: of the cases, by id.
+    rows: of each engine its name and cells.
+    why: id -> engine -> reason.
     changes: what another version of an engine changed.
     """
 

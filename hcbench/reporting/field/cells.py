@@ -44,7 +44,11 @@ _LOST = {"diverged": "loses the ball", "no-touch": "no contact", "crashed": "cra
 
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
-    """text, and what stands below it. grade: of GRADES. order: to sort by; None is last. case: what it is of.
+    """text, and what stands below it.
+
+    grade: of GRADES.
+    order: to sort by; None is last.
+    case: what it is of.
 
     note: a sentence for who clicks it.
     """
@@ -75,7 +79,11 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
 
 
 def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, MatrixCell]:
-    """One engine's cells by column. gravity: m/s². timestep: s."""
+    """One engine's cells by column.
+
+    gravity: m/s².
+    timestep: s.
+    """
     here = (engine, gravity, timestep)
     own = view.best(*here)
     plugin = view.best(*here, PLUGIN)

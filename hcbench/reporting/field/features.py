@@ -38,7 +38,10 @@ def energy_note(engine: str) -> Feature | None:
 
 
 def features(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[str, list[Feature]]]:
-    """(engine, its cells in the order of FEATURES). probes: by engine."""
+    """(engine, its cells in the order of FEATURES).
+
+    probes: by engine.
+    """
     return [(engine, _cells(view, engine, probes.get(engine))) for engine in view.engines]
 
 

@@ -32,7 +32,9 @@ _WORDS = (
 
 def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
     """Sentences that sort the engines at a step (s): those that follow the law by settings, by a
-    plug-in, or not. gravity: m/s².
+    plug-in, or not.
+
+    gravity: m/s².
     """
     ran = [engine for engine in view.engines if view.cases(engine, gravity, timestep, *OWN, PLUGIN)]
     own = _following(view, ran, gravity, timestep, *OWN)

@@ -82,7 +82,11 @@ def _costs(view: FieldView, probes: dict[str, tuple[Case, probe.Probe | None]]) 
 
 
 def page_text(view: FieldView, figures: list[dict[str, Any]], probes: dict[str, probe.Probe | None]) -> str:
-    """The page. figures: what `draw` returns of each of `drawings`. probes: by engine."""
+    """The page.
+
+    figures: what `draw` returns of each of `drawings`.
+    probes: by engine.
+    """
     made = tables(view)
     usual = min(made, key=lambda table: (-table.gravity, _far_from_usual(table.step)))
     return render(

@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class StepMatrix:
-    """The matrix at a step. sentences: of `headline`. rows: of `cells.rows`."""
+    """The matrix at a step.
+
+    sentences: of `headline`.
+    rows: of `cells.rows`.
+    """
 
     gravity: float
     step: float
@@ -82,7 +86,10 @@ def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
 
 
 def _table(table: StepMatrix, numbers: dict[Case, int]) -> dict[str, Any]:
-    """A table as the script takes it. numbers: of the cases so far; new ones are added."""
+    """A table as the script takes it.
+
+    numbers: of the cases so far; new ones are added.
+    """
     table_rows = []
     for engine, row in table.rows.items():
         table_rows.append([engine, [_cell(cell, numbers) for cell in row.values()]])

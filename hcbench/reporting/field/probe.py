@@ -34,8 +34,11 @@ _REPEAT_S = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """Probe of one setting. repeats: whether the same launches give the same bits. alone: and each
-    by itself. cost: number of balls that were simulated together -> s a ball and step.
+    """Probe of one setting.
+
+    repeats: whether the same launches give the same bits.
+    alone: and each by itself.
+    cost: number of balls that were simulated together -> s a ball and step.
     """
 
     repeats: bool
@@ -98,7 +101,10 @@ def scene_of(view: FieldView) -> Scene:
 
 
 def csv_of(costs: Sequence[tuple[str, str, float, dict[int, float]]], machine: str) -> str:
-    """The costs as a file of its own. costs: (engine, setting, step, as `Probe.cost`)."""
+    """The costs as a file of its own.
+
+    costs: (engine, setting, step, as `Probe.cost`).
+    """
     lines = [
         f"# CPU and load of one machine at one time: {machine}",
         "engine,setting,timestep_s,balls,us_a_ball_step",
