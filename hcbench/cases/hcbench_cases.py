@@ -1,23 +1,20 @@
 """Bounces that a physics engine should get right: runs the cases, judges the states, writes JUnit.
 
-One file of Python's standard library, to be copied beside hcbench-cases-1.json into an engine's own
-tests:
+One file of Python's standard library, to be copied beside hcbench-cases-1.json into an engine's own tests:
 
     python hcbench_cases.py my_adapter.py --expected known.json --junit cases.xml
 
-An adapter is a file with ENGINES: a list of classes, or functions without arguments, that make an
-engine. It has `name`, `version`, and `combine`: how the restitutions of two bodies become one
-("product", "average", "maximum", "minimum", "geometric", or None without a rule). It has
-`make(world)`, `step()`, and `state()`, the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body
-that moves, in SI units and the world's frame. It raises NotImplementedError for what the engine
-cannot do. An engine that steps many worlds at once also has `start()`: `make` adds a world, `start`
-starts all that were added since, of as many steps of one length and the same shapes, and `state`
-lists the states of each.
+An adapter is a file with ENGINES: a list of classes, or functions without arguments, that make an engine. It
+has `name`, `version`, and `combine`: how the restitutions of two bodies become one ("product", "average",
+"maximum", "minimum", "geometric", or None without a rule). It has `make(world)`, `step()`, and `state()`,
+the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body that moves, in SI units and the world's frame.
+It raises NotImplementedError for what the engine cannot do.
+An engine that steps many worlds at once also has `start()`: `make` adds a world, `start` starts all that were
+added since, of as many steps of one length and the same shapes, and `state` lists the states of each.
 
-MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of charge,
-to any person obtaining a copy, to use, copy, modify, merge, publish, distribute, sublicense and
-sell it, if this notice stays in all copies or substantial portions. It is provided "as is", without
-warranty of any kind.
+MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of charge, to any
+person obtaining a copy, to use, copy, modify, merge, publish, distribute, sublicense and sell it, if this
+notice stays in all copies or substantial portions. It is provided "as is", without warranty of any kind.
 """
 
 from __future__ import annotations
@@ -36,8 +33,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 Json = dict[str, Any]
-# [step, state of a body, state of the next ...], of each recorded step
-States = list[list[Any]]
+States = list[list[Any]]  # of each recorded step [step, state of a body, state of the next ...]
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
 # Places of z, of vz, and of vx, vy, vz in the state of a body.
 _Z = 2
@@ -59,8 +55,7 @@ def run(engine: Any, cases: Json) -> Json:
         # An engine that steps one world at a time has each run in a batch of its own.
         key = _batch_key(each) if hasattr(engine, "start") else str(number)
         batches.setdefault(key, []).append(each)
-    # By the identity of the run: equal runs may be in two cases.
-    states: dict[int, Json] = {}
+    states: dict[int, Json] = {}  # by the run's identity: equal runs may be in two cases
     for batch in batches.values():
         for each, result in _run(engine, batch):
             states[id(each)] = result
@@ -86,8 +81,7 @@ def _run(engine: Any, runs: list[Json]) -> list[tuple[Json, Json]]:
         made = _make_worlds(engine, results)
         if made:
             _step_worlds(engine, made)
-    # An engine's own error ends its runs; the others go on.
-    except Exception as error:
+    except Exception as error:  # an engine's own error ends its runs alone
         failed = {"error": f"{type(error).__name__}: {error}"}
         results = [(each, result if "unsupported" in result else failed) for each, result in results]
     return results
@@ -116,14 +110,12 @@ def _step_worlds(engine: Any, made: list[tuple[Json, States]]) -> None:
     if is_batch:
         engine.start()
     any_run, _ = made[0]
-    # One number of steps for a whole batch.
-    for step in range(1 + any_run["steps"]):
+    for step in range(1 + any_run["steps"]):  # one number for a whole batch
         if step:
             engine.step()
         asked = [_is_asked(each, step) for each, _ in made]
         if not any(asked):
-            # Reading the state may cost an engine more than a step.
-            continue
+            continue  # to read a state may cost an engine more than a step
         worlds = engine.state() if is_batch else [engine.state()]
         for (_, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
             if is_asked:
@@ -145,19 +137,15 @@ def restitution(each: Json, states: States) -> float:
     timestep = each["world"]["timestep"]
     *_, gravity_z = each["world"]["gravity"]
     ball, *_ = each["world"]["bodies"]
-    # Height of the ball's centre at touch, m.
-    touch = ball["radius"]
+    touch = ball["radius"]  # height of the ball's centre at touch, m
     z = {step: body[_Z] for step, body, *_ in states}
-    # Of the speed at the plane, m²/s².
-    squares = {}
+    squares = {}  # speed at the plane, squared, m²/s²
     for step, height in z.items():
         if step - 1 in z and step + 1 in z:
-            # Central differences mean the same in every integrator; the energy takes them to the
-            # plane.
+            # Central differences mean the same in every integrator; the energy takes them to the plane.
             speed = (z[step + 1] - z[step - 1]) / (2 * timestep)
             squares[step] = speed**2 - 2 * gravity_z * (height - touch)
-    # The first step after which the ball is higher.
-    turned = math.inf
+    turned = math.inf  # the first step after which the ball is higher
     for step, later in pairwise(z):
         if z[later] > z[step]:
             turned = later
@@ -191,8 +179,7 @@ def vibration(each: Json, states: States) -> float:
     """Standard deviation of the velocity in the last recorded steps, m/s, of the body that shakes most."""
     last = _last(each, states)
     shaking = []
-    # A state's first entry is the step.
-    for body in range(1, len(last[0])):
+    for body in range(1, len(last[0])):  # a state's first entry is the step
         by_axis = [pstdev(state[body][axis] for state in last) for axis in _VELOCITY]
         shaking.append(math.hypot(*by_axis))
     return max(shaking)
@@ -202,8 +189,7 @@ def force_noise(each: Json, states: States) -> float:
     """Standard deviation of the contact's force over the weight, from the velocity in the last steps."""
     upward = [body[_VZ] for _, body, *_ in _last(each, states)]  # m/s
     *_, gravity_z = each["world"]["gravity"]
-    # Speed gained in a step of free fall, m/s.
-    gained = -each["world"]["timestep"] * gravity_z
+    gained = -each["world"]["timestep"] * gravity_z  # speed of a step of free fall, m/s
     return float(pstdev(later - now for now, later in pairwise(upward)) / gained)
 
 
@@ -244,8 +230,8 @@ QUANTITIES: dict[str, Callable[[Json, States], Any]] = {function.__name__: funct
 def judge(results: Json, cases: Json) -> list[Json]:
     """A verdict on each case: {case, title, verdict, why, worst}.
 
-    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity what was measured, what is
-    true, and the number of the run that is farthest off.
+    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity what was measured, what is true, and
+    the number of the run that is farthest off.
     """
     done, combine = results["runs"], results["engine"]["combine"]
     return [_judge(case, done.get(case["id"], []), combine) for case in cases["cases"]]
@@ -255,20 +241,17 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
     """The verdict on one case. done: the results of its runs, in order."""
     verdict = {"case": case["id"], "title": case["title"], "verdict": "pass", "why": "", "worst": {}}
     limits = {name: limit["value"] for name, limit in case["tolerance"].items()}
-    # Largest error so far.
-    off = dict.fromkeys(limits, -1.0)
+    off = dict.fromkeys(limits, -1.0)  # largest error so far
     try:
         for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
             if "states" not in result:
-                # The word is "unsupported" or "error".
-                ((word, why),) = result.items()
+                ((word, why),) = result.items()  # "unsupported" or "error"
                 return {**verdict, "verdict": word, "why": str(why)}
             if not _is_finite(result["states"]):
                 return {**verdict, "verdict": "fail", "why": f"a state is not finite (run {number})"}
             for name, measured, true in _compared(each, result["states"], combine):
                 error = abs(measured - true)
-                # Written so that a nan is the worst.
-                if not error <= off[name]:
+                if not error <= off[name]:  # written so that NaN is the worst
                     off[name] = error
                     verdict["worst"][name] = [measured, true, number]
     except NotImplementedError as error:
@@ -309,10 +292,7 @@ def _compared(each: Json, states: States, combine: str | None) -> Iterator[tuple
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", in words).
-
-    expected: {case: reason} of failures that are known.
-    """
+    """("passed", "failure" or "skipped", in words). expected: {case: reason} of failures that are known."""
     known = expected.get(verdict["case"])
     if verdict["verdict"] == "pass":
         return ("failure", f"passes, though it is expected to fail: {known}") if known else ("passed", "")

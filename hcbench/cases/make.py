@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any
 
 Json = dict[str, Any]
+# Time steps of the runs, s.
 STEPS = (1 / 60, 1 / 240, 1 / 1000)
+# m/s², and the radius of the balls, m.
 GRAVITY = 9.81
 RADIUS = 0.05
 # Steps of flight before the touch: the impact speed is read from three positions.

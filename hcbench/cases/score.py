@@ -191,15 +191,12 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
     under_gravity = list(_restitutions(slow, runs.get(slow["id"], [])))
     silent = [impact.speed for impact in under_gravity if impact.is_silent]
     threshold = max(silent, default=0.0)
-    if [verdict["verdict"] for verdict in verdicts[:2]] == ["pass", "pass"]:
+    first, second, *_ = verdicts
+    if first["verdict"] == second["verdict"] == "pass":
         return "obeyed", threshold
-    by_asked: dict[float, list[float]] = {}
-    for impact in measured:
-        by_asked.setdefault(impact.asked, []).append(impact.e)
-    means = [sum(values) / len(values) for values in by_asked.values()]
-    if not means:
+    if not measured:
         return None, 0.0
-    if max(means) - min(means) < _ALIKE:
+    if _range_of_means(measured) < _ALIKE:
         return "ignored", threshold
     silent += [impact.speed for impact in measured if impact.is_silent]
     threshold = max(silent, default=0.0)
@@ -209,6 +206,15 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
         if above and all(abs(impact.e - impact.asked) <= tolerance for impact in above):
             return "threshold", threshold
     return "mixed", threshold
+
+
+def _range_of_means(measured: Sequence[_CaseBounce]) -> float:
+    """Range of the mean e over all restitutions that are asked for."""
+    by_asked: dict[float, list[float]] = {}
+    for impact in measured:
+        by_asked.setdefault(impact.asked, []).append(impact.e)
+    means = [sum(values) / len(values) for values in by_asked.values()]
+    return max(means) - min(means)
 
 
 class _CaseBounce(NamedTuple):

@@ -104,6 +104,10 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def _make(folder: Path, python: str) -> None:
+    """Make an empty environment in a folder. python: a version or a path.
+
+    Raises UserError for a Python that is not on this machine, or is too old.
+    """
     interpreter = _known(python) or python
     done = _run_uv(["venv", "--relocatable", "--python", interpreter, str(folder)], folder.parent)
     if done.returncode:

@@ -13,6 +13,7 @@ from hcbench.system.errors import OutputError
 from hcbench.system.files import json_text, parse_json, read_text, scratch_folder, user_folder, write_text
 
 RECORD = "hcbench-engine.json"
+# Version of the record: one of another hcbench is not read.
 _SCHEMA = 1
 
 

@@ -73,13 +73,16 @@ def as_table(pairs: Sequence[CandidatePair], longest: int = 40) -> str:
     ]
     header = ("--pair", "types", "touching, or m", "kg", "moved by")
     lines = table(header, rows)
-    poses = [f"{p.pair} in {', '.join(p.touching_in)}" for p in pairs if p.touching_in and not p.touching]
-    lines += [f"touching in other poses: {'; '.join(map(sanitized, poses[:_NAMED]))}"] if poses else []
+    apart = [p for p in pairs if p.touching_in and not p.touching]
+    poses = [sanitized(f"{p.pair} in {', '.join(p.touching_in)}") for p in apart]
+    if poses:
+        lines.append(f"touching in other poses: {'; '.join(poses[:_NAMED])}")
     if len(pairs) > longest:
         lines.append(f"and {len(pairs) - longest} more: --json lists all")
     alike: dict[str, list[str]] = {}
     for p in pairs[:longest]:
-        setting = sanitized("; ".join(f"{name} {_text(value)}" for name, value in p.settings.items()))
+        parameters = [f"{name} {_text(value)}" for name, value in p.settings.items()]
+        setting = sanitized("; ".join(parameters))
         alike.setdefault(setting, []).append(sanitized(p.pair))
     lines += [f"contact of {_some(of)}: {setting}" for setting, of in alike.items() if setting]
     return "\n".join(lines) + "\n"

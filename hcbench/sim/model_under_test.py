@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 # Over the default band of models, m/s.
 DEFAULT_SPEEDS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
+# Phases at each speed, where in a step the contact starts.
 DEFAULT_PHASES = 4
 # Two of the causes in `Facts.shares`.
 CONTACT = "the contact of the pair"

@@ -26,9 +26,14 @@ def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, 
     request: a name, or "KIND:NAME" or "KIND:ID" to say which.
     Raises UserError with the names there are.
     """
-    by_id = {f"{kind}:{key}": (kind, key) for kind, _, key in parts}
-    by_kind = {f"{kind}:{name}": (kind, key) for kind, name, key in reversed(parts)}
-    by_name = {name: (kind, key) for kind, name, key in reversed(parts)}
+    by_id: dict[str, tuple[str, Id]] = {}
+    by_kind: dict[str, tuple[str, Id]] = {}
+    by_name: dict[str, tuple[str, Id]] = {}
+    # Backwards, so that the first of several parts with one name is meant.
+    for kind, name, key in reversed(parts):
+        by_id[f"{kind}:{key}"] = (kind, key)
+        by_kind[f"{kind}:{name}"] = (kind, key)
+        by_name[name] = (kind, key)
     try:
         return (by_id | by_kind | by_name)[request]
     except KeyError:

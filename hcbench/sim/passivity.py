@@ -311,6 +311,7 @@ def drops_in(
 def _drops_here(
     name: str, scene: Scene, setting: Setting, heights: Sequence[float], train: LongestTrain | None
 ) -> Bounces:
+    """The drops of `drops_in` in this process. heights: m."""
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     launches = [Launch(0.0, height=height) for height in heights]
     fastest = launches[-1].touch_speed(setting.timestep, scene.gravity)

@@ -308,6 +308,7 @@ def _expected_steps(scene: Scene, timestep: float, launches: Launches) -> int:
 
 
 def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: int) -> Trajectory:
+    """The path of `trajectory` in this process: so many steps, NaN from where the engine gave up."""
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     fastest = max(_SLOWEST, launch.touch_speed(setting.timestep, scene.gravity))
     path = np.full((3, steps), np.nan)

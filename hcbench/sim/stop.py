@@ -198,7 +198,10 @@ class StopRule:
         return np.where(ended, first + 1, 0), np.where(ended, why, End.GOING)
 
     def _rested(self, x: Floats, v: Floats, acting: Flags) -> Whole:
-        """The first step at rest of each launch."""
+        """The first step at rest of each launch, (b,); beyond every step for one that is not.
+
+        x: penetration, m, v: rate, m/s, acting: where the force acts; the coming steps, (b, n).
+        """
         speed, idle_speed = np.abs(v), IDLE_SHARE / REST_SHARE * self.rest_speed
         touched = np.arange(self.steps, self.steps + x.shape[1]) >= self.touch[:, None]
         quiet = [

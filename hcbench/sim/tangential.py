@@ -40,9 +40,10 @@ def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
 
 
 def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
-    """The `frame` of one unit vector.
+    """The `frame` of one unit vector, (3, 3).
 
-    along: None for x, or y where the plate is across x. UserError.
+    deeper: into the plate, (3,). along: None for x, or y where the plate is across x. Raises
+    UserError for a direction that is 0 or normal to the plate.
     """
     if along is None:
         along = (1.0, 0.0, 0.0) if abs(deeper[0]) < _ACROSS else (0.0, 1.0, 0.0)

@@ -116,7 +116,7 @@ class TossModule(Protocol):
         timestep: float,
         tosses: Sequence[Toss],
     ) -> list[Floats]:
-        """Return the states at the ends of the steps, an array per toss."""
+        """Return the states at the ends of the steps, (steps + 1, 13), SI, an array per toss."""
         ...
 
 

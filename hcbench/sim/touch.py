@@ -21,11 +21,13 @@ from hcbench.terms.impact import Floats
 DEEPEST = 0.1
 # Share of a joint's motion that must be along the normal for it to launch a body.
 LEAST_APPROACH = 1e-3
+# Steps of a search for the touch, and halvings of one.
 _ROUNDS = 60
 # An overlap that is more than rounding, m.
 _SEEN = 1e-9
 # Two that are so many times their smallest distance apart again will not meet.
 _PASSED = 4.0
+# Equal steps in which a scan looks for a contact.
 _SCAN_STEPS = 200
 # Joints that an error names: the pose that cures it, with all of them, needs the room.
 _SHOWN = 2

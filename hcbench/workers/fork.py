@@ -18,6 +18,7 @@ from typing import NoReturn
 AVAILABLE = sys.platform == "linux"
 # PR_SET_PDEATHSIG of prctl(2).
 _SET_PARENT_DEATH_SIGNAL = 1
+# Time between two looks at whether the copy has ended, s.
 _POLL_S = 1e-3
 
 

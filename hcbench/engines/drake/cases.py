@@ -20,19 +20,16 @@ class DrakeBodies:
         self.steps = 0
         builder = drake.DiagramBuilder()
         plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step=self.h)
-        # Static and dynamic friction.
         friction = drake.CoulombFriction(world["friction"], world["friction"])
         # Drake's default dissipation, s/m, and a point stiffness, N/m.
-        dissipation = 50.0
-        stiffness = 1e7
+        dissipation, stiffness = 50.0, 1e7
         self.properties = drake.ProximityProperties()
         drake.AddContactMaterial(dissipation, stiffness, friction, self.properties)
         rigid = drake.ProximityProperties(self.properties)
         drake.AddRigidHydroelasticProperties(1.0, rigid)
         self.patch = drake.ProximityProperties(self.properties)
         # Length of the elements of a body's pressure field, m, and its modulus, Pa.
-        resolution = 0.1
-        modulus = 1e8
+        resolution, modulus = 0.1, 1e8
         drake.AddCompliantHydroelasticProperties(resolution, modulus, self.patch)
         self.moving = [self._body(plant, f"body{i}", body) for i, body in enumerate(bodies)]
         if world["floor"]:

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Setting
 
 
+# Copies of a model whose steps are recorded: one vmap is compiled for so many.
 _PLACES = 32
 # Threads of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for
 # a third.

@@ -229,7 +229,10 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
     def touchdowns(
         self, source: Any, request: Request, recorded: Mapping[str, Floats]
     ) -> TrajectoryTouchdowns:
-        """Find where a recorded motion met the floor, by qpos and qvel of each state."""
+        """Find where a recorded motion met the floor.
+
+        recorded: qpos (n, nq) and qvel (n, nv), SI, and time (n,), s, where it is known.
+        """
         from hcbench.engines.mujoco.model.open import load as load_user_model
         from hcbench.engines.mujoco.model.touchdowns import touchdowns
 
@@ -251,6 +254,9 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
 
 
 def _one_file(source: Any) -> Any:
+    """The one source of a list, or the MjData of (MjModel, MjData). Raises UserError for several
+    files.
+    """
     if not isinstance(source, list | tuple):
         return source
     if len(source) == 2 and type(source[1]).__name__ == "MjData":

@@ -32,6 +32,10 @@ def _one_step(e: float, timestep: float | None, missing: list[str]) -> list[Syst
 def _spring_damper(
     e: float, contact_time: float | None, timestep: float | None, missing: list[str]
 ) -> list[SystemValue]:
+    """solref of a spring and damper with this e and contact time (s), in both of its forms.
+
+    missing: gets a sentence for what cannot be written.
+    """
     if contact_time is None:
         missing.append("MuJoCo's spring and damper: it needs the contact time.")
         return []

@@ -148,7 +148,7 @@ class WarpCopies(Copies):
         self._step, self._before = names["mjw"].step, names.get("before_step", lambda data: None)
 
     def place(self, states: Floats) -> Floats:
-        """Put the copies into new states."""
+        """Put the copies into states (b, nq + nv), SI; returns them as float32 has them."""
         self._data = self._names["mjw"].put_data(
             self._model, self._start, nworld=len(states), nconmax=self._most, njmax=self._most
         )
@@ -157,7 +157,7 @@ class WarpCopies(Copies):
         return self._state()
 
     def step(self, steps: int) -> Floats:
-        """Up to as many steps as are worth a look."""
+        """States after each of up to `steps` steps, (n, b, nq + nv): as many as are worth a look."""
         path = []
         for _ in range(min(steps, _MOST_STEPS)):
             self._take_step()
@@ -206,23 +206,34 @@ def _reading_kernel(warp: Any) -> Any:
     Warp compiles source text, so the kernel is written as text: the fields of Rule and Reading are
     its arguments, arrays where each ball has a number of its own.
     """
-    both, either = warp.func(_both), warp.func(_either)
-    library = SimpleNamespace(abs=warp.abs, where=warp.where, logical_and=both, logical_or=either)
-    kinds = {name: "int" if name in WHOLE else "float" for name in (*Rule._fields, *Reading._fields)}
-    # The other columns are one number for all.
-    each = {*EACH, *Reading._fields}
-    typed = [f"_{name}: {f'wp.array[{kind}]' if name in each else kind}" for name, kind in kinds.items()]
-    taken = [f"_{name}[i]" if name in each else f"_{name}" for name in kinds]
+    library = SimpleNamespace(
+        abs=warp.abs,
+        where=warp.where,
+        logical_and=warp.func(_both),
+        logical_or=warp.func(_either),
+    )
+    add = reader(library)
+    names = (*Rule._fields, *Reading._fields)
+    # Warp compiles no function without annotations.
+    add.__annotations__ = dict.fromkeys(("height_after", "rising_after", *names), Any)
+    parameters = ["qpos: wp.array2d[float]", "qvel: wp.array2d[float]"]
+    arguments = ["qpos[i, 2]", "qvel[i, 2]"]
+    for name in names:
+        kind = "int" if name in WHOLE else "float"
+        # Some fields of the rule are one number for all balls.
+        if name in EACH or name in Reading._fields:
+            parameters.append(f"_{name}: wp.array[{kind}]")
+            arguments.append(f"_{name}[i]")
+        else:
+            parameters.append(f"_{name}: {kind}")
+            arguments.append(f"_{name}")
     lines = [
         "@wp.kernel",
-        f"def read(qpos: wp.array2d[float], qvel: wp.array2d[float], {', '.join(typed)}):",
+        f"def read({', '.join(parameters)}):",
         "    i = wp.tid()",
-        f"    {', '.join(Reading._fields)} = add(qpos[i, 2], qvel[i, 2], {', '.join(taken)})",
+        f"    {', '.join(Reading._fields)} = add({', '.join(arguments)})",
         *(f"    _{name}[i] = {name}" for name in Reading._fields),
     ]
-    add = reader(library)
-    # Warp compiles no function without annotations.
-    add.__annotations__ = dict.fromkeys(("height_after", "rising_after", *kinds), Any)
     return run_lines("\n".join(lines), {"wp": warp, "add": warp.func(add)})["read"]
 
 

@@ -21,7 +21,7 @@ from hcbench.sim.parallel import ScriptedWorldsEngine
 from hcbench.sim.scripted import ScriptOptions
 from hcbench.sim.shared_model import changed, shared_recipes
 from hcbench.system.errors import SettingError
-from hcbench.system.text import shortest
+from hcbench.system.text import arguments, shortest
 from hcbench.terms.fields import Finite, OptionTable
 from hcbench.terms.resolution import STEPS_OF_AN_EXPLICIT_SPRING
 from hcbench.terms.scene import Scene
@@ -104,20 +104,37 @@ def _parts(options: NewtonOptions) -> tuple[str, str, str, str]:
 
     Raises SettingError for an e without XPBD, or rows without SolverMuJoCo.
     """
-    given = options.model_dump(include={"restitution", "ke", "kd"}, exclude_none=True)
+    solver = options.solver
+    if isinstance(options.law, HuntCrossley):
+        solver = "SemiImplicit"
     bounces = options.restitution is not None or isinstance(options.law, Restitution)
-    solver = "SemiImplicit" if isinstance(options.law, HuntCrossley) else options.solver
-    for what, has, only in (("an e", bounces, "XPBD"), ("rows", options.rows, "MuJoCo")):
-        if has and solver != only:
-            raise SettingError("newton option 'solver'", f"{solver!r} with {what}", f"{only!r}")
+    _require_solver(solver, "XPBD", "an e", bounces)
+    _require_solver(solver, "MuJoCo", "rows", bool(options.rows))
+
+    keywords = {"density": 0.0}
     # With a mu of 0 the states of SolverMuJoCo are NaN.
-    mu = {} if solver == "MuJoCo" else {"mu": 0.0}
-    shape = ", ".join(f"{k}={shortest(v)}" for k, v in (mu | {"density": 0.0} | given).items())
-    rows = [", ".join(map(shortest, (*row.solref, *row.solimp, row.onset))) for row in options.rows]
-    pairs = _PAIRS.format("".join(f"\n    ({row})," for row in rows)) if rows else ""
-    more, hook = (", enable_restitution=True", _EACH) if bounces else ("", _FORCE)
-    head = f"shape = newton.ModelBuilder.ShapeConfig({shape})  # of both"
-    return head, pairs, f"solver = newton.solvers.Solver{solver}(model{more})", hook if options.law else ""
+    if solver != "MuJoCo":
+        keywords = {"mu": 0.0, **keywords}
+    keywords |= options.model_dump(include={"restitution", "ke", "kd"}, exclude_none=True)
+    head = f"shape = newton.ModelBuilder.ShapeConfig({arguments(keywords)})  # of both"
+
+    lines = []
+    for row in options.rows:
+        numbers = map(shortest, (*row.solref, *row.solimp, row.onset))
+        lines.append(f"\n    ({', '.join(numbers)}),")
+    pairs = _PAIRS.format("".join(lines)) if lines else ""
+
+    more = ", enable_restitution=True" if bounces else ""
+    hook = ""
+    if options.law:
+        hook = _EACH if bounces else _FORCE
+    return head, pairs, f"solver = newton.solvers.Solver{solver}(model{more})", hook
+
+
+def _require_solver(solver: str, only: str, what: str, is_given: bool) -> None:
+    """Raise SettingError where a setting has what `only` one other solver takes."""
+    if is_given and solver != only:
+        raise SettingError("newton option 'solver'", f"{solver!r} with {what}", f"{only!r}")
 
 
 _LINES = """\

@@ -171,7 +171,9 @@ def force():
     return contact.getRecordValues(state).get(1) or None  # on the ball: x, y, z ..."""
 
 
+# At this accuracy e is within 5e-9; at OpenSim's own, 1e-3, it is wrong by 0.2 or more.
 _ACCURACY = 1e-11
+# The one exponent of Simbody's contact.
 _HERTZ = 1.5
 
 

@@ -48,6 +48,7 @@ class RecordedEngine(Engine):
 
 
 def _files(setting: Setting, count: int) -> list[str]:
+    """The file of each of `count` launches. Raises SettingError for any other option or count."""
     unknown = [name for name in setting.options if name != "file"]
     if unknown:
         raise SettingError("recorded option", repr(unknown[0]), "'file'")
@@ -101,6 +102,7 @@ def _number(slot: str, index: int, name: str, text: str | None) -> float:
 
 
 def _check_times(slot: str, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
+    """Raise SettingError for times, s, (n,), that do not rise in even steps."""
     if len(time) < 2:
         raise SettingError(slot, "one row", "two rows or more, even in time")
     if not np.isfinite(time).all():

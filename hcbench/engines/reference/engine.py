@@ -68,6 +68,7 @@ class ReferenceEngine(Engine):
 
     @staticmethod
     def _one(law: Law, scene: Scene, timestep: float, launch: Launch) -> Impact:
+        """The impact of one launch, at the speed, m/s, that gravity gives it until the touch."""
         speed = launch.touch_speed(timestep, scene.gravity)
         if speed == 0.0:
             return Impact(launch, Status.NO_TOUCH, "released at rest and without gravity")
@@ -102,6 +103,9 @@ def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence
 # A study asks for every speed at several phases, which the truth does not depend on.
 @lru_cache(maxsize=512)
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
+    """The impact of a mass, kg, at a speed, m/s, under gravity, m/s², with a loop sampled at a
+    step, s.
+    """
     if isinstance(law, TouchSpeedLaw):
         law = law.at(speed)
     if gravity == 0.0 and isinstance(law, HuntCrossley):
@@ -127,6 +131,7 @@ def _points(duration: float, timestep: float) -> int:
 
 
 def _closed_hunt_crossley(law: HuntCrossley, mass: float, speed: float, timestep: float) -> Impact:
+    """The impact by the closed forms of eq. (16), without gravity; arguments as of `_impact`, SI."""
     duration = float(closed_form.duration(law, mass, speed))
     count = _points(duration, timestep)
     return Impact(
@@ -143,6 +148,7 @@ def _closed_hunt_crossley(law: HuntCrossley, mass: float, speed: float, timestep
 
 
 def _closed_kelvin_voigt(law: KelvinVoigt, mass: float, speed: float, timestep: float) -> Impact:
+    """The impact of an underdamped spring and damper that ends at the surface, without gravity; SI."""
     ending = kelvin_voigt.Ending.SURFACE
     bounce = kelvin_voigt.bounce(law, mass, speed, ending)
     count = _points(bounce.duration, timestep)

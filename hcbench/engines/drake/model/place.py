@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
+# Steps of the way to the touch, at most.
 _ROUNDS = 60
 # Distance that counts as touching, m.
 _CLOSE = 1e-13

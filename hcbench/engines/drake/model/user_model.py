@@ -81,6 +81,7 @@ class LoadedPlant:
         self.collide = {frozenset(both) for both in self.inspector.GetCollisionCandidates()}
 
     def _add(self, path: Path, packages: Packages) -> None:
+        """Add the models of a file to the plant. Raises SceneError where Drake does not load it."""
         if not path.is_file():
             what = "is a folder" if path.is_dir() else "is not there"
             raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 # attitudes.
 _BOX = {"face": (0.0, 0.0, 1.0), "edge": (0.0, 1.0, 1.0), "vertex": (1.0, 1.0, 1.0)}
 _ROUND = {"face": (0.0, 0.0, 1.0), "side": (1.0, 0.0, 0.0), "rim": (1.0, 0.0, 1.0)}
+# Of a free joint: a body with these alone hangs on nothing.
 _FREE_DOFS = 6
 _NEAR = 1e-3  # m
 
@@ -31,17 +32,20 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
     what stands still, where nothing else touches it. The requests differ in their pose, qpos in m
     and quaternions. Raises UserError or SceneError where the pair cannot be brought to touch.
     """
-    kinds, placed = backend().mjtGeom, MujocoModel(model, label, state, request)
+    kinds = backend().mjtGeom
+    placed = MujocoModel(model, label, state, request)
     place = placed.place
     geom, other = place.contact.geoms
     if int(model.geom_bodyid[geom]) != place.pair.first.body:
         geom, other = other, geom
     body = int(model.geom_bodyid[geom])
-    ways = {int(kinds.mjGEOM_BOX): _BOX, int(kinds.mjGEOM_CYLINDER): _ROUND}.get(int(model.geom_type[geom]))
-    flat = int(model.geom_type[other]) in (int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_BOX))
-    flat = flat and not model.body_weldid[model.geom_bodyid[other]]
-    alone = _is_loose(model, body) and not _is_touched(model, placed.start, geom, other)
-    if ways is None or not flat or request.pose or not alone:
+    ways_of_shape = {int(kinds.mjGEOM_BOX): _BOX, int(kinds.mjGEOM_CYLINDER): _ROUND}
+    ways = ways_of_shape.get(int(model.geom_type[geom]))
+    is_flat = int(model.geom_type[other]) in (int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_BOX))
+    is_fixed = not model.body_weldid[model.geom_bodyid[other]]
+    if ways is None or request.pose or not (is_flat and is_fixed):
+        return [("", request)]
+    if not _is_loose(model, body) or _is_touched(model, placed.start, geom, other):
         return [("", request)]
     size = model.geom_size[geom]
     if ways is _ROUND:
@@ -50,17 +54,18 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
         size = np.array([size[0], size[0], size[1]])
     upright = copy.copy(placed.start)
     backend().mj_kinematics(model, upright)
-    turned, address = [], int(model.jnt_qposadr[model.body_jntadr[body]])
+    address = int(model.jnt_qposadr[model.body_jntadr[body]])
+    attitude = slice(address + 3, address + 7)
+    turned = []
     for name, way in ways.items():
         qpos = placed.start.qpos.copy()
         # Backed off by its bounding radius: no attitude starts inside the other body.
         qpos[address : address + 3] -= model.geom_rbound[geom] * place.contact.normal
         frame = upright.geom_xmat[geom].reshape(3, 3)
         turn = _turn(frame @ _unit(size * np.array(way)), place.contact.normal)
-        backend().mju_mulQuat(
-            qpos[address + 3 : address + 7], turn, placed.start.qpos[address + 3 : address + 7]
-        )
-        turned.append((name, replace(request, pose=(("qpos", tuple(qpos.tolist())),))))
+        backend().mju_mulQuat(qpos[attitude], turn, placed.start.qpos[attitude])
+        pose = (("qpos", tuple(qpos.tolist())),)
+        turned.append((name, replace(request, pose=pose)))
     return turned
 
 
@@ -86,7 +91,7 @@ def _unit(vector: Floats) -> Floats:
 
 
 def _turn(start: Floats, end: Floats) -> Floats:
-    """The quaternion of the least turn from one unit vector to another."""
+    """The quaternion, w x y z, of the least turn from one unit vector, (3,), to another."""
     axis, cosine = np.cross(start, end), float(start @ end)
     # Half a turn: every axis across the start will do, and 1 + cosine would vanish in the
     # quaternion.

@@ -79,8 +79,10 @@ def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
     one rigid body, or parent and child.
     """
     body1, body2 = sorted((int(model.geom_bodyid[geom1]), int(model.geom_bodyid[geom2])))
-    weld1, weld2 = (int(model.body_weldid[body]) for body in (body1, body2))
-    above1, above2 = (int(model.body_weldid[model.body_parentid[weld]]) for weld in (weld1, weld2))
+    weld1 = int(model.body_weldid[body1])
+    weld2 = int(model.body_weldid[body2])
+    above1 = int(model.body_weldid[model.body_parentid[weld1]])
+    above2 = int(model.body_weldid[model.body_parentid[weld2]])
     # MuJoCo packs the two numbers of an <exclude>'s bodies into one integer, the smaller one
     # high.
     if (body1 << 16) + body2 in model.exclude_signature:
@@ -89,7 +91,9 @@ def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
         return "masks"
     if weld1 == weld2:
         return "welded"
-    return "parent" if weld1 and weld2 and (weld1 == above2 or weld2 == above1) else ""
+    # MuJoCo lets what hangs on the world collide with it.
+    is_parent = weld1 == above2 or weld2 == above1
+    return "parent" if weld1 and weld2 and is_parent else ""
 
 
 def can_meet(model: Any, geoms: tuple[int, int]) -> bool:

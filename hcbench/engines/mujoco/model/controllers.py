@@ -45,6 +45,12 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
 
 
 def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
+    """The drive of a user's function of (MjModel, MjData), which returns the controls or sets them
+    itself.
+
+    Raises UserError, while it drives, for controls of another number or that are not finite.
+    """
+
     def drive(data: Any) -> None:
         controls = function(model, data)
         if controls is None:
@@ -142,8 +148,10 @@ def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
     With kp the whole weight, at the end of what the joint carries, turns it by 1 rad (slide: moves
     it 2 cm); kd is a share of it. Both are small enough for the step to stay stable.
     """
-    h, dof = float(model.opt.timestep), int(model.jnt_dofadr[joint])
-    weight = float(model.body_subtreemass[root]) * float(np.linalg.norm(model.opt.gravity)) or 1.0
+    h = float(model.opt.timestep)
+    dof = int(model.jnt_dofadr[joint])
+    gravity = float(np.linalg.norm(model.opt.gravity))
+    weight = float(model.body_subtreemass[root]) * gravity or 1.0
     if int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_SLIDE):
         kp = weight / 0.02
     else:
@@ -154,7 +162,8 @@ def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
     backend().mj_solveM(model, data, solved, row)
     # Inertia that the joint feels with all other joints at liberty: kg m², kg for a slide.
     inertia = 1.0 / float(solved[0, dof])
-    return min(kp, _MOST_KP * inertia / h**2), min(_SHARE * kp, _MOST_KD * inertia / h)
+    kd = min(_SHARE * kp, _MOST_KD * inertia / h)
+    return min(kp, _MOST_KP * inertia / h**2), kd
 
 
 def _reach(model: Any, data: Any, body: int, anchor: Floats) -> float:

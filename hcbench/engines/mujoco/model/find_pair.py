@@ -23,6 +23,7 @@ from hcbench.engines.mujoco.model.plugin_contact import has_force_law
 from hcbench.sim.packages import find_part, suggest_names
 from hcbench.system.errors import UserError
 
+# Of a free joint: a body with these can be moved as a whole.
 _FREE_DOFS = 6
 # Joints of a robot that a message names.
 _NAMED_JOINTS = 6

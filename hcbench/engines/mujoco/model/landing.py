@@ -173,6 +173,11 @@ class _Bench:
         return high
 
     def _fall(self, data: Any, height: float, tilt: float, drive: Drive) -> Landing:
+        """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
+
+        data: at release. height: of the lowest point over the floor, m. tilt: rad. Raises
+        EngineFailed where MuJoCo resets the state, UserError where the robot meets nothing.
+        """
         model, mujoco, h = self.model, backend(), self.h
         jacobian = np.zeros((3, model.nv))
         latest = _FALL_SHARE * math.sqrt(2.0 * height / self.g) + _SLACK_S
@@ -227,8 +232,7 @@ class _Bench:
         backend().mj_setState(self.model, trial, state, whole)
         backend().mj_fwdPosition(self.model, trial)
         for contact in trial.contact:
-            one, two = contact.geom.tolist()
-            mine, floor, sign = (two, one, 1.0) if self.mine[two] else (one, two, -1.0)
+            mine, floor, sign = self._in_order(contact.geom)
             depth = float(contact.includemargin - contact.dist)
             if (mine, floor) not in self.struck or depth < 0.0:
                 continue
@@ -254,19 +258,23 @@ class _Bench:
         a plug-in in this step. Each foot's force, slip and depth are added to `feet`, by rigid
         body.
         """
-        geoms, contacts = data.contact.geom, data.contact
-        acting = (contacts.efc_address >= 0) & self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
-        upward, wrench, geoms_of = 0.0, np.zeros(6), dict[int, set[int]]()
+        contacts = data.contact
+        geoms = contacts.geom
+        on_floor = self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
+        acting = on_floor & (contacts.efc_address >= 0)
+        upward = 0.0
+        wrench = np.zeros(6)
+        geoms_of: dict[int, set[int]] = {}
         # (force N, depth m, speed towards the floor, speed along it) of each point, by rigid
         # body.
         parts: dict[int, list[tuple[float, float, float, float]]] = {}
         for i in np.flatnonzero(acting).tolist():
             backend().mj_contactForce(self.model, data, i, wrench)
-            one, two = geoms[i].tolist()
-            mine, floor, sign = (two, one, 1.0) if self.mine[two] else (one, two, -1.0)
+            mine, floor, sign = self._in_order(geoms[i])
             frame = contacts.frame[i].reshape(3, 3)
             upward += sign * float(self.up @ (frame.T @ wrench[:3]))
-            speed, slide = self._speeds(data, before, contacts.pos[i], sign * frame[0], mine)
+            normal = sign * frame[0]
+            speed, slide = self._speeds(data, before, contacts.pos[i], normal, mine)
             if wrench[0] > 0.0:
                 self.trodden.add(floor)
                 body = int(self.model.body_weldid[self.model.geom_bodyid[mine]])
@@ -276,8 +284,8 @@ class _Bench:
         for body, points in parts.items():
             force, depth, speed, slide = np.array(points).T
             if body not in feet:
-                struck = any(geom in pair for pair in self.struck for geom in geoms_of[body])
-                log = FootfallLog(time, float(speed.max()), float(slide.max()), by_impulses=struck)
+                by_impulses = any(not geoms_of[body].isdisjoint(pair) for pair in self.struck)
+                log = FootfallLog(time, float(speed.max()), float(slide.max()), by_impulses=by_impulses)
                 feet[body] = _Foot(log, set())
             feet[body].geoms.update(geoms_of[body])
             slip = float(force @ slide / force.sum())
@@ -291,6 +299,13 @@ class _Bench:
             feet[body].geoms.add(hit.geom)
             self.trodden.add(hit.floor)
         return upward if self.beside is None else self._whole_force(data)
+
+    def _in_order(self, geoms: Any) -> tuple[int, int, float]:
+        """(the robot's geom, the floor's, 1 if MuJoCo's normal leads from floor to robot, else -1)."""
+        one, two = geoms.tolist()
+        if self.mine[two]:
+            return two, one, 1.0
+        return one, two, -1.0
 
     def _speeds(
         self, data: Any, before: Floats, point: Floats, normal: Floats, geom: int

@@ -54,23 +54,27 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
     source: a path, an MjModel, an MjSpec, MJCF text, or what `live_state` knows. Raises SceneError for what
         does not compile.
     """
-    mujoco, state = backend(), None
-    if (live := live_state(source)) is not None:
-        (source, state), kind = live, type(source).__name__
+    mujoco = backend()
+    state = None
+    kind = type(source).__name__
+    live = live_state(source)
+    if live is not None:
+        source, state = live
     with captured_warnings() as warnings:
         if isinstance(source, mujoco.MjModel):
-            model, label = copy.copy(source), "MjModel"
+            label = "MjModel"
+            model = copy.copy(source)
         elif isinstance(source, mujoco.MjSpec):
-            model, label = _compiled(source.copy().compile, "MjSpec"), "MjSpec"
+            label = "MjSpec"
+            model = _compiled(source.copy().compile, label)
         elif isinstance(source, str) and source.lstrip().startswith("<"):
             label = "MJCF text"
             model = _compiled(partial(mujoco.MjModel.from_xml_string, source), label)
-        elif not isinstance(source, str | Path):
-            raise SceneError(
-                "model", f"a {type(source).__name__}", "a file, MJCF text, an MjModel or an MjSpec"
-            )
+        elif isinstance(source, str | Path):
+            label = Path(source).name
+            model = _from_file(mujoco, Path(source), request.packages)
         else:
-            model, label = _from_file(mujoco, Path(source), request.packages), Path(source).name
+            raise SceneError("model", f"a {kind}", "a file, MJCF text, an MjModel or an MjSpec")
     if any("NaN" in line for line in warnings):
         raise SceneError("model", f"{label} has a NaN in it", "numbers", "Look for 'nan' in the file")
     require_plausible_model(model, label)
@@ -84,6 +88,10 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
 
 
 def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
+    """The model of a file: MJCF, URDF with its packages' folders, MuJoCo's binary or archive.
+
+    Raises SceneError for what is not there or does not compile.
+    """
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is not there"
         raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
@@ -140,6 +148,10 @@ def _keep_folders(urdf: str) -> str:
 
 
 def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
+    """The model that a function compiles, with hcbench's plug-ins loaded where it names them.
+
+    Raises SceneError with MuJoCo's words, EngineFailed where there is too little memory.
+    """
     try:
         return compile_model()
     except (ValueError, RuntimeError, TypeError, OSError) as error:

@@ -35,6 +35,7 @@ from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds, require_bounds
 from hcbench.terms.impact import Floats
 from hcbench.terms.units import STANDARD_GRAVITY
 
+# Where a body comes from that meets the other from above, a unit vector away from the other.
 ABOVE: Vector = (0.0, 0.0, 1.0)
 # Depth, m, up to which a robot may stand in the floor at the start and is raised.
 _RAISED = 0.1
@@ -180,6 +181,7 @@ def _along_nearest(
 
 
 def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
+    """The error for two that pass each other. gap: their nearest distance on the way, m."""
     heights = [float(data.geom_xpos[part.geoms[0]][2]) for part in (pair.first, pair.second)]
     return _PassedError(
         "pair",
@@ -238,7 +240,10 @@ def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
 
 
 def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats) -> None:
-    """Move the first sideways, until its middle is on the line through the middle of the second."""
+    """Move the first sideways, until its middle is on the line through the middle of the second.
+
+    normal: unit vector, (3,), along which the first approaches. Nothing moves where the joint cannot.
+    """
     model = pair.model
     middles = [np.mean(data.geom_xpos[list(part.geoms)], axis=0) for part in (pair.first, pair.second)]
     aside = (middles[1] - middles[0]) - normal * float(normal @ (middles[1] - middles[0]))
@@ -298,24 +303,38 @@ def _at_touch(
     can move along, where other parts are in the way, or where a tendon or an equality holds the two
     back.
     """
-    model, normal = pair.model, contact.normal
+    model = pair.model
+    normal = contact.normal
     row = pair.approach_row(data, contact.point, normal)
     # The contact's normal was read with the two bodies the other way round.
     if float(row @ move) < 0:
-        row, normal = -row, -normal
+        row = -row
+        normal = -normal
     direction = swing(model, data, row, joint.dofs) if joint.turns else _slide(row, joint)
     mass = effective_mass(model, data, row)
-    names = pair.first.name, pair.second.name
     if direction is None or not np.isfinite(mass):
-        raise UserError("pair", f"{names[0]!r} cannot move along the contact normal", "a joint that lets it")
+        got = f"{pair.first.name!r} cannot move along the contact normal"
+        raise UserError("pair", got, "a joint that lets it")
     _require_room(pair, data)
-    back = response(model, data, row)
-    if (tethered := tether_error(model, data, back, names)) is not None:
+    by_push = response(model, data, row)
+    tethered = tether_error(model, data, by_push, (pair.first.name, pair.second.name))
+    if tethered is not None:
         raise tethered
     gravity = _acceleration_in_flight(model, data, row)
-    contact = replace(contact, normal=normal)
-    gap = np.inf if pair.height_field >= 0 else float(pair.nearest(data).distance)
-    return PairAtTouch(pair, joint, data.qpos.copy(), direction, contact, mass, gravity, overlap, gap)
+    gap = np.inf
+    if pair.height_field < 0:
+        gap = float(pair.nearest(data).distance)
+    return PairAtTouch(
+        pair=pair,
+        joint=joint,
+        qpos=data.qpos.copy(),
+        direction=direction,
+        contact=replace(contact, normal=normal),
+        effective_mass=mass,
+        gravity=gravity,
+        overlap=overlap,
+        gap=gap,
+    )
 
 
 def _require_room(pair: ContactPair, data: Any) -> None:
@@ -410,11 +429,13 @@ def _free_joint(model: Any, name: str) -> int | None:
     None where there is none.
     """
     free = np.flatnonzero(model.jnt_type == int(backend().mjtJoint.mjJNT_FREE)).tolist()
-    bodies = [int(model.jnt_bodyid[joint]) for joint in free]
-    named = [joint for joint, body in zip(free, bodies, strict=True) if body_name(model, body) == name]
-    if not named and name == "base" and free:
-        named = [max(free, key=lambda joint: float(model.body_subtreemass[model.jnt_bodyid[joint]]))]
-    return named[0] if named else None
+    for joint in free:
+        if body_name(model, int(model.jnt_bodyid[joint])) == name:
+            return int(joint)
+    if name != "base" or not free:
+        return None
+    masses = model.body_subtreemass[model.jnt_bodyid[free]]
+    return int(free[masses.argmax()])
 
 
 def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
@@ -539,14 +560,21 @@ def require_plausible_state(model: Any, data: Any) -> None:
 
 def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
     """Refuse a contact that MuJoCo replaces, or whose friction no surface has."""
-    for solref, _, geoms in place.contact.rows:
-        names = " and ".join(geom_name(model, geom) for geom in geoms)
-        if (solref[0] > 0) != (solref[1] > 0) and not admits_beyond_bounds():
-            got = f"{solref[0]:g} {solref[1]:g} of {names}, which MuJoCo replaces by its default"
+    if admits_beyond_bounds():
+        return
+    touching: set[int] = set()
+    for row in place.contact.rows:
+        touching.update(row.geoms)
+        first, second, *_ = row.solref
+        if (first > 0) != (second > 0):
+            names = " and ".join(geom_name(model, geom) for geom in row.geoms)
+            got = f"{first:g} {second:g} of {names}, which MuJoCo replaces by its default"
             expected = "both positive (time, damping ratio), or none above 0 (-stiffness, -damping)"
             raise QuantityError("solref", got, expected)
-    largest = BOUNDS["friction"][1]
-    for geom in {geom for _, _, geoms in place.contact.rows for geom in geoms}:
-        if (friction := float(model.geom_friction[geom, 0])) > largest and not admits_beyond_bounds():
-            got, expected = f"{friction:g} of geom {geom_name(model, geom)}", f"0 ... {largest:g}"
-            raise QuantityError("friction", got, expected, "--beyond-bounds admits it, if it is meant")
+    _, largest = BOUNDS["friction"]
+    for geom in touching:
+        friction = float(model.geom_friction[geom, 0])
+        if friction > largest:
+            got = f"{friction:g} of geom {geom_name(model, geom)}"
+            advice = "--beyond-bounds admits it, if it is meant"
+            raise QuantityError("friction", got, f"0 ... {largest:g}", advice)

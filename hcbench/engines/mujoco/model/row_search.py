@@ -62,12 +62,14 @@ _CALM = 1e-5
 _RESTLESS = 0.05
 # Depth at rest that costs nothing, m.
 _SHALLOW = 8e-5
+# Of the evolution: one seed, so that the same model always gets the same rows; and its members.
 _SEED = 1
 _MEMBERS = 16
 # Degrees of freedom of the largest model that counts as light. A heavy one's launches take so long
 # that it has a third of the generations.
 _LIGHT = 12
 _GENERATIONS = (50, 16)
+# Power of the damper's solimp, the same as in `hcbench.engines.mujoco.recipes.row_pair`.
 _POWER = 4.0
 # Half period in steps; logs of its loss a step, odds of its impedance; log of D h, odds of dmax,
 # logs of width over v h and midpoint of the damper.
@@ -307,8 +309,10 @@ def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[
     plan = []
     for k, speed in enumerate(speeds):
         # Each speed's phases lie between those of the others: few launches, no gap in phase.
-        plan += [(speed, (i + k / len(speeds)) / phases) for i in range(phases)]
-    plan += [(_SLOW * low, (i + 0.5) / _SLOW_PHASES) for i in range(_SLOW_PHASES)]
+        later = k / len(speeds)
+        plan += [(speed, (i + later) / phases) for i in range(phases)]
+    slow = _SLOW * low
+    plan += [(slow, (i + 0.5) / _SLOW_PHASES) for i in range(_SLOW_PHASES)]
     return plan
 
 
@@ -363,14 +367,19 @@ def row_choices(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) 
     """(name, rows), the simplest first: a stop or one step, a spring and damper of one e, two rows
     whose e depends on speed as the target does, gravity included. adhesive: whether they may pull.
     """
-    h, e = load.timestep, goal.at(np.geomspace(*band, 50))
+    h = load.timestep
     constant = goal.best_constant(*band)
     if constant < _NO_BOUNCE:
-        yield "stop", (ConstraintRow.direct(_STOP / h**2, 1.0 / h, STIFF_SOLIMP),)
+        stop = ConstraintRow.direct(_STOP / h**2, 1.0 / h, STIFF_SOLIMP)
+        yield "stop", (stop,)
     elif not load.slides and not load.rk4:
-        yield "one step", (ConstraintRow.direct(min(1e4, 1e-3 / h**2), (1.0 + constant) / h, STIFF_SOLIMP),)
+        # A spring so soft that it hardly changes e, but lifts what lies too deep.
+        spring = min(1e4, 1e-3 / h**2)
+        one_step = ConstraintRow.direct(spring, (1.0 + constant) / h, STIFF_SOLIMP)
+        yield "one step", (one_step,)
     steps = _RK4_STEPS if load.rk4 else half_period_steps(load.points)
     yield f"spring of {steps} steps", (_spring(constant, steps, load),)
+    e = goal.at(np.geomspace(*band, 50))
     if e.min() > _NO_BOUNCE and e.max() < 1.0:
         # Two digits: two feet whose loads differ by rounding share one fit.
         strength = float(f"{load.strength:.2g}")

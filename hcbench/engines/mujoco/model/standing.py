@@ -28,6 +28,7 @@ _OF_FRICTION = 2.0 / 3.0
 # s.
 _SECONDS = 4.0
 _CLOSES = 0.5
+# Bounds the time of a rest at short steps.
 _MOST_STEPS = 20_000
 # A grasp starts with this many times the least force, which may be doubled so often.
 _GRIPS = 4.0

@@ -105,13 +105,17 @@ def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats |
         push = _along_equalities(model, data, response(model, data, row))
         move[list(dofs)] = push[list(dofs)]
     rate = float(row @ move)
-    return (
-        move / rate if rate > LEAST_APPROACH * float(np.abs(row).max()) * float(np.abs(move).max()) else None
-    )
+    # A share of what the rate would be if its largest parts were those of one degree of freedom.
+    least = LEAST_APPROACH * float(np.abs(row).max()) * float(np.abs(move).max())
+    return move / rate if rate > least else None
 
 
 def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats:
-    """Acceleration of some degrees of freedom by a push while the others of their tree are at rest."""
+    """Acceleration, (k,), of k degrees of freedom by a unit push, with the others of their tree at
+    rest.
+
+    row: (nv,), Jacobian of the approach rate.
+    """
     masses = np.zeros((len(dofs), len(dofs)))
     unit, column = np.zeros(model.nv), np.zeros(model.nv)
     for i, dof in enumerate(dofs):
@@ -123,7 +127,11 @@ def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Float
 
 
 def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
-    """The response to a push as far as equality constraints, such as of coupled fingers, let it happen."""
+    """The motion, (nv,), by a push as far as equality constraints let it happen, such as of coupled
+    fingers.
+
+    push: (nv,) M^-1 J^T, the motion without them.
+    """
     mujoco = backend()
     held = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
     rows = np.zeros((len(held), model.nv))
@@ -145,13 +153,16 @@ def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Flo
     row: (nv,) of the approach at the start. Returns the velocity (nv,) that approaches where they
     meet, at 1 m/s; None where the joints do not lead there.
     """
-    model, mujoco = pair.model, backend()
-    limited = [j for j in np.flatnonzero(model.jnt_limited) if int(model.jnt_dofadr[j]) in dofs]
+    mujoco = backend()
+    model = pair.model
     kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    scalar = [j for j in limited if model.jnt_type[j] in kinds]
-    places = model.jnt_qposadr[scalar]
-    low, high = np.minimum(model.jnt_range[scalar].T, data.qpos[places])[0], model.jnt_range[scalar].T[1]
-    high = np.maximum(high, data.qpos[places])
+    is_moved = np.isin(model.jnt_dofadr, dofs) & np.isin(model.jnt_type, [int(kind) for kind in kinds])
+    limited = np.flatnonzero(is_moved & (model.jnt_limited != 0))
+    places = model.jnt_qposadr[limited]
+    # A joint that starts beyond its limit may stay there.
+    lowest, highest = model.jnt_range[limited].T
+    low = np.minimum(lowest, data.qpos[places])
+    high = np.maximum(highest, data.qpos[places])
     move = None
     for _ in range(_ROUNDS):
         mujoco.mj_fwdPosition(model, data)
@@ -163,6 +174,7 @@ def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Flo
         move = swing(model, data, pair.approach_row(data, near.point, normal), dofs)
         if move is None or abs(near.distance) < _CLOSE:
             return move
-        mujoco.mj_integratePos(model, data.qpos, move, float(np.clip(near.distance, -_STRIDE, _STRIDE)))
+        stride = float(np.clip(near.distance, -_STRIDE, _STRIDE))
+        mujoco.mj_integratePos(model, data.qpos, move, stride)
         data.qpos[places] = np.clip(data.qpos[places], low, high)
     return None

@@ -24,6 +24,7 @@ from hcbench.terms.impact import Floats
 _Geoms = tuple[int, int]
 # Two rigid parts, in the same order.
 _Bodies = tuple[int, int]
+# The plug-in's law holds at any speed.
 _ANY_SPEED = (0.0, float("inf"))
 
 

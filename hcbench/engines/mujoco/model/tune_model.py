@@ -26,6 +26,7 @@ from hcbench.sim.standing import Standing
 from hcbench.system.errors import UserError
 
 _Kind = tuple[object, ...]  # equal for pairs that are alike
+# Pairs of geoms that are written for two bodies, at most.
 _PAIRS_MAX = 200
 # Degrees of freedom from which a model counts as a robot.
 _HEAVY = 12
@@ -77,7 +78,10 @@ def model_settings(
     most_choices = 1 if is_eaten else None
     for choice in itertools.islice(zip(*choices, strict=True), most_choices):
         name, _ = choice[0]
-        yield setting(name, {like: rows for like, (_, rows) in zip(leaders, choice, strict=True)})
+        rows_of = {}
+        for like, (_, rows) in zip(leaders, choice, strict=True):
+            rows_of[like] = rows
+        yield setting(name, rows_of)
     if all(math.isfinite(pair.place.gap) for pair in pairs):
         yield setting("stiff spring and damper", _searched(source, pairs, goal, was, adhesive))
 
@@ -192,7 +196,8 @@ def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTun
     for pair, _ in pairs:
         notes += mass_note(pair.place)
     notes.append("friction, condim, margin, masses, step and integrator are as they were.")
-    if any(row.adhesion for _, rows in pairs for row in rows):
+    written_rows = itertools.chain.from_iterable(rows for _, rows in pairs)
+    if any(row.adhesion for row in written_rows):
         notes.append("The lines need MuJoCo 3.11 or later; --for mujoco@3.5 asks for lines without adhesion.")
     compiled = made.spec.compile()
     first_pair, _ = pairs[0]
@@ -205,8 +210,10 @@ def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTun
         sections = []
         for (pair, rows), promise in zip(pairs, promises, strict=True):
             names = [(made.names[first], made.names[second]) for first, second in pair.geoms]
-            sections.append(promise_lines(names, replace(promise, rows=len(rows), option=option)))
-        sections = [section for section in sections if section]
+            kept = replace(promise, rows=len(rows), option=option)
+            section = promise_lines(names, kept)
+            if section:
+                sections.append(section)
         paste = "\n".join(part for part in (made.lines, *sections) if part)
         lines = f'<include file="{output.include}"/>' if output.include else paste
         whole = ""
@@ -231,6 +238,7 @@ def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:
 
 
 def _as_asked(model: Any, request: Request) -> Any:
+    """The model, changed, with the time step (s), gravity (m/s²) and actuators of a request."""
     if request.timestep is not None:
         model.opt.timestep = request.timestep
     if request.gravity is not None:

@@ -126,18 +126,13 @@ class MujocoModel(ModelUnderTest):
 
     def facts(self) -> Facts:
         """Return the properties of the model and of its pair."""
-        model, place, mujoco = self.model, self.place, backend()
-        written, words = written_contact(place)
-        asked = written.curve(self.request.speeds) if written is not None else ()
-        if (law := restitution_law(model, place.contact.geoms)) is not None:
-            asked = tuple(float(law.at(v)) for v in self.request.speeds)
-            words = f"plug-in hcbench.restitution: {law.description}"
-        elif (promise := self._promise()) is not None:
-            asked = tuple(float(promise.curve.at(v)) for v in self.request.speeds)
-            words = f"{promise.setting} by hcbench: {promise.curve.description}"
+        model = self.model
+        place = self.place
+        asked, words = self._asked()
         solref, solimp, geoms = place.contact.rows[0]
+        integrator = backend().mjtIntegrator(model.opt.integrator).name
         settings = {
-            "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),
+            "integrator": integrator.removeprefix("mjINT_").lower(),
             "solref": list(solref),
             "solimp": list(solimp),
             "points of contact": len(place.contact.rows),
@@ -146,7 +141,7 @@ class MujocoModel(ModelUnderTest):
         }
         return Facts(
             engine="mujoco",
-            version=mujoco.__version__,
+            version=backend().__version__,
             model=self.label,
             pair=(_shown(model, place.pair.first, geoms), _shown(model, place.pair.second, geoms)),
             moved=place.joint.description + self._other_ways(),
@@ -166,6 +161,20 @@ class MujocoModel(ModelUnderTest):
             changed=tuple(suspect.code for suspect in self._changed_since_tuned()),
         )
 
+    def _asked(self) -> tuple[tuple[float, ...], str]:
+        """(e that the model asks for at each speed, () where it asks for no one; what asks for it)."""
+        speeds = self.request.speeds
+        law = restitution_law(self.model, self.place.contact.geoms)
+        if law is not None:
+            words = f"plug-in hcbench.restitution: {law.description}"
+            return tuple(float(law.at(v)) for v in speeds), words
+        promise = self._promise()
+        written, words = written_contact(self.place)
+        if promise is not None:
+            words = f"{promise.setting} by hcbench: {promise.curve.description}"
+            return tuple(float(promise.curve.at(v)) for v in speeds), words
+        return written.curve(speeds) if written is not None else (), words
+
     def _other_ways(self) -> str:
         """A hint how to launch another body, where this one was chosen of several."""
         several = len(moving_joints(self.model, self.place.pair.first.body)) > 1
@@ -179,6 +188,7 @@ class MujocoModel(ModelUnderTest):
         return (0.0, 0.0, 0.0) if off else self.model.opt.gravity
 
     def _notes(self) -> list[str]:
+        """Sentences that a reader of the numbers must know."""
         notes = [*([self.place.note] if self.place.note else []), *overlap_notes(self.place.overlap)]
         if self.model.nflex:
             notes.append("The model has flexes, which act, but only geoms are measured.")

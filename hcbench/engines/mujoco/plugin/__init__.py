@@ -57,28 +57,33 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
     """Flags, what to link, and the headers, for the MuJoCo in `folder`; CannotRun where that lacks some."""
     include = folder / "include"
     headers = sorted((include / "mujoco").glob("*.h"))
-    engine = [*folder.glob("libmujoco*.so*"), *folder.glob("libmujoco*.dylib"), *folder.glob("mujoco.dll")]
+    engine: list[Path] = []
+    for name in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
+        engine += folder.glob(name)
     if not headers or not engine:
         raise CannotRun("MuJoCo's plug-ins", f"no headers or no library in {folder}", "MuJoCo's own wheel")
     text = {header.name: header.read_text(encoding="utf-8") for header in headers}
+    data = text["mjdata.h"]
+    model = text["mjmodel.h"]
     # Features that differ between versions of MuJoCo.
     differs = {
-        "HCB_PRECONTACT": "mjPreContact;" in text["mjdata.h"],
-        "HCB_ISLAND_ROWS": "iefc_D;" in text["mjdata.h"],
-        "HCB_SURFACE_VELOCITY": "surfacevel[3];" in text["mjdata.h"],
-        "HCB_DAMPER": "mjDSBL_DAMPER" in text["mjmodel.h"],
-        "HCB_ACTUATOR_DAMPING": " jnt_actuatorid;" in text["mjmodel.h"],
-        "HCB_SLEEP": " tree_awake;" in text["mjdata.h"],
-        "HCB_TENDON_ROWS_IN_MODEL": "ten_J_rownnz;" in text["mjmodel.h"],
+        "HCB_PRECONTACT": "mjPreContact;" in data,
+        "HCB_ISLAND_ROWS": "iefc_D;" in data,
+        "HCB_SURFACE_VELOCITY": "surfacevel[3];" in data,
+        "HCB_DAMPER": "mjDSBL_DAMPER" in model,
+        "HCB_ACTUATOR_DAMPING": " jnt_actuatorid;" in model,
+        "HCB_SLEEP": " tree_awake;" in data,
+        "HCB_TENDON_ROWS_IN_MODEL": "ten_J_rownnz;" in model,
     }
-    flags = [f"-I{include}", *(f"-D{name}" for name, is_so in differs.items() if is_so)]
+    flags = [f"-I{include}"]
+    flags += [f"-D{name}" for name, is_so in differs.items() if is_so]
     # The rows of the inertia matrix were once in mjData, by other names.
     for name in ("M", "C"):
-        if f" {name}_rownnz;" in text["mjdata.h"] and " M_rownnz;" not in text["mjmodel.h"]:
+        if f" {name}_rownnz;" in data and " M_rownnz;" not in model:
             rows = ",".join(f"d->{name}_{part}" for part in ("rownnz", "rowadr", "colind"))
             flags.append(f"-DHCB_M_ROWS={rows}")
             break
-    if " D_rownnz;" in text["mjdata.h"]:
+    if " D_rownnz;" in data:
         flags.append("-DHCB_D_ROWS=d->D_diag,d->D_rowadr,d->D_colind,d->D_rownnz")
     link = [str(engine[0]), f"-Wl,-rpath,{folder}"]
     return flags, link, headers
@@ -194,14 +199,20 @@ def _parts(spec: Any, kind: str, pair: Any) -> list[Any]:
 
 def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
     """Turn MuJoCo's own contact between the bodies of two parts off."""
-    _warn_of_shapes(parts if kind == "geom" else [geom for body in parts for geom in body.geoms])
-    owners = [part.parent if kind == "geom" else part for part in parts]
+    if kind == "geom":
+        geoms = list(parts)
+        owners = [geom.parent for geom in parts]
+    else:
+        geoms = [geom for body in parts for geom in body.geoms]
+        owners = list(parts)
+    _warn_of_shapes(geoms)
     for owner, part in zip(owners, parts, strict=True):
         # An exclusion names bodies.
         owner.name = owner.name or f"body of {part.name}"
-    both = {owner.name for owner in owners}
-    if both not in ({one.bodyname1, one.bodyname2} for one in spec.excludes):
-        spec.add_exclude(bodyname1=owners[0].name, bodyname2=owners[1].name)
+    first, second = (owner.name for owner in owners)
+    excluded = [{one.bodyname1, one.bodyname2} for one in spec.excludes]
+    if {first, second} not in excluded:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
 
 
 def _element(spec: Any, kind: str, name: str) -> Any:
@@ -213,6 +224,7 @@ def _element(spec: Any, kind: str, name: str) -> Any:
 
 
 def _warn_of_shapes(geoms: Sequence[Any]) -> None:
+    """Warn of geoms whose contact MuJoCo finds less exactly than a stiff force law needs."""
     mujoco = backend()
     for geom in geoms:
         for shape, words in _INEXACT.items():

@@ -19,7 +19,10 @@ DAMPED_STEP = Integrators(
 
 
 def nonnegative_fit(columns: Floats, goal: Floats) -> tuple[Floats, float]:
-    """(x >= 0 with the least |columns x - goal|, that misfit); columns of any units, x = 0 for empty ones."""
+    """(x >= 0, (k,), with the least |columns x - goal|, that misfit).
+
+    columns: (n, k), of any units each. goal: (n,). x is 0 for an empty column.
+    """
     # SciPy's optimisation is slow to import, and few recipes need it.
     from scipy.optimize import nnls
 

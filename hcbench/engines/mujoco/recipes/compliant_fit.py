@@ -157,19 +157,30 @@ def pushing_row(
     Per unit mass. Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
-    e, n = float(curve.at(math.sqrt(low * high))), half_period_steps(corners)
-    whole = n, math.log(max(1e-4, 1.0 - e ** (2.0 / n)))
-    lowest, highest = bounds = _bounds(1.0 - e, timestep, gravity, corners)
-    lowest[:2], highest[1] = np.minimum(lowest[:2], whole), _ALL
-    lowest[2:] = highest[2:] = _NO_DAMPER
+    e = float(curve.at(math.sqrt(low * high)))
+    n = half_period_steps(corners)
+    # The row of whole steps, which is exact without gravity, is one of the first members.
+    whole_steps = n, math.log(max(1e-4, 1.0 - e ** (2.0 / n)))
+    lowest, highest = _bounds(1.0 - e, timestep, gravity, corners)
+    lowest[:2] = np.minimum(lowest[:2], whole_steps)
+    highest[1] = _ALL
+    lowest[2:] = _NO_DAMPER
+    highest[2:] = _NO_DAMPER
+    bounds = lowest, highest
     launches = _launches(curve, speeds, (9, 16), (6, 12), (9, 16))
     fit = RowFit(*launches, gravity * timestep / high, corners, False, False, *bounds)
-    search, random = Search(_ALONE * (1 + _ALONE)), np.random.default_rng(_SEED)
+
+    def row(parameters: Floats) -> ConstraintRow:
+        spring, _ = fit.rows(parameters, timestep, high)
+        return spring
+
+    search = Search(_ALONE * (1 + _ALONE))
+    random = np.random.default_rng(_SEED)
     first = random.uniform(*bounds, (_ALONE, len(lowest)))
-    first[0, :2] = whole
-    with map_result(lambda best: fit.rows(best, timestep, high)[0]), search.interrupt_with_best():
+    first[0, :2] = whole_steps
+    with map_result(row), search.interrupt_with_best():
         best = evolve(search.recorded(fit.errors), first, _ALONE, bounds, random)
-    return fit.rows(best[0], timestep, high)[0]
+    return row(best[0])
 
 
 def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:

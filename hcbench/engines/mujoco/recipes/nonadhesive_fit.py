@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 # One unit of misfit: relative for a force, absolute for e.
 _FORCE_SCALE = 1e-3
 _RESTITUTION_SCALE = 2e-5
+# Steps of one fit, at most.
 ITERATIONS = 80
 # Damping of an iteration, relative to the misfit: at the start, at least, and where it gives up.
 _CAUTION = 0.1
@@ -77,17 +78,20 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
     sensitivity = np.zeros((len(speeds), 2 * points * len(speeds)))
     for i, v_i in enumerate(speeds):
         deepest = float(closed_form.penetration_max(law, mass, v_i))
-        x, dx = deepest * np.sin(angle), deepest * np.cos(angle) * np.pi / 2 / points
-        rates = [closed_form.rate_at(law, mass, float(v_i), x, branch) for branch in ("approach", "rebound")]
+        x = deepest * np.sin(angle)
+        dx = deepest * np.cos(angle) * np.pi / 2 / points
+        v_in = closed_form.rate_at(law, mass, float(v_i), x, "approach")
+        v_out = closed_form.rate_at(law, mass, float(v_i), x, "rebound")
         largest = float(closed_form.force_max(law, mass, v_i))
         scale = np.sqrt(dx / (2 * deepest * len(speeds))) / largest * mass / _FORCE_SCALE
         v_o = float(closed_form.restitution(law.alpha, v_i)) * v_i
         # δe as in sensitivity.py, for an error that differs between the branches.
         factor = -(1 - law.dissipation * v_o) / (v_o * v_i)
-        for v, sign in zip(rates, (1.0, -1.0), strict=True):
+        for v, sign in ((v_in, 1.0), (v_out, -1.0)):
             a = law.force(x, v) / mass
-            place = slice(len(columns) * points, (len(columns) + 1) * points)
-            sensitivity[i, place] = sign * factor * dx / (1 + law.dissipation * v) / unit
+            start = len(columns) * points
+            of_branch = sign * factor * dx / (1 + law.dissipation * v) / unit
+            sensitivity[i, start : start + points] = of_branch
             columns.append((x, v + band.lag * a, a, scale))
     x, v, a, scale = (np.concatenate(column) for column in zip(*columns, strict=True))
     return Samples(x, v, a, scale, sensitivity, speeds)
@@ -169,14 +173,19 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     f = law.stiffness / mass * x**law.exponent
     scale = np.maximum(f, law.stiffness / mass * low**law.exponent)
     terms = _Terms.of(x, np.ones_like(x), np.zeros(len(widths)), solimps)
-    D, _ = nnls(terms.weights * terms.rate / scale[:, None], law.dissipation * f / scale, maxiter=10_000)
+    columns = terms.weights * terms.rate / scale[:, None]
+    D, _ = nnls(columns, law.dissipation * f / scale, maxiter=10_000)
+    # No damper is left out at the start: the fit could not revive it.
     D = np.maximum(D, 1e-3 * D.max() * widths / top)
+    # From this depth on each damper's own spring outweighs it on the way out of the fastest impact.
     depth = np.minimum(guess.from_depth * widths, top)
     speed = band.speeds[-1] * np.sqrt(np.maximum(0.0, 1 - (depth / top) ** (law.exponent + 1)))
     levers = np.array([impedance(s, r) * r / s[1] ** 2 for s, r in zip(solimps, depth, strict=True)])
     S = (D / guess.highest * speed + law.stiffness / mass * depth**law.exponent) / levers
+    # Together these springs stay below the law's own force, so that the others have a part of it.
     elastic = (terms.weights * terms.lever * S).sum(axis=1)
-    S = S * min(1.0, 0.95 * float((f * (1 + terms.weights.sum(axis=1)) / elastic).min()))
+    room = float((f * (1 + terms.weights.sum(axis=1)) / elastic).min())
+    S = S * min(1.0, 0.95 * room)
     springs = np.zeros(len(knots))
     rows = PushingRows(
         np.concatenate([knots, np.zeros(len(widths))]),

@@ -6,6 +6,7 @@ from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.terms.impact import Floats
 
+# Points of the law's path, dense where the body turns round.
 _POINTS = 501
 
 

@@ -22,8 +22,10 @@ from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_LOOP, STEPS_OF_A_WIDE_SPRING
 
+# Speeds of the band at which e is compared.
 _SPEEDS = 12
 _DEEPEST = 0.02  # m
+# One seed, so that a target always has the same setting.
 _SEED = 1975
 # Members of the search, five for each parameter, and its generations.
 _MEMBERS = 30

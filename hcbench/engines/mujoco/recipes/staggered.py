@@ -32,6 +32,7 @@ from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
+# Penetrations and impact speeds of the band at which the rows are fitted.
 _GRID = 1200
 _SPEEDS = 50
 # In largest penetrations without loss: the band ends a little beyond.
@@ -191,23 +192,32 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     damping = weights / np.array([d.solimp[1] for d in dampers]) * share[:, None]
     scale = np.maximum(f, band.elastic(np.asarray(band.low)))
     span = max(np.log(band.top / band.low), 0.5)
-    force = (np.sqrt(np.gradient(x) / np.maximum(x, band.low) / span) / scale / _FORCE_SCALE)[:, None]
+    # Each penetration counts by its share of the band's logarithm.
+    share_of_band = np.sqrt(np.gradient(x) / np.maximum(x, band.low) / span)
+    force = (share_of_band / scale / _FORCE_SCALE)[:, None]
     rate = force * min(band.speeds[-1], 1.0 / a) if a else force
     to_e = sensitivity * band.mass / _RESTITUTION_SCALE / np.sqrt(len(sensitivity))
+    # Rows of the problem: elastic force, damping, restitution. Columns: springs, dampers.
+    no_damper = np.zeros((len(x), len(dampers)))
+    no_spring = np.zeros((len(x), len(knots)))
     left = np.block(
         [
-            [springs * force, np.zeros((len(x), len(dampers)))],
-            [np.zeros((len(x), len(knots))), damping * rate],
+            [springs * force, no_damper],
+            [no_spring, damping * rate],
             [-a * to_e @ springs, to_e @ damping],
         ]
     )
     right = np.concatenate([(f - already) * force[:, 0], a * f * rate[:, 0], a * to_e @ already])
     solution, misfit = nonnegative_fit(left, right)
-    return _Fit(knots, dampers, solution[: len(knots)], solution[len(knots) :], misfit)
+    stiffness, dampings = np.split(solution, [len(knots)])
+    return _Fit(knots, dampers, stiffness, dampings, misfit)
 
 
 def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivity: Floats) -> _Fit:
-    """The fit without the rows that it has no use for: an idle row would still weigh on the others."""
+    """The fit without the rows that it has no use for: an idle row would still weigh on the others.
+
+    misfit: relative, of the springs' straight lines. sensitivity: as in `_fit`, (speeds, grid).
+    """
     knots = knots_of(band, dampers, misfit)
     while True:
         fit = _fit(band, dampers, knots, sensitivity)
@@ -272,8 +282,10 @@ def staggered_rows(
     sensitivity = np.zeros((0, _GRID + 1))
     if law.dissipation > 0.0:
         x = band.grid()
-        sensitivity = np.array([restitution_sensitivity(law, band.mass, float(v), x) for v in band.speeds])
-    fits = [_fit_pruned(band, dampers, misfit, sensitivity) for dampers in _layouts(band, impedance)]
+        at_speeds = [restitution_sensitivity(law, band.mass, float(v), x) for v in band.speeds]
+        sensitivity = np.array(at_speeds)
+    layouts = _layouts(band, impedance)
+    fits = [_fit_pruned(band, dampers, misfit, sensitivity) for dampers in layouts]
     # A second stretch of dampers costs pairs: it has to pay.
     best = min(fits, key=lambda fit: fit.misfit * (1.5 if len(fit.dampers) > 2 else 1.0))
     return _rows(band, best)

@@ -10,6 +10,7 @@ from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SOFTENED, rows_op
 from hcbench.engines.mujoco.recipes.nonadhesive_fit import (
     ITERATIONS,
     InitialGuess,
+    PushingRows,
     initial_rows,
     levenberg_marquardt,
     sample,
@@ -68,11 +69,15 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     speeds = np.geomspace(target.speed_min, target.speed_max, 3 * _SPEEDS)
     samples = sample(band, speeds[1::3], _POINTS)
     search = Search((len(_GUESSES) + _BEST + 1) * ITERATIONS)
-    guesses = (initial_rows(samples, band, knots, guess) for guess in _GUESSES)
-    fits = sorted((levenberg_marquardt(samples, rows, search) for rows in guesses), key=lambda f: f.misfit)
+    fits = []
+    for guess in _GUESSES:
+        rows = initial_rows(samples, band, knots, guess)
+        fits.append(levenberg_marquardt(samples, rows, search))
+    fits.sort(key=_misfit)
     # The best of them at speeds between those too: only what they leave open is still free.
     samples = sample(band, speeds, _POINTS)
-    best = min((levenberg_marquardt(samples, fit, search) for fit in fits[:_BEST]), key=lambda f: f.misfit)
+    refitted = [levenberg_marquardt(samples, fit, search) for fit in fits[:_BEST]]
+    best = min(refitted, key=_misfit)
     if best.misfit > _WORST:
         raise _beyond(target)
     longest = float(closed_form.duration(law, target.mass, speeds[[0, -1]]).max())
@@ -85,7 +90,12 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     return rows_options(integrator, *best.rows())
 
 
+def _misfit(rows: PushingRows) -> float:
+    return rows.misfit
+
+
 def _beyond(target: Target) -> SettingError:
+    """The error for a target that rows without pull cannot follow."""
     law = target.law
     return SettingError(
         "target",

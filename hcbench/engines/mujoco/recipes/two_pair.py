@@ -76,7 +76,7 @@ class _Pairs:
         return parameters
 
     def rows(self, parameters: Floats) -> list[ConstraintRow]:
-        """The spring and the damper."""
+        """The spring and the damper of parameters (6,), in the order of _LOWEST."""
         log_damping, log_width, logit, power, midpoint, onset = parameters.tolist()
         highest, D = _logistic(logit), math.exp(log_damping)
         solimp = (MIN_IMPEDANCE, highest, self.top * math.exp(log_width), midpoint, power)

@@ -231,6 +231,9 @@ def _refers(element: ET.Element, names: Mapping[str, set[str | None]]) -> bool:
 
 
 def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: str) -> ET.Element:
+    """The element, with a suffix on its own name and on the names of the ball's parts that it
+    refers to.
+    """
     for part in element.iter():
         if "name" in part.attrib:
             part.set("name", part.attrib["name"] + suffix)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     Push = Callable[[float, float], float]
 
@@ -21,10 +21,13 @@ _STAGES = (
     (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
     (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
 )
+# Difference of the weights of order 5 and order 4: what a step's error is estimated by.
 _ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
 # Tolerances of a step: relative, and absolute in speeds at touch.
 _RELATIVE = 1e-9
 _ABSOLUTE = 1e-13
+# Halvings of the step in which the bodies part: to the last bit. And a bound of the steps of one
+# contact.
 _BISECTIONS = 60
 _MOST_STEPS = 100_000
 
@@ -54,15 +57,24 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
 
 def _step(push: Push, x: float, v: float, step: float) -> tuple[float, float, float, float]:
     """(x m, v m/s) one step (s) on, and the sizes of their errors in the same units."""
-    rates = [(v, -max(0.0, push(x, v)))]
-    at_x, at_v = x, v
+    # Rates of x and of v at each stage; the contact only pushes.
+    speeds = [v]
+    accelerations = [-max(0.0, push(x, v))]
+    at_x = x
+    at_v = v
     for weights in _STAGES:
-        at_x = x + step * sum(w * rate[0] for w, rate in zip(weights, rates, strict=False))
-        at_v = v + step * sum(w * rate[1] for w, rate in zip(weights, rates, strict=False))
-        rates.append((at_v, -max(0.0, push(at_x, at_v))))
-    errors = (step * sum(w * rate[i] for w, rate in zip(_ERROR, rates, strict=True)) for i in (0, 1))
-    error_x, error_v = map(abs, errors)
+        at_x = x + step * _weighted(weights, speeds)
+        at_v = v + step * _weighted(weights, accelerations)
+        speeds.append(at_v)
+        accelerations.append(-max(0.0, push(at_x, at_v)))
+    error_x = abs(step * _weighted(_ERROR, speeds))
+    error_v = abs(step * _weighted(_ERROR, accelerations))
     return at_x, at_v, error_x, error_v
+
+
+def _weighted(weights: Sequence[float], rates: Sequence[float]) -> float:
+    """Sum of the rates at as many stages as there are weights, each times its weight."""
+    return sum(weight * rate for weight, rate in zip(weights, rates, strict=True))
 
 
 def _at_parting(push: Push, x: float, v: float, step: float) -> float:

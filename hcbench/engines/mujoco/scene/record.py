@@ -225,8 +225,10 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     def along(vector: list[Floats]) -> Floats:
         return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])
 
-    fall = model.scene.gravity * model.timestep * np.array([0.0, 0.0, 1.0])
-    gained = -along([np.diff(v, axis=1) + fall[i] for i, v in enumerate(speeds)])
+    gain_x, gain_y, gain_z = (np.diff(v, axis=1) for v in speeds)
+    # The part of the contact alone: gravity took off its own.
+    fall = model.scene.gravity * model.timestep
+    gained = -along([gain_x, gain_y, gain_z + fall])
     sensed = None
     if model.sensed:
         sensed = -along([paths.acceleration(i) for i in range(3)])

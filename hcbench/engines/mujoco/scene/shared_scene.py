@@ -82,6 +82,7 @@ def differences(
 
 
 def _adhesion(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:
+    """Suspect an engine that drops adhesion, N, of these <pair>s. pairs: their numbers."""
     adhesion = getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs]
     if ADHESION in engine.lacks and adhesion.any():
         yield Suspect(
@@ -118,9 +119,15 @@ def _hold_adhesion(model: Any, pairs: Sequence[int], enough: float) -> None:
 
 
 def _several(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:
-    both = zip(model.pair_geom1[pairs].tolist(), model.pair_geom2[pairs].tolist(), strict=True)
-    (geoms, count), *_ = [*Counter(tuple(sorted(two)) for two in both).most_common(1), ((), 1)]
-    if PAIRS in engine.lacks and count > 1:
+    """Suspect an engine that keeps one of several <pair>s of two geoms. pairs: their numbers."""
+    if PAIRS not in engine.lacks:
+        return
+    counts: Counter[tuple[int, int]] = Counter()
+    for one, two in zip(model.pair_geom1[pairs].tolist(), model.pair_geom2[pairs].tolist(), strict=True):
+        counts[min(one, two), max(one, two)] += 1
+    for geoms, count in counts.most_common(1):
+        if count == 1:
+            return
         names = " and ".join(geom_name(model, geom) for geom in geoms)
         yield Suspect(
             "pairs-dropped",
@@ -132,6 +139,7 @@ def _several(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Susp
 
 
 def _power(engine: SharedModelEngine, rows: Rows) -> Iterator[Suspect]:
+    """Suspect numbers of 32 bits, in which a high power of solimp underflows."""
     power = max(float(solimp[4]) for _, solimp in rows)
     if power > _HIGHEST_POWER:
         yield Suspect(
@@ -144,13 +152,15 @@ def _power(engine: SharedModelEngine, rows: Rows) -> Iterator[Suspect]:
 
 
 def _impedance(model: Any, engine: SharedModelEngine, rows: Rows, geoms: Sequence[int]) -> Iterator[Suspect]:
-    def bounces_in_one_step(solref: Sequence[float]) -> bool:
-        return float(solref[0]) == 0 and -solref[1] * model.opt.timestep > 1
-
-    stiff = [solimp for solref, solimp in rows if bounces_in_one_step(solref)]
+    """Suspect numbers of 32 bits, in which a bounce in one step rounds its impedance."""
+    stiff = []
+    for (stiffness, damping), solimp in rows:
+        if stiffness == 0 and -damping * model.opt.timestep > 1:
+            stiff.append(solimp)
     highest = max((float(max(solimp[:2])) for solimp in stiff), default=0.0)
     if IMPEDANCE in engine.lacks and highest > _HIGHEST:
-        solimp = (_KEPT, _KEPT, *(float(x) for x in stiff[0][2:]))
+        _, _, *curve = (float(x) for x in stiff[0])
+        solimp = (_KEPT, _KEPT, *curve)
         yield Suspect(
             "impedance-rounding",
             "The impedance of a bounce in one step is rounded in float32: e is wrong by 0.0024.",

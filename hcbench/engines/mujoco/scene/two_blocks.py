@@ -26,7 +26,11 @@ def own_contact(squeezed: bool) -> str:
 
 
 def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats) -> tuple[Floats, Floats]:
-    """Positions and velocities at the ends of steps."""
+    """Positions, m, and velocities, m/s, along x before the first step and after each, (n + 1,).
+
+    position, velocity: at the start. forces: N, (n,), one for each step. Raises EngineMissing for a
+    MuJoCo without adhesion, which the tuned pairs need.
+    """
     mujoco = backend()
     if blocks.tuned_at is not None:
         require_feature(mujoco, "adhesion")

@@ -86,12 +86,19 @@ class BatchPool:
     def of(cls, model: SceneModel) -> BatchPool:
         """Without batches yet. The model's solver starts each step from scratch from now on."""
         model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
-        kind, rows = batch_kind(model), max(model.model.npair, model.model.ntendon)
-        most = BATCHING.balls if rows <= BATCHING.few_rows else BATCHING.balls_of_many_rows
-        if kind == "sliding" and has_one_constraint(model.model):
+        kind = batch_kind(model)
+        rows = max(model.model.npair, model.model.ntendon)
+        if kind == "alone":
+            most = 1
+        elif kind == "sliding" and has_one_constraint(model.model):
             most = BATCHING.balls_of_one_row
+        elif rows <= BATCHING.few_rows:
+            most = BATCHING.balls
+        else:
+            most = BATCHING.balls_of_many_rows
+        # Other workers have the other cores.
         threads = 1 if in_worker() else BATCHING.cores
-        return cls(model, 1 if kind == "alone" else most, threads, kind == "sliding")
+        return cls(model, most, threads, kind == "sliding")
 
     def whole(self) -> BatchedModel:
         """The model of one ball as it was authored: free, with all else it has."""
@@ -205,6 +212,7 @@ class MujocoSimulation(Simulation):
             self._alone = True
 
     def _next_batch(self, steps: int) -> BatchedModel:
+        """The batch for the coming steps: its size follows how many launches are left."""
         if self._leaves_axis:
             return self._pool.whole()
         if self._alone:

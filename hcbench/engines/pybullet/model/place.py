@@ -38,16 +38,19 @@ from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, 
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats
 
+# Where a body comes from that meets the other from above, a unit vector away from the other.
 ABOVE: Vector = (0.0, 0.0, 1.0)
 LEAST_MOBILITY = 1e-9  # 1/kg
 # Part of an endless plane that counts, m.
 _BOUND = 1e3
 # Largest distance between the two at the start, m.
 _REACH = 1e4
+# Degrees of freedom of a free base, which come before those of the joints.
 _BASE_FREEDOMS = 6
 # Places in getJointInfo.
 _LOWER = 8
 _UPPER = 9
+# Most rounds of a way along an arc.
 _ROUNDS = 300
 # Length of a round of a way along an arc, m.
 _STRIDE = 0.02
@@ -129,7 +132,7 @@ def place(
 def _free_base(bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Floats | None) -> FreeBase:
     """A free base on its way to the other.
 
-    way: unit vector; None: from where it stands, the nearest.
+    way: unit vector, (3,), of its motion; None: the nearest way from where it stands.
     """
     position, quaternion = bullet.getBasePositionAndOrientation(moving.body)
     start = np.array(position)

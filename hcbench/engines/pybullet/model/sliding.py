@@ -73,17 +73,22 @@ class BulletAlongPlate:
 
         flight_time: from release to touch, s. Raises UserError for a body without a free base.
         """
-        bullet, body, slide = self.bullet, self.body, self.slip @ self.axes
-        if not isinstance(self.place.mover, FreeBase) or body != self.place.mover.body:
+        bullet = self.bullet
+        body = self.body
+        mover = self.place.mover
+        if not isinstance(mover, FreeBase) or body != mover.body:
             slot = "spin" if self.spin.any() else "angle"
-            raise UserError(slot, f"{self.place.mover.description}", "a free base, to slide and spin")
+            raise UserError(slot, mover.description, "a free base, to slide and spin")
+        slide = self.slip @ self.axes
+        spin = self.spin @ self.axes
         position, quaternion = bullet.getBasePositionAndOrientation(body)
         # At touch, as the contact point that is known beforehand is the one there.
         self._seen = np.array(position) + self.place.normal * self._clearance
-        velocity = np.array(bullet.getBaseVelocity(body)[0]) + slide
+        approach, _ = bullet.getBaseVelocity(body)
+        velocity = np.array(approach) + slide
         back = np.array(position) - flight_time * slide
         bullet.resetBasePositionAndOrientation(body, back.tolist(), quaternion)
-        bullet.resetBaseVelocity(body, velocity.tolist(), (self.spin @ self.axes).tolist())
+        bullet.resetBaseVelocity(body, velocity.tolist(), spin.tolist())
 
     def _position(self) -> Floats:
         return np.array(self.bullet.getBasePositionAndOrientation(self.body)[0])

@@ -15,7 +15,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -109,23 +109,33 @@ def add(
     A force law takes the place of Bullet's own contact of the pair. resetSimulation ends all laws.
     Raises SettingError for what cannot be a pair or a law, CannotRun without a C compiler.
     """
-    text, bullet = command(law, friction, cup), BulletClient(client)
+    text = command(law, friction, cup)
+    bullet = BulletClient(client)
     plugin = load(client)
-    sides = [part for side in (first, second) for part in _side(bullet, side)]
-    number = int(bullet.executePluginCommand(plugin, text, sides))
+    sides = [_side(bullet, first), _side(bullet, second)]
+    number = int(bullet.executePluginCommand(plugin, text, [*sides[0], *sides[1]]))
     if number < 0:
         said = bytes(bullet.executePluginCommand(plugin, "message")[2][:-1]).decode()
         raise SettingError("contact law", said, "", "docs/reference/plugins.md has all commands")
     if is_force(law):
-        masses = [bullet.getDynamicsInfo(sides[i], max(sides[i + 1], -1))[0] for i in (0, 2)]
-        mass = 1.0 / sum(1.0 / one for one in masses if one > 0.0)
         world = bullet.getPhysicsEngineParameters()
+        step = world["fixedTimeStep"] / max(world["numSubSteps"], 1)
         try:
-            require_resolved(law, mass, speed, world["fixedTimeStep"] / max(world["numSubSteps"], 1))
+            require_resolved(law, _reduced_mass(bullet, sides), speed, step)
         except SettingError:
             remove(number, client=client)
             raise
     return number
+
+
+def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> float:
+    """1/(1/m1 + 1/m2) of two (body, link), kg; a body that cannot move has a mass of 0 in Bullet."""
+    mobility = 0.0
+    for body, link in sides:
+        mass = bullet.getDynamicsInfo(body, max(link, -1))[0]
+        if mass > 0.0:
+            mobility += 1.0 / mass
+    return 1.0 / mobility
 
 
 @checked

@@ -15,6 +15,7 @@ from hcbench.terms.resolution import STEPS_OF_A_LOOP
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target
 
+# Spheres of the ball, each a link with a contact of its own.
 _LINKS = 12
 
 
@@ -26,6 +27,7 @@ def staggered(target: Target) -> dict[str, Any]:
 
 
 def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
+    """The options of a setting with these contacts at a time step, s."""
     # Bullet adds k h by itself.
     bullets = contacts.damping - timestep * contacts.stiffness
     columns = (contacts.onset.tolist(), contacts.stiffness.tolist(), bullets.tolist())

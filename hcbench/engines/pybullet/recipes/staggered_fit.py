@@ -155,6 +155,9 @@ class _Loops:
 
     @classmethod
     def of(cls, law: HuntCrossley, mass: float, speeds: Floats, h: float) -> _Loops:
+        """Loops of a law for a mass, kg, at impact speeds, m/s, with the rates that a step h, s,
+        ends with.
+        """
         angle = (np.arange(_POINTS) + 0.5) / _POINTS * np.pi / 2
         columns = []
         for speed in speeds.tolist():

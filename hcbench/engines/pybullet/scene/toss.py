@@ -51,7 +51,11 @@ _VELOCITY = slice(7, 10)
 def simulate(
     body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
 ) -> list[Floats]:
-    """States at the ends of steps, of each toss; in a client of its own."""
+    """States at the ends of steps (s) of each toss, (steps + 1, 13): position, quaternion w x y z,
+    velocity and spin in the world, SI; in a client of its own.
+
+    values: of the setting's parameters.
+    """
     bullet = BulletClient.direct()
     try:
         given = setting.named(values)
@@ -64,6 +68,10 @@ def simulate(
 def _load(
     bullet: BulletClient, body: Body, setting: ContactSetting, given: Mapping[str, float], timestep: float
 ) -> int:
+    """Make plate and body with their contact in an empty client; returns the body's id.
+
+    given: parameters of the setting by name, SI. timestep: s.
+    """
     from hcbench.engines.pybullet import plugin
 
     bullet.setGravity(0.0, 0.0, -GRAVITY)

@@ -47,6 +47,10 @@ def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 def _simulate(
     bullet: BulletClient, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
+    """Positions, m, and velocities, m/s, along x before the first step and after each, (n + 1,).
+
+    position, velocity: at the start. forces: N, (n,), one for each step.
+    """
     from hcbench.engines.pybullet import plugin
 
     options = _options(blocks)

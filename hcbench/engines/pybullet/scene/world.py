@@ -119,6 +119,9 @@ class PybulletWorld(World):
         self.bullet.setCollisionFilterGroupMask(self.plate, -1, _PLATE, _PLATE | _BALLS)
 
     def _add_law(self, ball: int) -> None:
+        """Let the setting's law act between a ball and the plate; a setting without one changes
+        nothing.
+        """
         law = self.options.law
         if law is None:
             return
@@ -275,6 +278,7 @@ def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ba
 
 
 def _urdf(scene: Scene, role: str) -> Path:
+    """Path of the URDF of a role, "ball" or "plate". Raises SceneError where there is none."""
     try:
         path: Path = scene.models["pybullet"][role].resolve()
     except KeyError:

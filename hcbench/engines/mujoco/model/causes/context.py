@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.terms.impact import Floats, Impact
 
+# MuJoCo's defaults: a geom that has them says nothing of its contact.
 DEFAULT_SOLREF = (0.02, 1.0)
 _DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
@@ -111,12 +112,14 @@ class Context:
 
 def written_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
     """Contact by the author's solref and solimp, in words too; None if different contacts add up."""
-    rows, model = place.contact.rows, place.pair.model
-    written = {_as_written(model, _in_order(place, geoms)) for _, _, geoms in rows}
+    rows = place.contact.rows
+    model = place.pair.model
+    written = {_as_written(model, _in_order(place, row.geoms)) for row in rows}
     if len(written) > 1:
         return None, f"{len(rows)} different contacts add up: the model asks for no one e"
     ((solref, solimp),) = written
-    contact = SoftConstraint(solref, solimp, float(model.opt.timestep), clamped=False)  # type: ignore[arg-type]
+    timestep = float(model.opt.timestep)
+    contact = SoftConstraint(solref, solimp, timestep, clamped=False)  # type: ignore[arg-type]
     default = "default " if same(solref, DEFAULT_SOLREF) else ""
     return contact, f"{default}solref {numbers(solref)}, solimp {numbers(solimp)}"
 

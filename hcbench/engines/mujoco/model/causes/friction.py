@@ -22,17 +22,27 @@ _LIFT = 0.02
 
 def sliding_lift(context: Context) -> Iterator[Suspect]:
     """Friction adds to the bounce: acceleration apart grows by impedance times μ times that of the slip."""
-    contact, friction = context.used, geom_friction(context.model, context.geoms)
+    contact = context.used
+    friction = geom_friction(context.model, context.geoms)
     if contact is None or not friction:
         return
-    oblique = [i for i in context.impacts if i.tangential is not None]
-    lifts = [(i.restitution - contact.restitution(i.speed_in), i) for i in oblique]
-    lift, worst = max(lifts, key=lambda pair: pair[0], default=(0.0, None))
-    if worst is None or worst.tangential is None or not lift > _LIFT:
+    lift = _LIFT
+    worst = None
+    for impact in context.impacts:
+        if impact.tangential is None:
+            continue
+        gained = impact.restitution - contact.restitution(impact.speed_in)
+        if gained > lift:
+            lift = gained
+            worst = impact
+    if worst is None or worst.tangential is None:
         return
     row, impratio = _soft_row(context, friction)
     words = {"solref": row.solref, "solimp": row.solimp, "solreffriction": row.solreffriction}
-    pair = " ".join(f'{key}="{numbers_text(values, "{:.6g}".format)}"' for key, values in words.items())
+    attributes = []
+    for name, values in words.items():
+        attributes.append(f'{name}="{numbers_text(values, "{:.6g}".format)}"')
+    pair = " ".join(attributes)
     slip = math.hypot(*worst.tangential.slip_in)
     yield Suspect(
         "sliding-lift",

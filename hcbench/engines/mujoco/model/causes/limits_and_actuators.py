@@ -40,20 +40,22 @@ def limits(context: Context) -> Iterator[Suspect]:
 
 def _reached(context: Context) -> tuple[list[int], list[int]]:
     """Joints and tendons that are at a limit where the contact is deepest; all limited ones if none is."""
-    model, place = context.model, context.place
-    data = backend().MjData(model)
+    model = context.model
+    place = context.place
+    mujoco = backend()
     depths = [i.penetration_max for i in context.impacts if np.isfinite(i.penetration_max)]
+    deepest = _DEEPER * max(depths, default=0.0)
+    data = mujoco.MjData(model)
     data.qpos[:] = place.qpos
-    backend().mj_integratePos(model, data.qpos, place.direction, _DEEPER * max(depths, default=0.0))
-    backend().mj_forward(model, data)
-    kinds = backend().mjtConstraint
-    sides = [
-        [int(i) for i in data.efc_id[data.efc_type == int(kind)]]
-        for kind in (kinds.mjCNSTR_LIMIT_JOINT, kinds.mjCNSTR_LIMIT_TENDON)
-    ]
-    if any(sides):
-        return sides[0], sides[1]
-    return np.flatnonzero(model.jnt_limited).tolist(), np.flatnonzero(model.tendon_limited).tolist()
+    mujoco.mj_integratePos(model, data.qpos, place.direction, deepest)
+    mujoco.mj_forward(model, data)
+    kinds = mujoco.mjtConstraint
+    joints = data.efc_id[data.efc_type == int(kinds.mjCNSTR_LIMIT_JOINT)]
+    tendons = data.efc_id[data.efc_type == int(kinds.mjCNSTR_LIMIT_TENDON)]
+    if not joints.size and not tendons.size:
+        joints = np.flatnonzero(model.jnt_limited)
+        tendons = np.flatnonzero(model.tendon_limited)
+    return joints.tolist(), tendons.tolist()
 
 
 def drives(context: Context) -> Iterator[Suspect]:

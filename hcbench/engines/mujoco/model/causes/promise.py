@@ -35,6 +35,7 @@ def broken_promise(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iter
 
 
 def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
+    """Pairs of two geoms that were added to those hcbench wrote, or that are missing."""
     joining = explicit_pairs(model, geoms)
     lost = promise.rows - len(joining)
     if lost > 0:
@@ -56,6 +57,7 @@ def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Sus
 
 
 def _override(model: Any) -> Iterator[Suspect]:
+    """The flag that replaces solref and solimp of every contact."""
     flag = int(backend().mjtEnableBit.mjENBL_OVERRIDE)
     if not model.opt.enableflags & flag:
         return
