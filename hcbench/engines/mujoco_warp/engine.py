@@ -148,7 +148,7 @@ class WarpCopies(Copies):
         self._step, self._before = names["mjw"].step, names.get("before_step", lambda data: None)
 
     def place(self, states: Floats) -> Floats:
-        """Put the copies into states (b, nq + nv), SI; returns them as float32 has them."""
+        """Put the copies into states (b, nq + nv), SI; returns them rounded to float32."""
         self._data = self._names["mjw"].put_data(
             self._model, self._start, nworld=len(states), nconmax=self._most, njmax=self._most
         )
