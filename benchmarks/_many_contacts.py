@@ -1,14 +1,17 @@
-"""Cost of a step with many contacts under the plug-ins, over the engine's own contact."""
+"""Cost of a step under the plug-ins, over the engine's own contact: many contacts, and robots that settle."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pybullet
+from test_plugin_robots import ROBOTS
 
 from hcbench.contact import mujoco as in_mujoco
 from hcbench.contact import pybullet as in_bullet
@@ -18,6 +21,12 @@ COUNTS = (1, 10, 100, 400, 1000)
 Prepare = Callable[[Any, Any], None]
 LEGS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 ALPHA = '<config key="alpha" value=".315"/>'
+SETTLES = 3000
+"""Steps after a drop, in which robots land, settle and rest."""
+BLOCK = 50
+"""Steps that native contact and the plug-in take in turns."""
+INTEGRATORS = {"Euler": 0, "implicitfast": 3, "RK4": 1}
+"""MuJoCo's numbers."""
 
 
 def _least(pair: list[Callable[[], float]], rounds: int) -> tuple[float, float]:
@@ -103,6 +112,65 @@ def _robot() -> str:
         legs += f'<geom name="f{leg}" type="sphere" size=".03" pos="0 0 -.07" mass=".2"/>' + "</body>" * 6
     trunk = '<geom type="box" size=".3 .15 .05" mass="12"/>'
     return f'<body name="trunk" pos="0 0 .4499"><freejoint/>{trunk}{legs}</body>'
+
+
+def _humanoids() -> Iterator[tuple[str, str, list[tuple[str, str]]]]:
+    """Gymnasium's humanoid, where that package is installed: by its own solver and by Newton."""
+    found = find_spec("gymnasium")
+    if found is None or found.origin is None:
+        return
+    text = (Path(found.origin).parent / "envs/mujoco/assets/humanoid.xml").read_text(encoding="utf-8")
+    feet = [(foot, "floor") for foot in ("right_foot", "left_foot")]
+    yield "gymnasium's humanoid, PGS", text, feet
+    yield "gymnasium's humanoid, Newton", text.replace('solver="PGS"', ""), feet
+
+
+def _settle(models: list[Any], rounds: int) -> list[float]:
+    """CPU time of a step of each after a drop of 10 cm, in turns, s: the least of each block."""
+    taken = np.empty((rounds, SETTLES // BLOCK, len(models)))
+    for one in taken:
+        data = [mujoco.MjData(model) for model in models]
+        for each in data:
+            each.qpos[2] += 0.1
+        for block in one:
+            for k, model in enumerate(models):
+                began = time.process_time()
+                mujoco.mj_step(model, data[k], nstep=BLOCK)
+                block[k] = time.process_time() - began
+    return [float(least) / SETTLES for least in taken.min(axis=0).sum(axis=0)]
+
+
+def robots_settle(rounds: int) -> Iterator[tuple[str, float, float]]:
+    """Rows (name, must, ratio): robots dropped on their feet, by integrator; what RK4 costs over Euler."""
+    in_mujoco.load()
+    known = [
+        ("README's quadruped", *ROBOTS["quadruped"]),
+        ("a biped on box feet", *ROBOTS["biped"]),
+        *_humanoids(),
+    ]
+    for name, text, pairs in known:
+        took: dict[str, list[float]] = {}
+        for integrator, number in INTEGRATORS.items():
+            models = []
+            for law in (None, in_mujoco.Restitution(0.315)):
+                spec = mujoco.MjSpec.from_string(text)
+                spec.option.integrator = number
+                for pair in pairs if law else []:
+                    in_mujoco.add_to_spec(spec, law, geoms=pair)
+                models.append(spec.compile())
+            took[integrator] = native, own = _settle(models, rounds)
+            yield (
+                f"mujoco restitution, {name}, {integrator}, {SETTLES} steps after a drop of 10 cm:"
+                f" {1e6 * own:.1f} us a step, over native",
+                1.5,
+                own / native,
+            )
+        native, own = (b / a for a, b in zip(took["Euler"], took["RK4"], strict=True))
+        yield (
+            f"mujoco restitution, {name}: a step of RK4 over one of Euler (native: {native:.1f})",
+            np.inf,
+            own,
+        )
 
 
 def in_mujoco_steps(rounds: int) -> Iterator[tuple[str, float, float]]:

@@ -7,6 +7,7 @@ phases of touch, sphere on plane and in the cup; under gravity of the speeds at 
 flight keeps it: its largest rise above the start, as a share of the start, over 10 s at
 1, 2 and 5 ms, less what steps from the same states win with contact off. Costs: CPU time, in turns with
 MuJoCo's own contact, a spring-damper (rollouts on one thread), and with a bare stepSimulation of PyBullet's.
+--costs measures steps with many contacts and robots alone, and writes their table into README.md.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "engines" / "mujoco
 
 import bullet_scenes
 import contact_scenes as scenes
-from _many_contacts import in_bullet_steps, in_mujoco_steps
+from _many_contacts import in_bullet_steps, in_mujoco_steps, robots_settle
 from test_plugin_mujoco import oblique
 
 from hcbench.contact.mujoco import ConstantRestitution, HuntCrossley, Restitution
@@ -45,6 +46,9 @@ INCH = 0.0254
 ALPHAS = (0.002, 0.004, 0.008, 0.016)  # s/in
 LAWS = [Restitution(0.315), Restitution(0.002), *(ConstantRestitution(e) for e in (1.0, 0.9, 0.5))]
 Claim = tuple[str, str, float]  # what, must, measured
+README = Path(__file__).with_name("README.md")
+BEGIN, END = "<!-- begin costs -->", "<!-- end costs -->"
+FALLS_SHORT = " (falls short)"
 BALL = """<mujoco><option timestep="{h}" gravity="0 0 {g}" cone="elliptic"/><worldbody>
   <geom name="plate" type="plane" size="1 1 1" {contact}/>
   <body name="ball" pos="0 0 .0508"><freejoint/>
@@ -225,9 +229,20 @@ def costs_in_bullet(rounds: int) -> Iterator[Claim]:
 
 def costs_of_many(rounds: int) -> Iterator[Claim]:
     """Many contacts in one step."""
-    for steps in (in_mujoco_steps, in_bullet_steps):
+    for steps in (in_mujoco_steps, robots_settle, in_bullet_steps):
         for what, must, ratio in steps(rounds):
             yield what, f"{must:g}", ratio
+
+
+def write_costs(claims: list[Claim]) -> None:
+    """Write the table of costs into README.md."""
+    rows = ["| what | must | is |", "|---|---|---|"]
+    for what, must, measured in claims:
+        limit = "" if must == "inf" else must
+        rows.append(f"| {what} | {limit} | {measured:.2g}{FALLS_SHORT if measured > float(must) else ''} |")
+    before, _, rest = README.read_text(encoding="utf-8").partition(BEGIN)
+    table = "\n".join([BEGIN, "", *rows, "", END])
+    README.write_text(before + table + rest.partition(END)[2], encoding="utf-8")
 
 
 def main() -> None:
@@ -235,12 +250,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="fewer α, 1 s instead of 10 s")
-    parser.add_argument("--costs", action="store_true", help="only the cost of steps with many contacts")
+    parser.add_argument("--costs", action="store_true", help="only what steps cost; writes README.md")
     given = parser.parse_args()
     quick = given.quick
     print(f"mujoco {mujoco.__version__}, pybullet {registry.engine('pybullet').version()}")
     print(f"{'':84s} {'must':>8s} {'is':>8s}")
     many = costs_of_many(3 if quick else 7)
+    found: list[Claim] = []
     for claims in (
         [many]
         if given.costs
@@ -260,9 +276,12 @@ def main() -> None:
     ):
         for what, must, measured in claims:
             print(
-                f"{what:84s} {must:>8s} {measured:8.2g}{'' if measured <= float(must) else '  FALLS SHORT'}",
+                f"{what:84s} {must:>8s} {measured:8.2g}{FALLS_SHORT if measured > float(must) else ''}",
                 flush=True,
             )
+            found.append((what, must, measured))
+    if given.costs:
+        write_costs(found)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
    that part. So resting loads, stacks and friction at rest are the solver's. */
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
-#define HCB_CREEPS 1e-3    /* of that speed: contacts that rest and slip no faster stick, as the slip of others is known no better */
+#define HCB_CREEPS 3e-3    /* of that speed: contacts that rest and slip no faster stick, as the slip of others is known no better */
 #define HCB_FAST 0.1       /* rad a step: bodies that turn faster gain energy by MuJoCo's own step */
 #define HCB_COARSE_STEP 0.125 /* of a contact's time constant: from there on limbs sink deeper in a step than MuJoCo's contact, ... */
 #define HCB_DEEPER 1e-3    /* ... named where that may be more, m */
