@@ -14,7 +14,7 @@ from hcbench.cli.terminal import progress
 from hcbench.system.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from hcbench.cases.score import EngineScore
 
@@ -96,26 +96,59 @@ def score_cases(results: tuple[Path, ...], only: tuple[str, ...], markdown: bool
     _print([each for path in results for each in read_scores(path, only)], as_json, markdown)
 
 
-def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:
-    from hcbench.cases.score import matrix, regressions
+def _with_signs(row: Mapping[str, str]) -> dict[str, str]:
+    """A row of the matrix with verdicts as they are printed."""
+    return {key: _SIGN.get(word, word) for key, word in row.items()}
+
+
+def _markdown(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Lines of a table in Markdown, a row for each engine."""
+    header = list(rows[0])
+    rule = ["---"] * len(header)
+    cells = [list(row.values()) for row in rows]
+    for line in (header, rule, *cells):
+        yield f"| {' | '.join(line)} |"
+
+
+def _engines_below(rows: Sequence[Mapping[str, str]]) -> list[str]:
+    """Lines of a table with a row for each engine."""
     from hcbench.system.text import table
+
+    header = tuple(rows[0])
+    return table(header, [tuple(row.values()) for row in rows])
+
+
+def _engines_beside(scores: Sequence[EngineScore], rows: Sequence[Mapping[str, str]]) -> list[str]:
+    """Lines of a table with a column for each engine and a row for each case, with the case's title."""
+    from hcbench.system.text import table
+
+    titles = {verdict["case"]: verdict["title"] for verdict in scores[0].verdicts}
+    width = max(map(len, titles.values()))
+    header = ("case", "", *(each.name for each in scores))
+    lines = []
+    for key in rows[0]:
+        words = [row[key] for row in rows]
+        if key not in ("engine", "version") and any(words):
+            title = titles.get(key, "")
+            lines.append((key, title.ljust(width), *words))
+    return table(header, lines)
+
+
+def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:
+    """Print the verdicts: as JSON, as a table in Markdown, or for people with the reasons of failures."""
+    from hcbench.cases.score import matrix, regressions
 
     if as_json:
         print_json([each.as_dict() for each in scores])
         return
-    rows = [{key: _SIGN.get(word, word) for key, word in row.items()} for row in matrix(scores)]
+    rows = [_with_signs(row) for row in matrix(scores)]
     if markdown:
-        for line in (tuple(rows[0]), ("---",) * len(rows[0]), *map(dict.values, rows)):
-            print(f"| {' | '.join(line)} |")
+        print("\n".join(_markdown(rows)))
         return
-    if len(rows) > _SIDE_BY_SIDE:
-        print("\n".join(table(tuple(rows[0]), [tuple(row.values()) for row in rows])))
-    else:
-        titles = {verdict["case"]: verdict["title"] for verdict in scores[0].verdicts}
-        width = max(map(len, titles.values()))
-        words = [key for key in rows[0] if key not in ("engine", "version") and any(row[key] for row in rows)]
-        lines = [(key, titles.get(key, "").ljust(width), *(row[key] for row in rows)) for key in words]
-        print("\n".join(table(("case", "", *(each.name for each in scores)), lines)))
+    lines = _engines_below(rows)
+    if len(rows) <= _SIDE_BY_SIDE:
+        lines = _engines_beside(scores, rows)
+    print("\n".join(lines))
     for each in scores:
         for verdict in each.verdicts:
             if verdict["verdict"] != "pass":

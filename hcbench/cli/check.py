@@ -129,20 +129,27 @@ def _next_line(measurement: Measurement, models: tuple[str, ...], python: str | 
     from hcbench.sim import registry
     from hcbench.sim.capabilities import TunesModels
 
-    source = " ".join(map(quote, models)) if python is None else f"--python {quote(python)}"
-    pair = quote(options["pair"] or joined_names(measurement.facts.pair))
+    facts = measurement.facts
+    source = " ".join(map(quote, models))
+    if python is not None:
+        source = f"--python {quote(python)}"
+    pair = quote(options["pair"] or joined_names(facts.pair))
     targets = [name for name in ("alpha", "restitution") if options[name] is not None]
     target = " ".join(f"--{name} {quote(str(options[name]))}" for name in targets)
-    impacts = measurement.measured
+
     if measurement.wanted is None:
-        missed = all(impact.restitution < _NO_BOUNCE for impact in impacts)
+        missed = all(impact.restitution < _NO_BOUNCE for impact in measurement.measured)
     else:
-        missed = any(abs(error) > TOLERANCE for _, error in measurement.errors(measurement.wanted))
-    if missed and python is None and isinstance(registry.engine(measurement.facts.engine), TunesModels):
+        errors = measurement.errors(measurement.wanted)
+        missed = any(abs(error) > TOLERANCE for _, error in errors)
+    if missed and python is None and isinstance(registry.engine(facts.engine), TunesModels):
         target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
-        return f"hcbench tune {source} --pair {pair} {target} --write-model tuned{Path(models[0]).suffix}"
-    engine = f" --engine {quote(options['engine'])}" if options["engine"] else ""
-    return f"hcbench check {source}{engine} --pair {pair} {target or '--write-baseline bounce.json'}"
+        tuned = f"tuned{Path(models[0]).suffix}"
+        return f"hcbench tune {source} --pair {pair} {target} --write-model {tuned}"
+    if options["engine"]:
+        source += f" --engine {quote(options['engine'])}"
+    target = target or "--write-baseline bounce.json"
+    return f"hcbench check {source} --pair {pair} {target}"
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:

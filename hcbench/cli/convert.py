@@ -55,13 +55,17 @@ def _lines(contact: Conversion) -> Iterator[str]:
         truth = f"e of the law {contact.restitution:.10g}, 1 - α v {contact.restitution_linear:.10g}"
         yield f"at {contact.speed:.6g} m/s: {truth}"
     yield ""
-    names = ("system", "parameter", "text")
-    wide = [max(len(getattr(row, name)) for row in contact.rows) for name in names]
+    system = max(len(row.system) for row in contact.rows)
+    parameter = max(len(row.parameter) for row in contact.rows)
+    text = max(len(row.text) for row in contact.rows)
     for row in contact.rows:
-        cells = zip((getattr(row, name) for name in names), wide, strict=True)
-        line = f"{'  '.join(cell.ljust(width) for cell, width in cells)} {row.unit}".rstrip()
-        yield line
+        line = f"{row.system:<{system}}  {row.parameter:<{parameter}}  {row.text:<{text}} {row.unit}"
+        yield line.rstrip()
         if row.note:
             yield f"    {row.note}"
-    yield from (f"missing: {line}" for line in contact.missing)
-    yield from ("", "caveats:", *(f"- {line}" for line in contact.caveats))
+    for missing in contact.missing:
+        yield f"missing: {missing}"
+    yield ""
+    yield "caveats:"
+    for caveat in contact.caveats:
+        yield f"- {caveat}"

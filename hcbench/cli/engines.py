@@ -132,12 +132,20 @@ def _elsewhere(made: Environment) -> dict[str, Any]:
 
 
 def _described(record: dict[str, Any], with_folder: bool) -> str:
+    """An engine in words: its version, or how to install it. with_folder: name its folder, too."""
     if not record["version"]:
-        install = record["install"] if with_folder else record["install"].partition(", or")[0]
-        return f"not installed: {install}" if install else "in environments of its own"
-    size = f", {record['size_bytes'] / 1e6:.0f} MB" if record["size_bytes"] else ""
-    where = f" in {record['where']}" if record["where"] and with_folder else ""
-    return f"{record['version']}, Python {record['python']}{size}{where}"
+        install = record["install"]
+        if not install:
+            return "in environments of its own"
+        if not with_folder:
+            install = install.partition(", or")[0]
+        return f"not installed: {install}"
+    text = f"{record['version']}, Python {record['python']}"
+    if record["size_bytes"]:
+        text += f", {record['size_bytes'] / 1e6:.0f} MB"
+    if record["where"] and with_folder:
+        text += f" in {record['where']}"
+    return text
 
 
 def _about(made: Environment) -> str:

@@ -49,24 +49,28 @@ def law(
 
     from hcbench.laws.impact_law import PAPER_STIFFNESS, law
 
-    rows = [
-        impact
-        for a in np.concatenate(alpha).tolist()
-        for impact in law(a, mass=mass, stiffness=stiffness, exponent=exponent).impacts(np.concatenate(speed))
-    ]
+    speeds = np.concatenate(speed)
+    rows = []
+    for a in np.concatenate(alpha).tolist():
+        of_alpha = law(a, mass=mass, stiffness=stiffness, exponent=exponent)
+        rows += of_alpha.impacts(speeds)
     if as_json:
         print_json([dataclasses.asdict(row) for row in rows])
         return
     header = ("α s/m", "v_i m/s", "e of the law", "1 - α v_i", "x_m m", "F_max N", "t s", "ΔE J", "τ_max Pa")
-    values = [
-        tuple("-" if v is None else f"{v:.5g}" for v in dataclasses.astuple(row)[: len(header)])
-        for row in rows
-    ]
+    values = []
+    for row in rows:
+        numbers = dataclasses.astuple(row)[: len(header)]
+        values.append(tuple("-" if number is None else f"{number:.5g}" for number in numbers))
     show("\n".join(table(header, values)))
     if stiffness is None:
         print(f"x_m ... τ_max: of a steel ball, k = {PAPER_STIFFNESS} (--stiffness), {mass:.4g} kg (--mass)")
+    warnings: dict[str, None] = {}
+    for row in rows:
+        warnings |= dict.fromkeys(row.warnings)
+    # Warnings that begin alike are of one kind: one of each is printed.
     kinds: dict[str, list[str]] = {}
-    for warning in dict.fromkeys(w for row in rows for w in row.warnings):
+    for warning in warnings:
         kinds.setdefault(warning[:12], []).append(warning)
     for first, *others in kinds.values():
         more = f" (and {len(others)} more)" if others else ""

@@ -8,7 +8,7 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 import click
@@ -26,6 +26,8 @@ _COLOURS = {
 _VERDICT = re.compile(rf"^({'|'.join(_COLOURS)})\b", re.MULTILINE)
 # The text before the value in a line `name   value`.
 _NAME = re.compile(r"\S.*?\s{2,}(?=\S)")
+# A call without texts, which may be broken after its commas.
+_CALL = re.compile(r"\s*[\w.]+\([^'\"#]*\)")
 # Seconds of silence after which hcbench names its work.
 _AFTER_S = 0.5
 
@@ -39,9 +41,13 @@ def show(text: str) -> None:
 def show_code(text: str) -> None:
     """Print lines to paste: long tags are broken between attributes, long calls after commas."""
     for line in text.split("\n"):
-        is_call = re.fullmatch(r"\s*[\w.]+\([^'\"#]*\)", line) is not None
-        fold = _folded_tag if line.lstrip().startswith("<") else _folded_call if is_call else iter
-        print("\n".join(fold(line)) if len(line) > WIDTH and fold is not iter else line)
+        lines: Iterable[str] = [line]
+        if len(line) > WIDTH:
+            if line.lstrip().startswith("<"):
+                lines = _folded_tag(line)
+            elif _CALL.fullmatch(line):
+                lines = _folded_call(line)
+        print("\n".join(lines))
 
 
 def has_colour() -> bool:

@@ -178,10 +178,19 @@ def _table(tuned: TunedModel) -> list[str]:
 
     rows = [("", "before", "after")]
     for was, now in zip(tuned.untuned, tuned.pairs, strict=True):
+        title = f"e of {now.facts.pair[0]}"
+        if now.attitude:
+            title += f" on {now.attitude}"
+        # The ends of the band.
         for place in (0, -1):
-            title = f"e of {' on '.join([now.facts.pair[0], *filter(None, [now.attitude])])}"
-            old, new = (f"{p.curve[place].lowest:.2f} ... {p.curve[place].highest:.2f}" for p in (was, now))
-            rows.append((f"{title} at {now.curve[place].speed_in:.2g} m/s", old, new))
+            old = was.curve[place]
+            new = now.curve[place]
+            row = (
+                f"{title} at {new.speed_in:.2g} m/s",
+                f"{old.lowest:.2f} ... {old.highest:.2f}",
+                f"{new.lowest:.2f} ... {new.highest:.2f}",
+            )
+            rows.append(row)
     before = tuned.before.record
     after = tuned.after.record
     for quantity in QUANTITIES:
@@ -189,5 +198,6 @@ def _table(tuned: TunedModel) -> list[str]:
         if not all(map(math.isnan, numbers)):
             texts = [f"{number:.3g}" for number in numbers]
             rows.append((f"{quantity.title}, {quantity.unit}", texts[0], texts[1]))
-    first, second = (max(len(row[i]) for row in rows) for i in (0, 1))
+    first = max(len(name) for name, _, _ in rows)
+    second = max(len(was) for _, was, _ in rows)
     return [f"{name:<{first}}  {was:>{second}}  {now}" for name, was, now in rows]

@@ -73,7 +73,8 @@ class _Fitted:
 def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
     """Normal scatter first; where an impact stands out, that of a t distribution."""
     fits = {name: fit_law(law, sets, reference) for name, law in LAWS.items()}
-    if not all(math.isfinite(one.log_evidence) for one in fits.values()):
+    evidence = [one.log_evidence for one in fits.values()]
+    if not all(map(math.isfinite, evidence)):
         raise UserError(sets[0].name, "no law comes near the data", "bounces of one ball on one plate")
     best = max(fits.values(), key=lambda one: one.log_evidence)
     flags = tuple(flagged_touches(best, sets))

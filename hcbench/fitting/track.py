@@ -174,12 +174,16 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
         raise _too_few(name, 0)
     floor = float(np.median(heights[lows]))
     gravity = setup.ballistics.gravity
+    # Time between two frames, s.
     frame = float(np.median(np.diff(times)))
     _require_scale(name, setup.ballistics, times, heights, lows)
     lows = _of_flights(lows, times, heights - floor, frame, gravity)
-    top = float(heights[: lows[0]].max(initial=floor))
-    gone = np.flatnonzero(heights[: lows[0]] > top - max(_FALLEN * (top - floor), 3.0 * noise))
-    begin = int(gone[-1]) + 1 if gone.size else 0
+    # The fall begins after the last frame in which the ball may still be held.
+    before_touch = heights[: lows[0]]
+    top = float(before_touch.max(initial=floor))
+    fallen = max(_FALLEN * (top - floor), 3.0 * noise)
+    held = np.flatnonzero(before_touch > top - fallen)
+    begin = int(held[-1]) + 1 if held.size else 0
     has_fall = int(lows[0]) - begin >= _LEAST_FRAMES
     touches = times[lows].tolist()
     # Two rounds: the floor's height gives the touches, and the touches give the floor.

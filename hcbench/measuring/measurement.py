@@ -214,7 +214,10 @@ class Measurement(Drawn):
         if len({i.launch.speed for i in self.measured}) < 2 or e.max() < _LEAST_E:
             return math.nan
         alpha, rms = scoring.fit_alpha(speeds, e)
-        return alpha if rms <= max(min(TOLERANCE, 0.5 * float(np.std(e))), GAIN) else math.nan
+        # The standard deviation is the rms error of the best e for all speeds.
+        of_constant = float(np.std(e))
+        allowed = max(min(TOLERANCE, 0.5 * of_constant), GAIN)
+        return alpha if rms <= allowed else math.nan
 
     @property
     def law(self) -> HuntCrossley | None:

@@ -376,11 +376,15 @@ def make_target(
     spring = _spring(alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton)
     setting = load_scene(scene)
     n = setting.exponent if exponent is None else exponent
-    if stiffness is None and n != setting.exponent:
+    k = setting.stiffness
+    if stiffness is not None:
+        k = units.parse(stiffness, "stiffness", "--stiffness", n)
+    elif n != setting.exponent:
         raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    k = setting.stiffness if stiffness is None else units.parse(stiffness, "stiffness", "--stiffness", n)
     step = units.parse(timestep, "timestep", "timestep", above=0)
-    g = _GRAVITY if gravity is None else units.parse(gravity, "acceleration", "gravity")
+    g = _GRAVITY
+    if gravity is not None:
+        g = units.parse(gravity, "acceleration", "gravity")
     band: Sequence[float]
     if speeds is not None:
         band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
@@ -389,12 +393,16 @@ def make_target(
         band = [v for v, _ in points]
     else:
         band = default_band(step, g)
-    low, high = min(band), max(band)
-    weight = setting.mass if mass is None else units.parse(mass, "mass", "mass")
+    low = min(band)
+    high = max(band)
+    m = setting.mass if mass is None else units.parse(mass, "mass", "mass")
     if spring is not None:
-        points = spring.points(weight, low, high)
+        points = spring.points(m, low, high)
     if restitution is not None:
         points = ((low, units.parse(restitution, "number", "restitution")),)
-    law = HuntCrossley(k, 0.0 if alpha is None else units.parse_uncertain(alpha, "alpha", "alpha")[0], n)
+    rate = 0.0
+    if alpha is not None:
+        rate, _ = units.parse_uncertain(alpha, "alpha", "alpha")
+    law = HuntCrossley(k, rate, n)
     as_read = "points" if points else reading
-    return setting, Target(law, weight, step, low, high, as_read, tuple(points), g, friction, corners)
+    return setting, Target(law, m, step, low, high, as_read, tuple(points), g, friction, corners)

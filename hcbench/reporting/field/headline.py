@@ -36,17 +36,23 @@ def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
 
     gravity: m/s².
     """
+    # With versions; all further lists have names without versions, each name once.
     ran = [engine for engine in view.engines if view.cases(engine, gravity, timestep, *OWN, PLUGIN)]
-    own = _following(view, ran, gravity, timestep, *OWN)
+    by_settings = _following(view, ran, gravity, timestep, *OWN)
     by_plugin = _following(view, ran, gravity, timestep, PLUGIN)
-    plugin = [engine for engine in by_plugin if engine not in own]
-    others = [engine for engine in _bases(ran) if engine not in (*own, *plugin)]
-    where = f"At {time(timestep)} {'under' if gravity else 'without'} gravity"
-    sentences = [f"{where}, {_engines_follow(own)} the law by settings alone{_named(own)}."]
-    if plugin:
-        more = " more" if own else ""
-        verb = "do" if len(plugin) > 1 else "does"
-        sentences.append(f"With a plug-in, {_count(plugin)}{more} {verb}{_named(plugin)}.")
+    by_plugin_only = [engine for engine in by_plugin if engine not in by_settings]
+    others = [engine for engine in _bases(ran) if engine not in (*by_settings, *by_plugin_only)]
+    condition = "under gravity" if gravity else "without gravity"
+    engines_follow = _engines_follow(by_settings)
+    sentences = [
+        f"At {time(timestep)} {condition}, {engines_follow} the law by settings alone{_named(by_settings)}."
+    ]
+    if by_plugin_only:
+        count = _count(by_plugin_only)
+        if by_settings:
+            count += " more"
+        verb = "do" if len(by_plugin_only) > 1 else "does"
+        sentences.append(f"With a plug-in, {count} {verb}{_named(by_plugin_only)}.")
     if others:
         titles = [engine_title(engine) for engine in others]
         sentences.append(f"No setting that was run here follows it in {listed(titles, 'or')}.")
