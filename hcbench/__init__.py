@@ -4,8 +4,9 @@
 >>> round(hb.law(alpha="0.3 s/m").e("1 m/s"), 3)
 0.768
 
-`dir(hcbench)` names the verbs of the command line and what they need; the classes of results, studies and
-engines are here, too. Each name is imported when first used, so that `import hcbench` costs almost nothing.
+`dir(hcbench)` names the verbs of the command line and what they need; the classes of results,
+studies and engines are here, too. Each name is imported when first used, so that `import
+hcbench` costs almost nothing.
 """
 
 from __future__ import annotations

@@ -7,9 +7,10 @@
     def test_ball_follows_the_law(restitution):
         restitution("models/ball.xml", pair="ball,plate").follows(alpha="0.008 s/in")
 
-A failure shows the curve, the worst speed and the likely cause. Defaults come from the marker, then from the
-ini options `restitution_max_error`, `restitution_speeds`, `restitution_phases`, `restitution_timeout`.
-Nothing of hcbench but this file and the names of the options is imported before the fixture is used.
+A failure shows the curve, the worst speed and the likely cause. Defaults come from the
+marker, then from the ini options `restitution_max_error`, `restitution_speeds`,
+`restitution_phases`, `restitution_timeout`. Nothing of hcbench but this file and the names of
+the options is imported before the fixture is used.
 """
 
 from __future__ import annotations
@@ -69,7 +70,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture
 def restitution(request: pytest.FixtureRequest) -> Iterator[RestitutionFixture]:
-    """Measures a model: `restitution(model, pair=...)`, then `.matches(e)`, `.follows(alpha=...)`, ...."""
+    """Measures a model: `restitution(model, pair=...)`, then
+    `.matches(e)`, `.follows(alpha=...)`, ....
+    """
     defaults: dict[str, Any] = {}
     for name in _INI:
         value = request.config.getini(name)
@@ -109,9 +112,10 @@ class RestitutionFixture:
     ) -> ModelBounce:
         """A model to be held against something.
 
-        model: a path (looked for in the test's own folder first), two paths, or an engine's own model object.
-        pair: names, the body that moves first. options: those of launches (`hcbench.terms.options`), engine,
-        max_error, timeout.
+        model: a path (looked for in the test's own folder first), two paths,
+        or an engine's own model object.
+        pair: names, the body that moves first. options: those of launches
+        (`hcbench.terms.options`), engine, max_error, timeout.
         """
         __tracebackhide__ = True
         _require_known("restitution()", options)
@@ -154,7 +158,9 @@ class ModelBounce:
         target: Literal["law", "linear"] = "law",
         max_error: float | None = None,
     ) -> Measurement:
-        """Assert the law of eq. (16) with α ("0.008 s/in"; target "linear": 1 - α v), or a CSV of (v, e)."""
+        """Assert the law of eq. (16) with α ("0.008 s/in"; target
+        "linear": 1 - α v), or a CSV of (v, e).
+        """
         self._require_target("follows", alpha, pairs)
         return self._hold(alpha=alpha, pairs=pairs, target=target, max_error=max_error)
 

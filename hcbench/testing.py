@@ -7,8 +7,9 @@ own.
         engine = "myengine"
         scenes = ("steel-plane",)
 
-Each test runs for the recipes and scenes that its claim is made for: roles say which, and a class has no
-test for the others. A claim that only the run shows not to apply is a skip with its reason, never a pass.
+Each test runs for the recipes and scenes that its claim is made for: roles say which, and a
+class has no test for the others. A claim that only the run shows not to apply is a skip
+with its reason, never a pass.
 """
 
 from __future__ import annotations
@@ -128,8 +129,8 @@ def _promises_e(_: object, recipe: Recipe, __: Scene) -> bool:
 class EngineConformance:
     """Subclass it as `Test...` and name the engine.
 
-    scenes: names of those that it has files for. stock_damping: share of its speed that a body may lose in
-    flight in the engine with nothing set.
+    scenes: names of those that it has files for. stock_damping: share of its speed that a body may
+    lose in flight in the engine with nothing set.
     """
 
     engine: ClassVar[str]

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 _STATUSES = np.array([status.value for status in STATUSES], dtype=object)
 # Columns that have an attribute of an impact as it is.
 MEASURED = (SPEED_IN, SPEED_OUT, DURATION, PENETRATION_MAX, FORCE_MAX)
-# More columns of impacts in a study with oblique launches: the angle from the normal, what `AlongPlate` has,
-# and what Coulomb's law makes of the ratio of impulses.
+# More columns of impacts in a study with oblique launches: the angle from the normal, what
+# `AlongPlate` has, and what Coulomb's law makes of the ratio of impulses.
 OBLIQUE_COLUMNS = keys((ANGLE, *ALONG, COULOMB))
 
 
@@ -114,7 +114,9 @@ def columns_of(impacts: Impacts) -> dict[str, Any]:
 
 
 def oblique_columns(impacts: Impacts, scene: Scene) -> dict[str, Any]:
-    """OBLIQUE_COLUMNS -> values, one an impact; NaN where it was not measured, or not along the plate."""
+    """OBLIQUE_COLUMNS -> values, one an impact; NaN where it was not
+    measured, or not along the plate.
+    """
     angles = []
     seen_along_plate = []
     coulomb = []
@@ -136,7 +138,9 @@ def run_batch(batch: Batch) -> BatchResult:
 
 
 def run_one_by_one(which: Sequence[int], batch: Batch) -> Iterator[Impact]:
-    """Run some launches of a batch, each alone; one that the engine fails on is CRASHED, with the reason."""
+    """Run some launches of a batch, each alone; one that the engine fails
+    on is CRASHED, with the reason.
+    """
     engine = registry.engine(batch.setting.engine)
     for i in which:
         launch = batch.launches[i]

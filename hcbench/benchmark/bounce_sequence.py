@@ -1,4 +1,6 @@
-"""Successive bounces: a body dropped under gravity, followed for ten of them and until it lies still."""
+"""Successive bounces: a body dropped under gravity, followed for ten
+of them and until it lies still.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ _REST_S = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Bounce:
-    """One of several: when the contact began and ended, s after release, and how high it went then, m."""
+    """One of several: when the contact began and ended, s after
+    release, and how high it went then, m.
+    """
 
     touch: float
     parting: float
@@ -53,7 +57,8 @@ def bounces(path: Trajectory, count: int) -> list[Bounce]:
     gap = -path.penetration
     acting = path.force != 0
     last = len(gap) - 1
-    # Last samples of contacts that a flight follows, not a loss of touch while the body still goes in.
+    # Last samples of contacts that a flight follows, not a loss of touch
+    # while the body still goes in.
     partings = np.flatnonzero(acting[:-1] & ~acting[1:] & (path.rate[1:] < 0))
     previous_partings = [-1, *partings]
     ends = [*partings[1:], last]
@@ -75,7 +80,9 @@ def bounces(path: Trajectory, count: int) -> list[Bounce]:
 
 @dataclass(frozen=True, slots=True)
 class RestAfterDrop:
-    """A body long after its drop: its penetration in the last second, mean and greatest less least, m."""
+    """A body long after its drop: its penetration in the last second,
+    mean and greatest less least, m.
+    """
 
     depth: float
     motion: float

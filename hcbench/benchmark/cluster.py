@@ -33,8 +33,8 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     """Connect to a scheduler: its executor, and a function that counts the tasks its workers run at
     once.
 
-    Raises CannotRun without an answer, without a worker, where a worker has another hcbench, and where the
-    scheduler or the last worker goes away.
+    Raises CannotRun without an answer, without a worker, where a worker has another hcbench, and
+    where the scheduler or the last worker goes away.
     """
     try:
         from distributed import Client
@@ -66,8 +66,8 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence Dask's lines about a lost scheduler, and about answers to tasks that an interrupt cancelled:
-    the error that is raised says it.
+    """Silence Dask's lines about a lost scheduler, and about answers to tasks that an interrupt
+    cancelled: the error that is raised says it.
     """
     names = ("distributed", "distributed.client", "tornado.application")
     loggers = [logging.getLogger(name) for name in names]

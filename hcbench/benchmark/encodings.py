@@ -40,7 +40,9 @@ def require_parquet() -> None:
 
 
 def arrays(tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]) -> bytes:
-    """Tables below one another, as NumPy's bytes. A column has values, or one text or float for all rows."""
+    """Tables below one another, as NumPy's bytes. A column has values, or
+    one text or float for all rows.
+    """
     content: dict[str, Any] = {}
     for key, text in metadata.items():
         content[_ABOUT + key] = np.frombuffer(text, np.uint8)
@@ -142,7 +144,9 @@ def metadata_in(content: bytes) -> dict[str, bytes]:
 
 
 def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str, Any]:
-    """The columns of a table of either kind as arrays, with texts as such; or those of some that it has."""
+    """The columns of a table of either kind as arrays, with texts as
+    such; or those of some that it has.
+    """
     if content.startswith(_PARQUET):
         return _parquet_columns(content, names)
     columns = {}

@@ -1,8 +1,9 @@
-"""The files of a sweep: on a file system of this machine, in memory, or anywhere else that fsspec opens.
+"""The files of a sweep: on a file system of this machine, in memory, or
+anywhere else that fsspec opens.
 
-Files appear whole or not at all, and one sweep at a time writes. On this machine's file systems the lock ends
-with the process that holds it, however that ends; elsewhere (s3://, gs://) and on Windows it is a file that
-its owner keeps fresh, and that is given up when it is not.
+Files appear whole or not at all, and one sweep at a time writes. On this machine's file systems the
+lock ends with the process that holds it, however that ends; elsewhere (s3://, gs://) and on Windows
+it is a file that its owner keeps fresh, and that is given up when it is not.
 """
 
 from __future__ import annotations
@@ -179,7 +180,9 @@ def open_files(where: str) -> Files:
 
 
 class TemporaryFiles(Files):
-    """Files of a new temporary folder; it goes with the last that holds this object, or with this process."""
+    """Files of a new temporary folder; it goes with the last that holds
+    this object, or with this process.
+    """
 
     def __init__(self) -> None:
         """Raises OutputError where no temporary folder can be made."""

@@ -172,7 +172,9 @@ class Folder:
         self._parts.append(part)
 
     def _reach(self, **values: Floats) -> None:
-        """Raise the largest values so far, by name, to those of some more impacts; NaN counts as none."""
+        """Raise the largest values so far, by name, to those of some
+        more impacts; NaN counts as none.
+        """
         for name, some in values.items():
             self._most[name] = float(np.fmax.reduce(some, initial=self._most[name]))
 
@@ -256,7 +258,9 @@ class Folder:
 
 
 def _edges(study: Mapping[str, Any]) -> Floats | None:
-    """Speeds between those of curves: evenly over those of a study, where they are too many to be shown."""
+    """Speeds between those of curves: evenly over those of a study, where
+    they are too many to be shown.
+    """
     bands = [study["speeds"], *(run["speeds"] for run in study["runs"])]
     if max(map(len, bands)) <= MOST_SPEEDS:
         return None

@@ -1,4 +1,6 @@
-"""Scores and folds the impacts of a setting, shard by shard, in a worker process: no table of all is made."""
+"""Scores and folds the impacts of a setting, shard by shard, in a worker
+process: no table of all is made.
+"""
 
 from __future__ import annotations
 
@@ -162,7 +164,8 @@ class _Gathering:
         e = columns["restitution"]
         speed = columns["speed_m_per_s"]
         angle = columns.get("angle_rad", np.zeros(len(e)))
-        # One number for each pair of speed and angle: as complex numbers, NumPy tells the pairs apart.
+        # One number for each pair of speed and angle: as complex numbers,
+        # NumPy tells the pairs apart.
         _, launch = np.unique(speed + 1j * angle, return_inverse=True)
         measured = scoring.Measured(
             speed=speed,

@@ -1,4 +1,6 @@
-"""The launches of one setting: at which speeds, angles and phases, and how bodies are sent to touch so."""
+"""The launches of one setting: at which speeds, angles and phases, and
+how bodies are sent to touch so.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class LaunchGrid:
-    """A setting, launched or dropped at every speed (m/s), angle (rad) and phase, compared to every α (s/m).
+    """A setting, launched or dropped at every speed (m/s), angle (rad) and
+    phase, compared to every α (s/m).
 
     spin: of all, see `Launch`, rad/s.
     loop_speeds: those at which loops are kept, at the middle phase.
@@ -51,7 +54,9 @@ class LaunchGrid:
         return len(self.speeds), len(self.angles), self.phases
 
     def cut(self, part: range) -> tuple[LaunchGrid, range]:
-        """A grid of no more speeds than a part of the launches has, and which of its launches these are."""
+        """A grid of no more speeds than a part of the launches has, and
+        which of its launches these are.
+        """
         row = len(self.angles) * self.phases
         first = part.start // row
         speeds = self.speeds[first : (part.stop - 1) // row + 1]
@@ -60,7 +65,9 @@ class LaunchGrid:
         return small, range(part.start - first * row, part.stop - first * row)
 
     def asked(self, part: range) -> tuple[Floats, Floats]:
-        """The speed at touch, m/s, and the phase of some launches; those of one speed and angle together."""
+        """The speed at touch, m/s, and the phase of some launches; those
+        of one speed and angle together.
+        """
         speed, _, phase = np.unravel_index(np.arange(part.start, part.stop), self.shape)
         return np.array(self.speeds)[speed], (phase + 0.5) / self.phases
 
@@ -96,8 +103,8 @@ def share_of(setting: Setting) -> float:
 
 
 def speeds_at(study: Study, run: Run, timestep: float) -> tuple[float, ...]:
-    """Impact speeds of a run, m/s; on a field page moved into the band over which a body bounces at the step,
-    with gravity or without.
+    """Impact speeds of a run, m/s; on a field page moved into the band over which a body bounces at
+    the step, with gravity or without.
     """
     first = run.speeds[0]
     last = run.speeds[-1]

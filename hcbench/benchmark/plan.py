@@ -135,8 +135,8 @@ class Plan:
 def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
     """Plan a study.
 
-    mapper: calls recipes, as `map` does; that of a pool calls them side by side. Raises UserError for what
-    the study asks wrongly, and EngineMissing.
+    mapper: calls recipes, as `map` does; that of a pool calls them side by side. Raises UserError
+    for what the study asks wrongly, and EngineMissing.
     """
     if study.page == "field":
         study = study.of_engines(registry.is_there)
@@ -210,7 +210,9 @@ def _grid(study: Study, run: Run, setting: Setting, timestep: float) -> LaunchGr
 
 
 def _cuts(grids: Iterable[LaunchGrid]) -> tuple[list[tuple[LaunchGrid, range]], list[int]]:
-    """(of each shard its grid and launches; of each grid its first shard, and at the end their number)."""
+    """(of each shard its grid and launches; of each grid its first
+    shard, and at the end their number).
+    """
     cuts: list[tuple[LaunchGrid, range]] = []
     starts = [0]
     for grid in grids:
@@ -314,7 +316,9 @@ def versions_here(*engines: str) -> Mapping[str, str]:
 
 
 def digests_of(scene: Scene, engine: str) -> dict[str, str]:
-    """SHA-256 of an engine's model files, each with the files that it names, by role; "" for what is gone."""
+    """SHA-256 of an engine's model files, each with the files that it
+    names, by role; "" for what is gone.
+    """
     digests = {}
     for role, path in sorted(scene.models.get(registry.base_name(engine), {}).items()):
         digests[role] = _digest(path, path.stat().st_mtime_ns) if path.is_file() else ""

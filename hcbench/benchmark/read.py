@@ -51,8 +51,8 @@ def is_sweep(folder: str | Path) -> bool:
 def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """The results of a finished sweep: for studies of a size that a page can show.
 
-    mapper: as of `results_in`.
-    Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
+    mapper: as of `results_in`. Raises UserError for a folder that holds no sweep, one that is not
+    finished, or a part that is damaged.
     """
     return results_in(Store(open_files(os.fspath(folder))), mapper)
 
@@ -60,8 +60,8 @@ def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """Read a store in as much memory as its page takes: rows are read when they are asked for.
 
-    mapper: scores settings, as `map` does; that of a pool scores them side by side.
-    Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
+    mapper: scores settings, as `map` does; that of a pool scores them side by side. Raises
+    UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
     """
     # Imported here: a sweep itself needs no pandas.
     import pandas as pd
@@ -163,7 +163,9 @@ def _rounded(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _versions(versions: Mapping[str, str]) -> dict[str, str]:
-    """Versions of what made the results, of the sweep, and of what makes their page, of this process."""
+    """Versions of what made the results, of the sweep, and of what
+    makes their page, of this process.
+    """
     packages = ("hcbench", "matplotlib", "numpy", "scipy", "python")
     stated = dict(versions)
     stated["matplotlib"] = version("matplotlib")
@@ -174,7 +176,9 @@ def _versions(versions: Mapping[str, str]) -> dict[str, str]:
 
 
 def _drops(store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """TRAIN_COLUMNS and REST_COLUMNS of the drops under gravity. UserError where the store lacks them."""
+    """TRAIN_COLUMNS and REST_COLUMNS of the drops under gravity.
+    UserError where the store lacks them.
+    """
     import pandas as pd
 
     table = store.bounces()

@@ -2,9 +2,9 @@
 
 restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
 scores.csv       one row a setting, α, step  trains.csv    one row a bounce of a drop under gravity
-rests.csv        one row a drop: how the body lies at the end
-summary.json     schema (4; 1 and 2 have an earlier definition of e), study, settings, versions, answers
-hcbench-files.json: what of a folder was written, so that the next time clears up after this one.
+rests.csv        one row a drop: how the body lies at the end summary.json     schema (4; 1 and 2
+have an earlier definition of e), study, settings, versions, answers hcbench-files.json: what of a
+folder was written, so that the next time clears up after this one.
 """
 
 from __future__ import annotations
@@ -243,7 +243,8 @@ def read_table(path: Path) -> pd.DataFrame:
     exact: dict[str, Any] = (
         {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
     )
-    # An empty number is NaN, but an empty reason is an empty text and an empty claim "not resolved".
+    # An empty number is NaN, but an empty reason is an empty text and
+    # an empty claim "not resolved".
     table: pd.DataFrame = pd.read_csv(path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"), **exact)
     if "reason" in table:
         table["reason"] = table["reason"].fillna("")

@@ -1,6 +1,7 @@
 """Runs a study: hands its shards to worker processes, and writes what comes back into a store.
 
-The same study gives the same bytes for any number of jobs and any executor, and wherever it was interrupted.
+The same study gives the same bytes for any number of jobs and any executor,
+and wherever it was interrupted.
 """
 
 from __future__ import annotations
@@ -222,7 +223,9 @@ def run_plan(
 def _imap_unordered(
     workers: Workers, function: Callable[[Job, Timeouts], Result], jobs: Iterable[Job], timeouts: Timeouts
 ) -> Iterator[tuple[Job, Result]]:
-    """(job, its result), the first to finish first. Few are handed out ahead; what failed is tried again."""
+    """(job, its result), the first to finish first. Few are handed out
+    ahead; what failed is tried again.
+    """
     waiting, together = iter(jobs), 1
     running: dict[Future[tuple[list[Result], float]], tuple[list[Job], int]] = {}
 

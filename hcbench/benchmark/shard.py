@@ -1,8 +1,8 @@
 """Simulates one shard, or one sequence of bounces, wherever it is sent.
 
-An executor is given `run_jobs`, of `run_shard` or `run_bounces`, and nothing else. Engines run in a worker
-process. Where that crashes in a batch of launches, they are run one by one; what then fails is CRASHED, with
-the reason.
+An executor is given `run_jobs`, of `run_shard` or `run_bounces`, and nothing else. Engines run in
+a worker process. Where that crashes in a batch of launches, they are run one by one; what then
+fails is CRASHED, with the reason.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ _GIVE_UP = 32
 class Timeouts:
     """Time limits of an engine, s: for anything at all, and for each impact on top of that.
 
-    each: None for 4 s at steps of 1 µs or more, for smaller ones in proportion: a ball at rest takes 1 s.
+    each: None for 4 s at steps of 1 µs or more, for smaller ones in
+    proportion: a ball at rest takes 1 s.
     """
 
     start: float = 60.0
@@ -73,7 +74,8 @@ def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> Sha
 
     encode: makes the bytes of a table.
 
-    Raises UserError for what the engine refuses, CannotRun where this is not what the shard was planned with.
+    Raises UserError for what the engine refuses, CannotRun where this is not
+    what the shard was planned with.
     """
     use_own_worker()
     engine = shard.grid.setting.engine
@@ -88,7 +90,9 @@ def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> Sha
 
 
 def simulate_shard(shard: Shard, scene: Scene, encode: Encode) -> ShardFiles:
-    """Simulate a shard in this process. Raises UserError, and EngineFailed for all that an engine raises."""
+    """Simulate a shard in this process. Raises UserError, and EngineFailed
+    for all that an engine raises.
+    """
     try:
         return _in_batches(shard, scene, run_batch, encode)
     except UserError:

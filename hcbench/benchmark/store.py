@@ -34,7 +34,9 @@ _BOUNCES = re.compile(r"_bounces-([0-9a-f]{16})\.parquet")
 
 
 class Store:
-    """The results of a study, shard by shard, in the files of a folder. Disk errors are OutputError."""
+    """The results of a study, shard by shard, in the files of a
+    folder. Disk errors are OutputError.
+    """
 
     def __init__(self, files: Files) -> None:
         self.where = files.where
@@ -119,10 +121,11 @@ class Store:
             raise UserError("folder", got, "a new folder", "Go on with it by --resume")
 
     def verified(self, count: int) -> Iterator[tuple[int, list[Summary] | None]]:
-        """Each of `count` shards that exists, by number: its part of the summary, or None if damaged.
+        """Each of `count` shards that exists, by number: its part of
+        the summary, or None if damaged.
 
-        Damaged: cut short, edited or under another's number, it or its loops. It is put aside, out of the
-        table.
+        Damaged: cut short, edited or under another's number, it or its loops. It
+        is put aside, out of the table.
         """
         for number, name in self._shards(count).items():
             summary = None
@@ -153,7 +156,9 @@ class Store:
         return tables
 
     def _shards(self, count: int) -> dict[int, str]:
-        """The names of the existing shards, by number. UserError for what is none of `count` shards."""
+        """The names of the existing shards, by number. UserError for
+        what is none of `count` shards.
+        """
         shards: dict[int, str] = {}
         with self._output_errors("a folder that can be read"):
             names = self._files.names()
@@ -191,7 +196,9 @@ class Store:
         return None
 
     def write_shard(self, shard: ShardFiles, count: int) -> None:
-        """One of `count` shards, completely or not at all: it exists when its impacts do, written last."""
+        """One of `count` shards, completely or not at all: it exists
+        when its impacts do, written last.
+        """
         folder = f"{shard.number // _IN_A_FOLDER:04d}/" if count > _IN_A_FOLDER else ""
         if shard.loops:
             name = _loops_name(shard.number, digest(shard.loops))
@@ -254,7 +261,9 @@ def _json(content: Mapping[str, Any]) -> bytes:
 
 
 def _are_starts(starts: Any, parts: Any) -> bool:
-    """True for the numbers of the settings' first parts, rising from 0, with that of all parts at the end."""
+    """True for the numbers of the settings' first parts, rising from 0,
+    with that of all parts at the end.
+    """
     if not isinstance(starts, list) or len(starts) < 2:
         return False
     # The type is compared, since True is an int too.

@@ -152,7 +152,9 @@ class Study:
         return dataclasses.replace(self, runs=runs, missing=(*self.missing, *missing))
 
     def quick(self) -> Study:
-        """A preview of itself, which takes a fraction of its time. left_out says what it is without."""
+        """A preview of itself, which takes a fraction of its time.
+        left_out says what it is without.
+        """
 
         return preview(self)
 
@@ -233,7 +235,9 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
 
 
 def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> None:
-    """Raise StudyError where bodies are dropped from so high that too many steps are to be simulated."""
+    """Raise StudyError where bodies are dropped from so high that too
+    many steps are to be simulated.
+    """
     if file.train_height is None:
         return
     steps = [file.train_step or math.inf]
@@ -314,9 +318,9 @@ def _described(scene: Scene) -> dict[str, Any]:
 def preview(study: Study) -> Study:
     """The main α alone, every fourth speed, every second height and step, half the phases.
 
-    Without oblique launches, those off the axis, and launches over the band for fewer α than the study's:
-    these are the settings that each take a search. A table of engines by step has every second step of the
-    study, so that each has all engines. StudyError where nothing is left.
+    Without oblique launches, those off the axis, and launches over the band for fewer α than the
+    study's: these are the settings that each take a search. A table of engines by step has every
+    second step of the study, so that each has all engines. StudyError where nothing is left.
     """
     speeds = study.speeds[3::4]
     if len(speeds) < 2:

@@ -149,7 +149,9 @@ def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
 
 
 class Totals:
-    """The summary of all shards until now: the same for every order of them, as sums are rounded once."""
+    """The summary of all shards until now: the same for every order of
+    them, as sums are rounded once.
+    """
 
     def __init__(self) -> None:
         self._by_key: dict[tuple[Any, ...], Summary] = {}

@@ -1,4 +1,5 @@
-"""Checks whether a model's restitution is the target: by a law, a constant, measured pairs or a baseline.
+"""Checks whether a model's restitution is the target: by a law, a
+constant, measured pairs or a baseline.
 
 from hcbench.checking import CheckSpec, check
 

@@ -1,4 +1,6 @@
-"""A baseline: the measured bounce of a model, stored so that later versions can be compared with it."""
+"""A baseline: the measured bounce of a model, stored so that later
+versions can be compared with it.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ _Number = Annotated[StrictFloat, Field(allow_inf_nan=False)]
 
 
 class BaselineImpact(BaseModel):
-    """One impact by the keys of BASELINE_IMPACT; restitution NaN where there was none, null in the file."""
+    """One impact by the keys of BASELINE_IMPACT; restitution NaN where
+    there was none, null in the file.
+    """
 
     model_config = ConfigDict(frozen=True, defer_build=True, alias_generator=_KEYS.__getitem__)
 
@@ -85,7 +89,9 @@ class Baseline(BaseModel):
         return self
 
     def request(self, base: Request | None = None) -> Request:
-        """`base` with the launches that were made, and others at the phases that only some speeds had."""
+        """`base` with the launches that were made, and others at the
+        phases that only some speeds had.
+        """
         first = self.impacts[0]
         return replace(
             base or Request(),
@@ -121,8 +127,8 @@ def _record(measurement: Measurement) -> dict[str, Any]:
 def read_baseline(path: Path, name: str) -> Baseline:
     """The baseline of one check in a file.
 
-    Raises UserError for a file of another kind or schema, for one that was damaged, and for a check that is
-    not in it.
+    Raises UserError for a file of another kind or schema, for one that was damaged, and
+    for a check that is not in it.
     """
     try:
         content = parse_json(read_text(path))
@@ -164,8 +170,8 @@ Pairs = tuple[tuple[float, float], ...]
 def read_pairs(path: Path) -> Pairs:
     """Pairs (v m/s, e) from a file, speeds rising: `speed [in/s],restitution`.
 
-    Separators: comma, semicolon or tab; # begins a comment. Columns of uncertainties are left aside.
-    Raises UserError with the file, the line, what it has and what was expected.
+    Separators: comma, semicolon or tab; # begins a comment. Columns of uncertainties are left
+    aside. Raises UserError with the file, the line, what it has and what was expected.
     """
     from hcbench.fitting.columns import columns_of
     from hcbench.fitting.table import read_lines, read_table
@@ -189,7 +195,9 @@ def read_pairs(path: Path) -> Pairs:
 
 
 def parse_points(text: str) -> Pairs:
-    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
+    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the
+    columns speed and restitution.
+    """
     if is_file(text):
         return read_pairs(Path(text))
     points = []

@@ -137,7 +137,8 @@ def _require_only(spec: CheckSpec, used: set[str], got: str, expected: str) -> N
 def _write(report: Report, outputs: Outputs) -> None:
     """Write the output files, each completely or not at all.
 
-    A baseline is written only when everything in it was measured; else OutputError says what was not.
+    A baseline is written only when everything in it was measured; else
+    OutputError says what was not.
     """
     if outputs.junit is not None:
         write_output(outputs.junit, as_junit(report), "--junit", outputs.force)

@@ -1,4 +1,6 @@
-"""Runs checks, each in a process that may crash, hang or run out of memory, and judges what they measure."""
+"""Runs checks, each in a process that may crash, hang or run out of
+memory, and judges what they measure.
+"""
 
 from __future__ import annotations
 
@@ -92,7 +94,9 @@ def _measure(check: Check) -> Measurement:
 
 
 def judge(check: Check, measurement: Measurement) -> Outcome:
-    """Hold a measurement against what the check says. Raises UserError for a baseline of another engine."""
+    """Hold a measurement against what the check says. Raises UserError
+    for a baseline of another engine.
+    """
     wanted = _wanted(check, measurement)
     rows = curve_of(measurement.impacts, wanted)
     verdict, message = _verdict(check, measurement, rows)

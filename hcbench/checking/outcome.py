@@ -92,14 +92,18 @@ class Report(Shown):
                 yield about | row.record(outcome.is_oblique)
 
     def raise_if_failed(self) -> None:
-        """Raises LimitPassed where a limit was exceeded, UserError for a mistake, CannotRun for the rest."""
+        """Raises LimitPassed where a limit was exceeded, UserError for a
+        mistake, CannotRun for the rest.
+        """
         for outcome in self.outcomes:
             if outcome.exit_code == self.exit_code != 0:
                 raise _ERRORS[outcome.verdict](outcome.name, outcome.message, outcome.against or "a result")
 
     @property
     def exit_code(self) -> int:
-        """0 all within limits, 1 a limit exceeded, 2 a mistake, 3 something could not run: the gravest."""
+        """0 all within limits, 1 a limit exceeded, 2 a mistake, 3
+        something could not run: the gravest.
+        """
         return max((outcome.exit_code for outcome in self.outcomes), default=0)
 
 
@@ -131,7 +135,9 @@ class Limit:
     text: str
 
     def excess(self, value: float) -> float:
-        """By how much a value is beyond it, over the bound's own size; above 0 where it is exceeded."""
+        """By how much a value is beyond it, over the bound's own
+        size; above 0 where it is exceeded.
+        """
         if math.isnan(value):
             return math.inf
         beyond = value - self.value if self.most else self.value - value

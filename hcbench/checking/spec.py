@@ -1,4 +1,6 @@
-"""A check: how a user writes it on the command line, in a file or in a test, and the measurement it needs."""
+"""A check: how a user writes it on the command line, in a file or in a
+test, and the measurement it needs.
+"""
 
 import math
 from collections.abc import Sequence
@@ -91,7 +93,8 @@ else:
 
 
 class CheckSpec(_CheckTable):
-    """One check: text with units, or plain numbers in SI; its options as `CheckOptions` states them.
+    """One check: text with units, or plain numbers in SI; its options
+    as `CheckOptions` states them.
 
     model: a file, two files, or "file.py:function".
     """
@@ -117,7 +120,8 @@ class CheckSpec(_CheckTable):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One model compared with one target: `wanted` or `baseline`; neither: only measured, for a new baseline.
+    """One model compared with one target: `wanted` or `baseline`; neither:
+    only measured, for a new baseline.
 
     source: as in `measure`.
     max_error: largest |e - wanted| allowed at any speed and phase.

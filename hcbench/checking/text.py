@@ -1,4 +1,6 @@
-"""The results of checks for a terminal, as JSON, as a Markdown summary, and as JUnit XML for CI systems."""
+"""The results of checks for a terminal, as JSON, as a Markdown summary,
+and as JUnit XML for CI systems.
+"""
 
 import html
 import math
@@ -163,7 +165,9 @@ class CheckTable(SharedSpec):
 
 
 def find_table(path: Path) -> dict[str, Any] | None:
-    """The table of a TOML file: [tool.hcbench], or all of a file that has [[check]]; None without one."""
+    """The table of a TOML file: [tool.hcbench], or all of a file that
+    has [[check]]; None without one.
+    """
     content = read_toml(path, UserError, "checks")
     table = content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
     if table is None and "check" in content:

@@ -1,6 +1,7 @@
 """The command line: the only place that prints or exits.
 
-Exit codes: 0 done, 1 a limit was exceeded, 2 a mistake in what was given, 3 could not run, 130 interrupted.
+Exit codes: 0 done, 1 a limit was exceeded, 2 a mistake in what was given, 3
+could not run, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -150,7 +151,8 @@ def _fail_on(error: OSError) -> int:
 
 def _fail(code: int, message: str) -> int:
     if INTERRUPTS.came and code != _INTERRUPTED_CODE:
-        # Python makes a RuntimeError of what is raised while a class is made, a KeyError in an import.
+        # Python makes a RuntimeError of what is raised while a class is
+        # made, a KeyError in an import.
         code = _INTERRUPTED_CODE
         message = _INTERRUPTED
     # The exit code says it too.

@@ -1,4 +1,6 @@
-"""The command as a process: streams that cannot be written to, signals, mistakes under the option's name."""
+"""The command as a process: streams that cannot be written to, signals,
+mistakes under the option's name.
+"""
 
 import functools
 import io
@@ -58,7 +60,9 @@ class _Stream(io.TextIOWrapper):
 
 
 def wrap_stdio() -> None:
-    """Make standard output fail with OutputError, here where it is closed, and standard error not at all."""
+    """Make standard output fail with OutputError, here where it is closed,
+    and standard error not at all.
+    """
     # If one of the three is closed, the next file opened would get its number and its output.
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
@@ -84,8 +88,8 @@ def _wrap(stream: Any, required: bool) -> Any:
 def flush_stdio() -> None:
     """Write the rest of standard output; what cannot be written is dropped.
 
-    Errors no longer matter here. But the interpreter tries again when it exits, and from Python 3.13 on
-    prints what went wrong.
+    Errors no longer matter here. But the interpreter tries again when it exits, and from Python
+    3.13 on prints what went wrong.
     """
     if not isinstance(sys.stdout, _Stream):
         return
@@ -141,7 +145,9 @@ INTERRUPTS = _Interrupts()
 
 
 def install_signal_handlers() -> None:
-    """TERM and HUP end a command as Ctrl-C does: nothing is left half-written. Ignored ones stay ignored."""
+    """TERM and HUP end a command as Ctrl-C does: nothing is left
+    half-written. Ignored ones stay ignored.
+    """
     sys.unraisablehook = INTERRUPTS.on_ignored
     # The other signals set SIGALRM.
     for name in ("SIGALRM", *SIGNALS):
@@ -161,7 +167,9 @@ def ignore_signals() -> None:
 
 
 def translate_errors(command: click.Command) -> click.Command:
-    """The command, with mistakes named by the option that was given, and Ctrl-C as a silent click.Abort."""
+    """The command, with mistakes named by the option that was given, and
+    Ctrl-C as a silent click.Abort.
+    """
     inner = command.callback
     assert inner is not None
 

@@ -119,7 +119,9 @@ def _engines_below(rows: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def _engines_beside(scores: Sequence[EngineScore], rows: Sequence[Mapping[str, str]]) -> list[str]:
-    """Lines of a table with a column for each engine and a row for each case, with the case's title."""
+    """Lines of a table with a column for each engine and a row for
+    each case, with the case's title.
+    """
     from hcbench.system.text import table
 
     titles = {verdict["case"]: verdict["title"] for verdict in scores[0].verdicts}
@@ -135,7 +137,9 @@ def _engines_beside(scores: Sequence[EngineScore], rows: Sequence[Mapping[str, s
 
 
 def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:
-    """Print the verdicts: as JSON, as a table in Markdown, or for people with the reasons of failures."""
+    """Print the verdicts: as JSON, as a table in Markdown, or for
+    people with the reasons of failures.
+    """
     from hcbench.cases.score import matrix, regressions
 
     if as_json:

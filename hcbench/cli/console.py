@@ -35,7 +35,9 @@ device_option = click.option(
 def options(
     *names: str, cls: type[click.Option] = click.Option
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator that adds options, by their names in `hcbench.terms.options`. cls: the class of each."""
+    """Decorator that adds options, by their names in
+    `hcbench.terms.options`. cls: the class of each.
+    """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         for name in reversed(names):
@@ -80,9 +82,11 @@ _KINDS = {
 
 
 class QuantityType(click.types.StringParamType):
-    """A number with or without a unit as a float in SI, or several, such as "1:20 in/s", as an array.
+    """A number with or without a unit as a float in SI, or several,
+    such as "1:20 in/s", as an array.
 
-    quantity: a name in `units.QUANTITIES`. positive: whether only values above 0 will do. least: SI.
+    quantity: a name in `units.QUANTITIES`. positive: whether only
+    values above 0 will do. least: SI.
     """
 
     def __init__(
@@ -103,7 +107,9 @@ class QuantityType(click.types.StringParamType):
 
 
 class UncertainType(click.types.StringParamType):
-    """A number with or without a unit and a standard uncertainty, such as "0.31 +- 0.004 s/m": both in SI."""
+    """A number with or without a unit and a standard uncertainty, such as
+    "0.31 +- 0.004 s/m": both in SI.
+    """
 
     def __init__(self, quantity: str, *, above: float = -math.inf) -> None:
         self.quantity = quantity

@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 def convert(as_json: bool, **given: Any) -> None:
     """Convert a contact between libraries.
 
-    Give α, an e at a speed, a parameter of Drake or Simbody, a solref, or a stiffness and damping of Adams
-    or Newton. hcbench prints the same contact in the parameters of Chrono, LAMMPS and others, too.
+    Give α, an e at a speed, a parameter of Drake or Simbody, a solref, or a stiffness and
+    damping of Adams or Newton. hcbench prints the same contact in the parameters of
+    Chrono, LAMMPS and others, too.
     """
     from hcbench.sim.convert import convert
 

@@ -1,4 +1,6 @@
-"""hcbench engines and hcbench plugin: engines, where they are, their settings, and the laws as plug-ins."""
+"""hcbench engines and hcbench plugin: engines, where they are, their
+settings, and the laws as plug-ins.
+"""
 
 from __future__ import annotations
 

@@ -29,7 +29,9 @@ class _FilesAfterAgainst(Command):
     """Lets --against take all files that follow it, as a shell expands `b*.wav`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """`--against b1 b2` as `--against b1 --against b2`; what was typed is kept, for the next lines."""
+        """`--against b1 b2` as `--against b1 --against b2`; what was
+        typed is kept, for the next lines.
+        """
         ctx.meta[_TYPED] = ("fit", *args)
         spread, after = [], False
         for one in args:
@@ -102,10 +104,11 @@ def fit(
 ) -> None:
     """Find α of your material from a measurement of bounces.
 
-    FILES hold what was measured, with units in their headers: times of impacts (time [s]), heights of bounces
-    (height [cm]), pairs (speed [m/s],restitution or v_in [m/s],v_out [m/s]); a sound recording (.wav);
-    a track (time [s],height [m], or an export of Tracker or phyphox); or forces: time [ms],force [N], or
-    penetration [um],rate [m/s],force [N]. Several files of bounces share one α.
+    FILES hold what was measured, with units in their headers: times of impacts (time [s]),
+    heights of bounces (height [cm]), pairs (speed [m/s],restitution or v_in [m/s],v_out
+    [m/s]); a sound recording (.wav); a track (time [s],height [m], or an export of Tracker or
+    phyphox); or forces: time [ms],force [N], or penetration [um],rate [m/s],force [N].
+    Several files of bounces share one α.
     """
     with status("starting"):
         from hcbench.fitting.ask import fit_files, read_excerpt
@@ -141,7 +144,9 @@ def _require_together(
     timestep: float | None,
     write_scene: Path | None,
 ) -> None:
-    """Raises UserError where files or one of --engine and --timestep are missing, or the kind is none."""
+    """Raises UserError where files or one of --engine and --timestep
+    are missing, or the kind is none.
+    """
     from hcbench.fitting.read import KINDS
 
     if not files:
@@ -157,7 +162,9 @@ def _require_together(
 def _fit_force(
     file: Path, kind: str | None, setup: MeasurementSetup, as_json: bool, **of_bounces: object
 ) -> bool:
-    """Fit and print forces; False where the file has none. of_bounces: options that apply to bounces."""
+    """Fit and print forces; False where the file has none. of_bounces:
+    options that apply to bounces.
+    """
     from hcbench.fitting import force_text as forces_of
     from hcbench.fitting.read import read_force
     from hcbench.fitting.text import with_uncertainty
@@ -225,7 +232,9 @@ def _write(
 
 
 def _engine() -> str:
-    """The engine for the lines to type next: of those that can run, the one with the most recipes; or ""."""
+    """The engine for the lines to type next: of those that can run, the
+    one with the most recipes; or "".
+    """
     from hcbench.sim import registry
 
     there = [name for name in registry.names() if registry.is_there(name)]

@@ -50,7 +50,9 @@ force_option = click.option("--force", is_flag=True, help="Replace output files 
 
 
 def require_outputs(context: click.Context) -> None:
-    """Raises UserError or OutputError for an output that would replace an input or what is not hcbench's."""
+    """Raises UserError or OutputError for an output that would replace an
+    input or what is not hcbench's.
+    """
     outputs: dict[str, Path] = {}
     inputs: list[Path] = []
     for parameter in context.command.params:

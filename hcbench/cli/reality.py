@@ -109,7 +109,9 @@ def report_reality(
     model: Path | None,
     identify: bool,
 ) -> Path:
-    """Run the study and write its page; the page. Of a user's own poses: print and write what they tell."""
+    """Run the study and write its page; the page. Of a user's own poses:
+    print and write what they tell.
+    """
     from hcbench.workers import WorkerPool
 
     if poses:

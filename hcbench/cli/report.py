@@ -1,4 +1,6 @@
-"""hcbench report, sweep and paper: a study in, a page or tables out; and Hunt & Crossley 1975 as a page."""
+"""hcbench report, sweep and paper: a study in, a page or tables out; and
+Hunt & Crossley 1975 as a page.
+"""
 
 from __future__ import annotations
 
@@ -72,9 +74,11 @@ def sweep(
 ) -> None:
     """Run a study of any size, in parts.
 
-    Finished parts survive an interruption. Together they are one table for pandas and `hcbench report`.
+    Finished parts survive an interruption. Together they are one table
+    for pandas and `hcbench report`.
 
-    STUDY is a study.toml, its folder, or a built-in name. The folder's _summary.csv is kept up to date.
+    STUDY is a study.toml, its folder, or a built-in name. The folder's
+    _summary.csv is kept up to date.
     """
     with progress("reading the study"):
         from hcbench.benchmark.run import sweep as run

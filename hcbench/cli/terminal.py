@@ -60,7 +60,9 @@ def _coloured(match: re.Match[str]) -> str:
 
 
 def folded(lines: list[str]) -> Iterator[str]:
-    """The lines, those of more than 100 columns broken: commands by backslashes, tags between attributes."""
+    """The lines, those of more than 100 columns broken: commands by
+    backslashes, tags between attributes.
+    """
     for line in lines:
         if len(line) <= WIDTH:
             yield line
@@ -114,7 +116,8 @@ def _joined(parts: list[str], line: str, by: str, room: int = 0) -> Iterator[str
 def status(what: str) -> Iterator[None]:
     """While the work lasts, a line on a terminal says what it is and since when; nothing elsewhere.
 
-    A thread writes it, by the system's own call: it holds no lock that a fork of this process could miss.
+    A thread writes it, by the system's own call: it holds no lock that a
+    fork of this process could miss.
     """
     if not sys.stderr.isatty():
         yield

@@ -120,7 +120,8 @@ _engine_option = partial(click.option, cls=_EngineOption)
 def tune(engine: str, points: str | None, max_error: float | None, **options: Any) -> None:
     """Find settings that bounce like your material.
 
-    ENGINE is an engine's name, tuned in a scene. MODEL is your own model, whose pairs are tuned in it.
+    ENGINE is an engine's name, tuned in a scene. MODEL is your own
+    model, whose pairs are tuned in it.
     """
     from hcbench.cli.tune_engine import tune_engine
     from hcbench.cli.tune_model import tune_model
@@ -144,7 +145,9 @@ def _parsed(points: str) -> tuple[tuple[float, float], ...]:
 
 
 def _drop(options: dict[str, Any], others: type[click.Option], got: str, expected: str) -> None:
-    """Take out the options of the other form of the command. Raises UserError for one that was given."""
+    """Take out the options of the other form of the command. Raises
+    UserError for one that was given.
+    """
     context = click.get_current_context()
     for option in context.command.params:
         if isinstance(option, others) and option.name:

@@ -40,7 +40,9 @@ def tune_engine(
     as_json: bool,
     **asked: Any,
 ) -> None:
-    """Tune an engine, print the answer, and write a script with its setting. asked: as `tune` takes it."""
+    """Tune an engine, print the answer, and write a script with its
+    setting. asked: as `tune` takes it.
+    """
     from hcbench.recipes.search import SearchInterrupted
     from hcbench.sim import registry
     from hcbench.system.outputs import write_output

@@ -58,7 +58,9 @@ def tune_model(
 def _next_line(
     tuned: TunedModel, limit: float, written: Path | None, alpha: float | None, given: dict[str, Any]
 ) -> str:
-    """The command that holds the first pair to the limit, in CI too; that measures it where it is beyond."""
+    """The command that holds the first pair to the limit, in CI too; that
+    measures it where it is beyond.
+    """
     pair = tuned.pairs[0]
     low, high = pair.band
     asked = [f'--alpha "{alpha:.10g} s/m"'] if alpha is not None else []

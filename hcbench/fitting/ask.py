@@ -1,4 +1,6 @@
-"""`hcbench.fit` and `hcbench.fit_force`: measured files, and what is known besides, to α of the material."""
+"""`hcbench.fit` and `hcbench.fit_force`: measured files, and what is known
+besides, to α of the material.
+"""
 
 from __future__ import annotations
 
@@ -172,7 +174,9 @@ def fit_files(
 
 
 def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
-    """The part of a recording that a user names: times, SI or with units, and touches such as "B2:14"."""
+    """The part of a recording that a user names: times, SI or with
+    units, and touches such as "B2:14".
+    """
     first = 0.0 if begin is None else units.parse(begin, "time", "from", least=0)
     last = None if end is None else units.parse(end, "time", "to", above=0)
     train, numbers = _touches(touches)
@@ -180,7 +184,9 @@ def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
 
 
 def _touches(text: str | None) -> tuple[int | None, range | None]:
-    """The train, from 0, and its touches, from 1, of "2:14", "B" or "B2:14"; None for what is not given."""
+    """The train, from 0, and its touches, from 1, of "2:14", "B" or
+    "B2:14"; None for what is not given.
+    """
     if text is None:
         return None, None
     expected = "the first and the last to take, such as 2:14, or a train, such as B"

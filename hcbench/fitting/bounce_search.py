@@ -185,7 +185,8 @@ class _Search:
     def _extend_from(
         self, heard: Indices, i: int, to: Indices, flight: Floats, inside: Floats, gap: bool
     ) -> None:
-        """Extend trains that come to click i from clicks `heard` (h,) by flights to clicks `to` (t,).
+        """Extend trains that come to click i from clicks `heard` (h,)
+        by flights to clicks `to` (t,).
 
         flight: (t,), s.
         inside: (t,), the price of clicks within it.

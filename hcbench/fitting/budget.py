@@ -103,7 +103,9 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
 
 
 def _noise_rows(fit: LawFit, name: str) -> list[BudgetRow]:
-    """Scatter, and the noise of measuring: the posterior's spread, divided as their variances divide it."""
+    """Scatter, and the noise of measuring: the posterior's spread,
+    divided as their variances divide it.
+    """
     posterior = fit.posterior
     values = fit.values(name)
     mean = float(values @ posterior.weight)

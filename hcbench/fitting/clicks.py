@@ -77,7 +77,9 @@ def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats
 
 
 def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
-    """Samples at which something begins that is louder than before, and how loud it is, dB over the noise."""
+    """Samples at which something begins that is louder than before, and how
+    loud it is, dB over the noise.
+    """
     ahead = max(4, round(_NEXT * rate))
     back = round(_LAST * rate)
     # Computed in place: for a long recording these arrays take most of the memory.

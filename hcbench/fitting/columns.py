@@ -168,7 +168,9 @@ EXPECTED_COLUMNS = "columns such as time [s], height [cm], speed [m/s],restituti
 
 @dataclass(frozen=True, slots=True)
 class DataColumns:
-    """The columns of a table by what they are: SI, shape (n,); uncertainties under "u_" and the name."""
+    """The columns of a table by what they are: SI, shape (n,);
+    uncertainties under "u_" and the name.
+    """
 
     table: Table
     places: dict[str, int]

@@ -59,7 +59,9 @@ def compare(one: FitResult, other: FitResult) -> Comparison:
 
 
 def _each(result: FitResult, name: str) -> list[Estimate]:
-    """α of each drop, or 1 - e ("restitution"); that of all together where drops have none of their own."""
+    """α of each drop, or 1 - e ("restitution"); that of all together
+    where drops have none of their own.
+    """
     found = [getattr(drop, name) for drop in result.drops] or [getattr(result, name)]
     estimates = [estimate for estimate in found if estimate is not None]
     if name == "alpha":

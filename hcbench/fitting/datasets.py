@@ -64,7 +64,8 @@ class Dataset(ABC):
 
     @abstractmethod
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
-        """The linear model about a law, own parameters and relative changes of each e, `latent` (m,).
+        """The linear model about a law, own parameters and relative
+        changes of each e, `latent` (m,).
 
         Its residual is that at no changes: what the ones given do is added back to first order.
         """
@@ -83,7 +84,9 @@ class Dataset(ABC):
 
     @property
     def widening(self) -> float:
-        """Factor by which the interval of α is widened, for errors with longer tails than normal ones."""
+        """Factor by which the interval of α is widened, for errors with
+        longer tails than normal ones.
+        """
         return 1.0
 
     @property
@@ -103,8 +106,8 @@ class BounceTrain:
     launch: (n,), m/s.
     touch: (m,), speed of each impact, m/s.
 
-    by: (n, 1 + q + m), derivatives of each launch speed by ln of the first speed, the law's parameters, and
-    the relative changes of e.
+    by: (n, 1 + q + m), derivatives of each launch speed by ln of the first speed, the law's
+    parameters, and the relative changes of e.
     """
 
     launch: Floats

@@ -1,4 +1,6 @@
-"""One law fitted to data sets that share its parameters: Gauss-Newton, then the posterior over a grid."""
+"""One law fitted to data sets that share its parameters: Gauss-Newton,
+then the posterior over a grid.
+"""
 
 from __future__ import annotations
 
@@ -204,7 +206,8 @@ def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floa
 def _law_step(
     reduced: Sequence[Reduced], scatter: float, noise: Sequence[float], room: Floats
 ) -> tuple[Floats, Floats]:
-    """δ of the law's parameters where the likelihood is largest, and its second derivatives, negated.
+    """δ of the law's parameters where the likelihood is largest, and
+    its second derivatives, negated.
 
     room: (q,), how far each may rise.
     """

@@ -1,4 +1,6 @@
-"""Every law fitted to the data sets, the law chosen among them, and what keeps a result from being given."""
+"""Every law fitted to the data sets, the law chosen among them, and what
+keeps a result from being given.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,8 @@ _GAINS = 0.999
 
 
 def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:
-    """Fit data sets of one pair of bodies: the law is common to all, and α scatters from one set to the next.
+    """Fit data sets of one pair of bodies: the law is common to all, and α
+    scatters from one set to the next.
 
     law: a name in LAWS, or "auto" to try all. Raises UserError where the data cannot be right.
     """
@@ -155,7 +158,9 @@ def _require_loss(sets: Sequence[Dataset], whole: _Fitted) -> None:
 
 
 def _lack(each: Sequence[_Fitted]) -> LackOfFit:
-    """Lack of fit of all files: the product of their odds, and the shape of the one that fits worst."""
+    """Lack of fit of all files: the product of their odds, and the
+    shape of the one that fits worst.
+    """
     lacks = [_lack_of_one(one) for one in each]
     odds = _product([lack.odds for lack in lacks])
     adhesion_odds = _product([lack.adhesion for lack in lacks])
@@ -169,9 +174,11 @@ def _product(odds: Sequence[float]) -> float:
 
 
 def _lack_of_one(one: _Fitted) -> LackOfFit:
-    """Against the law that lacks least of those that are left, and of adhesion against the likeliest.
+    """Against the law that lacks least of those that are left, and of
+    adhesion against the likeliest.
 
-    The law with e0 counts only where it is the likeliest: its linear form would bend upwards, the law cannot.
+    The law with e0 counts only where it is the likeliest: its linear form
+    would bend upwards, the law cannot.
     """
     (s,) = one.sets
     best = one.likeliest
@@ -188,7 +195,9 @@ def _lack_of_one(one: _Fitted) -> LackOfFit:
 
 
 def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
-    """The fit whose α is given: of the law chosen, else of the likelier of those with and without e0."""
+    """The fit whose α is given: of the law chosen, else of the
+    likelier of those with and without e0.
+    """
     if chosen in (PLAIN, WITH_E0):
         return whole.fits[chosen]
     return max((whole.fits[PLAIN], whole.fits[WITH_E0]), key=lambda one: one.log_evidence)
@@ -214,7 +223,8 @@ def _may_stick(evidence: dict[str, float], lack: LackOfFit) -> bool:
 def _own_alpha(
     one: _Fitted, chosen: str | None, evidence: dict[str, float], odds: float, inputs: float = 0.0
 ) -> Estimate:
-    """α of one file, by the law chosen, or by those with and without e0 that all files together leave.
+    """α of one file, by the law chosen, or by those with and without e0
+    that all files together leave.
 
     odds: at which one of the two is ruled out.
     """
@@ -229,7 +239,9 @@ def _own_alpha(
 
 
 def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
-    """Doubts of several files, each with the name of its file; empty where at least one can be used."""
+    """Doubts of several files, each with the name of its file; empty
+    where at least one can be used.
+    """
     if any(not drop.doubts for drop in drops):
         return ()
     return tuple(f"{drop.name}: {doubt}" for drop in drops for doubt in drop.doubts)
@@ -302,7 +314,9 @@ def _alpha_of_drops(
 def _constant(
     whole: _Fitted, used: Sequence[_Fitted]
 ) -> tuple[Estimate, float | None, list[tuple[str, float]]]:
-    """e of a constant, by which share of 1 - e the files differ, and those that do not go with the others."""
+    """e of a constant, by which share of 1 - e the files differ, and those
+    that do not go with the others.
+    """
     inputs = error_budget(whole.fits["constant"], whole.sets).of_inputs
     if len(whole.sets) == 1:
         return estimate_of(whole.fits["constant"], "restitution", inputs), None, []

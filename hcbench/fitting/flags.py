@@ -1,4 +1,6 @@
-"""Touches that do not go with the others: named, not dropped; and what another reading would be worth."""
+"""Touches that do not go with the others: named, not dropped; and what
+another reading would be worth.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""k, n and α of eq. (16), from the force over time of one impact or from force over penetration and rate."""
+"""k, n and α of eq. (16), from the force over time of one impact or from
+force over penetration and rate.
+"""
 
 from __future__ import annotations
 
@@ -151,7 +153,9 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
 
 
 def _approach(name: str, setup: MeasurementSetup) -> tuple[float, float, float, float]:
-    """Mass in kg and speed in m/s, each with its standard uncertainty. Raises UserError without either."""
+    """Mass in kg and speed in m/s, each with its standard uncertainty.
+    Raises UserError without either.
+    """
     if setup.mass is None:
         raise UserError("mass", f"not given for {name}", "the effective mass", "--mass '0.45 kg'")
     mass = setup.mass.value
@@ -165,7 +169,8 @@ def _approach(name: str, setup: MeasurementSetup) -> tuple[float, float, float, 
 
 
 def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]:
-    """The impulse from one pulse length before the push to one after it, and its standard uncertainty, N s.
+    """The impulse from one pulse length before the push to one after it, and
+    its standard uncertainty, N s.
 
     The noise, and the drift of the zero from before the push to after it, make it uncertain.
     """
@@ -226,7 +231,8 @@ def _stiffness_for(top: float, mass: float, speed: float, n: float) -> float:
 
 
 def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, exponent: float | None) -> ForceFit:
-    """F = k x^n (1 + (3/2) α ẋ) through points of any number of impacts. Raises UserError for too few.
+    """F = k x^n (1 + (3/2) α ẋ) through points of any number of
+    impacts. Raises UserError for too few.
 
     penetration, rate, force: shape (n,), m, m/s (above 0 on approach) and N.
     exponent: n where it is known.
@@ -279,7 +285,9 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
 
 
 def _covariance(done: object, order: list[int | None]) -> Floats:
-    """Covariance of the parameters in this order, from the scatter about the fit; 0 for a given one."""
+    """Covariance of the parameters in this order, from the scatter
+    about the fit; 0 for a given one.
+    """
     jacobian, fun = done.jac, done.fun  # type: ignore[attr-defined]
     degrees = max(len(fun) - jacobian.shape[1], 1)
     whole = np.linalg.pinv(jacobian.T @ jacobian) * float((fun**2).sum()) / degrees

@@ -28,8 +28,8 @@ class Heights(Dataset):
 
     heights: (n,), m, of successive bounces; the first may be where the ball was let go.
 
-    Own parameter: ln of the speed of the first touch where the drop height is given, else of the first
-    launch.
+    Own parameter: ln of the speed of the first touch where the drop height is
+    given, else of the first launch.
     """
 
     name: str
@@ -68,7 +68,8 @@ class Heights(Dataset):
         return np.log([self.setup.ballistics.dropped(height.value)[0]])
 
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
-        """The linear model about a law, own parameters and relative changes of each e, `latent` (m,).
+        """The linear model about a law, own parameters and relative
+        changes of each e, `latent` (m,).
 
         Its residual is that at no changes: what the ones given do is added back to first order.
         """
@@ -146,7 +147,9 @@ def shared_value(each: Sequence[Estimate]) -> Drops:
 
 
 def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
-    """Drops that do not go with the others: their place, and how many standard deviations they are off."""
+    """Drops that do not go with the others: their place, and how many
+    standard deviations they are off.
+    """
     x, s = _logs(each)
     doubtful = []
     for k in range(len(each)):
@@ -165,7 +168,9 @@ def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
 
 
 def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:
-    """The ratio of two materials' values, each from its drops; both have the same scatter between drops."""
+    """The ratio of two materials' values, each from its drops; both have
+    the same scatter between drops.
+    """
     (log_one, mean_one, sd_one), (log_other, mean_other, sd_other) = (
         _over_between(*_logs(each)) for each in (one, other)
     )

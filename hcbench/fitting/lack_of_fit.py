@@ -63,10 +63,11 @@ class LackOfFit:
 
 
 def smooth_change(fit: LawFit, s: Dataset) -> tuple[float, str]:
-    """ln of the odds of a smooth change of ln e besides a law fitted to one data set, and its shape in words.
+    """ln of the odds of a smooth change of ln e besides a law fitted to one
+    data set, and its shape in words.
 
-    The change is a sum of Legendre polynomials of ln v, of degrees 1 to 1, 2 or 3, with normal coefficients;
-    scatter and noise are integrated out on both sides.
+    The change is a sum of Legendre polynomials of ln v, of degrees 1 to 1, 2 or 3, with normal
+    coefficients; scatter and noise are integrated out on both sides.
     """
     x = np.log(fit.models[0].speed)
     change = _Change(fit, s, _legendre(2.0 * (x - x.min()) / max(float(np.ptp(x)), 1e-9) - 1.0))
@@ -76,10 +77,11 @@ def smooth_change(fit: LawFit, s: Dataset) -> tuple[float, str]:
 
 
 def adhesion(fit: LawFit, s: Dataset) -> float:
-    """ln of the odds of the law times sqrt(1 - (v_s/v)²) against the law alone; -inf where it is not less.
+    """ln of the odds of the law times sqrt(1 - (v_s/v)²) against the law
+    alone; -inf where it is not less.
 
-    v_s: speed below which the bodies stick, whose kinetic energy is what parting them takes; to first order
-    in (v_s/v)².
+    v_s: speed below which the bodies stick, whose kinetic energy is what parting them
+    takes; to first order in (v_s/v)².
     """
     speed = fit.models[0].speed
     change = _Change(fit, s, -((speed.min() / speed) ** 2)[:, None])

@@ -1,10 +1,12 @@
-"""A measurement as a linear model about given parameters, and its likelihood with two kinds of noise.
+"""A measurement as a linear model about given parameters, and its
+likelihood with two kinds of noise.
 
     r = X_own δ_own + X_law δ_law + s_e D ε + s_m η,    ε, η independent standard normal
 
-r: what was measured less what the parameters say; D: what a relative change of each e does to it, so that
-s_e is the scatter of e from one impact to the next; s_m: the noise of measuring. With timing alone (s_e = 0)
-a 95 % interval of α holds the truth in 14 % of cases: the change of one e moves every later touch.
+r: what was measured less what the parameters say; D: what a relative change of each e does to
+it, so that s_e is the scatter of e from one impact to the next; s_m: the noise of measuring.
+With timing alone (s_e = 0) a 95 % interval of α holds the truth in 14 % of cases: the change of
+one e moves every later touch.
 """
 
 from __future__ import annotations
@@ -66,7 +68,9 @@ class Reduced:
     count: int
 
     def grams(self, scatter: Floats, noise: Floats) -> tuple[Floats, Floats]:
-        """Normal matrices (..., p+q+c, p+q+c) and ln det of the covariance (...), over s_e and s_m (...)."""
+        """Normal matrices (..., p+q+c, p+q+c) and ln det of the covariance
+        (...), over s_e and s_m (...).
+        """
         variance = scatter[..., None] ** 2 * self.size**2 + noise[..., None] ** 2
         normal = self.columns.T @ (self.columns / variance[..., None])
         normal += self.rest / noise[..., None, None] ** 2 + self.prior
@@ -133,7 +137,8 @@ class Reduced:
 def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | None = None) -> Reduced:
     """The model along the eigenvectors of D Dᵀ.
 
-    more: (n, c), further right-hand sides; offsets: (c, p), what they do to the offsets of the prior.
+    more: (n, c), further right-hand sides; offsets: (c, p), what they
+    do to the offsets of the prior.
     """
     p = model.by_own.shape[1]
     q = model.by_law.shape[1]
@@ -158,7 +163,9 @@ def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | Non
 
 
 def _directions(by_scatter: Floats) -> tuple[Floats, Floats, Floats]:
-    """The singular value decomposition; impacts measured one by one have a diagonal matrix, and need none."""
+    """The singular value decomposition; impacts measured one by one have a
+    diagonal matrix, and need none.
+    """
     n, m = by_scatter.shape
     size = np.diagonal(by_scatter)
     if n == m and np.count_nonzero(by_scatter) == np.count_nonzero(size):

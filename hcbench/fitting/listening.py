@@ -1,6 +1,7 @@
 """From a recording to the touches of one ball, and how sure it is that these are they.
 
-Several trains of clicks are kept, each is fitted, and the choice among them is by how smoothly e goes on.
+Several trains of clicks are kept, each is fitted, and the choice among
+them is by how smoothly e goes on.
 """
 
 from __future__ import annotations
@@ -189,7 +190,9 @@ class _Heard:
 
     @property
     def evidence(self) -> float:
-        """Evidence of the likelier law: e0 alone would bend to a reflection in place of the first touch."""
+        """Evidence of the likelier law: e0 alone would bend to a
+        reflection in place of the first touch.
+        """
         return -math.inf if self.fit is None else max(self.fit.log_evidence, self.plain().log_evidence)
 
     @property
@@ -197,7 +200,9 @@ class _Heard:
         return math.inf if self.fit is None else self.fit.scatter
 
     def improved(self) -> _Heard:
-        """Reflections that were taken for touches exchanged for them; a touch that spoils all left out."""
+        """Reflections that were taken for touches exchanged for them; a
+        touch that spoils all left out.
+        """
         if self.fit is None:
             return self
         # Knocks go first: swaps would fit the ball's touches to them.
@@ -213,7 +218,9 @@ class _Heard:
         return now.without_knocks()
 
     def without_knocks(self) -> _Heard:
-        """Without first clicks that make the others scatter; e0 bends to them: the law without it judges."""
+        """Without first clicks that make the others scatter; e0 bends to
+        them: the law without it judges.
+        """
         rough = self.plain().scatter
         for count in range(1, _KNOCKS + 1):
             if len(self.places) - count < _LEAST_LEFT:
@@ -232,7 +239,9 @@ class _Heard:
         return fit_law(LAWS[PLAIN], [self.data()], self.reference)
 
     def suspects(self) -> list[int]:
-        """Places in the train of the first two touches and of the two that go least with the others."""
+        """Places in the train of the first two touches and of the two
+        that go least with the others.
+        """
         assert self.fit is not None
         data = self.data()
         off = np.abs(self.fit.measured_off()[0])
@@ -272,7 +281,8 @@ class _Heard:
     def _clicks_near(self, k: int) -> Iterator[tuple[int, bool]]:
         """Clicks that may be touch k in place of the one taken, and True for those likely to be.
 
-        An echo comes after its touch: so a click before, not much quieter, is likely to be the touch.
+        An echo comes after its touch: so a click before, not much
+        quieter, is likely to be the touch.
         """
         clicks = self.band.places
         level = self.band.level

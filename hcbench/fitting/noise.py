@@ -110,7 +110,9 @@ class NoiseLikelihood:
         ]
 
     def log_posterior(self, deltas: Floats) -> tuple[Floats, Floats]:
-        """ln of the likelihood at δ (g, q), noise integrated out: (g,), and its parts by s_e: (k, g)."""
+        """ln of the likelihood at δ (g, q), noise integrated out:
+        (g,), and its parts by s_e: (k, g).
+        """
         z = np.concatenate([-deltas, np.ones((len(deltas), 1))], axis=1)
         total = np.tile(self.prior_scatter[:, None], (1, len(deltas)))
         q = z.shape[1]

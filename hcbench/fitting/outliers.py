@@ -27,8 +27,9 @@ _ROUNDS = 3
 def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> list[Floats]:
     """Width of each e's scatter over s_e, (m,) per data set, the same for all laws.
 
-    t as a mixture of normal distributions: the weight of an impact is the mean of its precision, given how
-    far its e is off the law (expectation maximisation). Laws with weights of their own could not be compared.
+    t as a mixture of normal distributions: the weight of an impact is the mean of its
+    precision, given how far its e is off the law (expectation maximisation). Laws with weights
+    of their own could not be compared.
     """
     widths = None
     for _ in range(_ROUNDS):

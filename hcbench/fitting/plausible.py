@@ -23,8 +23,8 @@ _HEIGHT_E = (0.33, 1.05)
 
 
 def require_a_ball(name: str, setup: MeasurementSetup, times: Floats) -> None:
-    """Look at times of touches, s. Raises UserError where they shrink by less than any ball's, and where the
-    height of the drop contradicts the first flight.
+    """Look at times of touches, s. Raises UserError where they shrink by less than any ball's, and
+    where the height of the drop contradicts the first flight.
     """
     flights = np.diff(times)
     ratio = float(np.median(flights[1:] / flights[:-1]))

@@ -101,7 +101,9 @@ def read_dataset(
 
 
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
-    """The kind of data in a table, by its columns or as asked for. Raises UserError where they do not go."""
+    """The kind of data in a table, by its columns or as asked for. Raises
+    UserError where they do not go.
+    """
     name = columns.table.name
     named = frozenset(role for role in columns.places if not role.startswith("u_"))
     by_header = _KINDS.get(named)

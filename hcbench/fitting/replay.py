@@ -1,4 +1,6 @@
-"""A scene that bounces as the recording did: a tuned setting, the recorded drop in it, and both trains."""
+"""A scene that bounces as the recording did: a tuned setting, the
+recorded drop in it, and both trains.
+"""
 
 from __future__ import annotations
 
@@ -44,11 +46,12 @@ _PLUGINS = ("restitution-law",)
 class Replay:
     """A recorded train of bounces beside its simulation in an engine.
 
-    recorded, simulated: (n,), times of touches in s from the first of them; the scene may miss some.
+    recorded, simulated: (n,), times of touches in s from the first of
+    them; the scene may miss some.
     tuned: what `tune` chose.
-    setting: that of the scene, and alpha its α in s/m where it is another than the fit's, to make
-    up for contacts that last a step. Begins with the second touch of the recording, whose speed the
-    flight before it tells.
+    setting: that of the scene, and alpha its α in s/m where it is another than the fit's, to
+    make up for contacts that last a step. Begins with the second touch of the recording, whose
+    speed the flight before it tells.
     """
 
     tuned: Tuned
@@ -87,8 +90,9 @@ class Replay:
 def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto") -> Replay:
     """Tune an engine to the fit, as `hcbench tune` does, and simulate the recorded drop.
 
-    timestep: s. Where the setting that `tune` chooses is more than 60 ms off, the recipes with a contact
-    plug-in are tried, and the nearest is taken. Raises UserError without touch times or a law.
+    timestep: s. Where the setting that `tune` chooses is more than 60 ms off, the
+    recipes with a contact plug-in are tried, and the nearest is taken. Raises
+    UserError without touch times or a law.
     """
     recorded = _recorded(result)
     target = _target(result, timestep)
@@ -110,10 +114,11 @@ def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto"
 
 
 def _made_up(scene: Replay, result: FitResult) -> Replay:
-    """A scene with the α at which touches are as often early as late, by a few steps of the secant method.
+    """A scene with the α at which touches are as often early as late, by a
+    few steps of the secant method.
 
-    A contact of a plug-in lasts about a step, and the ball's hardly any time: at the α of the fit each flight
-    begins late. A larger α shortens the flights by as much.
+    A contact of a plug-in lasts about a step, and the ball's hardly any time: at the α of the fit
+    each flight begins late. A larger α shortens the flights by as much.
     """
     tuned = scene.tuned
     if tuned.target.reading != "law" or not math.isfinite(scene.error):
@@ -218,7 +223,9 @@ def touches_of(path: Trajectory) -> Floats:
 
 
 def _crossing(path: Trajectory, step: int) -> float:
-    """Time at which the penetration passed 0 before a step, s; that of the step before if it did not."""
+    """Time at which the penetration passed 0 before a step, s; that of
+    the step before if it did not.
+    """
     x0 = path.penetration[step - 1]
     x1 = path.penetration[step]
     t0 = path.time[step - 1]

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class DropResult:
-    """One file of several: its own α, and e if it is constant; None where the file's train is in doubt."""
+    """One file of several: its own α, and e if it is constant; None
+    where the file's train is in doubt.
+    """
 
     name: str
     alpha: Estimate | None

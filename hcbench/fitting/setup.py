@@ -99,7 +99,9 @@ class MeasurementSetup:
         return in_air(self.gravity.value, self.mass.value, self.diameter.value, self.drag_coefficient.value)
 
     def perturbed(self) -> Iterator[tuple[str, float, MeasurementSetup]]:
-        """Each uncertain input: its name, standard uncertainty, and the setup with it off by that much."""
+        """Each uncertain input: its name, standard uncertainty, and the
+        setup with it off by that much.
+        """
         names = ["gravity", "contact_time"]
         names += ["mass", "diameter", "drag_coefficient"] if self.has_air else []
         for name in names:

@@ -1,4 +1,6 @@
-"""Columns of numbers with units in their header, from text files as spreadsheets and phones write them."""
+"""Columns of numbers with units in their header, from text files as
+spreadsheets and phones write them.
+"""
 
 from __future__ import annotations
 
@@ -157,7 +159,8 @@ def _decoded(path: Path) -> str:
         text = read_text(path, "utf-8-sig", _LARGEST)
         if "\0" not in text:
             return text
-        # Latin letters in UTF-16 without its mark: each second byte is 0, and all of it is valid UTF-8.
+        # Latin letters in UTF-16 without its mark: each second byte is 0,
+        # and all of it is valid UTF-8.
         raw = path.read_bytes()
         return raw.decode("utf-16-le" if raw[1:2] == b"\0" else "utf-16-be")
     except UnicodeDecodeError:
@@ -172,10 +175,11 @@ def _decoded(path: Path) -> str:
 
 
 def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
-    """A table with one header line. Separators: comma, semicolon, tab, |, blanks; # begins a comment.
+    """A table with one header line. Separators: comma, semicolon, tab,
+    |, blanks; # begins a comment.
 
-    A header may be the last comment before the numbers, as `numpy.savetxt` writes it. Raises UserError with
-    the file, the line, what it has and what was expected.
+    A header may be the last comment before the numbers, as `numpy.savetxt` writes it. Raises
+    UserError with the file, the line, what it has and what was expected.
     """
     kept: list[tuple[int, str]] = []
     comment = None
@@ -249,8 +253,8 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
 def _require_one_meaning(table: Table) -> None:
     """Raise UserError for numbers whose commas or points may be decimal signs or part thousands.
 
-    In a file there is one decimal sign. A comma before three digits is one only where another comma of the
-    file can be nothing else, as in 0,5.
+    In a file there is one decimal sign. A comma before three digits is one only where another comma
+    of the file can be nothing else, as in 0,5.
     """
     with_comma: list[str] = []
     with_point: list[str] = []
@@ -283,7 +287,9 @@ def _cells(name: str, number: int, text: str, separator: str) -> tuple[str, ...]
 
 
 def _separator(texts: list[str]) -> str:
-    """The sign between the cells of a table, by its first line; ";" for one column with commas for points."""
+    """The sign between the cells of a table, by its first line; ";" for one
+    column with commas for points.
+    """
     first, *others = texts
     single = re.compile(r"\s*[-+]?\d+,\d+\s*")
     if "," not in first and all(single.fullmatch(text) for text in others):
@@ -331,7 +337,9 @@ def _is_title(first: str, second: str) -> bool:
 
 
 def split_header(cell: str) -> tuple[str, str]:
-    """(name in lower case, unit) of "name [unit]", "name (unit)" or "name {unit}"; the unit "" for none."""
+    """(name in lower case, unit) of "name [unit]", "name (unit)" or "name
+    {unit}"; the unit "" for none.
+    """
     match = _NAMED.fullmatch(cell)
     if match is None:
         return with_unit(cell.lower(), "")

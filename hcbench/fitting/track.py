@@ -53,10 +53,9 @@ class Track(Dataset):
     """Heights of a ball in the frames of a film.
 
     times, heights: (n,), s and m, of any point of the ball over any level.
-    touch_times: (k,), s, floor and drop, m: to start from; drop: None where the track does not begin with the
-    ball let go.
-    Own parameters: height of the floor, time of the first touch, ln of the speed of the first touch where it
-    begins with a fall, else of the first launch.
+    touch_times: (k,), s, floor and drop, m: to start from; drop: None where the track does not
+    begin with the ball let go. Own parameters: height of the floor, time of the first touch, ln of
+    the speed of the first touch where it begins with a fall, else of the first launch.
     """
 
     name: str
@@ -201,7 +200,8 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
 
 
 def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, lows: Indices) -> None:
-    """Raise UserError where the flights between touches fall with quite another g than the one given.
+    """Raise UserError where the flights between touches fall with
+    quite another g than the one given.
 
     times, heights: (n,), s and m.
     lows: (k,), the frames of touches. A film shown slower than it was taken stretches time, a wrong
@@ -235,7 +235,8 @@ def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, 
 
 
 def _of_flights(lows: Indices, times: Floats, raised: Floats, frame: float, gravity: float) -> Indices:
-    """The lowest frames up to the first that no free flight of its height leads to: the rest is noise.
+    """The lowest frames up to the first that no free flight of its
+    height leads to: the rest is noise.
 
     lows: (k,), frames.
     times, raised: (n,), s and m over the floor.

@@ -27,10 +27,10 @@ FAMILY = (PLAIN, WITH_E0, EITHER)
 def chosen_law(evidence: Mapping[str, float]) -> str | None:
     """Choose the law by ln of each law's evidence; None if several are left.
 
-    Eq. (16) with and without e0 are one family: a law outside it must be 25 times less likely than the better
-    of the two, and 25 : 1 between the two then decide on e0. A constant e is a case of the law with e0, which
-    therefore does not count against it where it is behind; the others need less of a lead over that law, for
-    it can bend towards any of them.
+    Eq. (16) with and without e0 are one family: a law outside it must be 25 times less likely than
+    the better of the two, and 25 : 1 between the two then decide on e0. A constant e is a case of
+    the law with e0, which therefore does not count against it where it is behind; the others need
+    less of a lead over that law, for it can bend towards any of them.
     """
     names = sorted(evidence, key=lambda name: -evidence[name])
     best = names[0]
@@ -155,7 +155,9 @@ class ConstantLaw(CandidateLaw):
 
 
 class ViscoelasticLaw(CandidateLaw):
-    """e = 1 - C v^(1/5), the first order of Ramírez, Pöschel, Brilliantov & Schwager 1999, PRE 60, 4465."""
+    """e = 1 - C v^(1/5), the first order of Ramírez, Pöschel, Brilliantov
+    & Schwager 1999, PRE 60, 4465.
+    """
 
     name = "viscoelastic"
     formula = "1 - C v^(1/5)"
@@ -187,7 +189,9 @@ class PlasticLaw(CandidateLaw):
 
 
 def hunt_crossley(d: float) -> tuple[float, float]:
-    """ln e of eq. (16) and its slope over ln d, at d = (3/2) α v; odd in d, so that searches may cross 0."""
+    """ln e of eq. (16) and its slope over ln d, at d = (3/2) α v; odd in
+    d, so that searches may cross 0.
+    """
     size = abs(d)
     if size < _TINY:
         return -2.0 / 3.0 * d, -2.0 / 3.0 * d

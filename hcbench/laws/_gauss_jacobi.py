@@ -1,7 +1,7 @@
 """Nodes and weights of Gauss-Jacobi quadrature.
 
-Golub and Welsch, Math. Comp. 23 (1969): the nodes are the eigenvalues of the recurrence's matrix. SciPy's own
-are ten times less exact, and importing them is a fifth of a `hcbench tune`.
+Golub and Welsch, Math. Comp. 23 (1969): the nodes are the eigenvalues of the recurrence's matrix.
+SciPy's own are ten times less exact, and importing them is a fifth of a `hcbench tune`.
 """
 
 from functools import lru_cache
@@ -14,7 +14,9 @@ from hcbench.terms.impact import Floats
 
 @lru_cache(maxsize=64)
 def gauss_jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
-    """Nodes and weights, `count` of each, for the weight (1 - x)^a (1 + x)^b on -1 ... 1; a, b > -1."""
+    """Nodes and weights, `count` of each, for the weight (1 - x)^a (1
+    + x)^b on -1 ... 1; a, b > -1.
+    """
     k = np.arange(count, dtype=np.float64)
     total = 2.0 * k + a + b
     # The first row is 0/0 where a + b is 0 or -1; the next lines replace it.

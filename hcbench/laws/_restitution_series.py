@@ -1,16 +1,16 @@
 """The bounce of eq. (16) as pure numbers: e over d = (3/2) α v_i, and back.
 
-Separating variables in m v dv/dx = -k x^n (1 + a v), a = (3/2) α, gives d (1 + e) = ln(1 + d) - ln(1 - d e):
-e = (1 + W0(-(1 + d) exp(-(1 + d)))) / d, W0 the principal Lambert W. Both lose digits as d falls: W0 works
-next to its branch point. So e is evaluated as
+Separating variables in m v dv/dx = -k x^n (1 + a v), a = (3/2) α, gives d (1 + e) = ln(1 + d) -
+ln(1 - d e): e = (1 + W0(-(1 + d) exp(-(1 + d)))) / d, W0 the principal Lambert W. Both lose digits
+as d falls: W0 works next to its branch point. So e is evaluated as
 
     e = (1 + t S(t)) / (1 + d),    1 - e = d (1 - S(t) / (5 + d)) / (1 + d),    t = d / (5 + d),
 
-two forms without cancellation, with S a Chebyshev series over 0 <= d <= 1, where most bounces are, and
-another over 0 <= d <= 42. Beyond, e = 1/d to the last digit. The nearest singularities of S in t are at the
-pole d = -5 and where d - ln(1 + d) = ±2πi; the shift 5 keeps both far and the series short.
-tests/laws/test_closed_form.py makes the coefficients again: sample S at 64 Chebyshev points in 60-digit
-arithmetic, discrete cosine transform, drop what is below 1e-17.
+two forms without cancellation, with S a Chebyshev series over 0 <= d <= 1, where most bounces are,
+and another over 0 <= d <= 42. Beyond, e = 1/d to the last digit. The nearest singularities of S in
+t are at the pole d = -5 and where d - ln(1 + d) = ±2πi; the shift 5 keeps both far and the series
+short. tests/laws/test_closed_form.py makes the coefficients again: sample S at 64 Chebyshev points
+in 60-digit arithmetic, discrete cosine transform, drop what is below 1e-17.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ SERIES = (
 
 # Numbers of a chunk: its few buffers stay in the processor's second-level cache.
 _CHUNK = 8192
-# d e / (1 - e) over e within 0.7 %: falls from 3/2 (no loss) to 1 (no bounce). Starts Newton's iteration.
+# d e / (1 - e) over e within 0.7 %: falls from 3/2 (no loss) to 1 (no
+# bounce). Starts Newton's iteration.
 _START = (0.99793785, 1.24335334, -0.36192314, -1.11520903, 0.73747348)
 
 
@@ -150,7 +151,8 @@ def inverse_restitution(e: Floats) -> Floats:
     for _ in range(4):
         now = restitution_of(d)
         error = np.where(e >= 0.5, shortfall - one_minus_restitution(d), now - e)
-        # With u = d e: du/dd = d (1 - u) / ((1 + d) u). Its difference to e loses digits at small d.
+        # With u = d e: du/dd = d (1 - u) / ((1 + d) u). Its difference
+        # to e loses digits at small d.
         u_rate = (1.0 - d * now) / ((1.0 + d) * now)
         slope = np.where(d < 1e-3, -2.0 / 3.0 + 8.0 / 9.0 * d, (u_rate - now) / np.maximum(d, 1e-300))
         d = np.maximum(d - error / slope, 0.0)

@@ -17,15 +17,16 @@ _SAME_IMPACT = 1e-3
 def successive_bounces(
     impact_at: Callable[[float], Impact], gravity: float, height: float, speed: float, times: Floats
 ) -> Trajectory:
-    """The state at `times` (s after release, shape (n,)) of a body released `height` m up at `speed` m/s.
+    """The state at `times` (s after release, shape (n,)) of a body
+    released `height` m up at `speed` m/s.
 
     speed: towards the plate; the penetration is below 0 in flight.
     impact_at: the impact at a touch speed (m/s), with its loop.
     gravity: m/s², 0 for one bounce only.
 
-    At rest penetration, rate and force are 0: the static depth is negligible. An impact slower than
-    the last computed one by less than 1e-3 has its loop, and loses speed in the ratio of v²: (1 -
-    e) v is α v² there.
+    At rest penetration, rate and force are 0: the static depth is negligible. An impact
+    slower than the last computed one by less than 1e-3 has its loop, and loses speed in the
+    ratio of v²: (1 - e) v is α v² there.
     """
     x = np.zeros_like(times)
     v = np.zeros_like(times)

@@ -4,12 +4,13 @@ With a = (3/2) α, y = a v and g(y) = y - ln(1 + y), one impact runs along
 
     k x^(n+1)/(n+1) = (m/a²) (g(a v_i) - g(a v)).
 
-The signed root q = ±sqrt(2 g(y)) falls from Q to -Q as the body goes in and out again: q = Q cos θ with
-θ from 0 (touch) to π (parting) makes x = x_m sin(θ)^(2/(n+1)), and the time a quadrature whose ends are
-integrable. v_i is the speed in, v_o the speed out, m the effective mass. Restitution depends on α v_i alone.
+The signed root q = ±sqrt(2 g(y)) falls from Q to -Q as the body goes in and out again: q = Q cos
+θ with θ from 0 (touch) to π (parting) makes x = x_m sin(θ)^(2/(n+1)), and the time a quadrature
+whose ends are integrable. v_i is the speed in, v_o the speed out, m the effective mass.
+Restitution depends on α v_i alone.
 
-Everything is vectorised over speeds; a law with α = 0 is served by the same formulas. UserError refuses
-speeds below 0 (and 0 where an impact is needed) and a mass that is not above 0.
+Everything is vectorised over speeds; a law with α = 0 is served by the same formulas. UserError
+refuses speeds below 0 (and 0 where an impact is needed) and a mass that is not above 0.
 """
 
 from functools import lru_cache
@@ -67,7 +68,9 @@ def restitution_linear(alpha: Floats | float, speed: Floats | float) -> Floats:
 
 
 def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
-    """α in s/m of the law that rebounds with this e (0 < e <= 1) at this speed (m/s); both broadcast."""
+    """α in s/m of the law that rebounds with this e (0 < e <= 1) at
+    this speed (m/s); both broadcast.
+    """
     e = _positive("restitution", restitution, "")
     if (e > 1).any():
         raise UserError(
@@ -144,12 +147,14 @@ def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floa
 def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """Time of contact in s, touch to parting; shape of `speed` (m/s). α v <= 1000.
 
-    Relative error below 1e-13 for α v <= 2 and 5e-10 for α v <= 1000, as n goes from 1 to 10.
-    Gauss-Jacobi over cos θ with the ends' weight (1 - cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos θ.
+    Relative error below 1e-13 for α v <= 2 and 5e-10 for α v <= 1000, as n goes
+    from 1 to 10. Gauss-Jacobi over cos θ with the ends' weight (1 -
+    cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos θ.
     """
     v = _positive("speed", speed, "m/s")
     width = _quadrature_width(law, v)
-    # q/y is smooth at the scale of the nearest branch points |q| = sqrt(4π): wider impacts need more nodes.
+    # q/y is smooth at the scale of the nearest branch points |q| = sqrt(4π):
+    # wider impacts need more nodes.
     count = 32 * (1 + int(width.max(initial=0.0) / 4.0))
     end = -law.exponent / (law.exponent + 1.0)
     cosine, weight = gauss_jacobi(count, end, end)
@@ -158,7 +163,9 @@ def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
 
 
 def elastic_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:
-    """Time of contact in s where nothing is lost, k in N/m^n: it goes by v^((1-n)/(1+n)), as eq. (8) says."""
+    """Time of contact in s where nothing is lost, k in N/m^n: it goes by
+    v^((1-n)/(1+n)), as eq. (8) says.
+    """
     v = float(_positive("speed", speed, "m/s"))
     slowing = (1.0 - exponent) / (1.0 + exponent)
     return float(_elastic_at_one(stiffness, exponent, mass) * v**slowing)
@@ -199,9 +206,11 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
 
 
 def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
-    """∫ sin(θ)^-p (q/y) dθ from 0 to each of `count` even θ in 0 ... π, p = (n-1)/(n+1); shape (count,).
+    """∫ sin(θ)^-p (q/y) dθ from 0 to each of `count` even θ in 0 ... π, p
+    = (n-1)/(n+1); shape (count,).
 
-    Gauss-Legendre panel by panel; the first and the last panel take the end's θ^-p as a Jacobi weight.
+    Gauss-Legendre panel by panel; the first and the last panel take the
+    end's θ^-p as a Jacobi weight.
     """
     p = (law.exponent - 1.0) / (law.exponent + 1.0)
     width = float(_quadrature_width(law, np.asarray(speed)))

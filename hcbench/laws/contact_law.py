@@ -1,8 +1,8 @@
 """The laws and the friction that the plug-ins of `hcbench.contact` give to a contact.
 
-Force laws are for steps that resolve the contact: `HuntCrossley`, eq. (16), or `TouchSpeedLaw`, one of the
-laws published later, whose α falls as 1/v_i from impact to impact. `Restitution` and `ConstantRestitution`
-set the speed after each impact instead, for steps of any length.
+Force laws are for steps that resolve the contact: `HuntCrossley`, eq. (16), or `TouchSpeedLaw`, one
+of the laws published later, whose α falls as 1/v_i from impact to impact. `Restitution` and
+`ConstantRestitution` set the speed after each impact instead, for steps of any length.
 """
 
 import math
@@ -33,8 +33,9 @@ _AS_STATIC = -1e-300
 class Friction:
     """Coulomb friction regularised around rest, as continuous multibody plants do it.
 
-    The coefficient rises as a quintic of slip/slip_speed to `static` at 1 and falls to `dynamic` at 3: the
-    Stribeck curve of Drake's MultibodyPlant (`set_stiction_tolerance`); Simbody's transition speed is alike.
+    The coefficient rises as a quintic of slip/slip_speed to `static` at 1 and falls to
+    `dynamic` at 3: the Stribeck curve of Drake's MultibodyPlant (`set_stiction_tolerance`);
+    Simbody's transition speed is alike.
 
     static, dynamic: coefficients, static >= dynamic >= 0; `static` alone is both.
     slip_speed: m/s; sticking contacts creep below it.
@@ -92,11 +93,11 @@ def law_of(options: Mapping[str, Any]) -> Law:
     """Build the law named in a setting's options under "law". UserError names the key that is
     wrong.
 
-    {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and
-    {"kind": "restitution", "alpha": s/m, "reading": "law"} are eq. (16);
-    {"kind": "restitution", "restitution": e} is one e for all speeds;
-    {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n, "exponent": 1.5} and
-    {"kind": "restitution", "law": "flores", "restitution": e} a law of `laws.published`, asked for e.
+    {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and {"kind": "restitution",
+    "alpha": s/m, "reading": "law"} are eq. (16); {"kind": "restitution", "restitution": e} is one e
+    for all speeds; {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n,
+    "exponent": 1.5} and {"kind": "restitution", "law": "flores", "restitution": e} a law of
+    `laws.published`, asked for e.
     """
     require("option 'law'", options, hasattr(options, "items"), 'a table such as {"kind": "force", ...}')
     given = dict(options)
@@ -115,7 +116,9 @@ def law_of(options: Mapping[str, Any]) -> Law:
 
 
 def _published_law(kind: str, given: dict[str, Any]) -> Law:
-    """A law of `laws.published` by its name; as a restitution: the e that it delivers for the e asked for."""
+    """A law of `laws.published` by its name; as a restitution: the e that
+    it delivers for the e asked for.
+    """
     name = given.pop("law")
     if kind == "force":
         numbers = _numbers(given, ("restitution", "stiffness"), ("exponent",))
@@ -137,7 +140,9 @@ def contact_time(law: PluginForceLaw, mass: float, speed: float) -> float:
 
 
 def require_resolved(law: Law, mass: float, speed: float, timestep: float) -> None:
-    """Raise SettingError for a step that cannot resolve a force law's contact at effective mass and speed."""
+    """Raise SettingError for a step that cannot resolve a force law's
+    contact at effective mass and speed.
+    """
     if not is_force(law):
         return
     lasts = contact_time(law, mass, speed)

@@ -1,9 +1,10 @@
-"""One contact, many names: α here, d in Drake, c in Simbody, solref in MuJoCo, restitution elsewhere.
+"""One contact, many names: α here, d in Drake, c in Simbody, solref in
+MuJoCo, restitution elsewhere.
 
-The law's factor of v is a = λ/k = (3/2) α: F = k x^n (1 + a v). Drake's `hunt_crossley_dissipation` d is a,
-Simbody's `dissipation` c is α, so the same letter "dissipation" differs by 3/2 between two libraries of one
-family. Engines that know a constant restitution, or a spring and damper, can match the law at one speed
-only.
+The law's factor of v is a = λ/k = (3/2) α: F = k x^n (1 + a v). Drake's
+`hunt_crossley_dissipation` d is a, Simbody's `dissipation` c is α, so the same letter
+"dissipation" differs by 3/2 between two libraries of one family. Engines that know a constant
+restitution, or a spring and damper, can match the law at one speed only.
 """
 
 import math
@@ -78,7 +79,9 @@ class OneContact:
 
     @property
     def restitution(self) -> float | None:
-        """e for engines that know one, above 0; None where no speed is given, or none has such an e."""
+        """e for engines that know one, above 0; None where no speed
+        is given, or none has such an e.
+        """
         if self.speed is None:
             return None
         e = 1.0 - self.alpha * self.speed if self.reading == "linear" else self.curve_at_speed
@@ -197,7 +200,9 @@ def contact_of(
 
 
 def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversion:
-    """A contact in the paper's words, in those of libraries without an engine here, and of `engines`."""
+    """A contact in the paper's words, in those of libraries without an
+    engine here, and of `engines`.
+    """
     e = None
     linear = None
     missing = []
@@ -242,7 +247,9 @@ def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
 
 
 def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) -> float:
-    """e of MuJoCo's contact, which ends at F = 0 as it cannot pull; constant impedance, small steps."""
+    """e of MuJoCo's contact, which ends at F = 0 as it cannot pull;
+    constant impedance, small steps.
+    """
     first, second = solref
     require("solref", solref, all(map(math.isfinite, solref)), "two finite numbers")
     if first == 0.0 and second < 0.0:
@@ -282,10 +289,12 @@ def _others(contact: OneContact) -> Iterator[SystemValue]:
 
 
 def _smc_delivers(asked: float) -> float:
-    """e of Chrono's SMC contact, Hooke or Hertz, asked for `asked`: it ends at F = 0, before the surface.
+    """e of Chrono's SMC contact, Hooke or Hertz, asked for `asked`: it
+    ends at F = 0, before the surface.
 
-    ζ = -ln e/sqrt(π² + ln² e) would give e at the surface. The Hertz model's damping, √5 ζ √(m k) x^(1/4) v,
-    makes it the linear one over x^(5/4) and ∫x^(1/4) dt, so both end alike (see `_old_tsuji`).
+    ζ = -ln e/sqrt(π² + ln² e) would give e at the surface. The Hertz model's damping,
+    √5 ζ √(m k) x^(1/4) v, makes it the linear one over x^(5/4) and ∫x^(1/4) dt, so
+    both end alike (see `_old_tsuji`).
     """
     log = math.log(asked)
     return float(kv.restitution(-log / math.hypot(math.pi, log), kv.Ending.FORCE))
@@ -308,9 +317,10 @@ def _old_tsuji(e: float) -> float:
     """Restitution of LAMMPS' tsuji damping for an e asked for, before its missing factor √2 was
     corrected.
 
-    F = k x^(3/2) + A √(m k) x^(1/4) v is a damped linear spring in x^(5/4) with ζ = A/√5 (D. Antypov, J. A.
-    Elliott, "On an analytical solution for the damped Hertzian spring", EPL 94, 2011, 50004, doi
-    10.1209/0295-5075/94/50004). The polynomial for A is that of the manual; A/√2 was taken for A.
+    F = k x^(3/2) + A √(m k) x^(1/4) v is a damped linear spring in x^(5/4) with ζ = A/√5
+    (D. Antypov, J. A. Elliott, "On an analytical solution for the damped Hertzian spring",
+    EPL 94, 2011, 50004, doi 10.1209/0295-5075/94/50004). The polynomial for A is that of
+    the manual; A/√2 was taken for A.
     """
     a = 1.2728 + e * (-4.2783 + e * (11.087 + e * (-22.348 + e * (27.467 + e * (-18.022 + e * 4.8218)))))
     return float(kv.restitution(max(a, 0.0) / math.sqrt(5.0), kv.Ending.SURFACE))

@@ -1,9 +1,10 @@
 """Coulomb's friction in the impact of a sphere: closed form, for every law of the normal force.
 
-Friction acts at the contact point, against the way it slides, with μ times the normal force, until it slides
-no more. A sphere's normal force turns and shifts nothing along the plate, so the direction of sliding never
-changes, and the impulse of friction is the lesser of two: μ J_n of a contact that slides to its end, and
-m_t s of one that sticks, with m_t = 1/(1/m + R²/I) the mass that the slip s meets; 2/7 m for a solid sphere.
+Friction acts at the contact point, against the way it slides, with μ times the normal force, until
+it slides no more. A sphere's normal force turns and shifts nothing along the plate, so the
+direction of sliding never changes, and the impulse of friction is the lesser of two: μ J_n of a
+contact that slides to its end, and m_t s of one that sticks, with m_t = 1/(1/m + R²/I) the mass
+that the slip s meets; 2/7 m for a solid sphere.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Force laws F(x, v): normal force over penetration and its rate.
 
-x is the penetration (m, > 0 in contact), v its rate (m/s, > 0 on approach), F the force on the bodies (N,
-> 0 apart). Equation numbers are those of K. H. Hunt, F. R. E. Crossley, "Coefficient of Restitution
-Interpreted as Damping in Vibroimpact", J. Appl. Mech. 42(2), 1975, doi 10.1115/1.3423596.
+x is the penetration (m, > 0 in contact), v its rate (m/s, > 0 on approach), F the force
+on the bodies (N, > 0 apart). Equation numbers are those of K. H. Hunt, F. R. E.
+Crossley, "Coefficient of Restitution Interpreted as Damping in Vibroimpact", J. Appl.
+Mech. 42(2), 1975, doi 10.1115/1.3423596.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Hertz contact of two spheres, a sphere in a cup or on a plane: eqs. (5) and (6) of Hunt & Crossley 1975.
+"""Hertz contact of two spheres, a sphere in a cup or on a plane: eqs. (5)
+and (6) of Hunt & Crossley 1975.
 
-R1, R2 the radii (negative when hollow, inf when flat), R = 1/(1/R1 + 1/R2) the relative radius,
-E* = 1/((1 - ν1²)/E1 + (1 - ν2²)/E2) the contact modulus. The paper writes both for one material, where
-E* = E/(2 (1 - ν²)); K. L. Johnson, "Contact Mechanics", Cambridge University Press, 1985,
-doi 10.1017/CBO9781139171731, section 4.2, has the general case. SI units.
+R1, R2 the radii (negative when hollow, inf when flat), R = 1/(1/R1 + 1/R2) the relative radius, E*
+= 1/((1 - ν1²)/E1 + (1 - ν2²)/E2) the contact modulus. The paper writes both for one material, where
+E* = E/(2 (1 - ν²)); K. L. Johnson, "Contact Mechanics", Cambridge University Press, 1985, doi
+10.1017/CBO9781139171731, section 4.2, has the general case. SI units.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from hcbench.laws.require import positive, require
 if TYPE_CHECKING:
     from hcbench.terms.scene import Material
 
-# Largest shear stress over the largest pressure p0, on the axis below the surface, ν = 0.3 (section 1.10).
+# Largest shear stress over the largest pressure p0, on the axis below the
+# surface, ν = 0.3 (section 1.10).
 SHEAR_OVER_PRESSURE = 0.31
 # Largest shear stress, Pa: 62 000 lb/in², 0.31 times the 200 000 of the paper's section 1.10.
 SHEAR_LIMIT = 62_000 * 6894.757293168361
@@ -90,7 +92,9 @@ def compliance(material: Material) -> float:
 
 
 def relative_radius(radius_1: float, radius_2: float) -> float:
-    """R = 1/(1/R1 + 1/R2) in m. Raises UserError for surfaces that do not touch at a point, 1/R <= 0."""
+    """R = 1/(1/R1 + 1/R2) in m. Raises UserError for surfaces that do
+    not touch at a point, 1/R <= 0.
+    """
     for slot, radius in (("radius 1", radius_1), ("radius 2", radius_2)):
         require(
             slot, radius, not math.isnan(radius) and radius != 0.0, "m, not 0; negative: hollow, inf: flat"

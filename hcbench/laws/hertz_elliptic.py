@@ -1,14 +1,15 @@
-"""Hertz contact of two bodies with any principal radii: the ellipse, the approach, the pressure, the stress.
+"""Hertz contact of two bodies with any principal radii: the ellipse, the
+approach, the pressure, the stress.
 
-The paper (section 1.9) has spheres and says that its results "can with complete validity be extended" to
-other contours; eqs. (5) and (6) are the special case of a circle. Formulas as in K. L. Johnson, "Contact
-Mechanics", Cambridge University Press, 1985, doi 10.1017/CBO9781139171731, sections 3.5 and 4.2 (after H.
-Hertz, "Über die Berührung fester elastischer Körper", J. reine angew. Math. 92, 1882, 156-171). The
-complete elliptic integrals enter as Carlson's R_D, which cancels nothing where the ellipse becomes a
-circle.
+The paper (section 1.9) has spheres and says that its results "can with complete validity be
+extended" to other contours; eqs. (5) and (6) are the special case of a circle. Formulas as in K. L.
+Johnson, "Contact Mechanics", Cambridge University Press, 1985, doi 10.1017/CBO9781139171731,
+sections 3.5 and 4.2 (after H. Hertz, "Über die Berührung fester elastischer Körper", J. reine
+angew. Math. 92, 1882, 156-171). The complete elliptic integrals enter as Carlson's R_D, which
+cancels nothing where the ellipse becomes a circle.
 
-Symbols: A <= B, half the relative curvatures along the ellipse's long and short axis (gap A x² + B y²),
-semi-axes a >= b, κ = b/a, e² = 1 - κ², E* the contact modulus.
+Symbols: A <= B, half the relative curvatures along the ellipse's long and short axis (gap A x² + B
+y²), semi-axes a >= b, κ = b/a, e² = 1 - κ², E* the contact modulus.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Material
 
-# Hertz's theory needs a << R (Johnson, section 4.2). At a/R = 0.1 the arc and the parabola that stands for it
-# differ by (a/R)²/4 = 0.25 % of the gap.
+# Hertz's theory needs a << R (Johnson, section 4.2). At a/R = 0.1 the arc and the parabola that
+# stands for it differ by (a/R)²/4 = 0.25 % of the gap.
 CONTACT_OVER_RADIUS_MAX = 0.1
 
 
@@ -37,8 +38,8 @@ CONTACT_OVER_RADIUS_MAX = 0.1
 class Surface:
     """A body's shape and matter at the point of contact.
 
-    first, second: principal radii, m; negative when hollow, inf when straight. first is the one in the plane
-    that `angle` of `contact` turns.
+    first, second: principal radii, m; negative when hollow, inf when straight. first is the one in
+    the plane that `angle` of `contact` turns.
     """
 
     first: float
@@ -82,7 +83,9 @@ class EllipticContact:
 
     @property
     def stiffness(self) -> float:
-        """k of F = k x^(3/2), N/m^1.5: (2π E*/(3κ)) √(E(e) / (K(e)³ (A + B))); (4/3) E* √R for a circle."""
+        """k of F = k x^(3/2), N/m^1.5: (2π E*/(3κ)) √(E(e) / (K(e)³ (A +
+        B))); (4/3) E* √R for a circle.
+        """
         m = 1.0 - self.axis_ratio**2
         big_k = float(ellipk(m))
         big_e = float(ellipe(m))
@@ -124,8 +127,9 @@ class EllipticContact:
 def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
     """The contact of two surfaces whose first principal planes enclose `angle` (rad).
 
-    Raises UserError for surfaces that would touch along a line or beyond it (A <= 0): the approach of a line
-    contact is not a matter of the two surfaces alone, and section 1.11 takes an exponent between 1 and 3/2.
+    Raises UserError for surfaces that would touch along a line or beyond it (A <= 0): the
+    approach of a line contact is not a matter of the two surfaces alone, and section 1.11 takes
+    an exponent between 1 and 3/2.
     """
     require("angle", angle, math.isfinite(angle), "a finite angle in rad")
     radii = (one.first, one.second, two.first, two.second)
@@ -158,8 +162,8 @@ def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
 def axis_ratio(curvature_ratio: float) -> float:
     """κ = b/a of the ellipse for A/B in (0, 1].
 
-    Hertz's B/A = (E/κ² - K) / (K - E) is R_D(0, 1, κ²) / R_D(0, κ², 1), which is 1/1 for the circle and not
-    0/0.
+    Hertz's B/A = (E/κ² - K) / (K - E) is R_D(0, 1, κ²) / R_D(0, κ², 1), which is
+    1/1 for the circle and not 0/0.
     """
     require("curvature_ratio", curvature_ratio, 0.0 < curvature_ratio <= 1.0, "A/B above 0 and up to 1")
     target = -math.log(curvature_ratio)
@@ -171,7 +175,8 @@ def axis_ratio(curvature_ratio: float) -> float:
         k2 = math.exp(2.0 * log_kappa)
         return math.log(float(elliprd(0.0, 1.0, k2)) / float(elliprd(0.0, k2, 1.0))) - target
 
-    # κ lies between A/B and 1: A/B goes with κ^(3/2) near the circle and with κ², up to a logarithm, far off.
+    # κ lies between A/B and 1: A/B goes with κ^(3/2) near the circle and with
+    # κ², up to a logarithm, far off.
     return math.exp(brentq(miss, -target, 0.0, xtol=1e-16, rtol=1e-15))
 
 
@@ -206,7 +211,9 @@ def axis_stresses(kappa: float, poisson_ratio: float, depth: Floats | float) -> 
 
 
 def largest_shear(kappa: float, poisson_ratio: float) -> tuple[float, float]:
-    """Largest shear stress on the axis over p0, and its depth over b; a circle with ν = 0.3: 0.310, 0.48."""
+    """Largest shear stress on the axis over p0, and its depth over b; a
+    circle with ν = 0.3: 0.310, 0.48.
+    """
 
     def shear(depth: float) -> float:
         parts = [float(s) for s in axis_stresses(kappa, poisson_ratio, depth)]

@@ -85,7 +85,9 @@ class ImpactLaw(Drawn):
         return e.reshape(np.shape(given)) if np.ndim(given) else float(e[0])
 
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
-        """Everything about one impact at each speed: e, penetration, force, duration, energy lost, SI."""
+        """Everything about one impact at each speed: e, penetration,
+        force, duration, energy lost, SI.
+        """
         values = units.parse_values(speeds, "speed", "speeds", above=0)
         return [summarize(self.force, self.mass, v, PAPER_RELATIVE_RADIUS) for v in values.tolist()]
 

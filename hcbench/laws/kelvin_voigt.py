@@ -1,15 +1,17 @@
-"""Closed forms of eq. (4), m x'' + c x' + k x = 0: the contact that Hunt and Crossley argue against.
+"""Closed forms of eq. (4), m x'' + c x' + k x = 0: the contact that
+Hunt and Crossley argue against.
 
-Contact is taken to end in one of two places: at x = 0, where the body is back at the undeformed surface (the
-law has pulled it for a while by then), or at F = 0, where nothing presses any more (the surface lags behind
-the body). With ζ = c / (2 √(k m)), ω = √(k/m):
+Contact is taken to end in one of two places: at x = 0, where the body is back at the undeformed
+surface (the law has pulled it for a while by then), or at F = 0, where nothing presses any more
+(the surface lags behind the body). With ζ = c / (2 √(k m)), ω = √(k/m):
 
     x = 0:  e = exp(-π ζ / √(1 - ζ²)),  t = π / (ω √(1 - ζ²));  no parting at all from ζ = 1 on
     F = 0:  e = exp(-2 ζ g(ζ)),         t = 2 g(ζ) / ω,         g(ζ) = arccos ζ / √(1 - ζ²)
 
-T. Schwager, T. Pöschel, "Coefficient of restitution and linear-dashpot model revisited", Granular Matter 9,
-2007, 465-469, doi 10.1007/s10035-007-0065-z, for the second; the rest is the damped sine of any textbook.
-Neither e depends on the impact speed: so ΔE ∝ v_i², and that is the paper's objection (section 1.7).
+T. Schwager, T. Pöschel, "Coefficient of restitution and linear-dashpot model revisited",
+Granular Matter 9, 2007, 465-469, doi 10.1007/s10035-007-0065-z, for the second; the rest is the
+damped sine of any textbook. Neither e depends on the impact speed: so ΔE ∝ v_i², and that is
+the paper's objection (section 1.7).
 """
 
 from dataclasses import dataclass
@@ -100,9 +102,9 @@ class KelvinVoigtImpact:
 def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> KelvinVoigtImpact:
     """All of one impact in closed form; mass kg, speed v_i m/s.
 
-    With ζ = sin β and θ = ω √(1-ζ²) t: F = m ω v_i e^(-θ tan β) sin(θ + 2β) / cos β. It is largest at
-    θ = π/2 - 3β (at touch once ζ >= 1/2) and smallest at θ = 3π/2 - 3β, where it is -m ω v_i e^(-3 ζ g(ζ)),
-    or at x = 0, whichever comes first.
+    With ζ = sin β and θ = ω √(1-ζ²) t: F = m ω v_i e^(-θ tan β) sin(θ + 2β) / cos β. It is largest
+    at θ = π/2 - 3β (at touch once ζ >= 1/2) and smallest at θ = 3π/2 - 3β, where it is -m ω v_i
+    e^(-3 ζ g(ζ)), or at x = 0, whichever comes first.
     """
     positive("speed", speed, "m/s")
     zeta = damping_ratio(law, mass)
@@ -143,7 +145,9 @@ def state(law: KelvinVoigt, mass: float, speed: float, time: Floats | float) -> 
 
 
 def loop(law: KelvinVoigt, mass: float, speed: float, ending: Ending, count: int = 401) -> Loop:
-    """Force over penetration, `count` points even in time, Fig. 1(a). Contact has to end: ζ < 1 for x = 0."""
+    """Force over penetration, `count` points even in time, Fig. 1(a).
+    Contact has to end: ζ < 1 for x = 0.
+    """
     end = bounce(law, mass, speed, ending).duration
     within(
         "duration", end, 0.0, np.finfo(float).max, "a contact that ends: a damping ratio below 1 for x = 0"

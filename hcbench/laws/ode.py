@@ -1,10 +1,10 @@
 """One impact of any force law as an ODE, m x'' = -F(x, x') + m g, with touch and parting located.
 
-For laws and loads that have no closed form, above all under gravity. It is solved without units, so that
-tolerances mean the same for steel and for rubber: rates over v_i, penetrations over the X at which the
-elastic force F(X, 0) times X is m v_i², times over X/v_i. Integrator: DOP853, order 8 (E. Hairer, S. P.
-Norsett, G. Wanner, "Solving Ordinary Differential Equations I", Springer 1993, section II.5), with its
-interpolant of order 7 for everything that lies between steps.
+For laws and loads that have no closed form, above all under gravity. It is solved without units, so
+that tolerances mean the same for steel and for rubber: rates over v_i, penetrations over the X at
+which the elastic force F(X, 0) times X is m v_i², times over X/v_i. Integrator: DOP853, order 8 (E.
+Hairer, S. P. Norsett, G. Wanner, "Solving Ordinary Differential Equations I", Springer 1993,
+section II.5), with its interpolant of order 7 for everything that lies between steps.
 """
 
 from __future__ import annotations
@@ -126,7 +126,8 @@ def _force_over_units(law: ForceLaw, depth: float, speed: float) -> Force:
         inside = law.force(np.abs(x), v)
         if not (x < 0.0).any():
             return inside
-        # A trial step may look past parting, where no law is defined: mirrored about F(0, v) it stays smooth.
+        # A trial step may look past parting, where no law is defined: mirrored
+        # about F(0, v) it stays smooth.
         return np.where(x < 0.0, 2.0 * law.force(np.zeros_like(x), v) - inside, inside)
 
     return force
@@ -135,7 +136,9 @@ def _force_over_units(law: ForceLaw, depth: float, speed: float) -> Force:
 def _solve(
     force: Force, inertia: float, weight: float, ending: Ending, tolerance: float, step_max: float
 ) -> Any:
-    """dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1). Events: x = 0, F = 0, turning, turning back."""
+    """dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1). Events: x =
+    0, F = 0, turning, turning back.
+    """
 
     def rates(_: float, state: Floats) -> list[float]:
         return [float(state[1]), float(weight - force(state[0], state[1]) * inertia)]

@@ -67,8 +67,9 @@ class AdamsImpact:
 class NewtonSpring:
     """ke and kd of Newton's shapes.
 
-    per_mass: whether the solver reads them in 1/s² and 1/s, the same for every mass, and never pulls. Else
-    F = ke x + kd v on the way in and ke x on the way out, N/m and N s/m (SolverSemiImplicit).
+    per_mass: whether the solver reads them in 1/s² and 1/s, the same for every mass,
+    and never pulls. Else F = ke x + kd v on the way in and ke x on the way out, N/m
+    and N s/m (SolverSemiImplicit).
     """
 
     per_mass: bool
@@ -96,8 +97,8 @@ class NewtonSpring:
 def one_way_restitution(zeta: float) -> float:
     """e of a damper that acts on the way in only, over the damping ratio ζ: exp(-ζ acos ζ/√(1-ζ²)).
 
-    The way in is a damped oscillator's from touch to its first standstill, at ω X/v = e; the spring returns
-    it all.
+    The way in is a damped oscillator's from touch to its first standstill, at ω X/v
+    = e; the spring returns it all.
     """
     if abs(zeta - 1.0) < 1e-8:
         return math.exp(-1.0)

@@ -1,18 +1,21 @@
-"""Contact laws published after 1975: F = k x^n (1 + χ v/v_i), each with another χ(e) for a wanted e.
+"""Contact laws published after 1975: F = k x^n (1 + χ v/v_i), each
+with another χ(e) for a wanted e.
 
 For every law of this form the restitution delivered follows exactly for all k, n and m (see
-`closed_form`): with χ as d, d (1 + e) = ln(1 + d) - ln(1 - d e). So each law's promise can be compared with
-what it delivers. As e nears 1 that relation is χ = (3/2)(1 - e): of the laws below Lee-Wang starts at half of
-it, Gonthier at 4/3, Flores at 16/15, the others on it.
+`closed_form`): with χ as d, d (1 + e) = ln(1 + d) - ln(1 - d e). So each law's promise can be
+compared with what it delivers. As e nears 1 that relation is χ = (3/2)(1 - e): of the laws below
+Lee-Wang starts at half of it, Gonthier at 4/3, Flores at 16/15, the others on it.
 
-The originals were not all at hand. χ has been held against independent statements: Hunt-Crossley, Herbert-
-McWhannell, Lee-Wang, Lankarani-Nikravesh, Gonthier, Zhiying-Qishao and Flores against the multibody code DyS
-of L. Skrinjar, first author of a review of them (Int. J. Mech. Sci. 145, 2018, 171-187,
-doi 10.1016/j.ijmecsci.2018.07.010); Hunt-Crossley, Gonthier and Carvalho-Martins against the manual of the
-code EXUDYN. All DOIs but those of Herbert-McWhannell and Lee-Wang were confirmed by a second source.
+The originals were not all at hand. χ has been held against independent statements:
+Hunt-Crossley, Herbert- McWhannell, Lee-Wang, Lankarani-Nikravesh, Gonthier, Zhiying-Qishao and
+Flores against the multibody code DyS of L. Skrinjar, first author of a review of them (Int. J.
+Mech. Sci. 145, 2018, 171-187, doi 10.1016/j.ijmecsci.2018.07.010); Hunt-Crossley, Gonthier and
+Carvalho-Martins against the manual of the code EXUDYN. All DOIs but those of Herbert-McWhannell
+and Lee-Wang were confirmed by a second source.
 
-Hu-Guo is stated in two forms, (3/2)(1 - e)/e and half of it, (3/2)(1 - e)/(2 e), which DyS has. The first is
-taken: it alone loses the right energy at small losses, as the authors promise; the second loses half of it.
+Hu-Guo is stated in two forms, (3/2)(1 - e)/e and half of it, (3/2)(1 - e)/(2 e), which DyS
+has. The first is taken: it alone loses the right energy at small losses, as the authors
+promise; the second loses half of it.
 """
 
 from __future__ import annotations
@@ -70,7 +73,9 @@ class PublishedLaw:
         return self.chi(values)
 
     def delivered(self, e: Floats | float) -> Floats:
-        """The restitution that this law gives when asked for e, same shape; for any k, n, m and v_i."""
+        """The restitution that this law gives when asked for e, same
+        shape; for any k, n, m and v_i.
+        """
         return restitution_of(self.chi_of(e))
 
 

@@ -1,22 +1,23 @@
 """Section 2.2's other choice of q: a damping force λ x^p v^q, with q = 2 worked out to the end.
 
-The paper asks that ∮ λ x^p v^q dx have x_m in the power 3(n + 1)/2 and equal (11). With v of (10) that
-fixes both:
+The paper asks that ∮ λ x^p v^q dx have x_m in the power 3(n + 1)/2 and equal (11).
+With v of (10) that fixes both:
 
-    p = (3 - q)(n + 1)/2 - 1,    λ = α m (n + 1) C^(3-q) / (2 B((3 - q)/2, q/2 + 1)),    C = √(2k/(m(n + 1)))
+    p = (3 - q)(n + 1)/2 - 1,    λ = α m (n + 1) C^(3-q) / (2 B((3 - q)/2, q/2
+    + 1)),    C = √(2k/(m(n + 1)))
 
-B the beta function. q = 1 gives p = n and λ = (3/2) α k, eq. (15); q = 2 gives p = (n - 1)/2 and
-λ2 = (3/8) α √(2 k m (n + 1)). (With x^n in front of v² the loss would go with x_m^(2(n+1)): no constant λ2
-could then match (11), nor would its unit be that of the printed α √(k m (n + 1)).)
+B the beta function. q = 1 gives p = n and λ = (3/2) α k, eq. (15); q = 2 gives p = (n - 1)/2 and λ2
+= (3/8) α √(2 k m (n + 1)). (With x^n in front of v² the loss would go with x_m^(2(n+1)): no
+constant λ2 could then match (11), nor would its unit be that of the printed α √(k m (n + 1)).)
 
-Derived here, for q = 2: with z = b y_m, y = x^((n+1)/2), b = 4 λ2/(m(n + 1)) and u = α v_i the path is
-linear in y and v², and
+Derived here, for q = 2: with z = b y_m, y = x^((n+1)/2), b = 4 λ2/(m(n + 1)) and u = α v_i the
+path is linear in y and v², and
 
     (9/8) u² = f(z),    f(z) = 1 + (z - 1) e^z,    e² = f(-z)/f(z)   where x is 0 again.
 
-So e depends on u alone, as with (16). But p < n: near x = 0 the damping outweighs the spring and F pulls
-before parting, the fault that section 1.5 finds with (4). Contact that cannot pull ends at z_F = z - ln(1 +
-z) with e² = z_F/((9/8) u²), a little faster.
+So e depends on u alone, as with (16). But p < n: near x = 0 the damping outweighs the spring and F
+pulls before parting, the fault that section 1.5 finds with (4). Contact that cannot pull ends at
+z_F = z - ln(1 + z) with e² = z_F/((9/8) u²), a little faster.
 """
 
 from dataclasses import dataclass
@@ -64,7 +65,9 @@ class QuadraticDamping:
 
 
 def restitution(alpha: Floats | float, speed: Floats | float, ending: Ending = Ending.SURFACE) -> Floats:
-    """e of the q = 2 variant; alpha in s/m and speed in m/s broadcast. See `Ending` for the two readings."""
+    """e of the q = 2 variant; alpha in s/m and speed in m/s broadcast. See
+    `Ending` for the two readings.
+    """
     u = np.asarray(alpha, dtype=float) * np.asarray(speed, dtype=float)
     within("alpha * speed", u, 0.0, np.inf, "α v_i of 0 or more")
     z = turning_point(u)

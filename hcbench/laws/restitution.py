@@ -1,4 +1,6 @@
-"""Restitution over impact speed, e(v): the target of a contact, or what a plug-in gives to each impact."""
+"""Restitution over impact speed, e(v): the target of a contact, or what
+a plug-in gives to each impact.
+"""
 
 import math
 from abc import ABC, abstractmethod
@@ -69,11 +71,11 @@ class Restitution(RestitutionCurve):
     def rebound(
         self, penetration: Floats | float, rate: Floats | float, timestep: float, gravity: float
     ) -> Floats:
-        """Speed, m/s, at which a body leaves a semi-implicit step that reverses it, so that e is at the touch
-        plane; 0 for one too slow to leave. Same shape as the arguments.
+        """Speed, m/s, at which a body leaves a semi-implicit step that reverses it, so that e is at
+        the touch plane; 0 for one too slow to leave. Same shape as the arguments.
 
-        penetration: m, and rate: m/s, at the step's start. Free flight keeps U² = (v + g h/2)² - 2 g x, U the
-        speed at the plane; after a step of h the body is at x - h s, with a rate of -s.
+        penetration: m, and rate: m/s, at the step's start. Free flight keeps U² = (v + g h/2)² - 2
+        g x, U the speed at the plane; after a step of h the body is at x - h s, with a rate of -s.
         """
         half = gravity * timestep / 2
         sunk = 2.0 * gravity * np.asarray(penetration)
@@ -104,8 +106,8 @@ class Restitution(RestitutionCurve):
 class ConstantRestitution(RestitutionCurve):
     """The same e at all impact speeds.
 
-    restitution: e; SettingError outside 0 ... 1. `Flores.delivered(0.8)` is what the law of that name
-    makes of an e of 0.8.
+    restitution: e; SettingError outside 0 ... 1. `Flores.delivered(0.8)` is what the law of
+    that name makes of an e of 0.8.
     """
 
     restitution: float
@@ -129,7 +131,8 @@ class ConstantRestitution(RestitutionCurve):
 class MeasuredRestitution(RestitutionCurve):
     """e measured at some impact speeds: straight lines between the points, constant beyond them.
 
-    points: pairs (v m/s, e) in any order. Raises SettingError for none and for an e outside 0 ... 1.
+    points: pairs (v m/s, e) in any order. Raises SettingError for
+    none and for an e outside 0 ... 1.
     """
 
     points: tuple[tuple[float, float], ...]

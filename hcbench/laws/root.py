@@ -1,4 +1,6 @@
-"""A root in a bracket: importing scipy.optimize takes longer than all else that a command for one does."""
+"""A root in a bracket: importing scipy.optimize takes longer than all
+else that a command for one does.
+"""
 
 import math
 from collections.abc import Callable
@@ -13,10 +15,12 @@ def root(
     absolute: float,
     relative: float = 2.0**-50,
 ) -> float:
-    """x between `low` and `high`, where `function` has unlike signs, within `absolute` + `relative` |x|.
+    """x between `low` and `high`, where `function` has unlike signs,
+    within `absolute` + `relative` |x|.
 
-    R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4: a secant or an inverse
-    parabola where it falls well within the bracket, else its middle. The same bits as SciPy's brentq.
+    R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4: a
+    secant or an inverse parabola where it falls well within the bracket, else its middle.
+    The same bits as SciPy's brentq.
     """
     before = low
     f_before = function(before)
@@ -68,7 +72,9 @@ def root(
 
 
 def _guess(a: float, b: float, c: float, f_a: float, f_b: float, f_c: float) -> float:
-    """From b to the root of the secant through a and b, or of the inverse parabola through all three."""
+    """From b to the root of the secant through a and b, or of the
+    inverse parabola through all three.
+    """
     if a == c:
         return -f_b * (b - a) / (f_b - f_a)
     slope_a = (f_a - f_b) / (a - b)

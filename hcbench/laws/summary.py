@@ -1,4 +1,6 @@
-"""All that the law says about one impact, and where it leaves the range that the paper gives for itself."""
+"""All that the law says about one impact, and where it leaves the range
+that the paper gives for itself.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +17,8 @@ from hcbench.terms.units import INCH
 PAPER_RELATIVE_RADIUS = 2 * INCH
 # The paper's section 1.2 treats impacts slower than 20 in/s, m/s.
 SPEED_LIMIT = 20 * INCH
-# α v_i at the ends of what the paper calls reasonable: α = 0.008 s/in at 20 in/s. Eq. (2) is 0.02 low there.
+# α v_i at the ends of what the paper calls reasonable: α = 0.008 s/in at 20
+# in/s. Eq. (2) is 0.02 low there.
 ALPHA_SPEED_LIMIT = 0.16
 
 

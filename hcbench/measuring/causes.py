@@ -1,4 +1,6 @@
-"""Suspects that need no engine: what may keep any pair from bouncing as expected, read from its impacts."""
+"""Suspects that need no engine: what may keep any pair from bouncing as
+expected, read from its impacts.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -97,8 +99,8 @@ def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator
 
 
 def _gain(impacts: Sequence[Impact]) -> tuple[float, int]:
-    """(largest e, fewest steps in contact) of the impacts that parted; of a body that slides or spins, e that
-    would change the energy as much.
+    """(largest e, fewest steps in contact) of the impacts that parted; of a body that slides or
+    spins, e that would change the energy as much.
     """
     parted = [i for i in impacts if i.status is Status.PARTED]
     kept = [math.sqrt(max(0.0, 1.0 - i.energy_lost)) for i in parted if not math.isnan(i.energy_lost)]

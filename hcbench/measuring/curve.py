@@ -1,7 +1,8 @@
-"""e over speed: the impacts of each launch speed and angle, all phases of the time step in one point.
+"""e over speed: the impacts of each launch speed and angle, all phases
+of the time step in one point.
 
-Every e over speed that hcbench prints, draws or compares is made here, so that the same impacts give the
-same numbers to the last bit.
+Every e over speed that hcbench prints, draws or compares is made here, so that the same impacts
+give the same numbers to the last bit.
 """
 
 from __future__ import annotations
@@ -183,7 +184,8 @@ def curve_of_columns(
     count = len(first_of_group)
     has_e = ~np.isnan(restitution)
     has_target = has_e & ~np.isnan(target)
-    # A baseline may lack some phases. e and target are means over the same ones, so that they compare.
+    # A baseline may lack some phases. e and target are means over the
+    # same ones, so that they compare.
     compares = np.bincount(group[has_target], minlength=count) > 0
     counts = np.where(compares[group], has_target, has_e)
     by_phase = np.lexsort((phase, group))
@@ -234,7 +236,8 @@ def curve_of_columns(
 
 
 def step_shares(phases: Floats, starts: Whole) -> Floats:
-    """The share of a step that each phase stands for: half of the gaps on both sides; a group's add up to 1.
+    """The share of a step that each phase stands for: half of the gaps on
+    both sides; a group's add up to 1.
 
     phases: shape (n,), rising within each group.
     starts: where each group begins. `measure` launches at more phases where e differs between
@@ -261,10 +264,11 @@ _PHASES_MAX = 32
 
 
 def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """Impacts, one for each launch of the request, in order; without given phases, the phases that matter.
+    """Impacts, one for each launch of the request, in order; without given
+    phases, the phases that matter.
 
-    A long contact is launched at one phase, others at those of the request. Where few steps decide, the gap
-    between two neighbours that differ is halved until the scatter of e is found.
+    A long contact is launched at one phase, others at those of the request. Where few steps decide,
+    the gap between two neighbours that differ is halved until the scatter of e is found.
     """
     if not request.adapt_phases:
         return simulate.impacts_in(model, request.launches())

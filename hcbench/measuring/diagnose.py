@@ -1,8 +1,8 @@
 """Diagnosis of a pair that does not bounce as asked: every suspect is tried in copies of the model.
 
-All suspects are fixed together first. Then each fix is left out in turn, the least likely first, and stays
-out if the cure is as good without it; the suspects that are left are the causes. So fixes that help only
-together are found, and one that changes nothing is not blamed.
+All suspects are fixed together first. Then each fix is left out in turn, the least likely first,
+and stays out if the cure is as good without it; the suspects that are left are the causes. So fixes
+that help only together are found, and one that changes nothing is not blamed.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ _FLAT = 0.1
 
 
 def goal_of(asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None) -> Goal:
-    """e that a bounce at an approach speed (m/s) should have: what is wanted, or else what the model asks for
-    at `speeds`; NaN without a target.
+    """e that a bounce at an approach speed (m/s) should have: what is wanted, or else what the
+    model asks for at `speeds`; NaN without a target.
     """
     if wanted is not None:
         return lambda speed: float(wanted.at(speed))
@@ -113,7 +113,9 @@ def diagnose(
 
 
 def _assumed_e(suspects: Sequence[Suspect]) -> float | None:
-    """e that the likeliest suspect of those with one takes for the target; None where there is none."""
+    """e that the likeliest suspect of those with one takes for the
+    target; None where there is none.
+    """
     for suspect in suspects:
         if suspect.assumed_e is not None:
             return suspect.assumed_e
@@ -207,7 +209,9 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
 
 
 def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
-    """Evenly chosen launches of one speed; one only where steps cost much and all phases have the same e."""
+    """Evenly chosen launches of one speed; one only where steps cost much
+    and all phases have the same e.
+    """
     e = [impact.restitution for impact in impacts]
     # False where one of them is NaN.
     are_alike = max(e) - min(e) <= _ALIKE
@@ -233,8 +237,8 @@ def _hidden_suspects(
 
 
 def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> list[Cause]:
-    """The fewest fixes that cure as well as all of them do, the strongest first; or, where all together cure
-    nothing, those that help alone. Those that are always reported are among them.
+    """The fewest fixes that cure as well as all of them do, the strongest first; or, where all
+    together cure nothing, those that help alone. Those that are always reported are among them.
     """
     before = trials.max_error([])
     after = trials.max_error(fixes)

@@ -61,7 +61,8 @@ def land(
     gravity: Quantities | None = None,
     package: Folders | None = None,
 ) -> Landings:
-    """Drop the robot of a model on its floor, from each height at each tilt, as `hcbench land` does.
+    """Drop the robot of a model on its floor, from each height at
+    each tilt, as `hcbench land` does.
 
     Parameters
     ----------
@@ -116,7 +117,9 @@ def make_drops(
 
 
 def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
-    """The drops of one robot: of a file, in a worker, unless a function of this process controls it."""
+    """The drops of one robot: of a file, in a worker, unless a
+    function of this process controls it.
+    """
     work = partial(_landed, drops)
     return work(job) if callable(drops.controller) else run_job(work, job, limit)
 

@@ -1,4 +1,6 @@
-"""`measure`: one call from a user's model to its restitution over speed, and the causes of its errors."""
+"""`measure`: one call from a user's model to its restitution over
+speed, and the causes of its errors.
+"""
 
 from __future__ import annotations
 
@@ -141,7 +143,8 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
     """Call `work(job)`: for files in a worker, which may crash, hang or run out of memory; for
     objects here.
 
-    limit: s, after which it counts as hung; None: LIMIT_S, or the engine's own where that is longer.
+    limit: s, after which it counts as hung; None: LIMIT_S, or the
+    engine's own where that is longer.
     """
     source = _as_files(job.source)
     if source is None:
@@ -167,7 +170,9 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
 
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
-    """Let a worker process import what measuring these files takes, while its parent reads what is asked."""
+    """Let a worker process import what measuring these files takes, while
+    its parent reads what is asked.
+    """
     # The error is raised again where the model is needed.
     with suppress(HcbenchError):
         opener = _engine_for(_as_files(tuple(models)), engine)

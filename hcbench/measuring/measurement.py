@@ -171,7 +171,9 @@ class Measurement(Drawn):
 
     @property
     def loops(self) -> list[Impact]:
-        """One impact a speed, of those whose contact took steps enough to show force over penetration."""
+        """One impact a speed, of those whose contact took steps enough
+        to show force over penetration.
+        """
         loops: dict[float, Impact] = {}
         for impact in self.impacts:
             if impact.status is Status.PARTED and impact.loop is not None and impact.samples >= STEPS_TO_SHOW:
@@ -206,8 +208,9 @@ class Measurement(Drawn):
 
     @property
     def _fitted_alpha(self) -> float:
-        """α of the law that describes e over speed, s/m; NaN where none does: where nothing bounces, or it is
-        wrong by more than TOLERANCE (rms), or by more than half of what one e for all speeds would be.
+        """α of the law that describes e over speed, s/m; NaN where none does: where nothing
+        bounces, or it is wrong by more than TOLERANCE (rms), or by more than half of what
+        one e for all speeds would be.
         """
         speeds = np.array([i.speed_in for i in self.measured])
         e = np.array([i.restitution for i in self.measured])

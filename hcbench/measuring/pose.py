@@ -32,7 +32,9 @@ _DIRECTIONS: dict[str, Vector] = {
 
 
 def read_joints(text: Any) -> Pose:
-    """Joints as "hip=0.3, knee=-30 deg, base=0, 0, 0.3", or a mapping of names. Raises QuantityError."""
+    """Joints as "hip=0.3, knee=-30 deg, base=0, 0, 0.3", or a mapping
+    of names. Raises QuantityError.
+    """
     if text is None:
         return ()
     if isinstance(text, Mapping):
@@ -74,7 +76,8 @@ def _numbers(name: Any, values: Any) -> tuple[float, ...]:
 
 
 def read_state(state: Any) -> Pose:
-    """The arrays of a state file: .npz, or JSON with names and numbers; of joints, or whole, such as qpos.
+    """The arrays of a state file: .npz, or JSON with names and numbers; of
+    joints, or whole, such as qpos.
 
     Of an engine's state in Python, such as an MjData, those of its fields that are a pose.
     """

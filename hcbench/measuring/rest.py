@@ -28,9 +28,11 @@ _HELPS = 0.5
 
 @dataclass(frozen=True, slots=True)
 class RestLimits:
-    """The largest penetration (m) and vibration (m/s, rms) of a pair at rest; hcbench looks for causes above.
+    """The largest penetration (m) and vibration (m/s, rms) of a pair at rest;
+    hcbench looks for causes above.
 
-    of_user: whether the user gave them; then a vibration that still dies away is held to its limit, too.
+    of_user: whether the user gave them; then a vibration that still dies
+    away is held to its limit, too.
     """
 
     penetration: float = 1e-3

@@ -159,7 +159,9 @@ def _curve_lines(measurement: Measurement) -> list[str]:
 
 
 def motion_notes(measurement: Measurement) -> list[str]:
-    """Sentences on what other than the contact changed the speed, before it, during it and after it."""
+    """Sentences on what other than the contact changed the speed,
+    before it, during it and after it.
+    """
     return [*_approach_note(measurement), *_shares_note(measurement), *_parting_note(measurement)]
 
 
@@ -203,7 +205,9 @@ def _parting_note(measurement: Measurement) -> list[str]:
 
 
 def _shares_note(measurement: Measurement) -> list[str]:
-    """One sentence on what changed the speed during the contact, where it was not the contact alone."""
+    """One sentence on what changed the speed during the contact,
+    where it was not the contact alone.
+    """
     shares = measurement.facts.shares
     notable = [f"{share:+.2g} by {name}" for name, share in shares.items() if abs(share) >= _NOTABLE_SHARE]
     if not measurement.facts.more_than_contact >= _NOTABLE_SHARE:

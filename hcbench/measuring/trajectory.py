@@ -1,4 +1,6 @@
-"""`measure --trajectory`: at which speeds a recorded motion met the floor, and the bands of the settings."""
+"""`measure --trajectory`: at which speeds a recorded motion met the floor,
+and the bands of the settings.
+"""
 
 from __future__ import annotations
 

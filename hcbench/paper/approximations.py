@@ -1,9 +1,9 @@
 """Errors of the paper's approximations (2), (3), (8) ... (12) against eq. (16).
 
-Every measure depends on u = α v_i alone, not on k, m or (but for the depth (8)) on n. With d = (3/2) u,
-G = 2 (d - ln(1 + d))/d² and e of (16): the elastic energy at the turning point is ½ m v_i² G, and the loop
-takes ½ m v_i² (1 - G) on the way in and ½ m v_i² (G - e²) on the way out. Derived from the path of (16);
-equation numbers are those of Hunt & Crossley 1975, doi 10.1115/1.3423596.
+Every measure depends on u = α v_i alone, not on k, m or (but for the depth (8)) on n. With d =
+(3/2) u, G = 2 (d - ln(1 + d))/d² and e of (16): the elastic energy at the turning point is ½ m v_i²
+G, and the loop takes ½ m v_i² (1 - G) on the way in and ½ m v_i² (G - e²) on the way out. Derived
+from the path of (16); equation numbers are those of Hunt & Crossley 1975, doi 10.1115/1.3423596.
 """
 
 from collections.abc import Callable
@@ -60,7 +60,9 @@ class Approximation:
         return np.asarray(self.ratio(values, exponent) - 1.0)
 
     def reaches(self, error: float, exponent: float = 1.5) -> float:
-        """The α v_i where it is wrong by `error` (0.01: one per cent), up or down; inf if beyond 100."""
+        """The α v_i where it is wrong by `error` (0.01: one per cent),
+        up or down; inf if beyond 100.
+        """
         require("error", error, 0.0 < error < 1.0, "an error between 0 and 1, such as 0.01")
 
         def excess(u: float) -> float:

@@ -51,7 +51,8 @@ def drawings(effort: Effort) -> list[Drawing]:
 def build(
     folder: Path, *, quick: bool = False, jobs: int = 1, tick: Callable[[int, int], None] | None = None
 ) -> Path:
-    """Write the page and its figures (SVG, PNG) into `folder` and return the page. All of it, or nothing.
+    """Write the page and its figures (SVG, PNG) into `folder` and return
+    the page. All of it, or nothing.
 
     quick: few parameters in the two forced figures.
     jobs: processes for the largest of them.

@@ -1,7 +1,8 @@
-"""The mass between two blocks inside the engines, to be laid over the reference: the scene `two-blocks`.
+"""The mass between two blocks inside the engines, to be laid over the
+reference: the scene `two-blocks`.
 
-Contact is either the engine's plug-in, which is eq. (16) itself, or the best that the engine has of its own,
-tuned at one speed. The engines run in a process of their own.
+Contact is either the engine's plug-in, which is eq. (16) itself, or the best that the engine has of
+its own, tuned at one speed. The engines run in a process of their own.
 """
 
 from __future__ import annotations
@@ -65,12 +66,12 @@ def simulate_in_engine(
 ) -> EngineTrajectory:
     """Simulate a system in an engine, by the plug-in, or by its own contact tuned at a speed (m/s).
 
-    Both blocks must have the same law (16). timestep, until in s. Raises UserError for a system that an
-    engine cannot have, EngineMissing and EngineFailed.
+    Both blocks must have the same law (16). timestep, until in s. Raises UserError for a system
+    that an engine cannot have, EngineMissing and EngineFailed.
 
-    The drive is leapfrog, so of second order: engines do v += h P/m, then q += h v. With P of the step's
-    start, and the first velocity half a step behind, velocities are those half a step before the positions;
-    the velocity at a step's end is the mean of its neighbours.
+    The drive is leapfrog, so of second order: engines do v += h P/m, then q += h v. With P of the
+    step's start, and the first velocity half a step behind, velocities are those half a step before
+    the positions; the velocity at a step's end is the mean of its neighbours.
     """
     law = system.right
     alike = isinstance(law, HuntCrossley) and law == system.left

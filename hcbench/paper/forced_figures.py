@@ -114,8 +114,8 @@ def _contact_names(name: str, tuned_at: float | None) -> list[str]:
 
 
 def engines_figure(effort: Effort) -> tuple[Figure, str]:
-    """The clear and the squeezed mass in the engines that are installed, over the reference; and, in words,
-    the largest distance of each from the reference, over the reference's largest value.
+    """The clear and the squeezed mass in the engines that are installed, over the reference; and,
+    in words, the largest distance of each from the reference, over the reference's largest value.
     """
     figure = new_figure(8.6, 4.4)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
@@ -165,7 +165,9 @@ def _percent(share: float) -> str:
 
 
 def bifurcation_figure(effort: Effort) -> tuple[Figure, str]:
-    """Velocity once a cycle over the drive's frequency, for (16) and for its piecewise linear stand-in."""
+    """Velocity once a cycle over the drive's frequency, for (16) and for
+    its piecewise linear stand-in.
+    """
     figure = new_figure(8.6, 6.0)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
     f = np.linspace(60.0, 120.0, effort.frequencies)

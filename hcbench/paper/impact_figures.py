@@ -155,7 +155,9 @@ def figure_3() -> Figure:
 
 
 def figure_4() -> Figure:
-    """Loops of the steel body of section 3.1 at 4, 8, 12 and 16 in/s, for the four α of section 3.2."""
+    """Loops of the steel body of section 3.1 at 4, 8, 12 and 16 in/s,
+    for the four α of section 3.2.
+    """
     figure = new_figure(8.6, 7.2)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     limit = 600.0

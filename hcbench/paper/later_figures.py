@@ -95,7 +95,9 @@ def quadratic_figure() -> Figure:
 
 
 def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floats, Floats]:
-    """Force over penetration of q = 2 by its closed path: v² is exponential plus linear in x^((n+1)/2)."""
+    """Force over penetration of q = 2 by its closed path: v² is
+    exponential plus linear in x^((n+1)/2).
+    """
     n1 = law.exponent + 1.0
     b = 4.0 * law.factor / (law.mass * n1)
     kappa = 4.0 * law.stiffness / (law.mass * n1)

@@ -43,7 +43,9 @@ class Printed:
 
     @property
     def verdict(self) -> Agreement:
-        """agrees: the same after rounding; rounded: within one more unit of the last digit; differs."""
+        """agrees: the same after rounding; rounded: within one more
+        unit of the last digit; differs.
+        """
         last = 10.0 ** (math.floor(math.log10(abs(self.value))) + 1 - self.digits)
         units = abs(self.ours - self.value) / last
         if units <= 0.5 + 1e-9:
@@ -130,7 +132,8 @@ FACTOR_MASSES = (0.01, POUND, 100.0)
 
 
 def factors() -> list[tuple[float, list[float]]]:
-    """λ/(α k) read off simulated impacts, for every n a row of the masses: eq. (15) has no n and no m in it.
+    """λ/(α k) read off simulated impacts, for every n a row of the masses:
+    eq. (15) has no n and no m in it.
 
     In each λ/k = 1 s/m is put in, and the α of eq. (2) read off e at two speeds, as v goes to 0.
     """

@@ -75,7 +75,9 @@ def _cycle(system: VibroImpact, velocity: float) -> SimulatedMotion:
 
 
 def figure_7() -> Figure:
-    """No gap: two half loops that meet at the origin, for flat contacts as in the paper and for spheres."""
+    """No gap: two half loops that meet at the origin, for flat contacts
+    as in the paper and for spheres.
+    """
     figure = new_figure(8.4, 3.3)
     panels = figure.subplots(1, 2)
     for axes, law in zip(panels, (FLAT, HERTZ), strict=True):
@@ -141,7 +143,9 @@ def figure_8() -> Figure:
 
 
 def figure_9() -> tuple[Figure, str]:
-    """Squeezed, no impact: the sum is nearly the ellipse of Kelvin and Voigt; and, in words, how nearly."""
+    """Squeezed, no impact: the sum is nearly the ellipse of Kelvin and
+    Voigt; and, in words, how nearly.
+    """
     figure, run, system = _overlap(0.3)
     linear = linearized(system)
     off = run.resultant - linear.stiffness * run.position - linear.damping * run.velocity

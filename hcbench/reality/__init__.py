@@ -1,1 +1,3 @@
-"""Engines against measured impacts: the error of each setting, with its floors and what cannot be told."""
+"""Engines against measured impacts: the error of each setting, with its
+floors and what cannot be told.
+"""

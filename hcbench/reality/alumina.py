@@ -1,8 +1,10 @@
-"""Alumina balls of 5 mm thrown obliquely onto glass at 3.9 m/s: 31 points digitised from three figures.
+"""Alumina balls of 5 mm thrown obliquely onto glass at 3.9 m/s: 31
+points digitised from three figures.
 
-Kharaz, Gorham and Salman, Powder Technology 120 (2001) 281; digitised in Kratos Multiphysics, commit 650ccb2,
-applications/DEMApplication/test_examples/basic_benchmarks/paper_data/benchmark4_graph1..3.dat. e and the
-friction are the paper's, as benchmarks quote them.
+Kharaz, Gorham and Salman, Powder Technology 120 (2001) 281; digitised in Kratos Multiphysics,
+commit 650ccb2,
+applications/DEMApplication/test_examples/basic_benchmarks/paper_data/benchmark4_graph1..3.dat. e
+and the friction are the paper's, as benchmarks quote them.
 """
 
 from pathlib import Path

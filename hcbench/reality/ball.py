@@ -1,7 +1,9 @@
-"""Table tennis balls that bounce on a table: positions at 150 Hz, and spins measured before the bounce.
+"""Table tennis balls that bounce on a table: positions at 150 Hz, and
+spins measured before the bounce.
 
-Each side of a bounce is fitted with drag and the Magnus force, to third order in time about the touch. What
-happens along the table is known badly, as the spin after is not measured: the error is of the normal speed.
+Each side of a bounce is fitted with drag and the Magnus force, to third order in time about
+the touch. What happens along the table is known badly, as the spin after is not measured:
+the error is of the normal speed.
 """
 
 import io
@@ -102,7 +104,8 @@ def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:
 
 
 class _Bounce(NamedTuple):
-    """Bounce of a track: its number, spin before, rad/s, velocities before and after, m/s, each (3,).
+    """Bounce of a track: its number, spin before, rad/s, velocities
+    before and after, m/s, each (3,).
 
     u_e: standard uncertainty of e.
     """
@@ -115,7 +118,9 @@ class _Bounce(NamedTuple):
 
 
 def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
-    """The first bounce of a track, shape (n, 4) of time, s, and position, m; None where it is not clear."""
+    """The first bounce of a track, shape (n, 4) of time, s, and position,
+    m; None where it is not clear.
+    """
     if len(track) < 20:
         return None
     time = track[:, 0]
@@ -146,7 +151,9 @@ def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
 
 
 def _lowest_frame(height: Floats) -> int | None:
-    """The first frame, not near an end, that is lowest within six frames and near the lowest of all, m."""
+    """The first frame, not near an end, that is lowest within six frames
+    and near the lowest of all, m.
+    """
     for i in range(5, len(height) - 5):
         nearby = height[max(0, i - 6) : i + 7]
         if height[i] == nearby.min() and height[i] < height.min() + 0.08:
@@ -168,7 +175,8 @@ def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float |
 
 
 def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, float]:
-    """Velocity at time 0, m/s, standard uncertainty of its height's rate, and rms of what the arc leaves, m.
+    """Velocity at time 0, m/s, standard uncertainty of its height's rate, and
+    rms of what the arc leaves, m.
 
     time: s, shape (n,).
     place: m, shape (n, 3).

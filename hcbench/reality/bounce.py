@@ -1,4 +1,6 @@
-"""Single bounces: a body is launched so that it meets the plate as measured, and its motion after is read."""
+"""Single bounces: a body is launched so that it meets the plate as
+measured, and its motion after is read.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +29,8 @@ _BACK = 1.5
 
 @dataclass(frozen=True, slots=True)
 class MeasuredBounces:
-    """Velocities (m/s) and spins (rad/s) at the touch, before and after, shape (n, 3), and attitudes (n, 4).
+    """Velocities (m/s) and spins (rad/s) at the touch, before and after,
+    shape (n, 3), and attitudes (n, 4).
 
     What was not measured after is NaN.
 
@@ -61,7 +64,9 @@ def bounced(
     timestep: float,
     duration: float,
 ) -> tuple[Floats, Floats]:
-    """Velocities (m/s) and spins (rad/s) with which an engine's bodies leave the plate, shape (n, 3) each."""
+    """Velocities (m/s) and spins (rad/s) with which an engine's bodies
+    leave the plate, shape (n, 3) each.
+    """
     tosses = _launches(body, bounces, timestep, duration)
     return _after(body, module.simulate(body, setting, values, timestep, tosses), timestep)
 
@@ -87,7 +92,8 @@ def _launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: f
 def _after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Floats, Floats]:
     """Velocities and spins where bodies leave the plate, shape (n, 3) each.
 
-    One that has not left at the end has the velocity along the plate of the last step, and none upwards.
+    One that has not left at the end has the velocity along the plate of
+    the last step, and none upwards.
     """
     velocities = []
     spins = []

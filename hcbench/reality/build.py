@@ -23,7 +23,9 @@ PARAMETERS = "parameters.json"
 
 
 def build_own(own: Own, folder: Path) -> None:
-    """Write the tables of a user's tosses into `folder`: all impacts, those for `hcbench fit`, scores."""
+    """Write the tables of a user's tosses into `folder`: all impacts,
+    those for `hcbench fit`, scores.
+    """
     with atomic_folder(folder, IMPACTS) as scratch:
         write_text(scratch / IMPACTS, impacts_text(own.impacts))
         write_text(scratch / PAIRS, pairs_text([each for each in own.impacts if each.good]))
@@ -33,8 +35,8 @@ def build_own(own: Own, folder: Path) -> None:
 def build(results: RealityResults, folder: Path) -> Path:
     """Write the study into `folder` and return its page. All of it appears, or nothing.
 
-    The same results give the same bytes. Raises OutputError where the folder cannot be written, or holds a
-    study of more data sets.
+    The same results give the same bytes. Raises OutputError where the folder cannot be written, or
+    holds a study of more data sets.
     """
     if lost := scores.sets_in(folder) - set(results.request.sets):
         raise OutputError("--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder")

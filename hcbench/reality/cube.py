@@ -1,9 +1,10 @@
-"""The cube tosses of ContactNets: poses of an acrylic cube that is tossed onto a board, until it rests.
+"""The cube tosses of ContactNets: poses of an acrylic cube that is
+tossed onto a board, until it rests.
 
-455 of the 570 tosses are shipped, those of i % 5 != 4, as integers; the others stay for a test that nothing
-here has seen. The published lengths are too short by 2.04 %: gravity in flight is 9.614 m/s² by them, and
-the cube at rest stands 51.24 mm high. The published inertia, 0.00081 kg m², is too small: impulses and
-trajectories give 0.00107.
+455 of the 570 tosses are shipped, those of i % 5 != 4, as integers; the others stay for a test that
+nothing here has seen. The published lengths are too short by 2.04 %: gravity in flight is 9.614
+m/s² by them, and the cube at rest stands 51.24 mm high. The published inertia, 0.00081 kg m², is
+too small: impulses and trajectories give 0.00107.
 """
 
 from collections.abc import Iterator
@@ -94,7 +95,8 @@ def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Tosses:
-    """Tosses with number % 5 in `parts` that have a flight long enough to know their start, by number.
+    """Tosses with number % 5 in `parts` that have a flight long enough
+    to know their start, by number.
 
     variant: what of the data is left as published.
     """

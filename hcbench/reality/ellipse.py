@@ -1,7 +1,7 @@
 """Drops of a plastic ellipse between two panes: velocities before and after 1718 first impacts.
 
-The published tangential Jacobian has the wrong sign of its lever: with it turned, a free impulse at the
-contact explains the data to 0.055 m/s (median), and to 0.77 m/s as stored.
+The published tangential Jacobian has the wrong sign of its lever: with it turned, a free impulse at
+the contact explains the data to 0.055 m/s (median), and to 0.77 m/s as stored.
 """
 
 from dataclasses import dataclass, replace
@@ -50,7 +50,8 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class EllipseImpacts:
-    """Planar impacts: (x, z, spin) velocities before and after, attitude (rad), shapes (n, 3) and (n,).
+    """Planar impacts: (x, z, spin) velocities before and after, attitude
+    (rad), shapes (n, 3) and (n,).
 
     normal, tangent: rows of the contact's Jacobian, shape (n, 3), the tangent's lever turned.
     """
@@ -118,8 +119,8 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 def read(path: Path) -> Floats:
     """Rows of the .mat file that no flag marks, shape (n, 10), in the order of `_COLUMNS`.
 
-    Without those whose contact comes down slower than 0.5 m/s, or leaves at 1.5 times its speed or more.
-    Raises UserError for a file that is not the set's.
+    Without those whose contact comes down slower than 0.5 m/s, or leaves at 1.5 times its speed or
+    more. Raises UserError for a file that is not the set's.
     """
     from scipy.io import loadmat
 
@@ -174,7 +175,9 @@ _INVERSE = np.diag([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
 
 
 def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
-    """Velocities after by a rigid law: Newton's e, and Coulomb's friction with the impulse's direction."""
+    """Velocities after by a rigid law: Newton's e, and Coulomb's
+    friction with the impulse's direction.
+    """
     normal = impacts.normal
     tangent = impacts.tangent
     before = impacts.before

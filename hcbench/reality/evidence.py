@@ -106,7 +106,9 @@ LATE = "12 ms of gravity in the speed after"
 
 
 def ellipse_switches(training: Any, judged: Any) -> list[Switch]:
-    """The rigid law, fitted again, and the best impulse of each drop, with and without the corrections."""
+    """The rigid law, fitted again, and the best impulse of each drop,
+    with and without the corrections.
+    """
 
     def with_corrections(drops: Any, on: tuple[str, ...]) -> Any:
         if SIGN not in on:

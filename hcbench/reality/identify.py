@@ -1,4 +1,6 @@
-"""Parameters of engines' settings, by a search from three starts on the training part of a data set."""
+"""Parameters of engines' settings, by a search from three starts on
+the training part of a data set.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,8 @@ def _starts(data: str, folder: Path | None) -> Iterator[Cell]:
 
 
 def search(cell: Cell) -> list[tuple[Floats, float]]:
-    """Tries from the cell's values towards a least mean error: logarithms of what moves, and the error.
+    """Tries from the cell's values towards a least mean error:
+    logarithms of what moves, and the error.
 
     In a worker process.
     """
@@ -130,8 +133,8 @@ def best_values(cell: Cell, tries: Sequence[tuple[Floats, float]]) -> tuple[floa
 
 
 def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
-    """Minimum of a parabola fitted to the best third of the tries, shape (n,); the best try if those are
-    too few, if the parabola has no minimum, or if that is outside of them.
+    """Minimum of a parabola fitted to the best third of the tries, shape (n,); the best try if
+    those are too few, if the parabola has no minimum, or if that is outside of them.
 
     tries: (point, shape (n,), and its score), one or more.
     """

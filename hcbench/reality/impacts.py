@@ -1,9 +1,11 @@
-"""Impacts read from poses: one least-squares fit an impact, of two flights and the impulse between them.
+"""Impacts read from poses: one least-squares fit an impact, of two
+flights and the impulse between them.
 
-Two flights at most MOST_GAP frames apart are one impact at the vertex that is lowest between. Unknown are
-the pose when the flight before brings the vertex to the plate, the velocities before, the impulse there,
-and the jump of the pose while the contact lasts, which is about 13 ms. e is the speed at which the flight
-after carries the vertex up through the plate over that at which the flight before brought it down.
+Two flights at most MOST_GAP frames apart are one impact at the vertex that is lowest between.
+Unknown are the pose when the flight before brings the vertex to the plate, the velocities before,
+the impulse there, and the jump of the pose while the contact lasts, which is about 13 ms. e is the
+speed at which the flight after carries the vertex up through the plate over that at which the
+flight before brought it down.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -210,7 +212,9 @@ class _ImpactFit:
         return touch, start, base
 
     def _after(self, u: Floats) -> tuple[Rotation, Floats, Floats, Floats]:
-        """Attitude and the vertex' arm at the touch, velocity and spin after, of unknowns, shape (b, 21)."""
+        """Attitude and the vertex' arm at the touch, velocity and spin
+        after, of unknowns, shape (b, 21).
+        """
         turn = Rotation.from_rotvec(u[:, _TURNED]) * self.base
         arm = turn.apply(self.corners[self.vertex])
         velocity = u[:, _VELOCITY] + u[:, _IMPULSE] / self.body.mass
@@ -243,7 +247,9 @@ class _ImpactFit:
         return np.concatenate([part.reshape(sets, -1) for part in parts], axis=1)
 
     def derived(self, u: Floats) -> Floats:
-        """Speed in, out, friction, slip, duration, lost energy, shape (b, 6), of unknowns, shape (b, 21)."""
+        """Speed in, out, friction, slip, duration, lost energy, shape (b,
+        6), of unknowns, shape (b, 21).
+        """
         turn, arm, velocity, spin = self._after(u)
         arriving = u[:, _VELOCITY] + np.cross(u[:, _SPIN], arm)
         duration, leaving = self._up(u, turn, velocity, spin)
@@ -328,7 +334,8 @@ class _ImpactFit:
 
 
 def _least_squares(left: Callable[[Floats], Floats], start: Floats) -> tuple[Floats, Floats, float] | None:
-    """Unknowns that make the squares least, the matrix of normal equations there, and the sum of squares.
+    """Unknowns that make the squares least, the matrix of normal equations
+    there, and the sum of squares.
 
     By Gauss and Newton, with differences for slopes, all in one call; None where it does not
     settle.

@@ -1,4 +1,6 @@
-"""Measured motions of one body: its poses over time, its start, and how far a simulated motion is from it."""
+"""Measured motions of one body: its poses over time, its start, and how far
+a simulated motion is from it.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +29,8 @@ _ITERATIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Poses at times: arrays of shape (n,) s, (n, 3) m with the plate at z = 0, (n, 4) as (w, x, y, z).
+    """Poses at times: arrays of shape (n,) s, (n, 3) m with the plate at
+    z = 0, (n, 4) as (w, x, y, z).
 
     number: which of its data set.
     flight: frames before the first touch.
@@ -155,7 +158,9 @@ class Tosses:
     def outcome(
         self, module: TossModule, setting: ContactSetting, values: Sequence[float], timestep: float = TIMESTEP
     ) -> SettingErrors:
-        """Errors of an engine's setting: mean distances over a toss, in per cent of the body's width."""
+        """Errors of an engine's setting: mean distances over a toss,
+        in per cent of the body's width.
+        """
         return self.judged(self.simulated(module, setting, values, timestep), timestep)
 
     def judged(self, simulated: Sequence[Floats], timestep: float = TIMESTEP) -> SettingErrors:

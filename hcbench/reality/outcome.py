@@ -7,7 +7,9 @@ from hcbench.terms.impact import Floats
 
 @dataclass(frozen=True, slots=True)
 class SettingErrors:
-    """Errors in the set's unit, shape (n,); of tosses rotations (rad), and scores that combine both."""
+    """Errors in the set's unit, shape (n,); of tosses rotations
+    (rad), and scores that combine both.
+    """
 
     errors: Floats
     scores: Floats

@@ -30,7 +30,8 @@ from hcbench.sim.toss import FRICTION, PLUGIN_ALPHA, PLUGIN_E, ContactSetting
 from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool, call
 
-# Laws whose twins are read as the data are: the e that is read from the data, and the α that has this mean e.
+# Laws whose twins are read as the data are: the e that is read from the data,
+# and the α that has this mean e.
 TWIN_E = 0.235
 TWIN_ALPHA = 2.6
 _TWIN_EVERY = 3
@@ -134,8 +135,8 @@ def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
 
 
 def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
-    """Poses at the frames of the first toss that is judged: measured, and by each setting of the first engine
-    that has a plug-in.
+    """Poses at the frames of the first toss that is judged: measured, and by each setting of the
+    first engine that has a plug-in.
     """
     plugged = {cell.engine for cell in cells if cell.contact.name == PLUGIN_E}
     engine = next((cell.engine for cell in cells if cell.engine in plugged), "")

@@ -1,8 +1,8 @@
 """A tensor that PyTorch saved, read without it: its zip archives, and its streams from before 1.6.
 
-Both are a pickle that names a storage, and the storage's bytes. The reader here takes files of strangers: it
-bounds every size before it reads, knows tensors only, and so runs no code and reads nothing outside the file.
-Source of the format: torch/serialization.py of PyTorch.
+Both are a pickle that names a storage, and the storage's bytes. The reader here takes files of
+strangers: it bounds every size before it reads, knows tensors only, and so runs no code and reads
+nothing outside the file. Source of the format: torch/serialization.py of PyTorch.
 """
 
 import io
@@ -30,8 +30,9 @@ _MOST_BYTES = 4 << 20
 # Bit of a zip member's flags.
 _ENCRYPTED = 1
 
-# Opcodes of a pickled tensor, protocols 2 to 5. Their number and the memo's are bounded before a file is
-# unpickled: deeply nested tuples crash Python's unpickler, and a memo's index reserves memory up to itself.
+# Opcodes of a pickled tensor, protocols 2 to 5. Their number and the memo's are bounded before
+# a file is unpickled: deeply nested tuples crash Python's unpickler, and a memo's index
+# reserves memory up to itself.
 _MOST_OPCODES = 1000
 _OPCODES = frozenset(
     [

@@ -1,4 +1,5 @@
-"""Synthetic twins of measured tosses: the same starts under a known law, with the measured noise, as motions.
+"""Synthetic twins of measured tosses: the same starts under a known law, with
+the measured noise, as motions.
 
 What a reading finds in a twin, whose law is known, says what the same reading of the data is worth.
 """

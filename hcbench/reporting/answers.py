@@ -113,7 +113,9 @@ def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[st
 
 
 def error_of(view: View, run: RunKey, alpha: float | None = None) -> float:
-    """Largest error of e against the law: as `tune` found it, else over the study's impacts; NaN for none."""
+    """Largest error of e against the law: as `tune` found it, else over the
+    study's impacts; NaN for none.
+    """
     score = view.score(run, alpha)
     if score is None:
         return math.nan

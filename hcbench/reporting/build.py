@@ -1,4 +1,6 @@
-"""Results in, a folder out: one page that works alone, its figure as a file, its tables as CSV and JSON."""
+"""Results in, a folder out: one page that works alone, its figure as a
+file, its tables as CSV and JSON.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ def build(
     pool: WorkerPool | None = None,
     tick: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write the report of `results` into `folder` and return its page. All of it appears, or nothing.
+    """Write the report of `results` into `folder` and return its page.
+    All of it appears, or nothing.
 
     pool: draws the figures of a field's page, side by side; None: this process does.
     tick: called with figures (drawn, of all). index.html; figures/overview.svg; restitution.csv,

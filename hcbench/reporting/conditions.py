@@ -1,4 +1,6 @@
-"""Results of one study under each of its gravities, and a cup compared with its equivalent flat plate."""
+"""Results of one study under each of its gravities, and a cup compared
+with its equivalent flat plate.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ _RUN = ["engine", "setting", "timestep_s"]
 
 
 class Views(NamedTuple):
-    """The same study with and without gravity, either of which may be missing, and where bodies slid."""
+    """The same study with and without gravity, either of which may be
+    missing, and where bodies slid.
+    """
 
     with_gravity: View | None
     without_gravity: View | None
@@ -63,7 +67,8 @@ def under(results: Results, gravity: float) -> Results:
     plain = (rows["gravity_m_per_s2"] == gravity) & (rows["off_axis_m"] == 0.0)
     plain &= rows["friction"] == rows["friction"][plain].min()
     foreign = rows["scene"] != results.study["scene"]
-    # One row a run: where it ran in the study's own scene and in another, the sort puts its own first.
+    # One row a run: where it ran in the study's own scene and in another,
+    # the sort puts its own first.
     chosen = rows[plain].assign(foreign=foreign).sort_values("foreign", kind="stable")
     chosen = chosen.drop_duplicates(_RUN).drop(columns="foreign")
     chosen_values = set(chosen.itertuples(index=False, name=None))

@@ -1,4 +1,6 @@
-"""The same settings on the axis of the cup, off it, and on the equivalent flat plate: differences of e."""
+"""The same settings on the axis of the cup, off it, and on the
+equivalent flat plate: differences of e.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ _LAUNCH = ["speed_m_per_s", "phase"]
 
 
 def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
-    """Runs of the main α at several places: the largest error of e on the cup's axis, and at each other place
-    the largest difference of e from there, launch by launch.
+    """Runs of the main α at several places: the largest error of e on the cup's axis, and at each
+    other place the largest difference of e from there, launch by launch.
     """
     study = results.study
     view = by_gravity.main

@@ -210,7 +210,8 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
             continue
         curve = one.curve
         of_run = kept.get((run, alpha), {})
-        # Shown of each speed is the impact whose loop was kept, or else one half-way through a step.
+        # Shown of each speed is the impact whose loop was kept, or else
+        # one half-way through a step.
         phases = [phase for phase, *_ in of_run.values()]
         shown = one.half_way
         if phases and abs(one.of_loops.phase - phases[0]) < abs(shown.phase - phases[0]):
@@ -296,7 +297,9 @@ def _scans(view: View) -> list[dict[str, Any]]:
 
 
 def _drops(view: View) -> list[dict[str, Any]]:
-    """Touch and parting times (s) and heights (m) of dropped balls for the main α; few, where they rest."""
+    """Touch and parting times (s) and heights (m) of dropped balls for
+    the main α; few, where they rest.
+    """
     drops = []
     columns = {"touch": "touch_s", "parting": "parting_s", "height": "height_m"}
     for run in dict.fromkeys([*view.bounces, *view.rests]):

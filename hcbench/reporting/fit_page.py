@@ -98,7 +98,9 @@ def _curve_figure(result: FitResult) -> Figure:
 
 
 def _residual_figure(result: FitResult) -> Figure:
-    """The change of each e that the data make likeliest, and what is left of measuring, over their noise."""
+    """The change of each e that the data make likeliest, and what is left
+    of measuring, over their noise.
+    """
     figure = new_figure(6.4, 3.4)
     upper, lower = figure.subplots(2, 1)
     fit = result.best

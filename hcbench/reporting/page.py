@@ -1,4 +1,6 @@
-"""Pages that stand alone: figures are drawn, saved and embedded in the page, and templates filled in."""
+"""Pages that stand alone: figures are drawn, saved and embedded in the
+page, and templates filled in.
+"""
 
 import base64
 import hashlib
@@ -37,7 +39,8 @@ _FILTERS: dict[str, Callable[..., str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A figure of a page, by the name of its files; its title and caption stand in the page's template.
+    """A figure of a page, by the name of its files; its title and
+    caption stand in the page's template.
 
     draw: makes the figure and, where something is measured in it, the sentence that ends the
     caption; None where there is nothing to show, and `why` says so.
@@ -51,7 +54,9 @@ class Drawing:
 
 
 def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict[str, Any]:
-    """Draw a figure, save it in a folder, if any, as SVG and PNG, and return what a template needs of it."""
+    """Draw a figure, save it in a folder, if any, as SVG and PNG, and
+    return what a template needs of it.
+    """
     record: dict[str, Any] = {"name": drawing.name, "alt": drawing.alt, "why": drawing.why, "source": ""}
     if drawing.draw is None:
         return record
@@ -102,8 +107,8 @@ def script(*names: str) -> Script:
 
 
 def render(template: str, script: Script | None = None, **content: Any) -> str:
-    """A page as text. Content is escaped, and the page's own policy forbids requests and all scripts but
-    `script`: no name in a model or a study can make it run anything.
+    """A page as text. Content is escaped, and the page's own policy forbids requests and all
+    scripts but `script`: no name in a model or a study can make it run anything.
     """
     environment = Environment(
         loader=PackageLoader("hcbench.reporting"),
@@ -143,7 +148,9 @@ _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
 
 def _shortened(svg: str) -> str:
-    """Coordinates to 1/100 point: a third of the bytes gone and no pixel moved. Text keeps its scale."""
+    """Coordinates to 1/100 point: a third of the bytes gone and no
+    pixel moved. Text keeps its scale.
+    """
 
     def short(number: re.Match[str]) -> str:
         return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")

@@ -1,7 +1,7 @@
 """Style of all figures: colours, dashes and markers, axes and legends, the same on every page.
 
-Figures are drawn with matplotlib's object interface, on its bundled font, from its default settings: a user's
-matplotlibrc changes nothing, and the same numbers give the same bytes.
+Figures are drawn with matplotlib's object interface, on its bundled font, from its default
+settings: a user's matplotlibrc changes nothing, and the same numbers give the same bytes.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -23,9 +23,8 @@ from hcbench.reporting.wording import power_of_ten
 from hcbench.terms.impact import Floats
 from hcbench.terms.units import INCH
 
-# After Okabe & Ito (2008) and Tol's muted set: told apart with any kind of colour vision; markers and dashes
-# say the same again for print.
-# INK is for text and axes.
+# After Okabe & Ito (2008) and Tol's muted set: told apart with any kind of colour vision; markers
+# and dashes say the same again for print. INK is for text and axes.
 INK = "#26303a"
 GREY = "#8b949c"
 SLATE = "#5b6670"
@@ -40,8 +39,8 @@ RED = "#B23A00"
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, SLATE, "#3d3d9e", "#9a8a1f", INK)
 # A target, or a limit.
 LIMIT = "#D55E00"
-# One for each colour: like colours differ in it, and where two lines of a figure run along each other the
-# later one leaves the earlier one to be seen.
+# One for each colour: like colours differ in it, and where two lines of a figure run along each
+# other the later one leaves the earlier one to be seen.
 DASHES: tuple[Any, ...] = (
     "-", (0, (5, 1.5)), "-", (0, (9, 2)), (0, (1.5, 1.2)),
     (0, (6, 1.5, 1.2, 1.5)), (0, (5, 1.5, 1.2, 1.5, 1.2, 1.5)), (0, (2.5, 1.2)), "-", "-",
@@ -49,8 +48,9 @@ DASHES: tuple[Any, ...] = (
 
 _STYLE_FILE = Path(__file__).with_name("hcbench.mplstyle")
 
-# Settings in reports: a hue a kind, a marker a recipe, dashes by engine; each line has its name beside it.
-# Each hue has a contrast of 4.5 on white, and differs from the others in lightness or hue for any eye.
+# Settings in reports: a hue a kind, a marker a recipe, dashes by engine; each line has its
+# name beside it. Each hue has a contrast of 4.5 on white, and differs from the others in
+# lightness or hue for any eye.
 KIND_COLOURS = {"exact": BLUE, "settings": "#A65400", "constant": "#4F6B57", "stock": INK}
 _RECIPES = {
     "stock": ("stock", "X"),
@@ -96,7 +96,8 @@ class PlotStyle:
 
     dashes: on-off lengths in points; () is a full line.
 
-    kind: "exact" (a law in place of the contact), "settings", "constant" (one e for all speeds) or "stock".
+    kind: "exact" (a law in place of the contact), "settings", "constant"
+    (one e for all speeds) or "stock".
     """
 
     kind: str
@@ -131,8 +132,8 @@ MEASURED = PlotStyle("exact", "o", ())
 def plot_styles(settings: Iterable[tuple[str, str]], law: str) -> dict[tuple[str, str], PlotStyle]:
     """A style for each (engine, setting).
 
-    A known setting has its own marker, and a kind has its hue, in every study. Engines differ in their
-    dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
+    A known setting has its own marker, and a kind has its hue, in every study. Engines differ in
+    their dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
     """
     pairs = list(dict.fromkeys(settings))
     recipes = dict(_RECIPES)
@@ -187,7 +188,9 @@ def speed_axis(axes: Axes, label: bool = True, inches: bool = True) -> None:
 
 
 def second_axis(axes: Axes, where: Literal["top", "right"], label: str, scale: float = INCH) -> None:
-    """A second axis along x (top) or y (right) in other units; `scale` is one such unit in the first's."""
+    """A second axis along x (top) or y (right) in other units; `scale`
+    is one such unit in the first's.
+    """
     functions = (lambda x: np.asarray(x) / scale, lambda x: np.asarray(x) * scale)
     if where == "top":
         second = axes.secondary_xaxis("top", functions=functions)
@@ -238,7 +241,9 @@ def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high:
 
 
 def _rising(values: Floats) -> Floats:
-    """The nearest values that do not fall, by pooling neighbours that do; SciPy's takes longer to import."""
+    """The nearest values that do not fall, by pooling neighbours that do;
+    SciPy's takes longer to import.
+    """
     # Mean of each pool so far.
     means: list[float] = []
     counts: list[int] = []

@@ -25,7 +25,8 @@ _AGAINST_CONSTANT = {
 # Limits of the rms difference of a loop, as a share of the largest force.
 LOOP_RIGHT = 0.01
 LOOP_NEAR = 0.05
-# Under gravity, at rest after a drop: depth and motion in units of g h², what gravity moves a body in a step.
+# Under gravity, at rest after a drop: depth and motion in units of g h², what
+# gravity moves a body in a step.
 REST_DEPTH = 10.0
 REST_MOTION = 1.0
 # Multiple of v h at the top speed: a contact that acts from one step to the next needs that depth.
@@ -50,8 +51,8 @@ class RunVerdict:
 
 
 def over_constant(view: View, run: RunKey, alpha: float) -> float:
-    """Largest error against the law over the best constant's: above 1 a constant would do better; NaN for no
-    score.
+    """Largest error against the law over the best constant's: above 1 a constant
+    would do better; NaN for no score.
     """
     score = view.score(run, alpha)
     line = math.nan if score is None else float(score["constant_error_law"])

@@ -36,7 +36,8 @@ def rankings(by_gravity: Views) -> list[Cells]:
 
 
 def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
-    """Runs over a band, best first; their error for each α, numbers under `HEADS` of the gravity, a verdict.
+    """Runs over a band, best first; their error for each α, numbers under
+    `HEADS` of the gravity, a verdict.
 
     with_gravity: the same study under gravity, for what a setting lacks there.
     """
@@ -126,7 +127,9 @@ def constants(by_gravity: Views) -> list[Cells]:
 
 
 def _constant(view: View, runs: Iterable[RunKey], alpha: float) -> str:
-    """Error of the best constant e for one α (s/m): that of the first run which has a score; "–" for none."""
+    """Error of the best constant e for one α (s/m): that of the first run
+    which has a score; "–" for none.
+    """
     for run in runs:
         score = view.score(run, alpha)
         if score is not None:
@@ -163,10 +166,11 @@ class PastedTexts:
 
 
 def oblique(view: View | None) -> list[Cells]:
-    """Runs for the main α with friction in which some body slid: largest errors over all angles of launch.
+    """Runs for the main α with friction in which some body slid: largest
+    errors over all angles of launch.
 
-    view: of the rough impacts; None where there are none. e is that of the normal direction; friction is the
-    impulse over the normal one, against Coulomb's law.
+    view: of the rough impacts; None where there are none. e is that of the normal direction;
+    friction is the impulse over the normal one, against Coulomb's law.
     """
     if view is None:
         return []

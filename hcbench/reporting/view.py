@@ -91,7 +91,9 @@ class View:
 
     @cached_property
     def head_on(self) -> dict[tuple[RunKey, float], Folded]:
-        """Impacts of runs and α at the study's smallest angle, 0 as a rule: what curves over speed are of."""
+        """Impacts of runs and α at the study's smallest angle, 0 as a rule:
+        what curves over speed are of.
+        """
         least = min((one.angle for one in self.folded.values()), default=0.0)
         return {self._run_and_alpha(key): one for key, one in self.folded.items() if one.angle == least}
 
@@ -178,7 +180,9 @@ class View:
         return run.timestep <= self.contact_time / STEPS_OF_A_LOOP * (1 + 1e-9)
 
     def runs_by_resolution(self, resolved: bool) -> list[RunKey]:
-        """Band runs that resolve the contact, or do not; each setting at the step that most of them share."""
+        """Band runs that resolve the contact, or do not; each setting at
+        the step that most of them share.
+        """
         group = [run for run in self.band_runs if self.resolves_contact(run) == resolved]
         steps = [run.timestep for run in group]
         # The shortest of the steps that are equally common.
@@ -251,13 +255,15 @@ class View:
         out: dict[tuple[RunKey, float], Mapping[str, Any]] = {}
         for row in self.results.scores.to_dict("records"):
             key = self._run_and_alpha(tuple(row[k] for k in RUN_KEY))
-            # A study may run one setting twice, over the band and at one speed: the band tells more.
+            # A study may run one setting twice, over the band and at
+            # one speed: the band tells more.
             if key not in out or row["impacts"] > out[key]["impacts"]:
                 out[key] = {str(k): v for k, v in row.items()}
         return out
 
     def step_curves(self) -> dict[RunKey, list[tuple[float, CurvePoint]]]:
-        """Run without its step -> (step, s, point at the study's step speed) for its main α, steps rising.
+        """Run without its step -> (step, s, point at the study's step
+        speed) for its main α, steps rising.
 
         Runs at one step only are left out.
         """
@@ -270,7 +276,9 @@ class View:
 
     @cached_property
     def bounces(self) -> dict[RunKey, pd.DataFrame]:
-        """Successive bounces under gravity for the main α: run -> heights in the order of the bounces."""
+        """Successive bounces under gravity for the main α: run ->
+        heights in the order of the bounces.
+        """
         groups = self._of_main_alpha(self.results.trains).groupby(_RUN, sort=False)
         return {self._run(*cast("tuple[Any, ...]", key)): rows for key, rows in groups}
 

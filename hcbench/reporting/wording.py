@@ -56,7 +56,9 @@ def span(low: str, high: str, space: str = NBSP) -> str:
 
 
 def number(value: float) -> str:
-    """A number in two or three digits: "0.065", "2.1·10⁻⁵", "0"; "<10⁻¹²" for round-off, "–" for none."""
+    """A number in two or three digits: "0.065", "2.1·10⁻⁵", "0";
+    "<10⁻¹²" for round-off, "–" for none.
+    """
     if not math.isfinite(value):
         return "–"
     size = abs(value)
@@ -68,7 +70,9 @@ def number(value: float) -> str:
 
 
 def error(value: float) -> str:
-    """An error of e as `hcbench tune` writes it: "0.028", "1e-7" at the least; "–" for no finite number."""
+    """An error of e as `hcbench tune` writes it: "0.028", "1e-7" at the
+    least; "–" for no finite number.
+    """
     return two_digits(max(value, 1e-7)) if math.isfinite(value) else "–"
 
 

@@ -1,7 +1,7 @@
 """Impacts in, scores out: pure functions, no engine, no files.
 
-Two truths are kept apart by name everywhere: `law`, the restitution that eq. (16) delivers, and `linear`,
-e = 1 - α v_i of eq. (2). They part ways as α v_i grows.
+Two truths are kept apart by name everywhere: `law`, the restitution that eq. (16) delivers, and
+`linear`, e = 1 - α v_i of eq. (2). They part ways as α v_i grows.
 """
 
 from __future__ import annotations
@@ -51,7 +51,9 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
 
 
 def phase_spread(impacts: Sequence[Impact]) -> float:
-    """The largest difference in e between launches that differ in phase only; NaN with nothing to compare."""
+    """The largest difference in e between launches that differ in phase
+    only; NaN with nothing to compare.
+    """
     columns = _columns(impacts)
     return tally.phase_spread(columns.launch, columns.e)
 

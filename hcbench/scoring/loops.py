@@ -85,8 +85,8 @@ def _at_surface(x: Floats, f: Floats) -> float:
 def loop_area(loop: Loop) -> float:
     """∮ F dx, J: from the surface, by trapezoids, to where the force has gone.
 
-    Before the first sample the force is what the first two point to at x = 0; after the last it ends in a
-    step.
+    Before the first sample the force is what the first two point to at x = 0;
+    after the last it ends in a step.
     """
     x = loop.penetration
     f = loop.force
@@ -101,7 +101,8 @@ def loop_area(loop: Loop) -> float:
 
 
 def _force_distance(loop: Loop, truth: Loop) -> float:
-    """Root mean square of F - F_law at equal penetration on the same branch, N, weighted by path length in x.
+    """Root mean square of F - F_law at equal penetration on the same branch,
+    N, weighted by path length in x.
 
     Past the law's own largest penetration its two branches end in one point, whose force stands in.
     """

@@ -101,7 +101,8 @@ class Measured:
 class Tally:
     """Adds up impacts of one setting at one step, and scores them against one law.
 
-    It keeps the speed and e of each impact, 16 bytes, as α is fitted to all of them; all else is summed.
+    It keeps the speed and e of each impact, 16 bytes, as α is fitted to
+    all of them; all else is summed.
     """
 
     def __init__(self, law: HuntCrossley, mass: float) -> None:
@@ -276,12 +277,16 @@ def phase_spread(launch: NDArray[np.int64], values: Floats) -> float:
 
 
 def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
-    """α (s/m) whose e of (16) is nearest to measured pairs by least squares, and what is left (rms)."""
+    """α (s/m) whose e of (16) is nearest to measured pairs by least
+    squares, and what is left (rms).
+    """
     return _fitted_alpha([(speed_in, restitution)])
 
 
 def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]:
-    """α (s/m) and what is left (rms, of e), by pairs of impact speeds (m/s) and e; at least one number."""
+    """α (s/m) and what is left (rms, of e), by pairs of impact speeds
+    (m/s) and e; at least one number.
+    """
     # Imported here: simulating without scoring needs no SciPy optimizer.
     from scipy.optimize import minimize_scalar
 
@@ -303,7 +308,8 @@ def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]
 
 
 def best_constant(alpha: float, speeds: Floats) -> tuple[float, float]:
-    """The one constant e that is least wrong over `speeds` (m/s), and its largest error against (16).
+    """The one constant e that is least wrong over `speeds` (m/s), and
+    its largest error against (16).
 
     e of (16) falls with speed, so the minimax constant is half-way between the ends of the band.
     """

@@ -1,4 +1,5 @@
-"""Compiles the contact laws' C once for each installed engine; keeps the result in the user's cache folder.
+"""Compiles the contact laws' C once for each installed engine; keeps the
+result in the user's cache folder.
 
 A C compiler is looked for under $CC, then as cc, gcc and clang, then as the `ziglang` package.
 """
@@ -186,7 +187,8 @@ def _failure(name: str, said: str, folder: Path) -> NotCompiled:
 def build(
     source: str, flags: Sequence[str] = (), link: Sequence[str] = (), headers: Sequence[Path] = ()
 ) -> Path:
-    """The shared library made of the C file `source` of this package; compiled unless the cache has it whole.
+    """The shared library made of the C file `source` of this package; compiled
+    unless the cache has it whole.
 
     flags, link: for the compiler, before and after the source.
     headers: of others; where they change, so does the library.
@@ -205,7 +207,9 @@ def build(
 
 
 def loaded(source: str) -> Path | None:
-    """The library made of `source` that this process has loaded, whoever compiled it; None without one."""
+    """The library made of `source` that this process has loaded, whoever
+    compiled it; None without one.
+    """
     # 0 on systems that cannot ask for a library without loading it.
     path = _HERE / source
     mode = getattr(os, "RTLD_NOLOAD", 0)

@@ -12,8 +12,8 @@
     │   └── OutputError        a folder or file that could not be written
     └── LimitPassed          exit 1: a measured number is outside the limit that was set
 
-One message is one line of at most LONGEST characters, free of control characters, that names the slot, what
-came, what was expected and what to do next.
+One message is one line of at most LONGEST characters, free of control characters, that names the
+slot, what came, what was expected and what to do next.
 """
 
 from __future__ import annotations

@@ -37,7 +37,9 @@ _SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")
 
 
 def user_folder(kind: Literal["cache", "data"]) -> Path:
-    """The folder where hcbench keeps files for this user; $HCBENCH_CACHE, $HCBENCH_DATA override it."""
+    """The folder where hcbench keeps files for this user;
+    $HCBENCH_CACHE, $HCBENCH_DATA override it.
+    """
     base = os.environ.get(f"HCBENCH_{kind.upper()}") or os.environ.get(f"XDG_{kind.upper()}_HOME")
     if not base and sys.platform == "darwin":
         base = Path.home() / "Library" / {"cache": "Caches", "data": "Application Support"}[kind]
@@ -79,7 +81,9 @@ def is_file(path: str | Path) -> bool:
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """A file of at most `most` bytes; OSError for a longer one, regardless of the size that it states."""
+    """A file of at most `most` bytes; OSError for a longer one,
+    regardless of the size that it states.
+    """
     with path.open("rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -93,7 +97,9 @@ def read_text(path: Path, encoding: str = "utf-8-sig", most: int = MOST_BYTES) -
 
 
 def require_small_archive(content: bytes) -> None:
-    """Raise ValueError where the members of a zip file come to more than MOST_BYTES; BadZipFile for none."""
+    """Raise ValueError where the members of a zip file come to more than
+    MOST_BYTES; BadZipFile for none.
+    """
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
             raise ValueError(f"unpacks to more than {MOST_BYTES >> 20} MiB")
@@ -107,7 +113,8 @@ def write_text(path: Path, text: str) -> None:
 def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write a file whole or not at all, or through a device or pipe, and through links to either.
 
-    content: or its pieces, one after the other. UserError, or OutputError, where it cannot be written.
+    content: or its pieces, one after the other. UserError, or
+    OutputError, where it cannot be written.
     """
     try:
         stream = _open_stream(path)
@@ -122,7 +129,9 @@ def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
 
 
 def _remove_left(folder: Path) -> None:
-    """Take away what killed processes were writing here: neighbours that are older than any write lasts."""
+    """Take away what killed processes were writing here: neighbours that
+    are older than any write lasts.
+    """
     for left in folder.glob(".hcbench-*.new"):
         with suppress(OSError):
             if time.time() - left.lstat().st_mtime > _LEFT_S:
@@ -154,7 +163,8 @@ def _open_stream(path: Path) -> BinaryIO | None:
 
 
 def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = False) -> None:
-    """Write a file whole or not at all: a neighbour first, which is then renamed; OSError where that fails.
+    """Write a file whole or not at all: a neighbour first, which is then
+    renamed; OSError where that fails.
 
     sync: wait until it is on disk.
     """
@@ -180,12 +190,13 @@ def _unwritable(slot: str, path: Path, error: OSError, expected: str) -> Hcbench
 
 @contextmanager
 def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
-    """A scratch folder whose files move into `folder` when the block ends well; else nothing is left.
+    """A scratch folder whose files move into `folder` when the block
+    ends well; else nothing is left.
 
-    names: files that it will write, as far as they are known before. Files that an earlier block wrote and
-    this one did not are deleted, unless they were modified since: MANIFEST lists what was written, with a
-    digest of each. OutputError, and nothing is written, where a file that is not of an earlier block, or a
-    link within the folder, is in the way.
+    names: files that it will write, as far as they are known before. Files that an earlier block
+    wrote and this one did not are deleted, unless they were modified since: MANIFEST lists what was
+    written, with a digest of each. OutputError, and nothing is written, where a file that is not of
+    an earlier block, or a link within the folder, is in the way.
     """
     made: list[Path] = []
     scratch: Path | None = None
@@ -212,11 +223,13 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
 
 @contextmanager
 def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
-    """A new folder in `folder`, locked until the block ends; those go that killed processes left there.
+    """A new folder in `folder`, locked until the block ends; those go
+    that killed processes left there.
 
     alone: raises OutputError where another process, or block, has one there.
     """
-    # Locked, so that none is taken for left between its making and its locking; one's own scratch folder is.
+    # Locked, so that none is taken for left between its making and its locking;
+    # one's own scratch folder is.
     with nullcontext() if folder.name.endswith(_SCRATCH[1]) else _locked(folder):
         for left in folder.glob(f"{_SCRATCH[0]}*{_SCRATCH[1]}"):
             try:
@@ -239,7 +252,9 @@ def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
-    """While no other process has the folder; OSError where one has it and `wait` is False. Not on Windows."""
+    """While no other process has the folder; OSError where one has it and
+    `wait` is False. Not on Windows.
+    """
     try:
         import fcntl
     except ImportError:
@@ -299,7 +314,9 @@ def _write_manifest(folder: Path, files: dict[str, str]) -> None:
 
 
 def _read_manifest(folder: Path) -> dict[str, str]:
-    """Files below `folder` that were written earlier, and their digests; none where nothing says so."""
+    """Files below `folder` that were written earlier, and their
+    digests; none where nothing says so.
+    """
     try:
         content = parse_json(read_text(folder / MANIFEST))
         files = content["files"] if content["kind"] == _KIND else {}

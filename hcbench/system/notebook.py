@@ -1,4 +1,6 @@
-"""Results that show themselves: in a few lines of text, as a table of pandas, in a notebook, as a figure."""
+"""Results that show themselves: in a few lines of text, as a table of
+pandas, in a notebook, as a figure.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,9 @@ class Shown:
 
 
 class Drawn(Shown):
-    """A result that hcbench draws: its figures stand above all results, and matplotlib is loaded late."""
+    """A result that hcbench draws: its figures stand above all results,
+    and matplotlib is loaded late.
+    """
 
     __slots__ = ()
 

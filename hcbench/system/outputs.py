@@ -1,7 +1,8 @@
-"""Output files that a user names: they never replace an input, nor a file that hcbench did not write.
+"""Output files that a user names: they never replace an input, nor a
+file that hcbench did not write.
 
-The last bytes of each say which option wrote it. Another file is replaced only if it is empty, or with
---force; devices and pipes are written through.
+The last bytes of each say which option wrote it. Another file is replaced only if it is empty, or
+with --force; devices and pipes are written through.
 """
 
 from __future__ import annotations
@@ -32,17 +33,19 @@ _TEXTS = {".xml", ".mjcf", ".urdf", ".sdf", ".toml", ".json", ".py", ".csv"}
 def write_output(path: Path, content: str | bytes, option: str, force: bool = False) -> None:
     """Write an output with its mark, whole or not at all, or through a device or a pipe.
 
-    option: the option that names it, such as "--page". Raises UserError where a file is in the way that the
-    same option did not write, and OutputError where it cannot be written.
+    option: the option that names it, such as "--page". Raises UserError where a file is in the way
+    that the same option did not write, and OutputError where it cannot be written.
     """
     _require_replaceable(path, option, force)
     write_bytes(path, _marked(content.encode() if isinstance(content, str) else content, option))
 
 
 def require_output(path: Path, option: str, inputs: Iterable[Path] = (), force: bool = False) -> None:
-    """Raises what `write_output` would, and UserError for one of the inputs, before anything is computed.
+    """Raises what `write_output` would, and UserError for one of the
+    inputs, before anything is computed.
 
-    inputs: files and folders that are read. What they name in quotes, such as meshes, is an input too.
+    inputs: files and folders that are read. What they name in quotes,
+    such as meshes, is an input too.
     """
     shown = sanitized(path)
     folder = path.absolute().parent
@@ -107,7 +110,9 @@ def _all_inputs(inputs: Iterable[Path]) -> Iterator[Path]:
 
 
 def _named(path: Path, content: bytes) -> list[Path]:
-    """Files that a text names in quotes, beside it or in a folder that it names, such as its meshes'."""
+    """Files that a text names in quotes, beside it or in a folder that
+    it names, such as its meshes'.
+    """
     names = set()
     for match in _QUOTED.findall(content):
         # "FILE.py:FUNCTION" names FILE.py.

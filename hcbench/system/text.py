@@ -26,7 +26,9 @@ def sanitized(text: object, longest: int = _LONGEST) -> str:
 
 
 def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines of a table, columns to the right, two spaces between; one, where the lines are too long."""
+    """Lines of a table, columns to the right, two spaces between;
+    one, where the lines are too long.
+    """
     lines = [header, *rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     gap = "  "

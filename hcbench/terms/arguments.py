@@ -1,9 +1,11 @@
-"""Arguments of public functions and classes, held to their annotations: a mistake is a UserError by name.
+"""Arguments of public functions and classes, held to their annotations: a
+mistake is a UserError by name.
 
-Pydantic's `validate_call` was tried instead. Not strict, it reads "0.3" as a number without a unit, and True
-as 1; strict, it refuses NumPy's integers, a list for a tuple or an array, and hands arrays on as iterators.
-It cannot read the names that are imported for type checkers alone, nor `typing.TypedDict` before Python 3.12.
-Verbs that read no files of settings, such as `law` and `fit`, would import it for this alone.
+Pydantic's `validate_call` was tried instead. Not strict, it reads "0.3" as a number without a unit,
+and True as 1; strict, it refuses NumPy's integers, a list for a tuple or an array, and hands arrays
+on as iterators. It cannot read the names that are imported for type checkers alone, nor
+`typing.TypedDict` before Python 3.12. Verbs that read no files of settings, such as `law` and
+`fit`, would import it for this alone.
 """
 
 import functools
@@ -68,8 +70,9 @@ _PARAMETERS = {
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a function so that it checks its arguments. NumPy numbers become Python's; an
-    argument of another type than annotated, or of an unknown name, raises a UserError that names it.
+    """Decorate a function so that it checks its arguments. NumPy numbers become
+    Python's; an argument of another type than annotated, or of an unknown name,
+    raises a UserError that names it.
     """
     signature = _spelled_out(function)
     names = signature.parameters
@@ -107,10 +110,11 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def name_parameters(error: HcbenchError, names: Collection[str]) -> None:
-    """Let an error that leaves a function of Python name its parameters, not options of the command line.
+    """Let an error that leaves a function of Python name its parameters,
+    not options of the command line.
 
-    names: of the parameters. Messages are written for the command line, which has an option for nearly
-    every parameter; an option without a parameter, such as one of another program, stays.
+    names: of the parameters. Messages are written for the command line, which has an option for
+    nearly every parameter; an option without a parameter, such as one of another program, stays.
     """
     if NAMES_OPTIONS.get():
         return
@@ -158,7 +162,9 @@ def checked_fields(cls: C) -> C:
 
 @functools.cache
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
-    """Parameter -> annotation; those of types that are imported for type checking only are left out."""
+    """Parameter -> annotation; those of types that are imported for
+    type checking only are left out.
+    """
     hints: dict[str, Any] = {}
     for name, annotation in function.__annotations__.items():
         if name != "return":

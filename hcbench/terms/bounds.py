@@ -16,7 +16,8 @@ from hcbench.system.errors import QuantityError
 # Bounds of a quantity other than 0: squares of others leave the range of a float.
 SMALLEST = 1e-30
 LARGEST = 1e30
-# Quantity -> (smallest, largest) size in SI units. 0 and negative numbers are the caller's to admit.
+# Quantity -> (smallest, largest) size in SI units. 0 and negative
+# numbers are the caller's to admit.
 BOUNDS: dict[str, tuple[float, float]] = {
     "alpha": (0.0, 1e4),
     "speed": (1e-6, 1e4),

@@ -1,4 +1,5 @@
-"""Types for the fields of files and options, quantities with units among them, and one error for a wrong one.
+"""Types for the fields of files and options, quantities with units among them,
+and one error for a wrong one.
 
 class Entry(FileTable):
     timesteps: Steps

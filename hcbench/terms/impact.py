@@ -93,7 +93,8 @@ class Launch:
         steps_most: float = 2.0,
         share: float = 0.5,
     ) -> Launch:
-        """Launch a body so that it touches at `speed`, m/s, in a step's `phase`, under gravity, m/s².
+        """Launch a body so that it touches at `speed`, m/s, in a
+        step's `phase`, under gravity, m/s².
 
         A plain `Launch` arrives faster than its speed, and at fewer phases. The flight takes
         `steps_most` whole steps and the phase, or fewer, so that the body is never thrown upwards;
@@ -121,7 +122,9 @@ class Launch:
         height: float | None = None,
         spin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> Launch:
-        """One that arrives at an angle from the normal, rad: the slip is tan(angle) times the speed."""
+        """One that arrives at an angle from the normal, rad: the slip
+        is tan(angle) times the speed.
+        """
         return cls(speed, phase, height, (speed * math.tan(round(angle, _ANGLE_DIGITS)), 0.0), spin)
 
     @property
@@ -140,7 +143,9 @@ class Launch:
         return any(self.slip) or any(self.spin)
 
     def clearance(self, timestep: float) -> float:
-        """Distance to the plate at release, m, for a step of `timestep` s (gravity neglected over it)."""
+        """Distance to the plate at release, m, for a step of `timestep`
+        s (gravity neglected over it).
+        """
         return self.height if self.height is not None else (2.0 + self.phase) * timestep * self.speed
 
     def clearance_in_phase(self, timestep: float, gravity: float) -> float:
@@ -177,8 +182,9 @@ class Launch:
 class Trajectory:
     """States at each step of a simulation; arrays of shape (n,), SI.
 
-    `force[i]` is the normal contact force that acts from the state `(penetration[i], rate[i])` on: the one
-    that the step from i to i + 1 integrates. `time` is 0 at release; in the loop of an impact, at touch.
+    `force[i]` is the normal contact force that acts from the state `(penetration[i],
+    rate[i])` on: the one that the step from i to i + 1 integrates. `time` is 0 at release; in
+    the loop of an impact, at touch.
     """
 
     time: Floats
@@ -222,8 +228,9 @@ class Trajectory:
         return Trajectory(self.time[which], self.penetration[which], self.rate[which], self.force[which])
 
 
-# Rows of what is recorded along the plate at each step, in the directions of `Launch`: velocity of the
-# contact point over it, m/s; spin, rad/s; friction on the body, N; kinetic energy but for the rate's, J.
+# Rows of what is recorded along the plate at each step, in the directions of `Launch`:
+# velocity of the contact point over it, m/s; spin, rad/s; friction on the body, N; kinetic
+# energy but for the rate's, J.
 SLIP = slice(0, 2)
 SPIN = slice(2, 5)
 FRICTION = slice(5, 7)
@@ -272,7 +279,8 @@ Loop = Trajectory
 # Not frozen: thousands are made each second, each in a quarter of a frozen one's time.
 @dataclass(slots=True)
 class Impact:
-    """One impact. Speeds are >= 0, m/s; NaN only where `status` says that there is nothing to report.
+    """One impact. Speeds are >= 0, m/s; NaN only where `status` says
+    that there is nothing to report.
 
     speed_in, speed_out: at the touch plane.
     speed_after_force: of a user's model, in the first state that the contact force no longer acts
@@ -301,7 +309,9 @@ class Impact:
 
     @property
     def restitution(self) -> float:
-        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that rested, NaN for any other end."""
+        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that
+        rested, NaN for any other end.
+        """
         if self.status is Status.RESTED:
             return 0.0
         measured = self.status is Status.PARTED and self.speed_in > 0

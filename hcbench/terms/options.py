@@ -1,8 +1,9 @@
 """Options of the verbs on a user's model, stated once.
 
-`hcbench.measure` and `hcbench.check` take them as keywords. Derived from here are the options of the
-commands, their groups in a command's help, the keys of [tool.hcbench], and the options of the pytest marker
-and fixture. `measuring.request.make_request` reads those of launches, `checking.spec.plan` the others.
+`hcbench.measure` and `hcbench.check` take them as keywords. Derived from here are the options of
+the commands, their groups in a command's help, the keys of [tool.hcbench], and the options of the
+pytest marker and fixture. `measuring.request.make_request` reads those of launches,
+`checking.spec.plan` the others.
 """
 
 from __future__ import annotations

@@ -137,7 +137,8 @@ RUN = (
     Field("timestep", "s", "time step"),
 )
 
-# An impact of a study has its speed and phase as they were asked for, and e by the law at its impact speed.
+# An impact of a study has its speed and phase as they were asked for, and e by
+# the law at its impact speed.
 LAW = Field("restitution_law", "", "e of the law at the impact speed")
 LINEAR = Field("restitution_linear", "", "1 - α v at the impact speed")
 STUDY_IMPACT = (

@@ -132,7 +132,9 @@ class Scene:
 
     @property
     def inertia(self) -> float:
-        """Moment of inertia of the solid ball, kg m²; of its own radius, not the equivalent sphere's."""
+        """Moment of inertia of the solid ball, kg m²; of its own
+        radius, not the equivalent sphere's.
+        """
         return 0.4 * self.mass * self.ball_radius**2
 
     @property

@@ -30,7 +30,9 @@ RANGE_COUNT = 20
 
 @dataclass(frozen=True, slots=True)
 class QuantityKind:
-    """A kind of number: its SI unit, which a text must convert to, an example for errors, an upper bound."""
+    """A kind of number: its SI unit, which a text must convert to, an
+    example for errors, an upper bound.
+    """
 
     name: str
     unit: str
@@ -221,7 +223,9 @@ def _fraction(text: str) -> float:
 
 
 def _near(text: str) -> str:
-    """The quantity that a text with a decimal comma, two signs or a typographer's minus may mean; or ""."""
+    """The quantity that a text with a decimal comma, two signs or a
+    typographer's minus may mean; or "".
+    """
     near = re.sub(r"(\d),(\d)", r"\1.\2", text.replace("−", "-"))
     near = re.sub(r"^\s*([-+])[-+]+", r"\1", near)
     return near if near != text and _NUMBER.fullmatch(near) else ""
@@ -230,7 +234,8 @@ def _near(text: str) -> str:
 def parse_uncertain(
     value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
 ) -> tuple[float, float]:
-    """A quantity and its standard uncertainty, SI: "0.31 +- 0.004 s/m", "30 ± 0.1 cm"; 0 where none is given.
+    """A quantity and its standard uncertainty, SI: "0.31 +- 0.004 s/m", "30 ±
+    0.1 cm"; 0 where none is given.
 
     The unit may stand behind both, or behind a pair in brackets.
 
@@ -263,7 +268,8 @@ def parse_max_error(value: object) -> float:
 def parse_values(
     value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
 ) -> Floats:
-    """Several quantities, shape (n,), SI: "4, 8, 16 in/s", "1:20 in/s" (20 even values), "1:20:5 in/s" (5).
+    """Several quantities, shape (n,), SI: "4, 8, 16 in/s", "1:20 in/s" (20
+    even values), "1:20:5 in/s" (5).
 
     A list may mix all of these. A unit at the end alone holds for the whole list; otherwise each
     item has its own, or none has one. Order is kept.

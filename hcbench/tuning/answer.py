@@ -1,7 +1,7 @@
 """Settings that make an engine bounce like a target: the one answer that all commands print.
 
-A page, the command line, Python, README and the docs are made of this value: choices of up to three kinds,
-each with its text, its error and its band, and the settings that are never to be used.
+A page, the command line, Python, README and the docs are made of this value: choices of up to three
+kinds, each with its text, its error and its band, and the settings that are never to be used.
 """
 
 from __future__ import annotations
@@ -136,7 +136,8 @@ class Never:
 
 @dataclass(frozen=True, repr=False)
 class Answer(Drawn):
-    """Choices in the order exact, settings, constant, where they exist; `best` is what was asked for.
+    """Choices in the order exact, settings, constant, where they
+    exist; `best` is what was asked for.
 
     asked: the kind; None for the first that the engine has.
     named: a setting that was asked for by its name, even one that fails.
@@ -226,7 +227,9 @@ class Answer(Drawn):
 
     @property
     def tuned(self) -> Tuned:
-        """The chosen setting, or else another, with what the engine did; a plug-in alone is run now."""
+        """The chosen setting, or else another, with what the engine
+        did; a plug-in alone is run now.
+        """
         tuned = self.best.tuned or next((choice.tuned for choice in self.choices if choice.tuned), None)
         if tuned is not None:
             return tuned

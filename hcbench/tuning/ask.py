@@ -1,4 +1,6 @@
-"""`hcbench.tune` and `hcbench.tune_model`: a question, in text with units or SI numbers, to its answer."""
+"""`hcbench.tune` and `hcbench.tune_model`: a question, in text with
+units or SI numbers, to its answer.
+"""
 
 from __future__ import annotations
 
@@ -196,7 +198,8 @@ def tune_model(
     write_include: str | Path | None = None,
     force: bool = False,
 ) -> TunedModel:
-    """Find a setting with which pairs of your own model bounce like your material, as `hcbench tune MODEL`.
+    """Find a setting with which pairs of your own model bounce like your
+    material, as `hcbench tune MODEL`.
 
     Parameters
     ----------
@@ -336,7 +339,9 @@ def names_of(pair: BodyPair | None) -> Pair:
 def _spring(
     *, adams: Adams | None, newton: Newton | None, **others: object
 ) -> AdamsImpact | NewtonSpring | None:
-    """The contact by stiffness and damping, if that is the one target given. Raises UserError for others."""
+    """The contact by stiffness and damping, if that is the one target
+    given. Raises UserError for others.
+    """
     ways = {**others, "adams": adams, "newton": newton}
     given = [f"--{name}" for name, value in ways.items() if value is not None]
     if len(given) != 1:

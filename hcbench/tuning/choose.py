@@ -1,4 +1,6 @@
-"""Chooses a recipe by what it matches and by how many steps the law's contact lasts, never by its name."""
+"""Chooses a recipe by what it matches and by how many steps the law's
+contact lasts, never by its name.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ Match = Literal["restitution", "loop", "both"]
 def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[tuple[Recipe, str]]:
     """An engine's own recipes that may serve a target, the simplest first, and what each promises.
 
-    One for the loop; for restitution all that "auto" tries in turn. Raises SettingError where there is none.
+    One for the loop; for restitution all that "auto" tries in turn. Raises
+    SettingError where there is none.
     """
     recipes = registry.preferred(engine)
     form = scene.form

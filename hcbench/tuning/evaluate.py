@@ -89,7 +89,8 @@ def held_out_launches(target: Target) -> list[Launch]:
     """Launches that judge a setting: a grid of speeds, each at 8 phases of the step, then random
     launches.
 
-    Speeds at touch, both ends of the band among them; with friction, slips up to the band's highest speed.
+    Speeds at touch, both ends of the band among them; with friction, slips
+    up to the band's highest speed.
     """
     inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
     grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
@@ -121,8 +122,8 @@ _Measure = Callable[[Sequence[Impact], Target, Scene], Floats]
 
 
 def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
-    """Launch at held-out speeds and phases, then ever nearer to the worst, with friction spinning too, and
-    compare with the target.
+    """Launch at held-out speeds and phases, then ever nearer to the worst, with friction spinning
+    too, and compare with the target.
     """
     launches = held_out_launches(target)
     if not isinstance(adapter_of(engine), SteppedEngine) or _error_controlled(engine, setting):
@@ -230,7 +231,9 @@ def _phase_spread(grid: Sequence[Impact]) -> float:
 
 
 def _loop_rms(impacts: Sequence[Impact], target: Target) -> float:
-    """Largest rms difference of a force loop from the law's, of its largest force; NaN without a loop."""
+    """Largest rms difference of a force loop from the law's, of its
+    largest force; NaN without a loop.
+    """
     differences = []
     for impact in impacts:
         score = scoring.score_loop(impact, target.law, target.mass) if impact.is_measured else None
@@ -255,7 +258,8 @@ def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5
 
 SPEEDS = 4
 PHASES = (0.12, 0.37, 0.62, 0.87)
-# (slip m/s, spin rad/s): slow to fast sliding, backspin and topspin, and all at once out of the plane.
+# (slip m/s, spin rad/s): slow to fast sliding, backspin and topspin, and
+# all at once out of the plane.
 MOTIONS = (
     ((0.1, 0.0), (0.0, 0.0, 0.0)),
     ((0.5, 0.0), (0.0, 0.0, 0.0)),
@@ -277,7 +281,9 @@ def oblique_launches(target: Target) -> list[Launch]:
 
 
 def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:
-    """Largest distance of friction's impulse from Coulomb's law over μ J_n, sliding's; NaN for none."""
+    """Largest distance of friction's impulse from Coulomb's law over
+    μ J_n, sliding's; NaN for none.
+    """
     errors = []
     for impact in impacts:
         along = impact.tangential if impact.is_measured else None

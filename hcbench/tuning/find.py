@@ -135,8 +135,8 @@ class _Finder:
     def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind | None) -> list[Choice]:
         """The best of each kind; the plug-in alone where that was asked for, which needs no search.
 
-        tried: candidates for settings and for one e, the simplest first. Without a C compiler the plug-in is
-        left out, unless it is the kind asked for: then NotCompiled.
+        tried: candidates for settings and for one e, the simplest first. Without a C compiler the
+        plug-in is left out, unless it is the kind asked for: then NotCompiled.
         """
         exact = self._exact_if_compiled(asked)
         if asked == "exact" and exact is not None:
@@ -165,7 +165,9 @@ class _Finder:
         return chosen
 
     def _best(self, tried: Sequence[tuple[Recipe, str]], enough: float) -> Tuned | None:
-        """The first that may be advised and whose error is small enough, or else the one with the least."""
+        """The first that may be advised and whose error is small enough,
+        or else the one with the least.
+        """
         usable: list[Tuned] = []
         for recipe, why in tried:
             try:
@@ -225,7 +227,9 @@ class _Finder:
         return all(impact.is_measured for impact in self._adapter.run(self.scene, setting, launches))
 
     def _exact_if_compiled(self, asked: Kind | None) -> Choice | None:
-        """The plug-in; None, and the reason kept, where it cannot be compiled and was not asked for."""
+        """The plug-in; None, and the reason kept, where it cannot be
+        compiled and was not asked for.
+        """
         try:
             return self._exact()
         except NotCompiled as error:
@@ -235,7 +239,9 @@ class _Finder:
             return None
 
     def _law(self) -> Recipe | None:
-        """The recipe that puts a law in place of the contact at any step; None where the engine has none."""
+        """The recipe that puts a law in place of the contact at any step;
+        None where the engine has none.
+        """
         return first(registry.preferred(self.engine), Role.LAW, self.scene.form, native=False)
 
     def _exact(self) -> Choice | None:
@@ -280,7 +286,9 @@ class _Finder:
 
 
 def exact_from(recipe: Recipe, target: Target) -> float:
-    """The impact speed, m/s, from which a law in place of the contact is exact in a target's conditions."""
+    """The impact speed, m/s, from which a law in place of the contact is
+    exact in a target's conditions.
+    """
     low = target.speed_min
     # e at that speed decides how high the speed is: a fixed point.
     for _ in range(_TURNS):

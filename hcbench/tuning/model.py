@@ -1,4 +1,6 @@
-"""Tunes pairs of a user's own model: settings of its engine tried in it, under its own step and gravity."""
+"""Tunes pairs of a user's own model: settings of its engine tried in it,
+under its own step and gravity.
+"""
 
 from __future__ import annotations
 
@@ -111,8 +113,8 @@ def tune_job(
 
 @dataclass(frozen=True, slots=True)
 class _Try:
-    """A setting that was tried: how the model stands with it, its largest error of e or the allowed one
-    where that is larger, and how many quantities of the model at rest it makes worse.
+    """A setting that was tried: how the model stands with it, its largest error of e or the allowed
+    one where that is larger, and how many quantities of the model at rest it makes worse.
     """
 
     setting: ModelSetting
@@ -122,7 +124,9 @@ class _Try:
 
 
 def _tuned(job: Job) -> TunedModel:
-    """Try the engine's settings, the simplest first; return the first that will do, or else the nearest."""
+    """Try the engine's settings, the simplest first; return the first
+    that will do, or else the nearest.
+    """
     assert isinstance(job, _TuneJob)
     requests = (job.request, *job.others)
     engine, source, rebuild = source_of(job)
@@ -228,7 +232,9 @@ def _measured(
 
 
 def _speeds(request: Request, held_out: bool) -> list[float]:
-    """Speeds over the band of a request, m/s; held out: its ends, and those that lie between others."""
+    """Speeds over the band of a request, m/s; held out: its ends, and
+    those that lie between others.
+    """
     low = min(request.speeds)
     high = max(request.speeds)
     speeds = np.geomspace(low, high, 2 * _HELD_OUT_SPEEDS + 1 if held_out else _TRIED_SPEEDS)
@@ -250,8 +256,9 @@ def _measured_pair(
 ) -> TunedPair:
     """Launched at these speeds, at phases over the whole step.
 
-    halvings: how often speeds between the worst one and its neighbours are added, to look for a larger error;
-    each speed is then launched at the phases between which e differs, too, as `measure` does.
+    halvings: how often speeds between the worst one and its neighbours are added, to
+    look for a larger error; each speed is then launched at the phases between which e
+    differs, too, as `measure` does.
     """
     # Parts of a step.
     shares = tuple((i + 0.4) / phases for i in range(phases))

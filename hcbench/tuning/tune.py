@@ -1,4 +1,6 @@
-"""Tunes an engine to a target: the one setting that its answer chooses, evaluated in the engine itself."""
+"""Tunes an engine to a target: the one setting that its answer chooses,
+evaluated in the engine itself.
+"""
 
 from __future__ import annotations
 

@@ -50,7 +50,8 @@ class Question(NamedTuple):
 def usual_answers(study: Mapping[str, Any], versions: Mapping[str, str]) -> list[dict[str, Any]]:
     """Answers to the usual questions for a study's α, of the engines in these versions.
 
-    study: as JSON; none where its ball is another. Each has the keys of `Question` and of `Answer.record`.
+    study: as JSON; none where its ball is another. Each has the keys of
+    `Question` and of `Answer.record`.
     """
     known = file_content()
     for name in _PLACE:

@@ -1,8 +1,8 @@
 """Errors of the answers at any α, found once (`make answers`): a page has them without a search.
 
-A row has the answer of `find_answer` at one α. Between two rows a page interpolates the error of one e, if
-the rows around lie near a straight line. Errors of settings jump from α to α, because searches converge
-elsewhere; they are known only at the rows.
+A row has the answer of `find_answer` at one α. Between two rows a page interpolates the error of
+one e, if the rows around lie near a straight line. Errors of settings jump from α to α, because
+searches converge elsewhere; they are known only at the rows.
 """
 
 from __future__ import annotations
@@ -151,14 +151,16 @@ def write(jobs: int = 2) -> None:
 def errors_of(engines: Collection[str]) -> list[dict[str, Any]]:
     """Each condition of some engines, as JSON for a page.
 
-    names: of settings, by the numbers that the rows have in their place. rows: each with the line of one e
-    from its α to the next, None where that is not known.
+    names: of settings, by the numbers that the rows have in their place. rows: each with the line
+    of one e from its α to the next, None where that is not known.
     """
     return [_for_page(condition) for condition in file_content() if condition["engine"] in engines]
 
 
 def _for_page(condition: dict[str, Any]) -> dict[str, Any]:
-    """A condition as the page has it: names of settings once, and rows with the numbers of the names."""
+    """A condition as the page has it: names of settings once, and rows
+    with the numbers of the names.
+    """
     table = condition["rows"]
     numbers: dict[str, int] = {}
 

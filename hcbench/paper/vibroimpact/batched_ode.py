@@ -1,11 +1,13 @@
-"""Integrates many masses between blocks side by side with NumPy, and ends steps where their equations change.
+"""Integrates many masses between blocks side by side with NumPy, and ends
+steps where their equations change.
 
-The state of an oscillator is y = (position, velocity, anything that is integrated along). Between switches,
-such as touch and parting, its rates are smooth. Each oscillator takes DOP853 steps (E. Hairer, S. P. Norsett,
-G. Wanner, "Solving Ordinary Differential Equations I", Springer 1993, section II.5; coefficients from SciPy)
-under its own error control. A step in which the velocity changes its sign or a switch is crossed is taken
-again, shorter, so that it ends there. So position is monotone within a step and no switch is missed; a switch
-is as exact as the steps are; and the result of an oscillator does not depend on the others.
+The state of an oscillator is y = (position, velocity, anything that is integrated along). Between
+switches, such as touch and parting, its rates are smooth. Each oscillator takes DOP853 steps (E.
+Hairer, S. P. Norsett, G. Wanner, "Solving Ordinary Differential Equations I", Springer 1993,
+section II.5; coefficients from SciPy) under its own error control. A step in which the velocity
+changes its sign or a switch is crossed is taken again, shorter, so that it ends there. So position
+is monotone within a step and no switch is missed; a switch is as exact as the steps are; and the
+result of an oscillator does not depend on the others.
 """
 
 from collections.abc import Callable
@@ -18,8 +20,8 @@ from hcbench.paper.vibroimpact.dynamics import Flags, Indices, Modes, TwoSidedCo
 from hcbench.system.errors import EngineFailed
 from hcbench.terms.impact import Floats
 
-# Called with each step taken: the oscillators, t, y, their modes up to there and from there on, and which of
-# them have reached a checkpoint.
+# Called with each step taken: the oscillators, t, y, their modes up to there and from there on, and
+# which of them have reached a checkpoint.
 Observer: TypeAlias = Callable[[Indices, Floats, Floats, Modes, Modes, Flags], None]
 
 NOTHING, TURN, SWITCH = 0, 1, 2
@@ -165,7 +167,8 @@ class _Batch:
         return np.asarray(distance / (self.rounding + rounding))
 
     def _narrow(self, rows: Indices, h: Floats, y: Floats) -> None:
-        """Choose the next step of a search from the last one: by Newton's method, else by bisection.
+        """Choose the next step of a search from the last one: by
+        Newton's method, else by bisection.
 
         h: length of the last step, s.
         y: at its end.
@@ -208,5 +211,7 @@ class _Batch:
 
 
 def _mix(weights: Floats, stages: Floats) -> Floats:
-    """Weighted sum of stages. BLAS would let the last bit of an oscillator depend on its neighbours."""
+    """Weighted sum of stages. BLAS would let the last bit of an
+    oscillator depend on its neighbours.
+    """
     return np.asarray(np.einsum("i,ijk->jk", weights, stages))

@@ -128,9 +128,11 @@ class TwoSidedContact:
         return np.where(x > 0.0, inside, at_surface).astype(np.int8)
 
     def first_step(self, mode: Modes, rows: Indices) -> Floats:
-        """The step in s to begin these modes with: short in contact, where x^n begins without derivatives.
+        """The step in s to begin these modes with: short in contact, where
+        x^n begins without derivatives.
 
-        With n = 3/2 the motion begins as x = v t - C t^(7/2): the error of the step is about the tolerance.
+        With n = 3/2 the motion begins as x = v t - C t^(7/2): the error of
+        the step is about the tolerance.
         """
         short = min(0.05, 2.0 * self.tolerance ** (2.0 / 7.0)) * self.length[rows] / self.speed[rows]
         return np.where((mode == APART).all(axis=0), np.inf, short)

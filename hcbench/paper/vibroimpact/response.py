@@ -1,4 +1,5 @@
-"""The forced mass between two blocks: response over frequency, bifurcation pictures, and linear stand-ins.
+"""The forced mass between two blocks: response over frequency, bifurcation
+pictures, and linear stand-ins.
 
 Section 3.1: "in some instances the response is significantly at variance with that of an equivalent
 linearized model". All values of a parameter are simulated side by side by `batched_ode`.
@@ -63,7 +64,8 @@ def orbits(
     tolerance: float = 1e-7,
     jobs: int = 1,
 ) -> Orbits:
-    """Simulate each value of the parameter for `cycles` periods of the drive and keep the last `keep`.
+    """Simulate each value of the parameter for `cycles` periods of the
+    drive and keep the last `keep`.
 
     values: frequencies (Hz), amplitudes (N) or gaps (m).
     tolerance: error of a step over the size of the motion.
@@ -85,7 +87,8 @@ def orbits(
     ]
     start = np.array([position, velocity])
     task = partial(_simulate, cycles=cycles, keep=keep, start=start, tolerance=tolerance)
-    # Neighbouring values take about as many steps: dealt out in turn, every process has as much to do.
+    # Neighbouring values take about as many steps: dealt out in turn,
+    # every process has as much to do.
     shares = [cases[i::jobs] for i in range(min(jobs, len(cases)))]
     if len(shares) == 1:
         parts = [task(shares[0])]
@@ -185,8 +188,8 @@ class Linear:
 def linearized(system: VibroImpact) -> Linear:
     """The squeezed mass for small swings: the slopes of both laws at rest, summed.
 
-    For eq. (16) with x0 = |g|/2: k = 2 n k x0^(n-1), c = 2 λ x0^n. It is the Kelvin-Voigt model that the
-    appendix arrives at. Raises UserError for g >= 0, where no slope describes the contact.
+    For eq. (16) with x0 = |g|/2: k = 2 n k x0^(n-1), c = 2 λ x0^n. It is the Kelvin-Voigt model
+    that the appendix arrives at. Raises UserError for g >= 0, where no slope describes the contact.
     """
     expected = "a gap below 0 m: with clearance there is no spring in the middle to linearise"
     require("gap", system.gap, system.gap < 0.0, expected, "See `kelvin_voigt_blocks`")
@@ -198,8 +201,9 @@ def linearized(system: VibroImpact) -> Linear:
 def kelvin_voigt_blocks(system: VibroImpact, speed: float) -> VibroImpact:
     """The same gap with springs and dampers (4) for blocks, as Dubowsky and Freudenstein model it.
 
-    Each has the contact time and the restitution of its law (16) at `speed` (m/s), its contact ending at F
-    = 0. It is what "equivalent linearized model" can mean with clearance (reference [3] of the paper).
+    Each has the contact time and the restitution of its law (16) at `speed` (m/s), its
+    contact ending at F = 0. It is what "equivalent linearized model" can mean with
+    clearance (reference [3] of the paper).
     """
     positive("speed", speed, "m/s")
 

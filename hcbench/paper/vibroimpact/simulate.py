@@ -53,7 +53,8 @@ def simulate(
     tolerance: float = 1e-11,
     step_max: float = math.inf,
 ) -> SimulatedMotion:
-    """The motion from q = position (m), q' = velocity (m/s), t = 0 to `until` (s); free without a drive.
+    """The motion from q = position (m), q' = velocity (m/s), t = 0 to
+    `until` (s); free without a drive.
 
     drive: P in N over t in s, a `Sinusoid` or any smooth function (a rough one needs `step_max`,
     s).
@@ -156,9 +157,11 @@ def _largest(drive: Drive | None, until: float) -> float:
 def motion_size(
     system: VibroImpact, position: float, velocity: float, force: float, drive: Drive | None = None
 ) -> tuple[float, float]:
-    """The size of the motion (m, m/s) that errors are measured over, from its energy and the largest P (N).
+    """The size of the motion (m, m/s) that errors are measured over, from
+    its energy and the largest P (N).
 
-    A depth X and a speed V with F(X, 0) X = m V², about those of an impact; for a squeezed mass its swing.
+    A depth X and a speed V with F(X, 0) X = m V², about those of an impact;
+    for a squeezed mass its swing.
     """
     half = system.gap / 2.0
     squeeze = system.squeeze

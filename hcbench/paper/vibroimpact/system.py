@@ -1,10 +1,10 @@
 """A mass in a gap between two blocks: the appendix and the forced system of section 3.1.
 
-Position q is 0 in the middle. The right block is touched at q = g/2, the left one at q = -g/2, so the
-penetrations are x_R = q - g/2 and x_L = -q - g/2, and m q'' = F_L(x_L, -v) - F_R(x_R, v) + P(t). g > 0 is
-clearance (two impacts a cycle), g = 0 two half loops that meet (Fig. 7), g < 0 a mass squeezed from both
-sides (Figs. 8, 9). The blocks press and never pull: where a law would pull (F < 0 at x > 0), nothing acts
-until it presses again or the surfaces part.
+Position q is 0 in the middle. The right block is touched at q = g/2, the left one at q = -g/2, so
+the penetrations are x_R = q - g/2 and x_L = -q - g/2, and m q'' = F_L(x_L, -v) - F_R(x_R, v) +
+P(t). g > 0 is clearance (two impacts a cycle), g = 0 two half loops that meet (Fig. 7), g < 0 a
+mass squeezed from both sides (Figs. 8, 9). The blocks press and never pull: where a law would pull
+(F < 0 at x > 0), nothing acts until it presses again or the surfaces part.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Sinusoid:
 class VibroImpact:
     """The mass (kg), the gap g (m; negative: squeezed) and the law of each block.
 
-    depth_max: penetration (m) up to which the laws hold, such as `EllipticContact.depth_max()`; a gap that
-    squeezes the mass further is refused.
+    depth_max: penetration (m) up to which the laws hold, such as `EllipticContact.depth_max()`; a
+    gap that squeezes the mass further is refused.
     """
 
     mass: float
@@ -76,14 +76,18 @@ class VibroImpact:
         return max(0.0, -self.gap / 2.0)
 
     def resultant(self, position: Floats | float, velocity: Floats | float) -> Floats:
-        """F_R - F_L in N, what the blocks do against q; positions (m) and velocities (m/s) broadcast."""
+        """F_R - F_L in N, what the blocks do against q; positions (m)
+        and velocities (m/s) broadcast.
+        """
         q, v = np.broadcast_arrays(np.asarray(position, dtype=float), np.asarray(velocity, dtype=float))
         half = self.gap / 2.0
         return pressing(self.right, q - half, v) - pressing(self.left, -q - half, -v)
 
 
 def pressing(law: ForceLaw, penetration: Floats, rate: Floats) -> Floats:
-    """F of a law that cannot pull, N: 0 for x <= 0 and where F would be below 0; arrays of one shape."""
+    """F of a law that cannot pull, N: 0 for x <= 0 and where F would
+    be below 0; arrays of one shape.
+    """
     inside = np.maximum(penetration, 0.0)
     return np.where(penetration > 0.0, np.maximum(law.force(inside, rate), 0.0), 0.0)
 
@@ -104,7 +108,8 @@ Kind = Literal["touch", "part", "release", "press"]
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A side touched or parted (x = 0), or its force went to 0 (release) or came back (press) at x > 0.
+    """A side touched or parted (x = 0), or its force went to 0 (release)
+    or came back (press) at x > 0.
 
     time, s; rate: of penetration at that side, m/s, > 0 on approach.
     """

@@ -1,4 +1,6 @@
-"""The cases on the page: which engines pass them, whose restitution is obeyed, and why a case fails."""
+"""The cases on the page: which engines pass them, whose restitution
+is obeyed, and why a case fails.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ class CaseTable:
 
 
 def case_table(scores: Sequence[EngineScore]) -> CaseTable:
-    """The table of the engines that were measured: those that pass most first, versions in their order."""
+    """The table of the engines that were measured: those that pass most
+    first, versions in their order.
+    """
     most: dict[str, int] = {}
     for one in scores:
         most[one.engine] = max(one.passed, most.get(one.engine, 0))

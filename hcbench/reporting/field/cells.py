@@ -132,7 +132,8 @@ def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Matrix
     if case is not None:
         least = view.error(case)
     failing = [other for other in tried if math.isinf(view.error(other))]
-    # Named are those that fail but would be the best by e alone; the off of one that never bounced is NaN.
+    # Named are those that fail but would be the best by e alone; the off of
+    # one that never bounced is NaN.
     nearer = [other for other in failing if not view.off(other) >= least]
     note = ""
     if nearer:
@@ -168,7 +169,9 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
 
 
 def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
-    """Below which impact speed a body stays down, with the engine's best settings and with the plug-in."""
+    """Below which impact speed a body stays down, with the engine's best
+    settings and with the plug-in.
+    """
     downs = [(view.stays_down(case), case) for case in (own, plugin) if case is not None]
     if not downs:
         return MatrixCell("–")

@@ -58,7 +58,9 @@ def drawings(view: FieldView) -> list[Drawing]:
 
 
 def steps_figure(view: FieldView) -> Figure:
-    """Largest error of e over the step: nothing set, best setting, plug-in; without gravity and with."""
+    """Largest error of e over the step: nothing set, best setting,
+    plug-in; without gravity and with.
+    """
     figure, panels = _panels(view, view.engines)
     kinds: list[tuple[Callable[[str, float, float], Case | None], dict[str, Any]]] = [
         (view.stock, _STOCK),

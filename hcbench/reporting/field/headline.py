@@ -118,12 +118,15 @@ def versions(view: FieldView) -> str:
 
 
 def _differences_of_e(view: FieldView, one: str, other: str) -> list[float]:
-    """Largest |difference of e| in each case that both engines ran; NaN where an e is missing in all rows."""
+    """Largest |difference of e| in each case that both engines ran; NaN
+    where an e is missing in all rows.
+    """
     differences = []
     for case, impacts in view.impacts.items():
         others = view.impacts.get(case._replace(engine=other))
         if case.engine == one and others is not None:
-            # Row by row, as both have the same launches in the same order; pandas would go by the index.
+            # Row by row, as both have the same launches in the same order;
+            # pandas would go by the index.
             difference = impacts["restitution"] - others["restitution"].to_numpy()
             differences.append(float(difference.abs().max()))
     return differences

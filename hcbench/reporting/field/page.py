@@ -41,7 +41,8 @@ def build(
 ) -> Path:
     """Write the field report into `folder` and return its page. All of it appears, or nothing.
 
-    index.html, tables and figures are the same bytes for the same results; cost.csv is of this machine.
+    index.html, tables and figures are the same bytes for the same
+    results; cost.csv is of this machine.
     """
     view = FieldView(results)
     with atomic_folder(folder, PAGE) as scratch:

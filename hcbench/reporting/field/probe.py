@@ -77,7 +77,9 @@ def _bits(impact: object) -> bytes:
 
 
 def _cost(engine: SteppedEngine, setting: Setting, scene: Scene, balls: int) -> dict[int, float]:
-    """Number of balls that were simulated together -> s a ball and step, the least of several times."""
+    """Number of balls that were simulated together -> s a ball and
+    step, the least of several times.
+    """
     with engine.load(scene, setting, 0.4) as world:
         together = min(balls, world.places)
         launches = [Launch(0.4, (i + 0.5) / together) for i in range(together)]

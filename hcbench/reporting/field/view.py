@@ -50,7 +50,9 @@ class FieldView:
     results: Results
 
     def __getstate__(self) -> dict[str, Any]:
-        """The field alone: threads of a pool pickle a view while the page computes its cached properties."""
+        """The field alone: threads of a pool pickle a view while the page
+        computes its cached properties.
+        """
         return {"results": replace(self.results, table=self.results.table.without_rows())}
 
     @property
@@ -136,8 +138,8 @@ class FieldView:
         return registry.recipes(registry.base_name(case.engine)).get(case.setting)
 
     def kind(self, case: Case) -> str:
-        """STOCK; CONSTANT, one e for all speeds; SETTINGS, whose e falls with speed; or PLUGIN. "" where this
-        hcbench has no such recipe.
+        """STOCK; CONSTANT, one e for all speeds; SETTINGS, whose e falls with speed; or PLUGIN. ""
+        where this hcbench has no such recipe.
         """
         recipe = self.recipe(case)
         if recipe is None or not recipe.native:
@@ -145,7 +147,9 @@ class FieldView:
         return {Role.STOCK: STOCK, Role.CONSTANT_E: CONSTANT}.get(recipe.role, SETTINGS)
 
     def cases(self, engine: str, gravity: float, timestep: float, *kinds: str) -> list[Case]:
-        """An engine's settings of some kinds at a step, OWN where none is named, in the study's order."""
+        """An engine's settings of some kinds at a step, OWN where none
+        is named, in the study's order.
+        """
         wanted = kinds or OWN
         cases = []
         for case in self.scores:
@@ -198,8 +202,8 @@ class FieldView:
         return len(self.folded[case]) if choice is None else int(choice["scenes"])
 
     def off(self, case: Case) -> float:
-        """Largest |e - e of the law| of the impacts that bounced, as `tune` says it where it does; NaN for
-        none.
+        """Largest |e - e of the law| of the impacts that bounced, as `tune` says
+        it where it does; NaN for none.
         """
         choice = self.choice(case)
         if choice is not None:
