@@ -129,7 +129,8 @@ def slow_impacts() -> Iterator[Json]:
 )
 def hundred_bounces() -> Iterator[Json]:
     """Restitution 1 keeps the height for 100 bounces."""
-    h, height = 1 / 240, 0.1
+    h = 1 / 240
+    height = 0.1
     period = 2 * math.sqrt(2 * height / GRAVITY) / h
     last = round(100 * period)
     start = ball((0, 0, RADIUS + height))
@@ -198,7 +199,8 @@ def alumina_on_glass() -> Iterator[Json]:
     """Alumina meets glass as it was measured."""
     for degrees, tangential in ALUMINA:
         angle = math.radians(degrees)
-        x, z = 3.9 * math.sin(angle), -3.9 * math.cos(angle)
+        x = 3.9 * math.sin(angle)
+        z = -3.9 * math.cos(angle)
         out = [tangential * x, 0.0, -0.98 * z]
         yield oblique_run(2e-4, [x, 0.0, z], 0.0, 0.98, 0.092, 0.0025, velocity=out)
 
@@ -209,7 +211,8 @@ def two_balls() -> Iterator[Json]:
     for h, (m1, m2), quarter in product((1 / 240, 1 / 1000), ((1, 1), (1, 3), (3, 1)), range(4)):
         gap = (CLEAR + quarter / 4) * h
         bodies = [ball((0, 0, 0), (1, 0, 0), mass=float(m1)), ball((2 * RADIUS + gap, 0, 0), mass=float(m2))]
-        e, last = 0.9, 3 + round(AFTER / h)
+        e = 0.9
+        last = 3 + round(AFTER / h)
         out = [(m1 - e * m2) / (m1 + m2), 0.0, 0.0, (1 + e) * m1 / (m1 + m2), 0.0, 0.0]
         yield run(world(h, bodies, e, floor=False), last, [(last, last)], velocity=out)
 

@@ -69,7 +69,10 @@ def run_engines(
 
 
 def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
-    """Results of the cases in one engine of an adapter, from a process of its own."""
+    """Results of the cases in one engine of an adapter, from a process of its own.
+
+    Raises EngineFailed where it writes none.
+    """
     engine = registry.engine(name)
     python = Path(sys.executable)
     if isinstance(engine, RemoteEngine):

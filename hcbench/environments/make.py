@@ -55,7 +55,8 @@ def add(
             installing = ("pip", "install", "--no-build", "--python", str(folder), *requirements)
             _uv(*installing, folder=scratch, about=f"{engine} for Python {version_of_python}")
             progress(2, 3)
-            version, size = _version_in(folder, package), _size(folder)
+            version = _version_in(folder, package)
+            size = _size(folder)
             made = Environment(engine, version, version_of_python, size, tuple(requirements), folder)
             made.write()
             trial(made)
@@ -116,7 +117,8 @@ def _make(folder: Path, python: str) -> None:
             r"(?i)no interpreter found|not found|could not find|failed to inspect|invalid version", text
         ):
             there = ", ".join(interpreters()) or "none"
-            got, expected = f"{python!r} is not on this machine", f"one of: {there}, or a path"
+            got = f"{python!r} is not on this machine"
+            expected = f"one of: {there}, or a path"
             raise UserError("python", got, expected, f"Install it: uv python install {python}")
         raise _explained(text, f"an environment with Python {python}", folder.parent)
     if tuple(map(int, _python_version(folder).split(".")[:2])) < LOWEST_PYTHON:
@@ -131,7 +133,10 @@ def _uv(*arguments: str, folder: Path, about: str) -> None:
 
 
 def _run_uv(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """uv, with the user's own settings of indexes, and interpreters of this machine only."""
+    """Run uv with the user's own settings of indexes, and interpreters of this machine only.
+
+    Raises CannotRun where uv is not installed.
+    """
     try:
         import uv
 

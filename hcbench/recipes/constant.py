@@ -49,7 +49,8 @@ def implicit_spring_damper(target: Target, duration: float, instead: str) -> tup
     0 the contact is made slower until it is not. SettingError for e = 1: such a step always damps.
     """
     e, _ = minimax_constant(target)
-    h, m = target.timestep, target.mass
+    h = target.timestep
+    m = target.mass
     if e >= 1.0:
         raise SettingError("restitution", "1", "e below 1", "An implicit step always damps")
     beta, omega = spring_damper(e, duration, instead)

@@ -39,7 +39,8 @@ def plug_in_recipes(
     """Recipes for an engine into which hcbench.contact plugs a law.
 
     native: recipes of its own contact, which messages name where a law cannot be had. common:
-    options of each setting, beside "law". exact_above: as of `Recipe`, of the law at any step.
+    options of each setting, beside "law". exact_above: e to the impact speed over g h from which
+    the law at any step is exact.
     """
     constant = first(native, Role.CONSTANT_E, "plane")
     at_any_step = [constant.name] if constant else []
@@ -88,10 +89,10 @@ def python_law_recipes(
 ) -> tuple[Recipe, ...]:
     """Recipes for an engine that lets a law in from Python, by lines of the user's own, on a plane.
 
-    native: as for `plug_in_recipes`. hook: where the law goes in, a sentence. force, each_impact:
-    how near e comes with the law as contact force, and with its e set before each impact; 0 where
-    the engine has no way. common, each_impact_options: options of each setting, and of those that
-    set e, beside "law".
+    native: recipes of its own contact, which messages name where a law cannot be had. hook: where
+    the law goes in, a sentence. force, each_impact: how near e comes with the law as contact force,
+    and with its e set before each impact; 0 where the engine has no way. common,
+    each_impact_options: options of each setting, and of those that set e, beside "law".
     """
     names = [recipe.name for recipe in native if recipe.role in (Role.CONSTANT_E, Role.FALLING_E)]
     own = partial(Recipe, engine, native=False, instead=_any_of(names), forms=("plane",))

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     Errors = Callable[[Floats], Floats]
     LimitedErrors = Callable[[Floats, Floats], Floats]
 
-_MUTATION, _CROSSED = (0.4, 0.9), 0.9
+_MUTATION = (0.4, 0.9)
+_CROSSED = 0.9
 _progress: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 
@@ -64,7 +65,8 @@ class Search:
     """Counts the evaluations of a search, reports them and remembers the best."""
 
     def __init__(self, budget: int) -> None:
-        self._budget, self._done = budget, 0
+        self._budget = budget
+        self._done = 0
         self._best: tuple[float, Floats] | None = None
 
     def add(self, evaluations: int) -> None:

@@ -145,7 +145,8 @@ class Target:
         if len(self.points) < 2:
             return ""
         measured = MeasuredRestitution(self.points)
-        speeds, e = measured.speeds, measured.values
+        speeds = measured.speeds
+        e = measured.values
         alpha, rms = scoring.fit_alpha(speeds, e)
         if rms > _GOOD_FIT * float(np.ptp(e)) / 2:
             return ""

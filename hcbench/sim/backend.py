@@ -77,7 +77,8 @@ class Backend:
         """Return a warning that hcbench was not tested with `version`; "" if the version is within
         the tested ones.
         """
-        oldest, newest = _numbers(self.oldest), _numbers(self.newest)
+        oldest = _numbers(self.oldest)
+        newest = _numbers(self.newest)
         given = _numbers(version)
         if oldest <= given[: len(oldest)] and given[: len(newest)] <= newest:
             return ""

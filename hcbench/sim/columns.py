@@ -18,7 +18,8 @@ Objects = NDArray[np.object_]
 
 STATUSES = tuple(Status)
 _CODES = {status: code for code, status in enumerate(STATUSES)}
-_PARTED, _RESTED = _CODES[Status.PARTED], _CODES[Status.RESTED]
+_PARTED = _CODES[Status.PARTED]
+_RESTED = _CODES[Status.RESTED]
 
 
 One = TypeVar("One")
@@ -102,10 +103,11 @@ class Launches(Columns[Launch]):
         steps_most: float,
         share: float,
     ) -> Launches:
-        """Launches that touch at these speeds and phases, see `Launch.touching`.
+        """Launches that touch at these speeds and phases under gravity, started a few steps before.
 
-        speed, phase, slip: shape (n,), m/s, parts of a step, m/s; the slip along the way of the
-        bodies. timestep: s. gravity: m/s². spin: (3,), rad/s.
+        speed, phase, slip: (n,), m/s, parts of a step, m/s; the slip along the way of the bodies.
+        timestep: s. gravity: m/s², into the plate. spin: (3,), rad/s. steps_most: of free fall
+        before the touch. share: of g h, where steps h keep (v + share g h)² + 2 g z in free flight.
         """
         count = len(speed)
         spins = np.tile(np.array(spin, dtype=np.float64), (count, 1))

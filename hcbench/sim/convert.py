@@ -103,7 +103,10 @@ def convert(
 
 
 def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | None:
-    """The two numbers of a solref, from text or a sequence."""
+    """The two numbers of a solref, from text or a sequence.
+
+    Raises UserError for anything else.
+    """
     if given is None:
         return None
     parts = given.replace(",", " ").split() if isinstance(given, str) else given

@@ -160,7 +160,10 @@ class Engine(ABC):
 
     @final
     def run_columns(self, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
-        """Run launches by the thousand as `run` does, without an object for each."""
+        """Run launches by the thousand, without an object for each impact.
+
+        Raises SettingError for a setting of another engine, and for a step that is not above 0.
+        """
         _require_types(scene, setting)
         if setting.engine != self.name:
             raise SettingError("setting", f"made for {setting.engine!r}", f"one for {self.name!r}")

@@ -51,7 +51,8 @@ def adapter(name: str) -> Engine:
     """
     if name not in registered():
         raise unknown("engine", name, registered())
-    entry, slot = registered()[name], f"{GROUP} {name}"
+    entry = registered()[name]
+    slot = f"{GROUP} {name}"
     try:
         loaded = entry.load()()
     except Exception as error:
@@ -68,7 +69,8 @@ def here(name: str) -> Engine:
     if name == own.name:
         return own
     made = copy.copy(own)
-    made.name, made.title = name, versioned_title(own, name)
+    made.name = name
+    made.title = versioned_title(own, name)
     return made
 
 

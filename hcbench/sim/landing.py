@@ -192,7 +192,8 @@ def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
     """
     off = np.append(force <= 0.0, True)
     starts = np.flatnonzero(off[1:] & ~off[:-1]) + 1
-    fastest, least = 0.0, max(1, round(PARTED_S / step))
+    fastest = 0.0
+    least = max(1, round(PARTED_S / step))
     for start in starts.tolist():
         if start < len(rising) and off[start : start + least].all() and len(off) - start > least:
             fastest = max(fastest, float(rising[start]))

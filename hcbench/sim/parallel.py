@@ -112,7 +112,8 @@ class ScriptedWorlds(BatchWorld):
         self, scene: Scene, timestep: float, places: int, script: str, reading: SpeedReading
     ) -> None:
         super().__init__(scene, timestep)
-        self.places, self.speed_reading = places, reading
+        self.places = places
+        self.speed_reading = reading
         self._names = run_lines(script, {"__name__": "hcbench_worlds"})
 
     def place(self, heights: Floats, velocities: Floats) -> Floats:

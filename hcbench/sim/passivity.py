@@ -180,7 +180,8 @@ class Passivity:
     @property
     def warning(self) -> str:
         """Faults that speak against recommending the setting, as a phrase; "" if it has none."""
-        bounces, words = self.bounces, []
+        bounces = self.bounces
+        words = []
         if bounces.max_e > MOST_E:
             words.append(f"gains energy below {bounces.gains_below:.2g} m/s (e up to {bounces.max_e:.4g})")
         if bounces.still_bouncing:
@@ -215,7 +216,8 @@ class DropReader:
         """The next steps of each drop, shape (d, n), m and m/s."""
         here = np.stack([penetration, rate])
         if self._last is None:
-            self._last, count = here[..., :1], len(penetration)
+            self._last = here[..., :1]
+            count = len(penetration)
             self._speed_in = np.full(count, np.nan)
             self._speed_out = np.zeros(count)
             self._parted = np.full(count, -math.inf)
@@ -278,12 +280,15 @@ def passivity_of(
     if controlled is not None and controlled(setting):
         phases = 1
     slowest = max(_SLOW * low, _FALLS * scene.gravity * setting.timestep)
+    below_band = np.geomspace(min(slowest, low), low, _SPEEDS)
+    above_band = np.geomspace(high, max(high, _FAST), 3)
     launches = [
         Launch.touching(v, (phase + 0.5) / phases, setting.timestep, scene.gravity)
-        for v in (*np.geomspace(min(slowest, low), low, _SPEEDS), *np.geomspace(high, max(high, _FAST), 3))
+        for v in (*below_band, *above_band)
         for phase in range(phases)
     ]
-    measured = [i for i in engine.run(scene, setting, launches) if i.is_measured and i.speed_in > 0.0]
+    impacts = engine.run(scene, setting, launches)
+    measured = [i for i in impacts if i.is_measured and i.speed_in > 0.0]
     gaining = [i.speed_in for i in measured if i.restitution > MOST_E]
     largest = max((i.restitution for i in measured), default=0.0)
     bounces = Bounces(largest, max(gaining, default=0.0), 0, len(measured))

@@ -108,7 +108,8 @@ def _early_crossing_speed(states: Floats, h: float) -> Floats:
     if states.shape[2] < 2 or h == 0.0:
         return np.asarray(states[1, :, 0])
     (x, x_next), (v, v_next) = states.transpose(0, 2, 1)
-    a, mean = (v_next - v) / h, (x_next - x) / h
+    a = (v_next - v) / h
+    mean = (x_next - x) / h
     middle = 0.5 * (x + x_next) - a * h * h / 8.0
     return np.asarray(np.sqrt(np.maximum(0.0, mean * mean - 2.0 * a * middle)))
 
@@ -135,13 +136,14 @@ def impacts_of(
     reading: SpeedReading = SpeedReading.TOUCH_PLANE,
     diverged: str = NOT_FINITE,
 ) -> Impacts:
-    """Read impacts off trajectories that share their times, shape (n,), even.
+    """Read impacts off trajectories that share their times, (n,), s, in even steps.
 
-    states: penetration, rate, force as in `Trajectory`, shape (3, b, n); the first `counts` steps
-    count. ends: why they end (`End`), (b,). gravity: into the plate, m/s². diverged: said of
-    NOT_FINITE. Contact is the run of steps in which the force acts. Speeds are read, as `reading`
-    says, off the last state that no contact force has touched and the first after the force has
-    ceased for good.
+    states: penetration (m, above 0 in contact), rate (m/s, above 0 on approach) and force (N), (3,
+    b, n); the first `counts` steps count. ends: why they end (`End`), (b,). gravity: into the
+    plate, m/s². diverged: the reason to give for NOT_FINITE.
+
+    Contact is the run of steps in which the force acts. Speeds are read, by `reading`, off the last
+    state that no contact force has touched and the first after the force has ceased for good.
     """
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)

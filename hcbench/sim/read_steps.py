@@ -128,7 +128,8 @@ def begun(heights: Floats, rising: Floats, kind: type) -> Reading:
     heights, m, rising, m/s: of the bodies as the engine has them, shape (b,).
     """
     none = np.full(len(heights), -1)
-    zero, unknown = np.zeros(len(heights)), np.full(len(heights), np.nan)
+    zero = np.zeros(len(heights))
+    unknown = np.full(len(heights), np.nan)
     floats = heights, rising, unknown, *[zero] * 7
     return Reading(*_typed(Reading(zero, zero, *[none] * 6, *floats), kind))
 
@@ -148,8 +149,13 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
     height, rising: of each body's centre after the step, m and m/s, (b,). The fields of `Rule` and
     `Reading` follow in their order. The contact's force is what the step does to the momentum.
     """
-    size, where, both, either = xp.abs, xp.where, xp.logical_and, xp.logical_or
-    rest_steps, idle_steps, falling_steps = REST_STEPS, IDLE_STEPS, FALLING_STEPS
+    size = xp.abs
+    where = xp.where
+    both = xp.logical_and
+    either = xp.logical_or
+    rest_steps = REST_STEPS
+    idle_steps = IDLE_STEPS
+    falling_steps = FALLING_STEPS
     not_finite, too_deep, parted, rested = map(int, (End.NOT_FINITE, End.TOO_DEEP, End.PARTED, End.RESTED))
     turned, never, unfinished = map(int, (End.TURNED_BACK, End.NEVER_TOUCHED, End.UNFINISHED))
 
@@ -215,8 +221,15 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
 
 def contacts_of(reading: Reading) -> EndedContacts:
     """Return the contacts of launches that have ended. reading: NumPy arrays."""
-    whole = (reading.steps, reading.end, np.maximum(reading.touch, 0), reading.last + 1)
-    steps, ends, first, stops = (column.astype(np.int64) for column in whole)
-    floats = [column.astype(np.float64) for column in reading[Reading._fields.index("x_in") :]]
-    x_in, v_in, x_out, v_out, _, deepest, hardest = floats
-    return EndedContacts(steps, ends, first, stops, deepest, hardest, (x_in, v_in), (x_out, v_out))
+    seen = Reading(*(np.asarray(column) for column in reading))
+    # A launch without a touch has -1 for its first and last step in contact.
+    return EndedContacts(
+        counts=seen.steps.astype(np.int64),
+        ends=seen.end.astype(np.int64),
+        first=np.maximum(seen.touch, 0).astype(np.int64),
+        stops=(seen.last + 1).astype(np.int64),
+        deepest=seen.deepest.astype(np.float64),
+        hardest=seen.hardest.astype(np.float64),
+        came=(seen.x_in.astype(np.float64), seen.v_in.astype(np.float64)),
+        left=(seen.x_out.astype(np.float64), seen.v_out.astype(np.float64)),
+    )

@@ -21,7 +21,9 @@ from hcbench.workers import environment
 if TYPE_CHECKING:
     from hcbench.recipes.recipe import Recipe
 
-names, adapter, base_name = entry_points.names, entry_points.adapter, entry_points.base_name
+names = entry_points.names
+adapter = entry_points.adapter
+base_name = entry_points.base_name
 
 
 @checked

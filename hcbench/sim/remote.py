@@ -111,7 +111,8 @@ class RemoteEngine(Wrapped):
 
     def __init__(self, adapter: Engine, name: str, environment: Environment) -> None:
         super().__init__(adapter, name)
-        self.environment, self.interpreter = environment, interpreter(environment)
+        self.environment = environment
+        self.interpreter = interpreter(environment)
         self.limit: float = getattr(adapter, "limit", 0.0)
         self._hangs: bool = getattr(adapter, "own_process", False)
 
@@ -245,8 +246,12 @@ def interpreter(environment: Environment) -> Interpreter:
     It knows the engine of that environment and hcbench's own engines, as their modules are made
     importable there.
     """
-    values = {name: entry_points.entry_point(name).value for name in entry_points.names()}
-    tops = {name: value.partition(":")[0].partition(".")[0] for name, value in values.items()}
+    values: dict[str, str] = {}
+    tops: dict[str, str] = {}
+    for name in entry_points.names():
+        values[name] = entry_points.entry_point(name).value
+        module_path, _, _ = values[name].partition(":")
+        tops[name], _, _ = module_path.partition(".")
     # Packages to make importable, each once.
     wanted = dict.fromkeys(("hcbench", tops[environment.engine]))
     modules = []

@@ -46,6 +46,8 @@ TIGHT = 1e-8
 def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
     """Return the law of a setting's option "law" for an engine that takes laws as Python code: eq.
     (16) only.
+
+    Raises SettingError for any other law.
     """
     law = law_of(options)
     if not isinstance(law, PythonLaw):
@@ -114,7 +116,10 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         return self.paste(self.read(setting), shortest(setting.timestep))
 
     def script(self, scene: Scene, setting: Setting) -> str:
-        """The script, which prints restitution against speed when run."""
+        """The script, which prints restitution against speed when run.
+
+        Raises SettingError for a scene that the script cannot have.
+        """
         if scene.form not in self.forms(setting) or scene.off_axis:
             got = "off its axis" if scene.off_axis else f"the form {scene.form!r}"
             raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")

@@ -132,7 +132,8 @@ class CopiesWorld(BatchWorld):
 
     def _read(self, launches: Launches) -> Reading:
         """Step a copy for each launch, and more of the last, to a batch size that was compiled before."""
-        count, unit = len(launches), max(_WIDTH, 2 ** (len(launches).bit_length() - 4))
+        count = len(launches)
+        unit = max(_WIDTH, 2 ** (len(launches).bit_length() - 4))
         sent = launches.take(np.minimum(np.arange(-(-count // unit) * unit), count - 1))
         placed = self.place(self.scene.touch_radius + sent.clearance(self.timestep), -sent.speed)
         kind = self._copies.kind

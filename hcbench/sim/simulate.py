@@ -173,7 +173,8 @@ def _until_ended(
 ) -> tuple[Impacts, int]:
     """The impacts of a simulation's launches, in order, and the steps that the longest took.
 
-    first, expected: as in `_run_group`. Launches that have ended are read and no longer looked at.
+    first, expected: steps to take before anything is looked at, and probably in all; 0 where
+    unknown. Launches that have ended are read and no longer looked at.
     """
     after = world.speed_reading.steps_after
     rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest, after)

@@ -202,7 +202,8 @@ class StopRule:
 
         x: penetration, m, v: rate, m/s, acting: where the force acts; the coming steps, (b, n).
         """
-        speed, idle_speed = np.abs(v), IDLE_SHARE / REST_SHARE * self.rest_speed
+        speed = np.abs(v)
+        idle_speed = IDLE_SHARE / REST_SHARE * self.rest_speed
         touched = np.arange(self.steps, self.steps + x.shape[1]) >= self.touch[:, None]
         quiet = [
             (self.still, speed <= self.rest_speed[:, None]),

@@ -143,8 +143,10 @@ def tangential_of(
 
 
 def _power(rows: Floats, contact: slice) -> float:
-    """Power that the contact takes from the motion, summed over its steps, W. Force times the mean
-    of the speeds at the ends of each step. rows: as in `tangential_of`.
+    """Power that the contact takes from the motion, summed over its steps, W.
+
+    It is force times the mean of the speeds at the ends of each step. rows: (11, n), penetration,
+    rate, force, and the eight of `Record.tangential`. contact: the steps in which the force acted.
     """
     ends = slice(contact.start + 1, contact.stop + 1)
     rates = rows[1]

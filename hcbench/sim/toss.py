@@ -26,7 +26,10 @@ from hcbench.terms.impact import Floats
 GRAVITY = 9.81  # m/s²
 Shape = Literal["box", "ellipsoid", "sphere"]
 # Columns of the states that engines return.
-POSITION, QUATERNION, VELOCITY, SPIN = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13)
+POSITION = slice(0, 3)
+QUATERNION = slice(3, 7)
+VELOCITY = slice(7, 10)
+SPIN = slice(10, 13)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +88,11 @@ class ContactSetting:
         return {p.name: value for p, value in zip(self.parameters, values, strict=True)}
 
 
-NOTHING, FRICTION, RESTITUTION = "nothing set", "friction alone", "restitution"
-PLUGIN_E, PLUGIN_ALPHA = "plug-in constant e", "plug-in alpha"
+NOTHING = "nothing set"
+FRICTION = "friction alone"
+RESTITUTION = "restitution"
+PLUGIN_E = "plug-in constant e"
+PLUGIN_ALPHA = "plug-in alpha"
 # Parameters by starts of a search.
 MU = Parameter("friction", (0.18, 0.3, 0.1))
 E = Parameter("restitution", (0.2, 0.5, 0.9), most=1.0)

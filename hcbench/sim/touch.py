@@ -50,7 +50,8 @@ def travel_by_distance(distance: Callable[[float], float], size: float, approach
         if abs(gap) > _PASSED * nearest:
             return best
         if abs(gap) <= nearest:
-            nearest, best = abs(gap), travel
+            nearest = abs(gap)
+            best = travel
         travel += gap / approach
         if abs(gap) < _CLOSE * size:
             break

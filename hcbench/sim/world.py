@@ -27,13 +27,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """States at the start of each step; arrays of shape (b, n), SI, signs as in `hcbench.terms.impact`.
+    """States at the start of each step; arrays of shape (b, n), SI.
 
-    force: the normal contact force that acts in the step; exactly 0 where the contact did not act.
-    All three are NaN from the step on at which the engine gave up. tangential: what was seen along
-    the plate, shape (8, b, n), rows as `terms.impact` numbers them; None where no launch is
-    oblique, or from an engine that knows the normal direction only. whole: all of these, one below
-    the other, where an engine has them so; shape (3 or 11, b, n).
+    penetration: above 0 in contact. rate: of penetration, above 0 on approach. force: the normal
+    contact force that acts in the step, above 0 where it parts the two; exactly 0 where the contact
+    did not act. All three are NaN from the step on at which the engine gave up.
+
+    tangential: the motion along the plate, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2 N, and
+    the kinetic energy without that of the approach, J. None where no launch is oblique, or from an
+    engine that knows the normal direction only. whole: all of these, one below the other, where an
+    engine has them so; (3 or 11, b, n).
     """
 
     penetration: Floats

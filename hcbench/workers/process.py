@@ -62,7 +62,8 @@ class Worker:
     """
 
     def __init__(self, interpreter: Interpreter | None = None) -> None:
-        self._interpreter, self._others = interpreter, dict[Interpreter, Worker]()
+        self._interpreter = interpreter
+        self._others = dict[Interpreter, Worker]()
         self._process: subprocess.Popen[bytes] | Fork | None = None
         self.reset_after_fork()
         _workers.add(self)
@@ -91,6 +92,9 @@ class Worker:
     ) -> list[Result]:
         """Run the generator `function(*args)` in the worker and return all it yields, each within
         `limit` s.
+
+        Raises what the function raises, and WorkerDied, with the results until then, where it
+        crashed or took longer.
         """
         results: list[Result] = []
         with self._lock:
@@ -171,7 +175,10 @@ class Worker:
         )
 
     def _receive(self, results: list[Any], limit: float | None) -> Exception | None:
-        """Append what the worker sends to `results`, and return the error that ended it."""
+        """Append what the worker sends to `results`, and return the error that ended it.
+
+        Raises TimeoutError after `limit` s without an answer.
+        """
         while self._answers(limit):
             answer = self._pipe.recv()
             if isinstance(answer, CallEnd):
@@ -190,7 +197,8 @@ class Worker:
         begun = used = processor_seconds(self._process.pid)
         limit = min(limit, _LONGEST_S)
         while not self._pipe.poll(limit):
-            before, used = used, processor_seconds(self._process.pid)
+            before = used
+            used = processor_seconds(self._process.pid)
             if used - before < _IDLE * limit or used - begun >= limit:
                 return False
         return True
@@ -222,7 +230,9 @@ class Worker:
         self._kill()
 
     def _kill(self) -> None:
-        process, self._process, self._is_up = self._process, None, False
+        process = self._process
+        self._process = None
+        self._is_up = False
         if process is not None:
             process.kill()
             process.wait()

@@ -153,7 +153,8 @@ def units_per_metre(target: Target, e: float) -> float:
     """
     units = 10.0 ** math.floor(math.log10(_CAP / (1.5 * target.speed_max)))
     if e * target.speed_min * units <= _THRESHOLD:
-        got, least = f"from {target.speed_min:.4g} m/s on", _THRESHOLD / (e * units) if e else math.inf
+        got = f"from {target.speed_min:.4g} m/s on"
+        least = _THRESHOLD / (e * units) if e else math.inf
         raise SettingError("speeds", got, f"{least:.4g} m/s or more: DART bounces within a band of 1000 only")
     return units
 

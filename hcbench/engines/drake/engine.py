@@ -84,7 +84,8 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Drake's dissipation of a contact."""
-        note, name = "d = 1.5 α, on both bodies; continuous plants only", "hunt_crossley_dissipation"
+        note = "d = 1.5 α, on both bodies; continuous plants only"
+        name = "hunt_crossley_dissipation"
         value = SystemValue("Drake", name, (1.5 * contact.alpha,), "s/m", note)
         return Vocabulary(
             (value,),
@@ -173,7 +174,8 @@ _DEEPEST = 1e-3
 
 def _hertz_stiffness(target: Target) -> float:
     """k, N/m, of the linear spring that goes as deep as the law's at the middle of the band, undamped."""
-    n, energy = target.law.exponent, 0.5 * target.mass * target.speed_min * target.speed_max
+    n = target.law.exponent
+    energy = 0.5 * target.mass * target.speed_min * target.speed_max
     deepest = ((n + 1.0) * energy / target.law.stiffness) ** (1.0 / (n + 1.0))
     return float(2.0 * energy / deepest**2)
 
@@ -189,7 +191,8 @@ def discrete(target: Target) -> dict[str, Any]:
 
     Gravity, which a contact of π/ω feels, takes about π α g/ω: the two are even at ω² = 2 α g/h.
     """
-    h, law = target.timestep, target.law
+    h = target.timestep
+    law = target.law
     under_gravity = math.sqrt(2.0 * law.alpha * target.gravity / h)
     omega = max(2.0 * _DAMPED / (math.pi * h), target.speed_max / _DEEPEST, under_gravity)
     k = min(target.mass * omega**2, _hertz_stiffness(target))

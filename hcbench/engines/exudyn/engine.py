@@ -98,7 +98,8 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """e and V of impactModel 1, the law at all speeds up to V: here the one given."""
-        v, alpha = contact.speed, contact.alpha
+        v = contact.speed
+        alpha = contact.alpha
         if v is None or alpha * v >= 1.0:
             return Vocabulary()
         note = f"impactModel 1: the law up to {v:.6g} m/s, with the law's contactStiffness and its exponent"
@@ -177,8 +178,12 @@ def _contact(target: Target, model: int, e: float, **more: float) -> dict[str, A
 
 
 def contact_law(target: Target) -> dict[str, Any]:
-    """Eq. (16) itself; V is twice the band's highest speed, or halfway to 1/α where that is nearer."""
-    fastest, alpha = target.speed_max, target.law.alpha
+    """Eq. (16) itself; V is twice the band's highest speed, or halfway to 1/α where that is nearer.
+
+    Raises SettingError for speeds from 1/α on.
+    """
+    fastest = target.speed_max
+    alpha = target.law.alpha
     if alpha * fastest >= 1.0:
         raise SettingError("speeds", f"up to {fastest:.4g} m/s", f"below 1/α = {1.0 / alpha:.4g} m/s")
     threshold = 2.0 * fastest if alpha * fastest < 1.0 / 3.0 else 0.5 * (fastest + 1.0 / alpha)

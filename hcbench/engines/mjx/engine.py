@@ -108,7 +108,8 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         # Read before a setting says otherwise.
         exact = self._starts_in_64_bits()
         bits = bits or (64 if exact else 32)
-        jax, mjx = self.backend.module("jax"), self.backend.module("mujoco.mjx")
+        jax = self.backend.module("jax")
+        mjx = self.backend.module("mujoco.mjx")
         jax.config.update("jax_enable_x64", bits == 64)
         # In the user's own process the cache is the user's choice.
         if in_worker() and not jax.config.jax_compilation_cache_dir:
@@ -146,11 +147,9 @@ class MjxEngine(DescribesContact, SharedModelEngine):
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """MJX's solref for a bounce in one step."""
-        e, h, note = (
-            contact.restitution,
-            contact.timestep,
-            "bounces in one step; solimp 0.9 0.9 0.001 in float32",
-        )
+        e = contact.restitution
+        h = contact.timestep
+        note = "bounces in one step; solimp 0.9 0.9 0.001 in float32"
         rows = (SystemValue("MJX", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
         return Vocabulary(rows, caveats=_CAVEATS)
 
@@ -161,8 +160,13 @@ class MjxCopies(Copies):
     places = _PLACES
 
     def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any, read: Any) -> None:
-        self.bits, self._model, self._empty, self._place, self._run = bits, model, empty, place, run
-        self.kind, self._read = np.dtype(f"f{bits // 8}").type, read
+        self.bits = bits
+        self._model = model
+        self._empty = empty
+        self._place = place
+        self._run = run
+        self.kind = np.dtype(f"f{bits // 8}").type
+        self._read = read
 
     def place(self, states: Floats) -> Floats:
         """Put the copies into new states."""

@@ -18,12 +18,15 @@ def solref(e: float, h: float) -> str:
     # Bounds of the damping ratio.
     low, high = 0.0, 0.99
     for _ in range(60):
-        z, w = (low + high) / 2, math.sqrt(1 - ((low + high) / 2) ** 2)
-        low, high = (z, high) if math.exp(-z / w * math.atan2(2 * z * w, 2 * z * z - 1)) > e else (low, z)
+        z = (low + high) / 2
+        w = math.sqrt(1 - z**2)
+        is_too_high = math.exp(-z / w * math.atan2(2 * z * w, 2 * z * z - 1)) > e
+        low, high = (z, high) if is_too_high else (low, z)
     # Angle of the undamped motion in a step.
     turn = math.pi / CONTACT_STEPS
     decay = math.exp(-z * turn)
-    stiffness, damping = (1 + decay**2 - 2 * decay * math.cos(w * turn)) / h**2, (1 - decay**2) / h
+    stiffness = (1 + decay**2 - 2 * decay * math.cos(w * turn)) / h**2
+    damping = (1 - decay**2) / h
     return f"{-stiffness} {-damping}"
 
 
@@ -33,7 +36,9 @@ class MujocoBodies:
     def make(self, world: dict[str, Any]) -> None:
         if "materials" in world:
             raise NotImplementedError("has no restitution of a material")
-        h, mu, bounce = world["timestep"], world["friction"], solref(world["restitution"], world["timestep"])
+        h = world["timestep"]
+        mu = world["friction"]
+        bounce = solref(world["restitution"], h)
         pair = f'solref="{bounce}" solreffriction="0 {-1 / h}" solimp=".9999 .9999 .001"'
         names = ["floor"] * world["floor"] + [f"geom{i}" for i in range(len(world["bodies"]))]
         geoms = [self._body(i, body) for i, body in enumerate(world["bodies"])]

@@ -90,8 +90,14 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     def copies(
         self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
     ) -> WarpCopies:
-        """Copies of a model on one device."""
-        warp, mujoco_warp = self.backend.module("warp"), self.backend.module("mujoco_warp")
+        """Copies of a model on one device.
+
+        start: MjData of what states leave out. law: lines that are run before the steps. radius: of
+        the ball, m; 0 for a user's model. Raises SceneError for what Warp does not have, CannotRun
+        without the device.
+        """
+        warp = self.backend.module("warp")
+        mujoco_warp = self.backend.module("mujoco_warp")
         warp.config.quiet = True
         where = self._device(device)
         warp.set_device(where)
@@ -119,7 +125,9 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """MuJoCo Warp's solref for a bounce in one step."""
-        e, h, note = contact.restitution, contact.timestep, "bounces in one step; solimp 0.9999 0.9999 0.001"
+        e = contact.restitution
+        h = contact.timestep
+        note = "bounces in one step; solimp 0.9999 0.9999 0.001"
         rows = (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
         return Vocabulary(rows, caveats=_CAVEATS)
 
@@ -141,11 +149,17 @@ def with_a_geom_each(xml: str) -> str:
 class WarpCopies(Copies):
     """Copies of a model on one device."""
 
-    places, bits, kind = _PLACES, 32, np.float32
+    places = _PLACES
+    bits = 32
+    kind = np.float32
 
     def __init__(self, model: Any, start: Any, most: int, names: dict[str, Any]) -> None:
-        self._model, self._start, self._most, self._names = model, start, most, names
-        self._step, self._before = names["mjw"].step, names.get("before_step", lambda data: None)
+        self._model = model
+        self._start = start
+        self._most = most
+        self._names = names
+        self._step = names["mjw"].step
+        self._before = names.get("before_step", lambda data: None)
 
     def place(self, states: Floats) -> Floats:
         """Put the copies into states (b, nq + nv), SI; returns them rounded to float32."""
@@ -167,11 +181,15 @@ class WarpCopies(Copies):
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
         """Read balls by a kernel after each step; this process counts every _LOOK steps how many ended."""
-        warp, kernel = self._names["wp"], _reading_kernel(self._names["wp"])
+        warp = self._names["wp"]
+        kernel = _reading_kernel(warp)
         now = Reading(*map(warp.array, reading))
-        sent = [warp.array(number) if number.ndim else number.item() for number in rule]
-        seen = [self._data.qpos, self._data.qvel, *sent, *now]
-        while np.count_nonzero(now.end.numpy() == 0) > fewest and now.steps.numpy().max() < most:
+        constants = [warp.array(number) if number.ndim else number.item() for number in rule]
+        seen = [self._data.qpos, self._data.qvel, *constants, *now]
+        while now.steps.numpy().max() < most:
+            going = np.count_nonzero(now.end.numpy() == 0)
+            if going <= fewest:
+                break
             for _ in range(_LOOK):
                 self._take_step()
                 warp.launch(kernel, dim=self._data.nworld, inputs=seen)

@@ -88,7 +88,8 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Newton's restitution, ke and kd of a contact."""
-        e, note = contact.restitution, "on both shapes, with enable_restitution"
+        e = contact.restitution
+        note = "on both shapes, with enable_restitution"
         rows = [SystemValue("Newton", "restitution", (e,), "", f"{contact.at}; {note}")] if e else []
         if e and contact.contact_time is not None:
             law = kv.matched(e, contact.contact_time, 1.0, kv.Ending.FORCE)

@@ -183,7 +183,8 @@ def stock_accuracy(target: Target) -> dict[str, Any]:
     """
     law = target.law
     if law.exponent != _HERTZ:
-        given, advice = f"n = {law.exponent:g} in opensim", "The plug-in `hunt-crossley` has any"
+        given = f"n = {law.exponent:g} in opensim"
+        advice = "The plug-in `hunt-crossley` has any"
         raise SettingError("exponent", given, "n = 1.5 for HuntCrossleyForce", advice)
     return {"stiffness": law.stiffness, "dissipation": law.alpha}
 

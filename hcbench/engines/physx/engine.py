@@ -64,15 +64,21 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
     )
 
     def lines(self, options: PhysxOptions, scene: Scene) -> str:
-        """Configuration, material or law, and a new scene for each launch."""
+        """Configuration, material or law, and a new scene for each launch.
+
+        Raises SettingError for a law beside a restitution.
+        """
         if options.law is not None and options.restitution is not None:
             raise SettingError("physx option 'law'", "given with a restitution", "one of the two")
         config, material, hook = _parts(options)
-        shapes = ", material=material" if material else ""
-        filtered = _UNFILTERED if isinstance(options.law, HuntCrossley) else ""
-        call = "\n    before_step()" if hook else ""
+        by_force = isinstance(options.law, HuntCrossley)
         return _LINES.format(
-            config=config, material=material, hook=hook, shapes=shapes, filtered=filtered, call=call
+            config=config,
+            material=material,
+            hook=hook,
+            shapes=", material=material" if material else "",
+            filtered=_UNFILTERED if by_force else "",
+            call="\n    before_step()" if hook else "",
         )
 
     def paste(self, options: PhysxOptions, timestep: str) -> str:

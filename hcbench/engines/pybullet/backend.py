@@ -48,7 +48,8 @@ class BulletClient:
 
     def __init__(self, client: int) -> None:
         # PyBullet prints a line on import.
-        self.module, self.client = BACKEND.module(), client
+        self.module = BACKEND.module()
+        self.client = client
         self.error: type[Exception] = self.module.error
 
     def __getattr__(self, name: str) -> Callable[..., Any]:

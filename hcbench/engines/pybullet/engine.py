@@ -98,7 +98,10 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         return PybulletWorld(scene, setting.timestep, read_options(setting.options), fastest)
 
     def plugin(self, *, install: bool = False) -> Path:
-        """The library of hunt_crossley and restitution, for pybullet.loadPlugin."""
+        """The library of hunt_crossley and restitution, for pybullet.loadPlugin.
+
+        Raises UserError for `install`: PyBullet has no folder for plug-ins.
+        """
         from hcbench.engines.pybullet import plugin
 
         if install:

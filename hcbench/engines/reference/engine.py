@@ -58,7 +58,8 @@ class ReferenceEngine(Engine):
 
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Flights and impacts in turn, sampled at the step."""
-        law, h = law_of(setting, scene), setting.timestep
+        law = law_of(setting, scene)
+        h = setting.timestep
         times = h * np.arange(max(2, round(duration / h) + 1), dtype=np.float64)
 
         def impact_at(speed: float) -> Impact:
@@ -131,7 +132,10 @@ def _points(duration: float, timestep: float) -> int:
 
 
 def _closed_hunt_crossley(law: HuntCrossley, mass: float, speed: float, timestep: float) -> Impact:
-    """The impact by the closed forms of eq. (16), without gravity; arguments as of `_impact`, SI."""
+    """The impact by the closed forms of eq. (16), without gravity.
+
+    mass: kg. speed: m/s. timestep: s, of the loop's points.
+    """
     duration = float(closed_form.duration(law, mass, speed))
     count = _points(duration, timestep)
     return Impact(
@@ -148,7 +152,10 @@ def _closed_hunt_crossley(law: HuntCrossley, mass: float, speed: float, timestep
 
 
 def _closed_kelvin_voigt(law: KelvinVoigt, mass: float, speed: float, timestep: float) -> Impact:
-    """The impact of an underdamped spring and damper that ends at the surface, without gravity; SI."""
+    """The impact of an underdamped spring and damper that ends at the surface, without gravity.
+
+    mass: kg. speed: m/s. timestep: s, of the loop's points.
+    """
     ending = kelvin_voigt.Ending.SURFACE
     bounce = kelvin_voigt.bounce(law, mass, speed, ending)
     count = _points(bounce.duration, timestep)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -150,13 +151,14 @@ class LoadedPlant:
 
     def nearest(self, context: Any, first: Part, second: Part) -> Gap:
         """Find the nearest points of two parts. UserError if Drake filters their contact."""
-        pairs = [(a, b) for a in first.geometries for b in second.geometries]
-        meet = [both for both in pairs if frozenset(both) in self.collide]
+        every = itertools.product(first.geometries, second.geometries)
+        meet = [shapes for shapes in every if frozenset(shapes) in self.collide]
         if not meet:
             got = f"{first.name!r} and {second.name!r} never touch: Drake filters their collisions"
             raise UserError("pair", got, "two parts of different bodies, not joined by a joint")
         query = self.plant.get_geometry_query_input_port().Eval(context)
-        return min((self._gap(query, *both) for both in meet), key=lambda gap: gap.distance)
+        gaps = [self._gap(query, *shapes) for shapes in meet]
+        return min(gaps, key=lambda gap: gap.distance)
 
     def _gap(self, query: Any, a: Any, b: Any) -> Gap:
         """Nearest points of two shapes, by their ids.
@@ -195,7 +197,11 @@ class LoadedPlant:
         return distance, up, deepest - 0.5 * distance * up
 
     def _farthest(self, shape: Any, along: Floats) -> Floats:
-        """The point of a shape that is farthest along a unit vector, in its frame; of a face the middle."""
+        """The point of a shape that is farthest along a unit vector, in its frame; of a face the
+        middle.
+
+        Raises UserError for a shape whose distance Drake does not know.
+        """
         drake = self.drake
         side = np.where(np.abs(along) < _ALONG, 0.0, np.sign(along))
         if isinstance(shape, drake.Sphere):

@@ -81,7 +81,7 @@ def _add(drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Map
 
 
 def _simulate(drake: Any, simulator: Any, plant: Any, logger: Any, toss: Toss, timestep: float) -> Floats:
-    """States of one toss, (steps + 1, 13), see `simulate`.
+    """States of one toss, (steps + 1, 13): position, quaternion w x y z, velocity and spin, SI.
 
     Drake itself has the quaternion before the place, and the spin before the velocity.
     """

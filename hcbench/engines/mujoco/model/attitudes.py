@@ -79,11 +79,16 @@ def _is_loose(model: Any, body: int) -> bool:
 
 def _is_touched(model: Any, start: Any, geom: int, other: int) -> bool:
     """Say whether a third geom touches `geom` at the start."""
-    ends, data = np.zeros(6), copy.copy(start)
-    backend().mj_kinematics(model, data)
-    thirds = [third for third in range(model.ngeom) if third not in (geom, other)]
-    thirds = [third for third in thirds if masks_match(model, geom, third)]
-    return any(backend().mj_geomDistance(model, data, geom, third, _NEAR, ends) < _NEAR for third in thirds)
+    mujoco = backend()
+    data = copy.copy(start)
+    mujoco.mj_kinematics(model, data)
+    ends = np.zeros(6)
+    for third in range(model.ngeom):
+        if third in (geom, other) or not masks_match(model, geom, third):
+            continue
+        if mujoco.mj_geomDistance(model, data, geom, third, _NEAR, ends) < _NEAR:
+            return True
+    return False
 
 
 def _unit(vector: Floats) -> Floats:
@@ -92,10 +97,12 @@ def _unit(vector: Floats) -> Floats:
 
 def _turn(start: Floats, end: Floats) -> Floats:
     """The quaternion, w x y z, of the least turn from one unit vector, (3,), to another."""
-    axis, cosine = np.cross(start, end), float(start @ end)
+    axis = np.cross(start, end)
+    cosine = float(start @ end)
     # Half a turn: every axis across the start will do, and 1 + cosine would vanish in the
     # quaternion.
     if cosine < -1.0 + 1e-12:
-        axis, cosine = np.linalg.svd(start[None])[2][1], 0.0
+        axis = np.linalg.svd(start[None])[2][1]
+        cosine = 0.0
         return np.array([0.0, *axis])
     return _unit(np.array([1.0 + cosine, *axis]))

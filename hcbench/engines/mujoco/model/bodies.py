@@ -68,7 +68,8 @@ def speed_reading(model: Any) -> SpeedReading:
 
 def masks_match(model: Any, geom1: int, geom2: int) -> bool:
     """Say whether contype and conaffinity of two geoms let them collide."""
-    kinds, partners = model.geom_contype, model.geom_conaffinity
+    kinds = model.geom_contype
+    partners = model.geom_conaffinity
     return bool(kinds[geom1] & partners[geom2] or kinds[geom2] & partners[geom1])
 
 
@@ -118,7 +119,8 @@ def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, 
     first, second: numbers of the bodies. point: of both, (3,), m, in the world. normal: unit vector
     (3,) from the first to the second.
     """
-    jac, jacobian = backend().mj_jac, np.empty((3, model.nv))
+    jac = backend().mj_jac
+    jacobian = np.empty((3, model.nv))
     jac(model, data, jacobian, None, point, first)
     row: Floats = normal.dot(jacobian)
     if second:

@@ -67,6 +67,8 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
 def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, str]:
     """Position servos get their joint's angle as target; motors get PD torques, joints without an
     actuator are free. gains: kp and kd, or () for those by weight and inertia.
+
+    Raises UserError for gains that are not two numbers from 0 up.
     """
     if gains and (len(gains) != 2 or min(gains) < 0):
         raise UserError(
@@ -138,7 +140,8 @@ def _turns_or_slides(model: Any, actuator: int, joint: int) -> bool:
 
 
 def _span(values: list[float]) -> str:
-    low, high = min(values), max(values)
+    low = min(values)
+    high = max(values)
     return f"{low:.3g}" if low == high else f"{low:.3g} ... {high:.3g}"
 
 

@@ -54,7 +54,10 @@ def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
 
 
 def _named_geoms(model: Any, name: str) -> NamedGeoms:
-    """Those geoms of the part of this name that can collide; all where none can."""
+    """Those geoms of the part of this name that can collide; all where none can.
+
+    Raises UserError for a body without geoms, and for a name that the model does not have.
+    """
     parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
     parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
     # A body without geoms comes last: of the same name, a geom is meant.
@@ -221,17 +224,19 @@ def immobile_error(pair: ContactPair) -> UserError:
 def require_collisions(pair: ContactPair) -> ContactPair:
     """The pair with those geoms only that MuJoCo collides; UserError with what keeps all of them apart."""
     model = pair.model
-    geoms = itertools.product(pair.first.geoms, pair.second.geoms)
-    meeting = [both for both in geoms if can_meet(model, both)]
+    first = pair.first
+    second = pair.second
+    every = itertools.product(first.geoms, second.geoms)
+    meeting = [geoms for geoms in every if can_meet(model, geoms)]
     if not meeting or _are_contacts_off(model):
-        moves = any(model.body_weldid[part.body] for part in (pair.first, pair.second))
-        raise no_contact_error(pair) if moves else immobile_error(pair)
-    firsts = tuple(dict.fromkeys(first for first, _ in meeting))
-    seconds = tuple(dict.fromkeys(second for _, second in meeting))
+        if model.body_weldid[first.body] or model.body_weldid[second.body]:
+            raise no_contact_error(pair)
+        raise immobile_error(pair)
+    of_first, of_second = zip(*meeting, strict=True)
     return ContactPair(
         model,
-        NamedGeoms(pair.first.name, pair.first.body, firsts),
-        NamedGeoms(pair.second.name, pair.second.body, seconds),
+        NamedGeoms(first.name, first.body, tuple(dict.fromkeys(of_first))),
+        NamedGeoms(second.name, second.body, tuple(dict.fromkeys(of_second))),
     )
 
 

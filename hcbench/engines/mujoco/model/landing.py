@@ -117,7 +117,8 @@ class _Bench:
 
     def landing(self, height: float, tilt: float, drive: Drive) -> Landing:
         """One drop from a height (m) over the touch, the base turned by a tilt (rad)."""
-        model, data = self.model, copy.copy(self.start)
+        model = self.model
+        data = copy.copy(self.start)
         address = int(model.jnt_qposadr[self.joint])
         self._turn(data, address, tilt)
         data.qpos[address : address + 3] += self.up * (height + self._way_up(data, address))
@@ -135,7 +136,8 @@ class _Bench:
     def _touches(self, data: Any) -> bool:
         """Say whether the robot touches anything that it can land on, in this pose."""
         backend().mj_fwdPosition(self.model, data)
-        geoms, distances = data.contact.geom, data.contact.dist
+        geoms = data.contact.geom
+        distances = data.contact.dist
         on_floor = self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
         return bool((on_floor & (distances <= 0.0) & (data.contact.exclude == 0)).any())
 
@@ -161,9 +163,11 @@ class _Bench:
                 "a floor",
                 advice,
             )
-        low, high = end, end + _SCAN
+        low = end
+        high = end + _SCAN
         if is_in_floor:
-            low, high = end - _SCAN, end
+            low = end - _SCAN
+            high = end
         for _ in range(_ROUNDS):
             middle = 0.5 * (low + high)
             if touches(middle):
@@ -178,7 +182,9 @@ class _Bench:
         data: at release. height: of the lowest point over the floor, m. tilt: rad. Raises
         EngineFailed where MuJoCo resets the state, UserError where the robot meets nothing.
         """
-        model, mujoco, h = self.model, backend(), self.h
+        model = self.model
+        mujoco = backend()
+        h = self.h
         jacobian = np.zeros((3, model.nv))
         latest = _FALL_SHARE * math.sqrt(2.0 * height / self.g) + _SLACK_S
         forces: list[float] = []
@@ -187,7 +193,8 @@ class _Bench:
         first = math.nan
         for step in range(math.ceil((latest + WINDOW_S) / h)):
             drive(data)
-            before, then = data.qvel.copy(), step * h
+            before = data.qvel.copy()
+            then = step * h
             hits = self._hits(data)
             mujoco.mj_step(model, data)
             if resets(data):
@@ -225,7 +232,8 @@ class _Bench:
         """Contacts that a plug-in's law turns back in the step to come, which goes on from `data`."""
         if self.beside is None:
             return []
-        trial, hits = self.beside.data, []
+        trial = self.beside.data
+        hits = []
         whole = backend().mjtState.mjSTATE_INTEGRATION
         state = np.empty(backend().mj_stateSize(self.model, whole))
         backend().mj_getState(self.model, data, state, whole)

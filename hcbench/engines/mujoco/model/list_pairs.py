@@ -102,8 +102,9 @@ def _described(
     body_b = int(model.geom_bodyid[b])
     name_a = geom_name(model, a)
     name_b = geom_name(model, b)
-    pair = ContactPair(model, NamedGeoms(name_a, body_a, (a,)), NamedGeoms(name_b, body_b, (b,)))
-    near = pair.nearest(data)
+    first = NamedGeoms(name_a, body_a, (a,))
+    second = NamedGeoms(name_b, body_b, (b,))
+    near = ContactPair(model, first, second).nearest(data)
     key = tuple(sorted((a, b)))
     normal = near.normal
     # The nearest points coincide; the effective mass is the same for either sign of the contact's

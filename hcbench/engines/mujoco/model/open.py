@@ -36,9 +36,11 @@ def live_state(source: Any) -> tuple[Any, Any] | None:
     owner = source
     for name in ("unwrapped", "physics", "sim"):
         owner = getattr(owner, name, owner)
-    model, data = getattr(owner, "model", None), getattr(owner, "data", None)
+    model = getattr(owner, "model", None)
+    data = getattr(owner, "data", None)
     if isinstance(source, mujoco.MjData):
-        model, data = getattr(source, "model", None), source
+        model = getattr(source, "model", None)
+        data = source
     for inner in ("ptr", "_model"):
         model = getattr(model, inner, model)
     for inner in ("ptr", "_data"):
@@ -114,7 +116,7 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
     """The model of a binary file, which holds its arrays as they are in memory.
 
     MuJoCo allocates what the sizes at the file's begin ask for before it compares them with the
-    file.
+    file. Raises ValueError for sizes that no such file has, and what MuJoCo raises.
     """
     with memory_limit(_BINARY_ROOM + 4 * path.stat().st_size):
         try:
@@ -128,7 +130,10 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
 
 
 def _unzipped(mujoco: Any, path: Path) -> Any:
-    """The model of an archive that `MjSpec.to_zip` wrote: its .xml, with the files that it names."""
+    """The model of an archive that `MjSpec.to_zip` wrote: its .xml, with the files that it names.
+
+    Raises ValueError for an archive that cannot be read.
+    """
     try:
         content = read_bytes(path)
         require_small_archive(content)

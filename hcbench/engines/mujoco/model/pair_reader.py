@@ -23,10 +23,15 @@ class PairReader:
 
     def __init__(self, model: Any, place: PairAtTouch, data: Any, along: MujocoAlongPlate | None) -> None:
         mujoco = backend()
-        self.model, self.place, self.along, self.others = model, place, along, False
+        self.model = model
+        self.place = place
+        self.along = along
+        self.others = False
         self._pyramid = int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-        self._wrench, self._force_of = np.zeros(6), mujoco.mj_contactForce
-        self._point, self._normal = place.contact.point, place.contact.normal
+        self._wrench = np.zeros(6)
+        self._force_of = mujoco.mj_contactForce
+        self._point = place.contact.point
+        self._normal = place.contact.normal
         self._row: Floats | None = None
         # Of the last contacts: the geoms of all; of each of the pair's its place, whether the
         # moving geom is its second, and whether its normal has two rows; then these, points, axes
@@ -146,7 +151,9 @@ class PairReader:
         """Numbers of the geoms that touch either one's tree of bodies, besides the pair's own
         contact.
         """
-        sides, in_tree, geoms = self.place.pair.sides, self.place.pair.in_trees, data.contact.geom
+        sides = self.place.pair.sides
+        in_tree = self.place.pair.in_trees
+        geoms = data.contact.geom
         # A geom of -1 is none: the contact is that of a flex.
         acting = (data.contact.efc_address >= 0) & (geoms.min(axis=1) >= 0)
         geoms = geoms[acting & (sides[geoms].sum(axis=1) != 3)]

@@ -123,7 +123,8 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     then. Keyframes of standing robots often start a little inside the floor. `near` unchanged
     without such a base.
     """
-    model, base = pair.model, next(iter(moving_joints(pair.model, pair.first.body)), None)
+    model = pair.model
+    base = next(iter(moving_joints(pair.model, pair.first.body)), None)
     if not -_RAISED <= near.distance < 0.0 or base is None or len(base.dofs) != 3 or base.turns:
         return near
     tree = model.body_rootid[model.dof_bodyid] == model.body_rootid[base.body]
@@ -142,7 +143,10 @@ class _PassedError(UserError):
 
 
 def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPair, MovingJoint]]:
-    """Movers of either of the two, with the pair in that order. move: the only one that may."""
+    """Movers of either of the two, with the pair in that order. move: the only one that may.
+
+    Raises UserError where that one carries neither of the two.
+    """
     orders = (pair, pair.swapped())
     if move is None:
         return [(p, joint) for p in orders for joint in moving_joints(p.model, p.first.body)]
@@ -157,9 +161,11 @@ def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPai
 def _along_nearest(
     pair: ContactPair, data: Any, joint: MovingJoint, row: Floats, overlap: float
 ) -> PairAtTouch | None:
-    """The two brought together the nearest way by one joint; None where it does not move one to the other.
+    """The two brought together the nearest way by one joint; None where it does not move one to the
+    other.
 
-    row: (nv,) of the approach along the line between them.
+    row: (nv,) of the approach along the line between them. Raises UserError where the two pass each
+    other, or MuJoCo makes no contact of them.
     """
     start = data.qpos.copy()
     try:
@@ -174,7 +180,9 @@ def _along_nearest(
             data.qpos[:] = start
             note = "The nearest way ends at an edge, where the engine makes no contact: met from above."
             return replace(_from_there(pair, data, ABOVE), note=note)
-        raise no_contact_error(pair) if search.gap < _MISSED else _passed_error(pair, data, search.gap)
+        if search.gap < _MISSED:
+            raise no_contact_error(pair)
+        raise _passed_error(pair, data, search.gap)
     finally:
         data.qpos[:] = start
         backend().mj_fwdPosition(pair.model, data)
@@ -193,8 +201,12 @@ def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
 
 
 def _from_there(pair: ContactPair, data: Any, coming_from: Vector, chosen: str | None = None) -> PairAtTouch:
-    """The two brought together from one direction, by a free or slide joint."""
-    model, there = pair.model, np.asarray(coming_from)
+    """The two brought together from one direction, by a free or slide joint.
+
+    Raises UserError where no joint moves one of them along it, or they do not meet.
+    """
+    model = pair.model
+    there = np.asarray(coming_from)
     for ordered, joint in _joints(pair, chosen):
         sign = 1.0 if ordered.first.name == pair.first.name else -1.0
         normal = -sign * there
@@ -229,7 +241,8 @@ def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
     """Distance back along the normal at which the first is clear of the second, m, from where it
     is.
     """
-    model, ahead = pair.model, 0.0
+    model = pair.model
+    ahead = 0.0
     bound = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
     for g in pair.second.geoms:
         # MuJoCo gives a plane the bounding radius 0.
@@ -286,7 +299,8 @@ def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
     row: (nv,) of the approach. Contact is off, as one that just touches may already push, or
     adhere.
     """
-    mujoco, flags = backend(), model.opt.disableflags
+    mujoco = backend()
+    flags = model.opt.disableflags
     model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     mujoco.mj_forward(model, data)
     model.opt.disableflags = flags
@@ -339,26 +353,30 @@ def _at_touch(
 
 def _require_room(pair: ContactPair, data: Any) -> None:
     """Refuse a touch at which other parts of what moves would be deep in something."""
-    model, sides, names = pair.model, pair.sides, (pair.first.name, pair.second.name)
-    root = model.body_rootid[pair.first.body]
+    model = pair.model
+    names = (pair.first.name, pair.second.name)
+    advice = ", or start from a keyframe or --qpos in which these do"
+    roots = model.body_rootid[model.geom_bodyid]
+    moves = roots == model.body_rootid[pair.first.body]
     for contact in data.contact:
-        geoms = contact.geom.tolist()
-        if min(geoms) < 0 or contact.exclude or sides[geoms].sum() == 3:
+        one, other = contact.geom.tolist()
+        # A geom of -1 is none: the contact is that of a flex.
+        if min(one, other) < 0 or contact.exclude or pair.sides[one] + pair.sides[other] == 3:
             continue
-        # The one that moves with the pair first.
-        geoms.sort(key=lambda geom: model.body_rootid[model.geom_bodyid[geom]] != root)
-        moves = [model.body_rootid[model.geom_bodyid[geom]] == root for geom in geoms]
-        if moves == [True, False]:
-            size = min(r for r in (*model.geom_rbound[geoms], np.inf) if r > 0)
-            part, third = (repr(geom_name(model, geom)) for geom in geoms)
-            advice = ", or start from a keyframe or --qpos in which these do"
-            require_reachable(-contact.dist, size, names, (part, third), advice)
+        if moves[one] == moves[other]:
+            continue
+        part, third = (one, other) if moves[one] else (other, one)
+        # A plane has no size.
+        size = min(r for r in (*model.geom_rbound[[part, third]], np.inf) if r > 0)
+        blocked = (repr(geom_name(model, part)), repr(geom_name(model, third)))
+        require_reachable(-contact.dist, size, names, blocked, advice)
 
 
 # Velocities and times of a state are ignored: everything starts at rest.
 _IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")
 # Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
-TURNED, MOVED = math.radians(5.01), 1e-3
+TURNED = math.radians(5.01)
+MOVED = 1e-3
 
 
 def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:
@@ -368,7 +386,8 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
     before it.
     """
     mujoco = backend()
-    data, name = mujoco.MjData(model), ""
+    data = mujoco.MjData(model)
+    name = ""
     if state is not None and request.key is None:
         for field in STATE_FIELDS:
             getattr(data, field)[:] = getattr(state, field)
@@ -387,7 +406,11 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
 
 
 def _reset(model: Any, data: Any, key: str | None) -> str:
-    """Reset to a keyframe by name or number, or to "qpos0"; None: to the first keyframe if there is one."""
+    """Reset to a keyframe by name or number, or to "qpos0"; None: to the first keyframe if there is
+    one.
+
+    Raises UserError for a keyframe that the model does not have.
+    """
     names = ["qpos0", *(model.key(i).name or str(i) for i in range(model.nkey))]
     if key is None:
         key = names[min(1, model.nkey)]
@@ -402,7 +425,10 @@ def _reset(model: Any, data: Any, key: str | None) -> str:
 
 
 def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
-    """Set a joint, a free joint by its body's name or as "base", or a field of the state such as qpos."""
+    """Set a joint, a free joint by its body's name or as "base", or a field of the state such as qpos.
+
+    Raises UserError for another name, and for another number of values.
+    """
     names = [joint_name(model, j) for j in range(model.njnt)]
     joint = names.index(name) if name in names else _free_joint(model, name)
     if joint is not None:
@@ -454,7 +480,8 @@ def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...])
 
 def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:
     """(how far a joint is beyond its limit, how far it may be, the nearest value allowed), rad or m."""
-    kinds, kind = backend().mjtJoint, int(model.jnt_type[joint])
+    kinds = backend().mjtJoint
+    kind = int(model.jnt_type[joint])
     low, high = (float(end) for end in model.jnt_range[joint])
     address = int(model.jnt_qposadr[joint])
     if kind == kinds.mjJNT_BALL:
@@ -477,7 +504,9 @@ def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> Use
     coupling = np.zeros(data.nefc)
     mujoco.mj_mulJacVec(model, data, coupling, row)
     for i in np.flatnonzero(np.abs(coupling) > 1e-9 * max(1.0, float(np.abs(row).max()))):
-        kind, number, off = int(data.efc_type[i]), int(data.efc_id[i]), float(data.efc_pos[i])
+        kind = int(data.efc_type[i])
+        number = int(data.efc_id[i])
+        off = float(data.efc_pos[i])
         if kind == mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON and off < -MOVED:
             what = f"tendon {sanitized(model.tendon(number).name) or number!r} would be {-off:.3g} m beyond"
             what += " its limit"
@@ -549,7 +578,8 @@ def require_plausible_state(model: Any, data: Any) -> None:
     if not np.isfinite(data.qpos).all():
         raise UserError("qpos", "a number that is not finite", "finite numbers")
     for joint in range(model.njnt):
-        kind, at = int(model.jnt_type[joint]), int(model.jnt_qposadr[joint])
+        kind = int(model.jnt_type[joint])
+        at = int(model.jnt_qposadr[joint])
         name = model.joint(joint).name or str(joint)
         turns = {int(kinds.mjJNT_FREE): at + 3, int(kinds.mjJNT_BALL): at}.get(kind)
         if turns is not None and np.linalg.norm(data.qpos[turns : turns + 4]) < _LEAST_QUATERNION:

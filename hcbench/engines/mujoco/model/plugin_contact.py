@@ -86,7 +86,8 @@ class WithoutContact:
 
     def __init__(self, model: Any) -> None:
         mujoco = backend()
-        self._step, self._model = mujoco.mj_step, copy.copy(model)
+        self._step = mujoco.mj_step
+        self._model = copy.copy(model)
         self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.data = mujoco.MjData(self._model)
 
@@ -103,7 +104,8 @@ class WithoutContact:
         row: (nv,), Jacobian of the approach rate. velocity: (nv,), after the step with the contact.
         mass: effective mass along the normal, kg.
         """
-        apart, together = float(row @ self.step()), float(row @ velocity)
+        apart = float(row @ self.step())
+        together = float(row @ velocity)
         if abs(apart - together) <= ROUND_OFF_SOLVED * np.finfo(float).eps * (abs(apart) + abs(together)):
             return 0.0
         return mass * (apart - together) / float(self._model.opt.timestep)

@@ -388,9 +388,11 @@ def row_choices(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) 
 
 def _spring(e: float, steps: int, load: Load) -> ConstraintRow:
     """One row with a half period of whole steps; under RK4, which follows continuous time, as long."""
-    loss, lasts = -math.log(max(e, _LEAST_E)), steps * load.timestep
+    loss = -math.log(max(e, _LEAST_E))
+    lasts = steps * load.timestep
     if load.rk4:
-        stiffness, damping = (math.pi**2 + loss**2) / lasts**2, 2.0 * loss / lasts
+        stiffness = (math.pi**2 + loss**2) / lasts**2
+        damping = 2.0 * loss / lasts
     else:
         c = math.exp(-2.0 * loss / steps)
         stiffness = (1.0 + c - 2.0 * math.sqrt(c) * math.cos(math.pi / steps)) / load.timestep**2
@@ -401,7 +403,8 @@ def _spring(e: float, steps: int, load: Load) -> ConstraintRow:
 @lru_cache(maxsize=16)
 def _fitted(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Rows:
     """A spring, and a damper whose strength grows with depth: two <pair>s of the same two geoms."""
-    h, gravity = load.timestep, round(load.gravity, 2)
+    h = load.timestep
+    gravity = round(load.gravity, 2)
     rows = spring_and_damper_rows(
         goal, band, h, gravity, load.strength, adhesive, load.rk4, points=load.points
     )

@@ -216,9 +216,10 @@ class MujocoFlight:
         along = None
         # A contact may hide in a stage of RK4 where a step's approach nearly leads to the touch
         # plane.
-        may_hide = self._staged and force == 0.0 and x + _STAGE_REACH * self._h * max(rate, 0.0) > 0.0
-        if may_hide:
-            free = self._rate_without_contact()
+        if self._staged and force == 0.0:
+            reached = x + _STAGE_REACH * self._h * max(rate, 0.0)
+            if reached > 0.0:
+                free = self._rate_without_contact()
         if self._along is not None:
             along = self._along.row(seen, self._before, self._reader.contact_point(seen), rate)
         if self._causes is not None:
@@ -259,7 +260,8 @@ class MujocoFlight:
 
     def _rate_without_contact(self) -> float:
         """The approach rate after the step from the state in `_seen`, had no contact acted in it."""
-        model, data = self._model, self._space.free
+        model = self._model
+        data = self._space.free
         copy_state(model, self._seen, data)
         flags = model.opt.disableflags
         model.opt.disableflags = flags | int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -323,7 +325,8 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
             flights.append(MujocoFlight(opened, launch, space))
             flights[-1].leave()
         super().__init__(flights)
-        self._inside, self._after = flights[-1], after
+        self._inside = flights[-1]
+        self._after = after
 
     def advance(self, steps: int) -> Record:
         """Take the steps of each launch."""

@@ -12,8 +12,11 @@ from hcbench.sim.model_under_test import CONTACT, WEIGHT
 from hcbench.terms.impact import Floats
 
 OTHERS = "other contacts"
-LIMITS, EQUALITIES, FRICTION = "limits of joints and tendons", "equality constraints", "friction in joints"
-ACTUATORS, PASSIVE = "actuators", "springs and damping of joints"
+LIMITS = "limits of joints and tendons"
+EQUALITIES = "equality constraints"
+FRICTION = "friction in joints"
+ACTUATORS = "actuators"
+PASSIVE = "springs and damping of joints"
 NAMES = (CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, WEIGHT)
 # Steps that there is room for at first.
 _ROOM = 64

@@ -46,7 +46,9 @@ def standing(opened: Sequence[MujocoModel]) -> Standing:
     stands = not first.model.body_weldid[first.place.pair.second.body]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
     level = slope = Rest(*[math.nan] * 4)
-    hold, angle, data = math.nan, math.nan, _at_touch(first)
+    hold = math.nan
+    angle = math.nan
+    data = _at_touch(first)
     with captured_warnings():
         if stands:
             angle = min(_SLOPE, _OF_FRICTION * math.atan(first.facts().friction or 0.0))
@@ -61,7 +63,8 @@ def rest_of_pair(opened: MujocoModel) -> Rest | None:
     """Rest of the pair from its start, if it touches there, like a held body and its finger, or
     else from the touch; None if nothing holds the two together.
     """
-    data, place = copy.copy(opened.start), opened.place
+    data = copy.copy(opened.start)
+    place = opened.place
     data.time = 0.0
     with captured_warnings():
         backend().mj_forward(opened.model, data)

@@ -25,7 +25,10 @@ class TouchSearch:
     """Moves a pair along `move`, from the configuration that `data` is in, to where its contact begins."""
 
     def __init__(self, pair: ContactPair, data: Any, move: Floats) -> None:
-        self.pair, self.data, self.move, self.start = pair, data, move, data.qpos.copy()
+        self.pair = pair
+        self.data = data
+        self.move = move
+        self.start = data.qpos.copy()
         # Distance between the two where the search ended, m.
         self.gap = np.inf
 
@@ -49,13 +52,15 @@ class TouchSearch:
             nearer = at + contact.distance - contact.onset + depth
             if (seen := self._contact(nearer)) is None:
                 break
-            at, contact = nearer, seen
+            at = nearer
+            contact = seen
         self._go(at + contact.distance - contact.onset)
         return contact
 
     def _go(self, travel: float) -> None:
         """Put `data` so far along the motion, contacts and mass matrix included."""
-        model, mujoco = self.pair.model, backend()
+        model = self.pair.model
+        mujoco = backend()
         self.data.qpos[:] = self.start
         mujoco.mj_integratePos(model, self.data.qpos, self.move, travel)
         mujoco.mj_fwdPosition(model, self.data)
@@ -83,7 +88,8 @@ class TouchSearch:
 
     def _window(self) -> tuple[float, float]:
         """Distances before and behind the rough touch within which a contact may begin, m."""
-        pair, field = self.pair, self.pair.height_field
+        pair = self.pair
+        field = self.pair.height_field
         if field < 0:
             return pair.size, pair.size
         bound = max(float(pair.model.geom_rbound[geom]) for geom in pair.geoms if geom != field)
@@ -117,7 +123,8 @@ def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Float
     row: (nv,), Jacobian of the approach rate.
     """
     masses = np.zeros((len(dofs), len(dofs)))
-    unit, column = np.zeros(model.nv), np.zeros(model.nv)
+    unit = np.zeros(model.nv)
+    column = np.zeros(model.nv)
     for i, dof in enumerate(dofs):
         unit[:] = 0.0
         unit[dof] = 1.0

@@ -150,7 +150,10 @@ def _require_tunable(model: Any) -> None:
 
 def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTune:
     """One pair, opened under each of its requests. model: compiled; only copies of it are changed."""
-    opened = tuple(MujocoModel(_as_asked(model.__copy__(), r), label, None, r) for r in requests)
+    opened = []
+    for each in requests:
+        asked = _as_asked(model.__copy__(), each)
+        opened.append(MujocoModel(asked, label, None, each))
     request = requests[0]
     place = opened[0].place
     geoms = place.contact.geoms
@@ -169,7 +172,13 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
         contact["condim"],
         place.contact.onset,
     )
-    return PairToTune(tuple(requests), opened, tuple(_geom_pairs(model, request)), load_at_touch, like)
+    return PairToTune(
+        requests=tuple(requests),
+        opened=tuple(opened),
+        geoms=tuple(_geom_pairs(model, request)),
+        load=load_at_touch,
+        like=like,
+    )
 
 
 def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
@@ -228,7 +237,10 @@ def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTun
 
 
 def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:
-    """All pairs of geoms of the two that MuJoCo collides."""
+    """All pairs of geoms of the two that MuJoCo collides.
+
+    Raises UserError for more than can be written.
+    """
     pair = find_pair(model, request)
     every = itertools.product(pair.first.geoms, pair.second.geoms)
     geoms = [both for both in every if can_meet(model, both)]

@@ -100,8 +100,10 @@ class MujocoModel(ModelUnderTest):
         """Say whether the two have one constant acceleration apart from the contact. Joints, a
         moving second body, and a corner that turns in the impact change it.
         """
-        model, place = self.model, self.place
-        first, second = place.pair.first.body, place.pair.second.body
+        model = self.model
+        place = self.place
+        first = place.pair.first.body
+        second = place.pair.second.body
         central = place.effective_mass >= (1.0 - _TURNS) * float(model.body_subtreemass[first])
         return central and not (self.energy_by_work or model.body_weldid[second])
 
@@ -206,7 +208,8 @@ class MujocoModel(ModelUnderTest):
         """Fall of the distance of the two over the last part of the approach, m/m; 1 where it is
         exact.
         """
-        place, data = self.place, copy.copy(self.start)
+        place = self.place
+        data = copy.copy(self.start)
         if not np.isfinite(place.gap):
             return 1.0
         back = _LAST_PART * place.pair.size
@@ -254,7 +257,8 @@ class MujocoModel(ModelUnderTest):
         (tried,) = simulate.impacts_in(self.fixed([named]), [slowest.launch])
         if tried.tangential is None or slowest.tangential is None:
             return []
-        before, after = slowest.tangential.impulse_ratio, tried.tangential.impulse_ratio
+        before = slowest.tangential.impulse_ratio
+        after = tried.tangential.impulse_ratio
         if after - before < WEAK * friction:
             return []
         evidence = f"friction takes {before:.3g} of the normal impulse, {after:.3g} with an elliptic cone"

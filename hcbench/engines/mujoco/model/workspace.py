@@ -33,7 +33,9 @@ class LaunchWorkspace:
     @classmethod
     def of(cls, opened: MujocoModel) -> Self:
         """The workspace for launches of a model."""
-        mujoco, model, data = backend(), opened.model, copy.copy(opened.start)
+        mujoco = backend()
+        model = opened.model
+        data = copy.copy(opened.start)
         plugged = restitution_law(model, opened.place.contact.geoms) is not None
         staged = integrator_name(model) == "RK4"
         seen, free = (mujoco.MjData(model), mujoco.MjData(model)) if staged else (data, None)

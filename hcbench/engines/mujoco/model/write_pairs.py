@@ -101,7 +101,8 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
 
     A friction row holds a load by a slip of R_t/(A b), R_t = R_n/impratio, R_n/A = (1 - d)/d.
     """
-    own, needed = float(model.opt.impratio), 0.0
+    own = float(model.opt.impratio)
+    needed = 0.0
     for pair, rows in pairs:
         if not pair.load.slides:
             continue
@@ -123,7 +124,8 @@ def _slip(solref: Sequence[float], solimp: Sequence[float], impedance: float) ->
 
 def mass_note(place: PairAtTouch) -> list[str]:
     """A note on the effective mass of a pair that moves as a whole."""
-    model, bodies = place.pair.model, (place.pair.first.body, place.pair.second.body)
+    model = place.pair.model
+    bodies = (place.pair.first.body, place.pair.second.body)
     if not all(model.body_weldid[body] for body in bodies):
         return []
     one = body_name(model, bodies[0])
@@ -139,7 +141,8 @@ def _write_rows(
 
     model: compiled, as it was before. Returns the lines of XML that a user can paste.
     """
-    before, place = contact_in_force(model, *geoms), pair.place
+    before = contact_in_force(model, *geoms)
+    place = pair.place
     first, second = (int(model.geom_bodyid[geom]) for geom in geoms)
     # MuJoCo's estimates of mass differ between links, though these bounce as one.
     share = estimated_mobility(model, first, second)
@@ -189,7 +192,8 @@ def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
 
 def _friction_damping(place: PairAtTouch, load: Load) -> float:
     """1/s, of friction rows that together stop a slip in one step, along the way that slides most easily."""
-    model, data = place.pair.model, backend().MjData(place.pair.model)
+    model = place.pair.model
+    data = backend().MjData(place.pair.model)
     data.qpos[:] = place.qpos
     backend().mj_forward(model, data)
     normal = place.contact.normal

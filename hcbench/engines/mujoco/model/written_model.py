@@ -22,7 +22,10 @@ _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 def spec_of(source: Any) -> Any:
-    """A new MjSpec of the model, whose assets are found from everywhere."""
+    """A new MjSpec of the model, whose assets are found from everywhere.
+
+    Raises UserError for a source that cannot be written.
+    """
     mujoco = backend()
     if isinstance(source, mujoco.MjSpec):
         return source.copy()
@@ -83,7 +86,8 @@ def own_text(source: Any, folder: Path | None, lines: str) -> str:
     if not end or _END in _COMMENT.sub("", tail):
         return ""
     if path is not None and folder is not None and folder.resolve() != path.parent.resolve():
-        head, lines = _moved(head, path, folder), f"{_directories(path, folder)}{lines}"
+        head = _moved(head, path, folder)
+        lines = f"{_directories(path, folder)}{lines}"
     return f"{head.rstrip()}\n\n{lines}\n{end}{tail}"
 
 

@@ -53,7 +53,9 @@ class _Drops:
     """Balls over a plate, each with a clock of its own."""
 
     def __init__(self, rows: Sequence[ConstraintRow], timestep: float, gravity: float) -> None:
-        self._rows, self._h, self._g = rows, timestep, gravity
+        self._rows = rows
+        self._h = timestep
+        self._g = gravity
 
     def touching(self, speeds: Floats, phases: Floats) -> Floats:
         """States of drops that touch at these speeds, m/s, and phases, from the first in contact on."""
@@ -79,7 +81,8 @@ class _Drops:
 
     def _flown(self, x: Floats, v: Floats) -> tuple[tuple[Floats, Floats], Floats]:
         """(x, v) of drops in flight advanced to their first state in contact, and how long that takes, s."""
-        g, h = self._g, self._h
+        g = self._g
+        h = self._h
         half = v + g * h / 2.0
         steps = np.floor((-half + np.sqrt(half**2 - 2.0 * g * x)) / (g * h)) + 1.0
         return (x + steps * h * half + g * h**2 * steps**2 / 2.0, v + g * h * steps), steps * h
@@ -90,7 +93,10 @@ class _Drops:
         states: (5, n), see `_states`. allowed: rebound speed of each drop at the end that its
         target allows, m/s, (n,).
         """
-        count, max_e, gains_below, bouncing = states.shape[1], 0.0, 0.0, 0
+        count = states.shape[1]
+        max_e = 0.0
+        gains_below = 0.0
+        bouncing = 0
         x, v, speed_in, clock, still = states
         for _ in range(_MOST_STEPS):
             v -= self._h * acceleration(self._rows, x, v, self._g)
@@ -99,14 +105,16 @@ class _Drops:
             still += 1.0
             parted = np.flatnonzero((x <= 0.0) & (v < 0.0))
             if parted.size:
-                out, came = self._kept(x[parted], v[parted]), speed_in[parted]
+                out = self._kept(x[parted], v[parted])
+                came = speed_in[parted]
                 e = out / came
                 max_e = max(max_e, float(e.max()))
                 gains_below = max(gains_below, float(came[e > MOST_E].max(initial=0.0)))
                 if impacts == 1:
                     clock[parted] = math.inf
                 else:
-                    speed_in[parted], still[parted] = out, 0.0
+                    speed_in[parted] = out
+                    still[parted] = 0.0
                     (x[parted], v[parted]), flight = self._flown(x[parted], v[parted])
                     clock[parted] += flight
             going = (clock <= LASTS) & (still < _RESTED)

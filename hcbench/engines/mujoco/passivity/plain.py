@@ -120,8 +120,10 @@ def drops(
     contact: Contact, options: Stepping, heights: Sequence[float] = HEIGHTS, train: LongestTrain | None = None
 ) -> Bounces:
     """Balls dropped for LASTS. train: the longest train of bounces that the target allows."""
-    mujoco, model = backend(), contact.with_ball(options)
-    data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    mujoco = backend()
+    model = contact.with_ball(options)
+    data = mujoco.MjData(model)
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     states = np.empty((len(heights), mujoco.mj_stateSize(model, kind)))
     for state, height in zip(states, heights, strict=True):
         mujoco.mj_resetData(model, data)
@@ -139,7 +141,8 @@ def drops(
 def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
     """Rest of a ball that may not turn on a slope, held by friction."""
     slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
-    model, angle = contact.with_ball(options, slides), math.radians(degrees)
+    model = contact.with_ball(options, slides)
+    angle = math.radians(degrees)
     model.opt.gravity[:] = contact.gravity * np.array([math.sin(angle), 0.0, -math.cos(angle)])
     return _rest(model, _SLOPE_S)
 
@@ -250,7 +253,8 @@ def _rolling(contact: Contact, options: Stepping) -> float:
 
 
 def _kinetic(model: Any, data: Any) -> float:
-    v, w = data.qvel[:3], data.qvel[3:6]
+    v = data.qvel[:3]
+    w = data.qvel[3:6]
     return float(model.body_mass[1] * v @ v + model.body_inertia[1] @ w**2) / 2
 
 

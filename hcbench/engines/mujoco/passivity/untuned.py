@@ -14,7 +14,8 @@ from hcbench.engines.mujoco.backend import backend
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-_SLOPE, _SECONDS = math.radians(10.0), 1.0
+_SLOPE = math.radians(10.0)
+_SECONDS = 1.0
 # Speeds of an oblique impact along the normal and along the plane, m/s, at so many phases.
 _SPEED = 1.0
 _SLIP = 0.5
@@ -24,7 +25,8 @@ _RADIUS = 0.05  # m
 
 def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float) -> str:
     """One sentence: drift, solver iterations and e of a contact that is not tuned, before and after."""
-    before, after = ({"cone": "pyramidal"}, option)
+    before = {"cone": "pyramidal"}
+    after = option
     drift, count, e = _measured(before, timestep, gravity)
     drift_after, count_after, e_after = _measured(after, timestep, gravity)
     change = max(abs(a - b) for a, b in zip(e, e_after, strict=True))
@@ -36,9 +38,12 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
 
 def _measured(option: Mapping[str, str], timestep: float, gravity: float) -> tuple[float, float, list[float]]:
     """(drift on a slope mm/s, iterations a step, e of oblique impacts)."""
-    mujoco, model = backend(), _model(option, timestep, gravity, "0.02 1")
+    mujoco = backend()
+    model = _model(option, timestep, gravity, "0.02 1")
     model.opt.gravity[:] = gravity * np.array([math.sin(_SLOPE), 0.0, -math.cos(_SLOPE)])
-    data, iterations, half = mujoco.MjData(model), 0, 0.0
+    data = mujoco.MjData(model)
+    iterations = 0
+    half = 0.0
     steps = round(_SECONDS / timestep)
     for step in range(steps):
         if step == steps // 2:

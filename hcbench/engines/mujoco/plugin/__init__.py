@@ -30,7 +30,8 @@ from hcbench.system.errors import CannotRun, EngineMissing, OutputError, Setting
 from hcbench.terms.arguments import checked
 from hcbench.terms.scene import Material
 
-FORCE, RESTITUTION = "hcbench.hunt_crossley", "hcbench.restitution"
+FORCE = "hcbench.hunt_crossley"
+RESTITUTION = "hcbench.restitution"
 INSTALLED = "libhcbench.so"
 SOURCE = "engines/mujoco/plugin/plugin.c"
 # Shapes whose contacts MuJoCo finds less exactly than steel penetrates.
@@ -91,8 +92,12 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
 
 @functools.cache
 def load() -> None:
-    """Make the plug-ins known to MuJoCo, for this process: before a model that has them is read."""
-    mujoco, built = backend(), library()
+    """Make the plug-ins known to MuJoCo, for this process: before a model that has them is read.
+
+    Raises CannotRun where another version is installed beside MuJoCo, or without a C compiler.
+    """
+    mujoco = backend()
+    built = library()
     if (there := _installed()).exists() and there.read_bytes() != built.read_bytes():
         advice = "Run `hcbench plugin mujoco --install` again, or delete it"
         raise CannotRun(str(there), "of another version of hcbench or MuJoCo", "this one's plug-ins", advice)
@@ -104,7 +109,10 @@ def _installed() -> Path:
 
 
 def install() -> Path:
-    """Put the library where MuJoCo, whoever imports it, loads its own plug-ins from; returns its path."""
+    """Put the library where MuJoCo, whoever imports it, loads its own plug-ins from; returns its path.
+
+    Raises OutputError for a folder that cannot be written to, CannotRun without a C compiler.
+    """
     path = _installed()
     try:
         path.parent.mkdir(exist_ok=True)
@@ -120,6 +128,8 @@ def install() -> Path:
 def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str, dict[str, str]]:
     """Return the plug-in of a law, and the config of its instance but for the pair. more: other
     keys, unchanged.
+
+    Raises SettingError for friction with a restitution law.
     """
     require_law(law)
     if not is_force(law):
@@ -181,7 +191,8 @@ def add_to_spec(
         if is_force(law):
             _exclude(spec, kind, parts)
     if not hasattr(spec, "activate_plugin"):
-        version, advice = backend().__version__, "Or name the plug-in in MJCF: docs/reference/plugins.md"
+        version = backend().__version__
+        advice = "Or name the plug-in in MJCF: docs/reference/plugins.md"
         raise EngineMissing(f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", advice)
     load()
     name = name or f"{plugin} {len(spec.plugins) + 1}"
@@ -240,20 +251,29 @@ def _warn_of_shapes(geoms: Sequence[Any]) -> None:
 
 @checked
 def hertz_stiffness(model: Any, geom1: str, geom2: str, material1: Material, material2: Material) -> float:
-    """K of F = k x^(3/2) in N/m^1.5, eq. (5), from the radii of two geoms: spheres, or one and a plane."""
-    mujoco, radii = backend(), []
+    """K of F = k x^(3/2) in N/m^1.5, eq. (5), from the radii of two geoms: spheres, or one and a plane.
+
+    Raises SettingError for another model, name or shape.
+    """
+    mujoco = backend()
+    shapes = mujoco.mjtGeom
+    radii = []
     if not isinstance(model, mujoco.MjModel):
         raise SettingError("model", f"{model!r:.80}", "a mujoco.MjModel")
     for name in (geom1, geom2):
         geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
         if geom < 0:
             raise SettingError(f"geom {name!r}", "not in the model", "the name of a geom")
-        kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-        if kind not in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_PLANE):
-            raise SettingError(f"geom {name!r}", "neither a sphere nor a plane", "a stiffness of your own")
-        is_plane = kind == mujoco.mjtGeom.mjGEOM_PLANE
-        radii.append(math.inf if is_plane else float(model.geom_size[geom, 0]))
-    return hertz.spheres(radii[0], radii[1], material1, material2).stiffness
+        kind = shapes(int(model.geom_type[geom]))
+        if kind == shapes.mjGEOM_PLANE:
+            radii.append(math.inf)
+        elif kind == shapes.mjGEOM_SPHERE:
+            radii.append(float(model.geom_size[geom, 0]))
+        else:
+            got = "neither a sphere nor a plane"
+            raise SettingError(f"geom {name!r}", got, "a stiffness of your own")
+    first, second = radii
+    return hertz.spheres(first, second, material1, material2).stiffness
 
 
 def attach(*_: Any, **__: Any) -> NoReturn:

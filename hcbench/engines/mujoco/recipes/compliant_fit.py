@@ -79,7 +79,8 @@ def whole_step_row(restitution: float, timestep: float, corners: float = 1) -> C
     """
     n = half_period_steps(corners)
     stiffness, damping = oscillator(n, 1.0 - restitution ** (2.0 / n))
-    spring, damper = float(stiffness) / timestep**2 / corners, damping / timestep / corners
+    spring = float(stiffness) / timestep**2 / corners
+    damper = damping / timestep / corners
     return ConstraintRow.direct(short(spring), short(damper), SPRING_SOLIMP)
 
 
@@ -185,15 +186,19 @@ def pushing_row(
 
 def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:
     """Lowest and highest parameters, (6,) each. loss: 1 - e of the slowest impact."""
-    lowest, highest = _LOWEST.copy(), _HIGHEST.copy()
+    lowest = _LOWEST.copy()
+    highest = _HIGHEST.copy()
     # No more than a part of the slowest impact's loss is the spring's, but what a body at rest
     # calms down by.
     lowest[1] = math.log(min(_ENOUGH, _CALM * timestep, max(_LEAST, _SHARE * loss)))
     # The spring's rest depth is g (n h/π)².
     if gravity > 0.0:
-        highest[0] = min(highest[0], max(math.pi * math.sqrt(_SAG / (gravity * timestep)), lowest[0] + 0.6))
+        softest = math.pi * math.sqrt(_SAG / (gravity * timestep))
+        highest[0] = min(highest[0], max(softest, lowest[0] + 0.6))
     if corners > 1:
-        lowest[0], highest[0] = half_period_steps(corners), max(highest[0], half_period_steps(corners) + 2.0)
+        least_steps = half_period_steps(corners)
+        lowest[0] = least_steps
+        highest[0] = max(highest[0], least_steps + 2.0)
     return lowest, highest
 
 

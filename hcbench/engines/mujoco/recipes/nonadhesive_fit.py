@@ -71,7 +71,8 @@ class Samples:
 
 def sample(band: Band, speeds: Floats, points: int) -> Samples:
     """Loops of the band's law at impact speeds (m/s) with so many points a branch."""
-    law, mass = band.law, band.mass
+    law = band.law
+    mass = band.mass
     angle = (np.arange(points) + 0.5) / points * np.pi / 2
     columns: list[tuple[Floats, Floats, Floats, Floats]] = []
     unit = _RESTITUTION_SCALE * np.sqrt(len(speeds))
@@ -114,7 +115,9 @@ class InitialGuess:
 
     def solimps(self, low: float, top: float) -> list[Solimp]:
         """The solimps of the dampers, for a band of penetrations, m."""
-        count = max(self.dampers, round(self.dampers * float(np.log(top / low)) / _USUAL_LOG_BAND))
+        # A band wider than usual needs more dampers, to lie as close.
+        share = float(np.log(top / low)) / _USUAL_LOG_BAND
+        count = max(self.dampers, round(self.dampers * share))
         widths = np.geomspace(low * self.lowest, 1.6 * top, count)
         return [(MIN_IMPEDANCE, self.highest, float(width), 0.5, self.power) for width in widths]
 
@@ -166,7 +169,10 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     # SciPy's optimisation is slow to import.
     from scipy.optimize import nnls
 
-    law, mass, low, top = band.law, band.mass, band.low, band.top
+    law = band.law
+    mass = band.mass
+    low = band.low
+    top = band.top
     solimps = guess.solimps(low, top)
     widths = np.array([solimp[2] for solimp in solimps])
     x = np.concatenate([np.linspace(0.0, low, 40)[1:], np.geomspace(low, top, 120)])
@@ -217,7 +223,8 @@ class _LeastSquares:
     """The problem that `levenberg_marquardt` solves, in the parameters S of all rows and D of the dampers."""
 
     def __init__(self, samples: Samples, rows: PushingRows) -> None:
-        self.samples, self.goal = samples, samples.goal()
+        self.samples = samples
+        self.goal = samples.goal()
         self.terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
         self.dampers = rows.damping > 0.0
         self.start = np.concatenate([rows.stiffness, rows.damping[self.dampers]])
@@ -241,7 +248,8 @@ class _LeastSquares:
 
         weights: of the rows, (n, rows), 0 for one that does not act.
         """
-        S, D = parameters[: len(self.dampers)], parameters[len(self.dampers) :]
+        S = parameters[: len(self.dampers)]
+        D = parameters[len(self.dampers) :]
         least = [np.full(len(S), np.median(S[S > 0])), np.full(len(D), np.median(D))]
         unit = np.maximum(parameters, 1e-3 * np.concatenate(least))
         columns = np.concatenate(
@@ -261,7 +269,8 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
     from scipy.optimize import nnls
 
     problem = _LeastSquares(samples, rows)
-    parameters, caution = problem.start, _CAUTION
+    parameters = problem.start
+    caution = _CAUTION
     weights, misfit = problem.evaluate(parameters)
     normal, right, unit = problem.linearised(parameters, weights)
     for iteration in range(ITERATIONS):
@@ -275,7 +284,9 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
         trial = nnls(root.T, right_side, maxiter=10_000)[0] * unit
         trial_weights, trial_misfit = problem.evaluate(trial)
         if trial_misfit < misfit * (1 - _PROGRESS):
-            parameters, misfit, caution = trial, trial_misfit, max(caution / 3, _LEAST_CAUTION)
+            parameters = trial
+            misfit = trial_misfit
+            caution = max(caution / 3, _LEAST_CAUTION)
             normal, right, unit = problem.linearised(parameters, trial_weights)
         else:
             caution *= 3

@@ -168,7 +168,8 @@ class RowFit:
             if not parted.size:
                 continue
             # Back from the state that sees it to the touch plane, by what flight conserves.
-            speed_out = np.sqrt(np.maximum(0.0, (v[parted] + g * ahead) ** 2 - 2 * g * x[parted]))
+            squared = (v[parted] + g * ahead) ** 2 - 2 * g * x[parted]
+            speed_out = np.sqrt(np.maximum(0.0, squared))
             e[number[parted]] = speed_out / self.speeds[number[parted] % launches]
             deepest[number[parted]] = deep[parted]
             going = np.flatnonzero(~is_open)
@@ -203,7 +204,8 @@ class RowFit:
         (A + R) f = a_ref - a_0, R = (1 - d)/d diag(A). Rows at one point, of weights w = d/(1 - d),
         give a = (Σ w a_ref - g)/(1 + Σ w), of those that act.
         """
-        g, spring_weight = self.fall, self.corners * _WEIGHT
+        g = self.fall
+        spring_weight = self.corners * _WEIGHT
         d = rows.impedance(x)
         weight = self.corners * d
         weight /= np.subtract(1.0, d, out=d)

@@ -64,7 +64,8 @@ def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
     before = step[:, :1] * np.linspace(0.0, 1.0, 21)[None, :-1]
     after = step[:, -1:] + (np.geomspace(1.0, 3e3, 60)[None, 1:] - 1.0) * midpoint / power
     edges = np.concatenate([before, step, after], axis=1)
-    depth, length = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)
+    depth = (edges[:, 1:] + edges[:, :-1]) / 2
+    length = np.diff(edges, axis=1)
     d = impedance((d0, dw, 1.0, midpoint, power), depth)
     return S * (d / dw) ** 2 * depth * length, D * d / dw * length
 
@@ -83,9 +84,11 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     """
     work, damping = _work_and_damping(parameters)
     v = np.broadcast_to(speeds, (len(parameters), len(speeds))).copy()
-    last, part = np.full(v.shape, -1), np.zeros(v.shape)
+    last = np.full(v.shape, -1)
+    part = np.zeros(v.shape)
     for i in range(work.shape[1]):
-        P, G = work[:, i, None], damping[:, i, None]
+        P = work[:, i, None]
+        G = damping[:, i, None]
         rough = np.sqrt(np.maximum(G**2 / 4 - 2 * P - G * v + v**2, 0.0)) - G / 2
         left = v**2 - 2 * (P + G * _mean(v, np.maximum(rough, 0.0)))
         stops = (last < 0) & (left <= 0.0)
@@ -97,7 +100,8 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     s = np.zeros(v.shape)
     for i in range(int(last.max()), -1, -1):
         share = np.where(last == i, part, np.where(last > i, 1.0, 0.0))
-        P, G = work[:, i, None] * share, damping[:, i, None] * share
+        P = work[:, i, None] * share
+        G = damping[:, i, None] * share
         push = P - G * s
         rough = np.sqrt(np.maximum(G**2 / 4 + 2 * push + G * s + s**2, 0.0)) - G / 2
         gained = s**2 + 2 * (P - G * _mean(s, np.maximum(rough, 0.0)))
@@ -115,7 +119,8 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
     # SciPy's optimisation is slow to import.
     from scipy.optimize import Bounds, differential_evolution, minimize
 
-    speeds, e = np.array(shares), np.array(wanted)
+    speeds = np.array(shares)
+    e = np.array(wanted)
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _POLISH_TWO + _POLISH_ALL)
 
     def errors(parameters: Floats) -> Floats:
@@ -178,7 +183,8 @@ def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
             "Use `staggered`, `two-pair` or `impulse`",
         )
     speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
-    shares, wanted = speeds / target.speed_max, target.restitution(speeds)
+    shares = speeds / target.speed_max
+    wanted = target.restitution(speeds)
 
     def options(parameters: Floats) -> dict[str, Any]:
         S, D, d0, dw, midpoint, power = (float(number[0, 0]) for number in _numbers(parameters[None]))

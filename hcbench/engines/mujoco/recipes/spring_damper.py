@@ -21,7 +21,8 @@ def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     beta, omega = constant.spring_damper(e, constant.contact_time(target), "impulse")
     h = target.timestep
     if integrator == "RK4":
-        spring, damping = omega**2 + beta**2, 2 * beta
+        spring = omega**2 + beta**2
+        damping = 2 * beta
     else:
         decay = math.exp(-beta * h)
         damping = (1 - decay**2) / h

@@ -121,7 +121,8 @@ def _layouts(band: Band, highest: float) -> list[list[Damper]]:
     """
     if band.law.dissipation == 0.0:
         return [[]]
-    n, top = band.law.exponent, band.top
+    n = band.law.exponent
+    top = band.top
     late = 2.0 * (MIN_IMPEDANCE / highest) ** (1.0 / n)
     one = [_rising(0.0, top, 1.003 * n, highest, 0.45), _straight(late * top, top, 0.01)]
     # Two stretches weigh as much as both together: too much where the impedance is held low.
@@ -181,7 +182,8 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     each speed.
     """
     x = band.grid()
-    a, f = band.law.dissipation, band.elastic(x)
+    a = band.law.dissipation
+    f = band.elastic(x)
     behind = x[:, None] > knots
     weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
     share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
@@ -216,7 +218,8 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
 def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivity: Floats) -> _Fit:
     """The fit without the rows that it has no use for: an idle row would still weigh on the others.
 
-    misfit: relative, of the springs' straight lines. sensitivity: as in `_fit`, (speeds, grid).
+    misfit: relative, of the springs' straight lines. sensitivity: of e at each speed of the band to
+    the force at each penetration, (speeds, grid), 1/(N s/m).
     """
     knots = knots_of(band, dampers, misfit)
     while True:
@@ -242,7 +245,8 @@ def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
             early = float(band.elastic(knot)) * MIN_IMPEDANCE / S
             rows.append(ConstraintRow.direct(_short(S), 0.0, SPRING_SOLIMP, onset=_short(knot - early)))
     fastest = float(band.speeds[-1])
-    a, f = band.law.dissipation, float(band.elastic(np.asarray(band.top)))
+    a = band.law.dissipation
+    f = float(band.elastic(np.asarray(band.top)))
     for damper, D in zip(fit.dampers, fit.damping, strict=True):
         highest = damper.solimp[1]
         # Twice the largest pull of this row on the way out.
@@ -262,7 +266,11 @@ def _short(number: float) -> float:
 def staggered(
     target: Target, integrator: str = "Euler", misfit: float = 0.004, impedance: float = 0.5
 ) -> dict[str, Any]:
-    """Eq. (16) as staggered springs and dampers, in closed form; see `staggered_rows`."""
+    """Eq. (16) as staggered springs and dampers, in closed form: the options of a setting.
+
+    misfit: relative, of the springs' straight lines; fewer pairs for more. impedance: the highest
+    of the dampers.
+    """
     return rows_options(integrator, *staggered_rows(target, integrator, misfit, impedance))
 
 
@@ -273,7 +281,8 @@ def staggered_rows(
 
     misfit: how far the springs' straight lines may be off k x^n, relative; fewer pairs for more.
     impedance: the highest of the dampers; lower, such as 0.05, for a body that several others press
-    at once, as all rows share in it, at the price of a little more damping at touch.
+    at once, as all rows share in it, at the price of a little more damping at touch. Raises
+    SettingError for an impedance outside that range.
     """
     if not 10 * MIN_IMPEDANCE <= impedance <= 0.5:
         raise SettingError("impedance", f"{impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")

@@ -42,8 +42,10 @@ _GUESSES = [
 ]
 # Relative misfit of the springs' straight lines.
 _MISFIT = 0.006
-_SPEEDS, _POINTS = 14, 40
-_MOST_LOSS, _LEAST_EXPONENT = 0.6, 1.2
+_SPEEDS = 14
+_POINTS = 40
+_MOST_LOSS = 0.6
+_LEAST_EXPONENT = 1.2
 # Phases at which the bias in e is looked at.
 _PHASES = 4
 # The best guesses, which are fitted to all speeds.

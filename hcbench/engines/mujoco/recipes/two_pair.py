@@ -24,7 +24,8 @@ from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_FITTED_SPRING
 
-_SPEEDS, _PHASES = 12, 2
+_SPEEDS = 12
+_PHASES = 2
 # Steps of the model in a contact where the engine's own are more.
 _STEPS = 200
 # Impedance of the spring.
@@ -78,12 +79,17 @@ class _Pairs:
     def rows(self, parameters: Floats) -> list[ConstraintRow]:
         """The spring and the damper of parameters (6,), in the order of _LOWEST."""
         log_damping, log_width, logit, power, midpoint, onset = parameters.tolist()
-        highest, D = _logistic(logit), math.exp(log_damping)
+        highest = _logistic(logit)
+        D = math.exp(log_damping)
         solimp = (MIN_IMPEDANCE, highest, self.top * math.exp(log_width), midpoint, power)
         # w S/d = ω²: what the spring weighs and asks for.
-        spring = ConstraintRow.direct(self.omega**2 * (1 - _SPRING), 0.0, (_SPRING, _SPRING, 1.0, 0.5, 1.0))
+        constant = (_SPRING, _SPRING, 1.0, 0.5, 1.0)
+        spring = ConstraintRow.direct(self.omega**2 * (1 - _SPRING), 0.0, constant)
+        # Twice the largest pull of the damper on the way out.
         pull = highest / (1 - highest) * (D / highest + self.omega) * self.speed
-        return [spring, ConstraintRow.direct(0.0, D, solimp, onset * self.top, adhesion=2 * self.mass * pull)]
+        adhesion = 2 * self.mass * pull
+        damper = ConstraintRow.direct(0.0, D, solimp, onset * self.top, adhesion=adhesion)
+        return [spring, damper]
 
 
 def _logistic(logit: float) -> float:
@@ -135,7 +141,8 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
         search.record(parameters[None], np.abs(off).max(keepdims=True))
         return np.asarray(off / _UNIT)
 
-    best, error = starts[0], np.inf
+    best = starts[0]
+    error = np.inf
     with map_result(pairs.rows), search.interrupt_with_best():
         for start in starts:
             fit = least_squares(
@@ -148,7 +155,8 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
             )
             worst = float(np.abs(fit.fun).max())
             if worst < error:
-                best, error = fit.x, worst
+                best = fit.x
+                error = worst
             if error < _GOOD:
                 break
     return pairs.rows(best)

@@ -131,7 +131,8 @@ def batch_kind(loaded: SceneModel) -> Kind:
     """Choose how a ball can share a model with others and keep its bits: "alone" (not at all),
     "free" or "sliding".
     """
-    mujoco, model = loaded.mujoco, loaded.model
+    mujoco = loaded.mujoco
+    model = loaded.model
     if not (_solves_as_usual(mujoco, model.opt) and _moves_alone(loaded) and _touches_in_one_way(model)):
         return "alone"
     # A <joint type="free"> may bring along what a slide would act on.
@@ -165,13 +166,16 @@ def _touches_in_one_way(model: Any) -> bool:
         return False
     moving = model.body_weldid[model.geom_bodyid] != 0
     possible = {frozenset(pair) for pair in axis.collidable_pairs(model, moving)}
-    written = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
-    return not possible - written if written else len(possible) <= 1
+    if not model.npair:
+        return len(possible) <= 1
+    pairs = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
+    return possible <= {frozenset(pair) for pair in pairs}
 
 
 def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
     """`size` times the ball of a model that can be, compiled."""
-    mujoco, one = loaded.mujoco, loaded.model
+    mujoco = loaded.mujoco
+    one = loaded.model
     root = _repeated(copy.deepcopy(loaded.root), size)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     if sliding:

@@ -38,7 +38,10 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
     push: acceleration apart at (penetration, m; its rate, m/s), m/s^2. speed: of approach at touch,
     m/s. first_step: s, short beside all that happens. longest: how long it is followed, s.
     """
-    time, x, v, step = 0.0, 0.0, speed, first_step
+    time = 0.0
+    x = 0.0
+    v = speed
+    step = first_step
     for _ in range(_MOST_STEPS):
         if time >= longest or time + step == time:
             break
@@ -50,7 +53,9 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
         if error <= 1.0:
             if new_v < 0.0 and push(new_x, new_v) <= 0.0:
                 return -_at_parting(push, x, v, step)
-            time, x, v = time + step, new_x, new_v
+            time = time + step
+            x = new_x
+            v = new_v
         step *= min(5.0, max(0.2, 0.9 * max(error, 1e-12) ** -0.2))
     return 0.0
 
@@ -79,7 +84,8 @@ def _weighted(weights: Sequence[float], rates: Sequence[float]) -> float:
 
 def _at_parting(push: Push, x: float, v: float, step: float) -> float:
     """v where the push goes within a step."""
-    low, high = 0.0, step
+    low = 0.0
+    high = step
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         at_x, at_v, *_ = _step(push, x, v, middle)

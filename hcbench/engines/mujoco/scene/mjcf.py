@@ -135,10 +135,12 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
         raise SettingError(
             "friction", given, "0: a cup's contact is a tendon's limit, without friction", advice
         )
-    sliding, ball = numbers_text([scene.friction]), named(root, "body", "ball", path)
+    sliding = numbers_text([scene.friction])
+    ball = named(root, "body", "ball", path)
     for inertial in ball.findall("inertial"):
         ball.remove(inertial)
-    mass, inertia = numbers_text([scene.mass]), numbers_text([scene.inertia] * 3)
+    mass = numbers_text([scene.mass])
+    inertia = numbers_text([scene.inertia] * 3)
     ball.insert(0, ET.Element("inertial", pos="0 0 0", mass=mass, diaginertia=inertia))
     for name in ("ball", "plate"):
         geom = named(root, "geom", name, path)
@@ -158,6 +160,8 @@ def add_acceleration_sensor(root: ET.Element) -> None:
 def set_mass(body: ET.Element, mass: float, path: Path) -> None:
     """Give a body this mass, kg, and the inertia of the same shape at another density: at its own
     the inertia stays as it is, to the bit.
+
+    Raises SceneError for an <inertial> without a mass above 0.
     """
     inertial = body.find("inertial")
     if inertial is None:
@@ -213,7 +217,10 @@ def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr
 
 
 def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
-    """Parse a file with its includes in place; they are relative to the main file's folder."""
+    """Parse a file with its includes in place; they are relative to the main file's folder.
+
+    Raises SceneError for what cannot be read, and for an include of itself.
+    """
     try:
         parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
         root = ET.parse(path, parser).getroot()
@@ -243,7 +250,10 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
 
 
 def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path) -> None:
-    """Write each row as the limit of a tendon between the two centres, as the scene's own `contact` is."""
+    """Write each row as the limit of a tendon between the two centres, as the scene's own `contact` is.
+
+    Raises SettingError for adhesion: a limit only pushes.
+    """
     original = named(root, "spatial", "contact", path)
     holder = next(section for section in root.findall("tendon") if original in list(section))
     clearance = -scene.plate_radius - scene.ball_radius

@@ -29,14 +29,16 @@ def promise_in(model: Any, geoms: tuple[int, int]) -> Promise | None:
     for pair in (names, names[::-1]):
         number = backend().mj_name2id(model, backend().mjtObj.mjOBJ_TEXT, _name(*pair))
         if number >= 0:
-            start, size = int(model.text_adr[number]), int(model.text_size[number])
+            start = int(model.text_adr[number])
+            size = int(model.text_size[number])
             return Promise.read(bytes(model.text_data[start : start + size - 1]).decode())
     return None
 
 
 def option_in_force(model: Any) -> tuple[tuple[str, str], ...]:
     """Options of a compiled model on which e and friction of a contact depend, as XML writes them."""
-    mujoco, option = backend(), model.opt
+    mujoco = backend()
+    option = model.opt
     integrator = str(mujoco.mjtIntegrator(int(option.integrator)).name).removeprefix("mjINT_").lower()
     cone = str(mujoco.mjtCone(int(option.cone)).name).removeprefix("mjCONE_").lower()
     return (

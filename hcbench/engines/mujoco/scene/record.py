@@ -83,7 +83,8 @@ def record(
     `_along_plate`, of each step, (3 or 11, b, n), NaN from where MuJoCo gave up; and the states
     after, (b, nstate). None where it gave up on a whole batch, for the sake of one ball in it.
     """
-    batch, packed = workspace.batch, workspace.batch.pack(states)
+    batch = workspace.batch
+    packed = workspace.batch.pack(states)
     count = max(1, min(most, workspace.buffer.size // packed.size))
     path = workspace.buffer[: packed.size * count].reshape(len(packed), count, -1)
     sensed = np.empty((len(packed), count, batch.model.nsensordata))
@@ -245,8 +246,10 @@ def _force(model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sens
     overwritten. speed: the velocity, of either sign, or the sum of its absolute components, before
     each step, (b, n), and after the last one, (b,). sensed: by contact at the step's start, m/s².
     """
-    h, g = model.timestep, model.scene.gravity
-    before, last = speed[0].ravel(), speed[1]
+    h = model.timestep
+    g = model.scene.gravity
+    before = speed[0].ravel()
+    last = speed[1]
     fastest = max(-before.min(), before.max(), np.abs(last).max())
     # Rounding is worked out where it can matter.
     near = np.flatnonzero(np.abs(gained) <= (fastest + fastest + g * h) * _ROUND_OFF)

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 # mjMINIMP, mjMAXIMP: impedances and midpoints are clamped to them. A contact lets that share of
 # gravity through that its impedance lacks to 1.
-MIN_IMPEDANCE, MAX_IMPEDANCE = 1e-4, 0.9999
+MIN_IMPEDANCE = 1e-4
+MAX_IMPEDANCE = 0.9999
 STIFF_SOLIMP = (MAX_IMPEDANCE, MAX_IMPEDANCE, 0.001, 0.5, 2.0)
 # A little above this power of solimp the sigmoid underflows.
 MAX_POWER = 1000.0
@@ -151,7 +152,8 @@ def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats, gravity: f
     """
     reference, weights = np.empty((2, len(rows), *np.shape(x)))
     for i, row in enumerate(rows):
-        depth, dw = x - row.onset, row.solimp[1]
+        depth = x - row.onset
+        dw = row.solimp[1]
         d = impedance(row.solimp, depth)
         np.divide(d, 1.0 - d, out=weights[i])
         weights[i] *= depth > 0.0
@@ -173,7 +175,8 @@ def restitution(
     """
     phase = (np.arange(phases) + 0.5) / phases
     v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))
-    x, v = -before * timestep * v_i, v_i.copy()
+    x = -before * timestep * v_i
+    v = v_i.copy()
     for _ in range(int(duration / timestep) + 2):
         v = v - timestep * acceleration(rows, x, v)
         x = x + timestep * v

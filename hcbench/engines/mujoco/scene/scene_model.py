@@ -60,7 +60,8 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
     MuJoCo is too old for the setting.
     """
     mujoco = backend()
-    root, path = scene_tree(scene, timestep, options), model_path(scene)
+    root = scene_tree(scene, timestep, options)
+    path = model_path(scene)
     if any(row.adhesion for row in options.rows):
         require_feature(mujoco, "adhesion")
     if options.integrator == "discrete":
@@ -79,7 +80,8 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
         origin = np.empty(mujoco.mj_stateSize(model, kind))
         mujoco.mj_getState(model, data, origin, kind)
         joint = _find_ball(mujoco, model, scene)
-        position, velocity = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        position = int(model.jnt_qposadr[joint])
+        velocity = int(model.jnt_dofadr[joint])
         data.qpos[position + 2] -= _OVERLAP
         mujoco.mj_forward(model, data)
         seen = _overlap(mujoco, model, data, scene)
@@ -102,8 +104,14 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
 
 
 def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
-    """Off the plate only gravity acts on the ball: what else changes its momentum would pass for contact."""
-    path, body, data = str(model_path(scene)), int(model.jnt_bodyid[joint]), mujoco.MjData(model)
+    """Off the plate only gravity acts on the ball: what else changes its momentum would pass for
+    contact.
+
+    Raises SceneError where something else does.
+    """
+    path = str(model_path(scene))
+    body = int(model.jnt_bodyid[joint])
+    data = mujoco.MjData(model)
     if model.opt.enableflags & getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0):
         raise SceneError(path, "lets bodies fall asleep", 'no <flag sleep="enable"/>')
     data.qpos[model.jnt_qposadr[joint] + 2] += _CLEAR * scene.ball_radius
@@ -125,7 +133,10 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
 
 
 def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
-    """The free joint of the body `ball`, which is as heavy as the scene says and centred on its geom."""
+    """The free joint of the body `ball`, which is as heavy as the scene says and centred on its geom.
+
+    Raises SceneError where it is not.
+    """
     path = str(model_path(scene))
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball")
     joint = model.body_jntadr[body]
@@ -151,11 +162,16 @@ def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
 
 
 def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
-    """The ball is the sphere that the scene says: a smaller one that touches would pass for it else."""
-    path, what = str(model_path(scene)), "R1"
+    """The ball is the sphere that the scene says: a smaller one that touches would pass for it else.
+
+    Raises SceneError for another shape or radius.
+    """
+    path = str(model_path(scene))
+    what = "R1"
     radius = scene.ball_radius
     if scene.form == "plane":
-        radius, what = scene.relative_radius, "1/(1/R1 + 1/R2)"
+        radius = scene.relative_radius
+        what = "1/(1/R1 + 1/R2)"
     if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
         raise SceneError(f"{path}: geom 'ball'", "not a sphere", f"a sphere of {radius:.12g} m")
     size = float(model.geom_size[geom][0])
@@ -165,7 +181,10 @@ def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
 
 
 def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
-    """Depth of the ball in the plate as MuJoCo sees it, m: from radii, frames and qpos0 together."""
+    """Depth of the ball in the plate as MuJoCo sees it, m: from radii, frames and qpos0 together.
+
+    Raises SceneError where ball and plate, or the limit of a cup, are missing.
+    """
     path = str(model_path(scene))
     if scene.form == "cup":
         tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, "contact")

@@ -45,7 +45,8 @@ def _solves_well(mujoco: Any, model: Any) -> bool:
     """Say whether the solver may iterate until it converges: stopped early, it moves a free ball
     otherwise.
     """
-    option, usual = model.opt, mujoco.MjOption()
+    option = model.opt
+    usual = mujoco.MjOption()
     return bool(
         option.iterations >= usual.iterations
         and option.ls_iterations >= usual.ls_iterations
@@ -119,12 +120,15 @@ def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
     Done after reading, as a <freejoint> takes nothing from default classes and a slide would.
     """
     for joint in spec.joints:
-        joint.type, joint.axis, joint.ref = mujoco.mjtJoint.mjJNT_SLIDE, [0.0, 0.0, 1.0], height
+        joint.type = mujoco.mjtJoint.mjJNT_SLIDE
+        joint.axis = [0.0, 0.0, 1.0]
+        joint.ref = height
 
 
 def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
     """Give balls on the axis the inverse masses of a free one, and where it is one row its solver."""
-    body, size = int(free.jnt_bodyid[0]), model.njnt
+    body = int(free.jnt_bodyid[0])
+    size = model.njnt
     # A <frame> around the joint may have turned its axis.
     model.jnt_axis[:] = 0.0, 0.0, 1.0
     model.body_invweight0[model.jnt_bodyid] = free.body_invweight0[body]
@@ -132,6 +136,7 @@ def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
     if free.ntendon:
         model.tendon_invweight0[:] = np.tile(free.tendon_invweight0, size)
     if has_one_constraint(free):
-        model.opt.solver, model.opt.iterations = mujoco.mjtSolver.mjSOL_PGS, 1
+        model.opt.solver = mujoco.mjtSolver.mjSOL_PGS
+        model.opt.iterations = 1
         model.opt.disableflags |= island_flag(mujoco)
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE

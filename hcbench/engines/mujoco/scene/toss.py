@@ -57,14 +57,17 @@ def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[fl
     values: of the setting's parameters, SI. timestep: s.
     """
     spec = mujoco.MjSpec()
-    spec.option.timestep, spec.option.gravity = timestep, [0.0, 0.0, -GRAVITY]
+    spec.option.timestep = timestep
+    spec.option.gravity = [0.0, 0.0, -GRAVITY]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     if setting.cone == "elliptic":
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     plate = spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[9.0, 9.0, 0.1])
     tossed = spec.worldbody.add_body(name="body")
     tossed.add_freejoint()
-    tossed.mass, tossed.inertia, tossed.explicitinertial = body.mass, list(body.inertia), True
+    tossed.mass = body.mass
+    tossed.inertia = list(body.inertia)
+    tossed.explicitinertial = True
     # MuJoCo 3.3 takes no inertia without its place.
     tossed.ipos = [0.0, 0.0, 0.0]
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
@@ -112,7 +115,8 @@ def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -
 
 def in_world(quaternions: Floats, vectors: Floats) -> Floats:
     """Rotate vectors of a body's frame into the world's, arrays of shape (n, 4) and (n, 3)."""
-    scalar, axis = quaternions[:, :1], quaternions[:, 1:]
+    scalar = quaternions[:, :1]
+    axis = quaternions[:, 1:]
     once = 2.0 * np.cross(axis, vectors)
     turned: Floats = vectors + scalar * once + np.cross(axis, once)
     return turned

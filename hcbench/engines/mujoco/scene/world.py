@@ -140,9 +140,8 @@ class BatchPool:
         now: balls in a model until now, 0 at release. A few launches of many are better off alone.
         """
         # Several models are stepped at once.
-        share = min(
-            self.max_batch, max(math.ceil(balls / self.threads), min(balls, BATCHING.balls_of_many_rows))
-        )
+        for_each_thread = math.ceil(balls / self.threads)
+        share = min(self.max_batch, max(for_each_thread, min(balls, BATCHING.balls_of_many_rows)))
         if now == 0:
             if self.is_worth_batching(share, balls * steps):
                 return share
@@ -163,7 +162,9 @@ class MujocoWorld(World):
     def __init__(self, pool: BatchPool) -> None:
         self.pool = pool
         scene = pool.model.scene
-        self.timestep, self.gravity, self.mass = pool.model.timestep, scene.normal_gravity, scene.mass
+        self.timestep = pool.model.timestep
+        self.gravity = scene.normal_gravity
+        self.mass = scene.mass
         self.speed_reading = speed_reading(pool.model.model)
         self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
         self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
@@ -194,7 +195,9 @@ class MujocoSimulation(Simulation):
         self._states = states_at_release(pool.model, launches)
         off_axis = pool.model.scene.off_axis > 0.0
         self._leaves_axis = off_axis or bool(Launches.of(launches).is_oblique.any())
-        self._alone, self._size, self._steps = False, 0, 0
+        self._alone = False
+        self._size = 0
+        self._steps = 0
 
     def advance(self, steps: int) -> Record:
         """Up to `steps` steps, as many as there is room for."""
@@ -233,7 +236,8 @@ class FollowedLaunch(Simulation):
         authored = copy.copy(model.model)
         authored.opt.disableflags &= ~int(model.mujoco.mjtDisableBit.mjDSBL_WARMSTART)
         batch = BatchedModel(authored, 1, model.at, sliding=False)
-        self._model, self._workspace = model, Workspace.of(model, batch, 1, BATCHING.chunk_bytes)
+        self._model = model
+        self._workspace = Workspace.of(model, batch, 1, BATCHING.chunk_bytes)
         self._states = states_at_release(model, [launch])
 
     def advance(self, steps: int) -> Record:

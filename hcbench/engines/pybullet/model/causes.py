@@ -44,7 +44,11 @@ _SAME_E = 0.005
 
 @dataclass(frozen=True, slots=True)
 class BulletContext:
-    """Pair, impacts and world that the search for causes examines. unread: as in `LoadedWorld`."""
+    """Pair, impacts and world that the search for causes examines.
+
+    timestep: s. gravity: (3,), m/s². unread: body id -> (tag, e) of a restitution that its file has
+    where PyBullet does not look.
+    """
 
     bullet: BulletClient
     place: BulletPlacement

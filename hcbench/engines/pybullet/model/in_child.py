@@ -52,7 +52,8 @@ class _InPlace(Simulation):
     """A simulation of one launch in the world itself."""
 
     def __init__(self, bullet: BulletClient, release: Callable[[], Simulation]) -> None:
-        self._bullet, self._state = bullet, bullet.saveState()
+        self._bullet = bullet
+        self._state = bullet.saveState()
         _forget_contacts(bullet, self._state)
         self._simulation = release()
 

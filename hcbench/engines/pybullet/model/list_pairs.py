@@ -50,7 +50,10 @@ _NamedPart = tuple[str, str, tuple[int, int]]
 
 
 def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
-    """Every pair of links of two bodies, one of which moves; those that touch first."""
+    """Every pair of links of two bodies, one of which moves; those that touch first.
+
+    Raises UserError for one file alone, which has nothing to meet.
+    """
     bullet = world.bullet
     bodies = {number: BulletBody(bullet, number) for number in bullet.bodies()}
     links = []
@@ -165,6 +168,8 @@ def _joint(body: BulletBody, link: int) -> str:
 def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
     """Find the two that meet: the world's own, or those of `names`, each a file, a body, or a link
     ("body/link" where links share a name); without names, the world's only two bodies.
+
+    Raises UserError for a choice, an unknown name, and one body twice.
     """
     bullet = world.bullet
     if world.pair:
@@ -193,7 +198,10 @@ def _by_name(parts: list[_NamedPart], name: str) -> BodyPart:
 
 
 def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
-    """Return the part that a body's id, or a (body id, link index), stands for."""
+    """Return the part that a body's id, or a (body id, link index), stands for.
+
+    Raises UserError for an id that the client does not have.
+    """
     if isinstance(part, int):
         part = (part, ANY_LINK)
     body, link = part
@@ -219,7 +227,7 @@ def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
         names = (f"body:{body}", file, stem, _readable(info[_ROBOT]))
         bodies += [("body", name, (body, ANY_LINK)) for name in names]
         joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
-        link_names = [_readable(info[_BASE]), *(_readable(joint[LINK_NAME]) for joint in joints)]
+        link_names = [_readable(name) for name in (info[_BASE], *(j[LINK_NAME] for j in joints))]
         prefixes = ["", f"body:{body}/"]
         if file:
             prefixes.append(f"{stem}/")

@@ -144,7 +144,10 @@ def _free_base(bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Flo
 
 
 def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) -> BulletPlacement:
-    """Launch by the joint that `move` names, or the joints of that link and of those up to the touch."""
+    """Launch by the joint that `move` names, or the joints of that link and of those up to the touch.
+
+    Raises UserError where it carries neither of the two.
+    """
     kind, _, name = move.partition(":")
     place_of_name = LINK_NAME
     if kind == "joint":
@@ -277,7 +280,8 @@ def _rates_towards(body: BulletBody, point: Any, chosen: Collection[int] | None)
 
 def _within_limits(joint: Any, start: float, target: float) -> float:
     """Position of a joint, brought into its limits; one that starts beyond a limit may stay there."""
-    low, high = joint[_LOWER], joint[_UPPER]
+    low = joint[_LOWER]
+    high = joint[_UPPER]
     if low < high:
         return float(min(max(target, min(low, start)), max(high, start)))
     # With a lower limit that is not below the upper one PyBullet says that there is none.

@@ -36,7 +36,10 @@ def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
 
 
 def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
-    """Look at the mass, friction, restitution, inertia and shapes of one of the two."""
+    """Look at the mass, friction, restitution, inertia and shapes of one of the two.
+
+    Raises SceneError and QuantityError.
+    """
     info = bullet.getDynamicsInfo(side.body, side.link)
     for quantity, place, unit in _CHECKED:
         slot = f"{quantity} of {side.name!r}"

@@ -48,8 +48,8 @@ class _Contact(NamedTuple):
 class LaunchInUserWorld(Simulation):
     """One launch in the user's world as it is; nothing puts it back.
 
-    gravity: as a `World` has it, m/s². along: the way that oblique launches take. law: number of
-    the plug-in's law between the two, whose force is none of Bullet's contact.
+    gravity: along the normal, into the other body, m/s². along: the way that oblique launches take.
+    law: number of the plug-in's law between the two, whose force is none of Bullet's contact.
     """
 
     def __init__(

@@ -59,9 +59,12 @@ class BulletAlongPlate:
         clearance: float,
     ) -> None:
         """clearance: from which the body starts, m."""
-        self.bullet, self.place, self.body = bullet, place, place.first.body
+        self.bullet = bullet
+        self.place = place
+        self.body = place.first.body
         self.axes = plate_frame(place.normal, along)
-        self.slip, self.spin = np.array([*launch.slip, 0.0]), np.array(launch.spin)
+        self.slip = np.array([*launch.slip, 0.0])
+        self.spin = np.array(launch.spin)
         self._clearance = clearance
         self._sides = [(1.0, place.first), (-1.0, place.second)]
         self._bodies = {part.body: BulletBody(bullet, part.body) for _, part in self._sides}
@@ -98,7 +101,11 @@ class BulletAlongPlate:
         return [float(x) for x in np.array(point) + self._position() - self._seen]
 
     def motion(self, point: Sequence[float], rate: float) -> Floats:
-        """Slip, spin, no friction and energy, see `Record.tangential`, shape (8,). rate: m/s."""
+        """Slip 2 m/s, spin 3 rad/s, no friction (2 zeros) and energy without that of the approach,
+        J; (8,).
+
+        point: of the contact, m. rate: of approach, m/s.
+        """
         slip = np.zeros(3)
         spin = np.zeros(3)
         self._now = self._position()

@@ -68,16 +68,24 @@ def _free_base(world: LoadedWorld, name: str) -> int | None:
     """Find the body whose free base a file's name means; "base": that of the heaviest. None without
     one.
     """
-    masses = {b: world.bullet.getDynamicsInfo(b, -1)[0] for b in world.bullet.bodies()}
+    bullet = world.bullet
+    masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
     free = [body for body, mass in masses.items() if mass > 0.0]
-    named = [body for body in free if world.files.get(body, "").partition(".")[0] == name]
-    if not named and name == "base" and free:
-        named = [max(free, key=lambda body: (world.bullet.getNumJoints(body), masses[body]))]
-    return named[0] if named else None
+    for body in free:
+        stem, _, _ = world.files.get(body, "").partition(".")
+        if stem == name:
+            return body
+    if name != "base":
+        return None
+    # A robot is the body with joints; of several the heaviest.
+    return max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]), default=None)
 
 
 def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> None:
-    """Put a free base: x y z, and a quaternion w x y z, if given."""
+    """Put a free base: x y z, and a quaternion w x y z, if given.
+
+    Raises UserError for another number of values.
+    """
     if len(values) not in (3, 7):
         raise UserError("qpos", f"base: {len(values)} numbers", "3 or 7: m, quaternion w x y z")
     turned = bullet.getBasePositionAndOrientation(body)[1]
@@ -110,7 +118,8 @@ def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
         info = bullet.getJointInfo(body, joint)
         if info[JOINT_TYPE] not in (REVOLUTE, PRISMATIC) or info[_LOWER] > info[_UPPER]:
             continue
-        low, high = float(info[_LOWER]), float(info[_UPPER])
+        low = float(info[_LOWER])
+        high = float(info[_UPPER])
         # Such limits stand for a file that has none.
         if low == 0.0 and high <= 0.0:
             continue

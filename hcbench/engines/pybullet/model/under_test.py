@@ -135,7 +135,11 @@ class PybulletModel(ModelUnderTest):
         return isinstance(self.place.mover, FreeBase) and min(first_mass, second_mass) == 0.0
 
     def release(self, launches: Sequence[Launch]) -> Simulation:
-        """The launch under way from its starting point, in a world that knows of no other launch."""
+        """The launch under way from its starting point, in a world that knows of no other launch.
+
+        Raises UserError for an oblique launch of a pair with the plug-in's law, whose friction
+        PyBullet does not report.
+        """
         (launch,) = launches
         law_number = None
         if self.law is not None:
@@ -284,7 +288,11 @@ def _loaded(
 def model_settings(
     source: Any, requests: Sequence[Request], goal: RestitutionCurve, rebuild: Callable[[], Any] | None
 ) -> Iterator[ModelSetting]:
-    """Bullet's own restitution for the pairs, without what keeps it from happening; one setting, in lines."""
+    """Bullet's own restitution for the pairs, without what keeps it from happening; one setting, in
+    lines.
+
+    Raises UserError for a live client, and for a part that would need two restitutions.
+    """
     world, build = _loaded(source, rebuild, requests[0].packages)
     if build is None:
         if world.disconnect:

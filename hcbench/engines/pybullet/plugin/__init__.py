@@ -35,7 +35,8 @@ from hcbench.terms.impact import Floats
 
 # A body, or a body and its link by number or name.
 Side = int | tuple[int, int | str]
-SOURCE, LINK = "engines/pybullet/plugin/plugin.c", ["-ldl"]
+SOURCE = "engines/pybullet/plugin/plugin.c"
+LINK = ["-ldl"]
 # 20 in/s, in m/s: the paper's law holds up to it.
 _SPEED = 0.508
 
@@ -50,7 +51,11 @@ def library() -> Path:
 
 @checked
 def load(client: int = 0) -> int:
-    """Load the plug-in into a client, unless it is loaded, and return its number there."""
+    """Load the plug-in into a client, unless it is loaded, and return its number there.
+
+    Raises SettingError for a client that is not connected, EngineFailed where it does not take the
+    plug-in.
+    """
     bullet = BulletClient(client)
     if not bullet.isConnected():
         raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
@@ -66,7 +71,11 @@ def command(
     friction: Friction | float | None = None,
     cup: Sequence[float] | None = None,
 ) -> str:
-    """The text of executePluginCommand that adds a law. The rest as in `add`."""
+    """The text of executePluginCommand that adds a law.
+
+    friction: a coefficient, or `Friction` for a force law; None for the product of the bodies' own.
+    cup: (radius, x, y, z) of the spherical cup that the first body lies in, m.
+    """
     require_law(law)
     keys: dict[str, Any]
     if isinstance(law, ConstantRestitution):
@@ -165,11 +174,17 @@ class Recorder:
     def __init__(self, bullet: BulletClient) -> None:
         _, _, parts = bullet.executePluginCommand(load(bullet.client), "world")
         (world,) = struct.unpack("P", bytes(part & 255 for part in parts))
-        self._world, self._record = ctypes.c_void_p(world), ctypes.CDLL(str(library())).hcbench_record
+        self._world = ctypes.c_void_p(world)
+        self._record = ctypes.CDLL(str(library())).hcbench_record
 
     def record(self, bodies: Sequence[int], steps: int) -> Floats:
-        """Position, velocity and angular velocity after each step, shape (steps, b, 3, 3)."""
-        ids, seen = np.array(bodies, dtype=np.intc), np.empty((steps, len(bodies), 3, 3))
+        """Position, velocity and angular velocity after each step, shape (steps, b, 3, 3).
+
+        Position in m, velocity in m/s and angular velocity in rad/s. Raises EngineFailed where a
+        body is gone.
+        """
+        ids = np.array(bodies, dtype=np.intc)
+        seen = np.empty((steps, len(bodies), 3, 3))
         ids_at, seen_at = (ctypes.c_void_p(array.ctypes.data) for array in (ids, seen))
         if not self._record(self._world, steps, ids_at, len(ids), seen_at):
             raise EngineFailed("pybullet", "a body is gone", "")
@@ -207,7 +222,10 @@ def restitution_of(command: str) -> RestitutionCurve | None:
 
 
 def _side(bullet: BulletClient, side: Side) -> tuple[int, int]:
-    """(body, link) as numbers; what they mean, the plug-in checks."""
+    """(body, link) as numbers; what they mean, the plug-in checks.
+
+    Raises SettingError for a link that the body does not have.
+    """
     body, link = (side, -1) if isinstance(side, int) else side
     if isinstance(link, int):
         return body, link

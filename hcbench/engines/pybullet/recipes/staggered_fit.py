@@ -86,11 +86,11 @@ class FittedImpacts:
     @classmethod
     def of(cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0) -> FittedImpacts:
         """Impacts that a fit looks at, at so many speeds over the target's band; phases may lie denser."""
-        shortest, longest = (
-            float(closed_form.duration(law, target.mass, v)) for v in (target.speed_max, target.speed_min)
-        )
+        shortest = float(closed_form.duration(law, target.mass, target.speed_max))
+        longest = float(closed_form.duration(law, target.mass, target.speed_min))
         h = max(target.timestep, shortest / _STEPS_MOST)
-        phases = int(denser * np.clip(round(_LAUNCHES * h / shortest), _PHASES_LEAST, _PHASES_MOST))
+        phases_of_step = np.clip(round(_LAUNCHES * h / shortest), _PHASES_LEAST, _PHASES_MOST)
+        phases = int(denser * phases_of_step)
         # Slow impacts are the hard ones: the speeds lie denser there.
         share = np.linspace(0.0, 1.0, speeds) ** 1.2
         at = target.speed_min + (target.speed_max - target.speed_min) * share
@@ -109,18 +109,21 @@ class FittedImpacts:
         """e of all impacts at once, (b, n): Bullet's steps, and speeds at the touch plane by what
         flight conserves.
         """
-        h, fall = self.h, self.h * self.g
+        h = self.h
+        fall = self.h * self.g
         onset, stiffness, damping = (
             of.T[..., None] for of in (contacts.onset, contacts.stiffness, contacts.damping)
         )
         # (rows, b, 1)
-        k, c = (h / self.mass) * stiffness, (h / self.mass) * damping
+        k = (h / self.mass) * stiffness
+        c = (h / self.mass) * damping
         x = np.tile(-self.phases * h * self.speeds, (k.shape[1], 1))
         v = np.tile(self.speeds - self.phases * fall, (k.shape[1], 1))
         before = (v + fall / 2) ** 2 - 2 * self.g * x
         for _ in range(self.steps):
             depth = x - onset
-            spring, damper = k * np.maximum(depth, 0.0), np.where(depth > 0, c, 0.0)
+            spring = k * np.maximum(depth, 0.0)
+            damper = np.where(depth > 0, c, 0.0)
             parted = (x <= 0) & (v < 0)
             v = np.where(parted, v, _rate_after(v + fall, spring, damper))
             x = np.where(parted, x, x + h * v)
@@ -134,7 +137,8 @@ def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
     """v = free - sum of max(0, spring + damper v), shape (b, n); spring, damper: (rows, b, n)."""
     v = (free - spring.sum(0)) / (1 + damper.sum(0))
     for _ in range(_ACTIVE_ROUNDS):
-        before, pushes = v, spring + damper * v > 0
+        before = v
+        pushes = spring + damper * v > 0
         v = (free - (spring * pushes).sum(0)) / (1 + (damper * pushes).sum(0))
         if np.array_equal(v, before):
             break
@@ -266,14 +270,15 @@ def fit_contacts(
 
     result: what an interrupt of the search hands out, of the best contacts until then.
     """
-    launches, others = (
-        FittedImpacts.of(target, law, _SPEEDS),
-        FittedImpacts.of(target, law, _OTHER_SPEEDS, 3.0),
-    )
-    loops = _Loops.of(law, target.mass, np.geomspace(target.speed_min, target.speed_max, _LOOPS), launches.h)
+    launches = FittedImpacts.of(target, law, _SPEEDS)
+    others = FittedImpacts.of(target, law, _OTHER_SPEEDS, 3.0)
+    speeds = np.geomspace(target.speed_min, target.speed_max, _LOOPS)
+    loops = _Loops.of(law, target.mass, speeds, launches.h)
     wanted = closed_form.restitution(law.alpha, launches.speeds)
-    misfit = _Misfit(launches, wanted, loops, max(_SHARE * minimax_constant(target)[1], _LEAST))
-    top = float(closed_form.penetration_max(replace(law, alpha=0.0), target.mass, target.speed_max))
+    _, error_of_constant = minimax_constant(target)
+    misfit = _Misfit(launches, wanted, loops, max(_SHARE * error_of_constant, _LEAST))
+    elastic = replace(law, alpha=0.0)
+    top = float(closed_form.penetration_max(elastic, target.mass, target.speed_max))
     first = min(max(_FIRST * top, _FIRST_STEP * launches.h * target.speed_max), 0.5 * top)
     search = Search(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
     fits = []

@@ -37,23 +37,32 @@ def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
 
 
 def script(scene: Scene, setting: Setting) -> str:
-    """A Python script that drops the ball; see `Engine.script`."""
+    """A Python script that drops the ball on a plane at several speeds, and prints e.
+
+    Raises SettingError for a cup, and for a setting that is none of Bullet's own contact or a plug-in.
+    """
     if scene.form != "plane" or not {"world", "ball", "law"} & set(setting.options):
         given = f"pybullet {setting.name!r} in the form {scene.form!r}"
         expected = "a setting of Bullet's own contact or a plug-in, in the form 'plane'"
         raise SettingError("write-scene", given, expected)
     radius = shortest(scene.relative_radius)
-    keyword = ", useMaximalCoordinates=True" if setting.options.get("maximal_coordinates") else ""
+    mass = shortest(scene.mass)
+    maximal = ", useMaximalCoordinates=True" if setting.options.get("maximal_coordinates") else ""
+    sphere = f"pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius={radius})"
+    plane = "pybullet.createCollisionShape(pybullet.GEOM_PLANE)"
     made = {
-        "ball": f"createMultiBody({shortest(scene.mass)}, pybullet.createCollisionShape("
-        f"pybullet.GEOM_SPHERE, radius={radius}), basePosition=[0, 0, {radius}]{keyword})",
-        "plate": f"createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE){keyword})",
+        "ball": f"createMultiBody({mass}, {sphere}, basePosition=[0, 0, {radius}]{maximal})",
+        "plate": f"createMultiBody(0, {plane}{maximal})",
     }
-    setup = _calls(setting, PAIR, made, repr(str(plugin.library())) if "law" in setting.options else "")
+    has_law = "law" in setting.options
+    library = repr(str(plugin.library())) if has_law else ""
+    setup = _calls(setting, PAIR, made, library)
     if setting.options.get("links"):
-        of_ball = f"radius, mass, inertia = {radius}, {shortest(scene.mass)}, {shortest(scene.inertia)}"
-        setup = f"{of_ball}\nfriction = {shortest(scene.friction)}\n{setup}"
-    if "law" in setting.options:
+        inertia = shortest(scene.inertia)
+        friction = shortest(scene.friction)
+        of_ball = f"radius, mass, inertia = {radius}, {mass}, {inertia}"
+        setup = f"{of_ball}\nfriction = {friction}\n{setup}"
+    if has_law:
         setup = f"{_LIBRARY}\n{setup}"
     return _SCRIPT.format(setup=setup, step=shortest(setting.timestep), radius=radius)
 
@@ -64,7 +73,8 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
     made: the calls that make them, by ball and plate; none of those that exist already.
     path: of the plug-in, as an expression.
     """
-    options, names = setting.options, dict(zip(PAIR, pair, strict=True))
+    options = setting.options
+    names = dict(zip(PAIR, pair, strict=True))
     world = {"fixedTimeStep": setting.timestep, **options.get("world", {})}
     before: list[str] = []
     made = dict(made)

@@ -62,8 +62,11 @@ class PybulletWorld(World):
 
     def __init__(self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float) -> None:
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
-        self.scene, self.options = scene, options
-        self.timestep, self.gravity, self.mass = timestep, scene.normal_gravity, scene.mass
+        self.scene = scene
+        self.options = options
+        self.timestep = timestep
+        self.gravity = scene.normal_gravity
+        self.mass = scene.mass
         self.deepest = scene.touch_radius
         # How often Bullet's solver sweeps over several links depends on all that are in contact.
         self.places = 1 if options.links else _BALLS_IN_WORLD
@@ -71,7 +74,8 @@ class PybulletWorld(World):
         self.bullet = client()
         with foreign_errors("pybullet", self.bullet.error):
             ball, self.plate = _set_up(self.bullet, scene, timestep, options)
-            self.balls, self._fastest = [ball], fastest
+            self.balls = [ball]
+            self._fastest = fastest
             self._laws: list[int] = []
             self._add_law(ball)
             self.step = self._step()
@@ -84,7 +88,10 @@ class PybulletWorld(World):
         return None if self.reports_force else plugin.recorder(self.bullet)
 
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
-        """A ball where each launch starts and any others far away, with nothing remembered."""
+        """A ball where each launch starts and any others far away, with nothing remembered.
+
+        Raises CannotShareError for several launches of which one is oblique.
+        """
         oblique = any(launch.is_oblique for launch in launches)
         # Bullet's sweeps over friction depend on all balls.
         if oblique and len(launches) > 1:
@@ -173,7 +180,9 @@ class PybulletSimulation(Simulation):
     """
 
     def __init__(self, world: PybulletWorld, count: int, oblique: bool) -> None:
-        self._world, self._reads_position, self._oblique = world, count == 1, oblique
+        self._world = world
+        self._reads_position = count == 1
+        self._oblique = oblique
         self._which = list(range(count))
         self._position, self._motion = self._positions(), self._motions()
 
@@ -190,8 +199,10 @@ class PybulletSimulation(Simulation):
         if self._reads_position:
             p = np.concatenate([self._position[None], np.reshape(positions, (steps, -1, 3))])
         else:
-            p = np.cumsum(np.concatenate([self._position[None], world.timestep * v[1:]]), axis=0)
-        self._position, self._motion = p[-1], motion[-1]
+            moved = world.timestep * v[1:]
+            p = np.cumsum(np.concatenate([self._position[None], moved]), axis=0)
+        self._position = p[-1]
+        self._motion = motion[-1]
         x, rate, deeper = overlap(world.scene, p[:-1], v[:-1])
         if world.reports_force:
             force = np.reshape(np.array(forces, dtype=np.float64), (steps, -1))[:, self._which]
@@ -199,14 +210,16 @@ class PybulletSimulation(Simulation):
             force = force_from_momentum(world.scene, world.timestep, v, deeper)
         if not (self._reads_position or np.array_equal(self._positions(), p[-1])):
             raise CannotShareError
-        oblique = self._oblique
-        along_plate = tangential_rows(world.scene, world.timestep, motion, deeper) if oblique else None
+        along_plate = None
+        if self._oblique:
+            along_plate = tangential_rows(world.scene, world.timestep, motion, deeper)
         return Record(x.T, rate.T, force.T, along_plate)
 
     def keep(self, which: Flags) -> None:
         """Record only these from now on."""
         self._which = [ball for ball, going in zip(self._which, which.tolist(), strict=True) if going]
-        self._position, self._motion = self._position[which], self._motion[which]
+        self._position = self._position[which]
+        self._motion = self._motion[which]
 
     def _positions(self) -> Floats:
         place = self._world.bullet.getBasePositionAndOrientation
@@ -219,12 +232,15 @@ class PybulletSimulation(Simulation):
 
     def _step(self, steps: int) -> tuple[list[Any], Any, Any]:
         """Forces that each step reported, positions where they are read, velocity and spin, all after it."""
-        step, bullet, recorder = self._world.step, self._world.bullet, self._world.recorder
+        step = self._world.step
+        bullet = self._world.bullet
+        recorder = self._world.recorder
         balls = [self._world.balls[i] for i in self._which]
         if recorder is not None:
             seen = recorder.record(balls, steps)
             return [], seen[:, :, 0], seen[:, :, 1:]
-        place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
+        place = bullet.getBasePositionAndOrientation
+        motion = bullet.getBaseVelocity
         forces: list[Any] = []
         motions: list[float] = []
         positions: list[float] = []
@@ -305,7 +321,10 @@ def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) ->
 
 
 def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> None:
-    """Bullet must see the overlap that the scene says: radii, frames and meshes are right then."""
+    """Bullet must see the overlap that the scene says: radii, frames and meshes are right then.
+
+    Raises SceneError where it does not.
+    """
     overlap = 1e-5
     _place(bullet, ball, np.array([0.0, 0.0, scene.touch_radius - overlap]))
     seen = [-point[8] for point in bullet.getClosestPoints(ball, plate, 0.0)]

@@ -30,7 +30,8 @@ _MIXING = {"solref": "mixes the solref", "solimp": "averages the solimp"}
 
 def mixing(context: Context) -> Iterator[Suspect]:
     """The geoms' parameters do not arrive as written."""
-    model, written = context.model, context.written
+    model = context.model
+    written = context.written
     if written is None or (explicit_pairs(model, context.geoms) and not context.overridden):
         return
     solref, solimp, _ = context.place.contact.rows[0]
@@ -76,9 +77,12 @@ def refsafe(context: Context) -> Iterator[Suspect]:
     constant, ratio = solref
     if constant <= 0 or context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE:
         return
-    evidence, least = f"{2 * context.timestep:g} s is used", 2 * context.timestep
+    evidence = f"{2 * context.timestep:g} s is used"
+    least = 2 * context.timestep
     if context.integrator == "discrete":
-        evidence, least, constant = "no bounce is left", context.timestep, constant * ratio
+        evidence = "no bounce is left"
+        least = context.timestep
+        constant = constant * ratio
     if constant >= least:
         return
     # The undamped spring has 40 steps in half a period, π times the time constant times the
@@ -97,7 +101,8 @@ def solref(context: Context) -> Iterator[Suspect]:
     """The contact is asked for, as written, another bounce than is wanted."""
     if context.written is None:
         return
-    goal, written_e = context.goal(), context.written_e
+    goal = context.goal()
+    written_e = context.written_e
     default = same(context.written.solref, DEFAULT_SOLREF)
     certain = default or context.written.is_powerless
     if not certain and (context.wanted is None or abs(written_e - goal) < _NOTABLE):
@@ -106,11 +111,14 @@ def solref(context: Context) -> Iterator[Suspect]:
         code = "default-solref"
         title = "is MuJoCo's default, critically damped: it asks for almost no bounce."
     elif context.written.is_powerless:
-        code, title = NO_PUSH, "asks for neither a spring nor a damper: nothing pushes back."
+        code = NO_PUSH
+        title = "asks for neither a spring nor a damper: nothing pushes back."
     elif written_e > goal:
-        code, title = "lively-solref", "asks for less damping than the target needs."
+        code = "lively-solref"
+        title = "asks for less damping than the target needs."
     else:
-        code, title = "damped-solref", "asks for more damping than the target needs."
+        code = "damped-solref"
+        title = "asks for more damping than the target needs."
     yield Suspect(
         code,
         f"solref {title}",
@@ -143,7 +151,8 @@ def solimp(context: Context) -> Iterator[Suspect]:
             always_reported=True,
         )
         return
-    at_touch, at_depth = context.written.impedance(0.0), context.written.impedance(math.inf)
+    at_touch = context.written.impedance(0.0)
+    at_depth = context.written.impedance(math.inf)
     if context.used.solref[0] <= 0 and at_touch < at_depth:
         yield Suspect(
             "impedance",

@@ -133,10 +133,13 @@ def _as_written(model: Any, geoms: tuple[int, int]) -> tuple[tuple[float, ...], 
     """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the first of
     them, or of the second where the first has the default.
     """
-    source, ids = "pair", explicit_pairs(model, geoms)[:1]
+    source = "pair"
+    ids = explicit_pairs(model, geoms)[:1]
     if not ids:
-        source, ids = "geom", list(geoms)
-    solrefs, solimps = getattr(model, f"{source}_solref")[ids], getattr(model, f"{source}_solimp")[ids]
+        source = "geom"
+        ids = list(geoms)
+    solrefs = getattr(model, f"{source}_solref")[ids]
+    solimps = getattr(model, f"{source}_solimp")[ids]
     return _first_set(solrefs, DEFAULT_SOLREF), _first_set(solimps, _DEFAULT_SOLIMP)
 
 

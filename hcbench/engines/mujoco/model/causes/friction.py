@@ -62,9 +62,16 @@ def pyramidal_cone(model: Any, impacts: Sequence[Impact], friction: float) -> tu
     """
     if int(model.opt.cone) != int(backend().mjtCone.mjCONE_PYRAMIDAL) or not friction:
         return None
-    sliding = [i for i in impacts if i.tangential is not None and i.is_measured and _slides_on(i.tangential)]
-    weakest = min(sliding, key=lambda i: i.tangential.impulse_ratio, default=None)  # type: ignore[union-attr]
-    if weakest is None or weakest.tangential.impulse_ratio > (1.0 - WEAK) * friction:  # type: ignore[union-attr]
+    weakest = None
+    least = math.inf
+    for impact in impacts:
+        along = impact.tangential
+        if along is None or not impact.is_measured or not _slides_on(along):
+            continue
+        if along.impulse_ratio < least:
+            least = along.impulse_ratio
+            weakest = impact
+    if weakest is None or least > (1.0 - WEAK) * friction:
         return None
     return weakest, Suspect(
         "pyramidal-cone",

@@ -39,7 +39,8 @@ def integrator(context: Context) -> Iterator[Suspect]:
 
 def servo_damping(context: Context) -> Iterator[Suspect]:
     """Servos whose damping an implicit integrator applies to what the contact gives, within the same step."""
-    model, off = context.model, context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
+    model = context.model
+    off = context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
     if context.integrator not in ("implicit", "implicitfast") or off or not model.nu:
         return
     damped = np.flatnonzero(model.actuator_biasprm[:, 2])
@@ -104,7 +105,8 @@ def gravity(context: Context) -> Iterator[Suspect]:
 
 def losses(context: Context) -> Iterator[Suspect]:
     """Suspect damping outside the contact: of joints, and of a medium."""
-    model, dofs = context.model, list(context.place.joint.dofs)
+    model = context.model
+    dofs = list(context.place.joint.dofs)
     joint = body_name(model, context.place.joint.body)
     for code, field, words in (
         ("joint-damping", "dof_damping", "damping"),
