@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
 BOWL = 0.0508  # R2 = 2 in, m
 CELL = 0.0014  # edge of a cell of the field, m: its error goes with the fourth power, 9e-9 m at this size
-ACROSS = (
-    15  # cells in x and in y; odd, so that the axis is the middle of a cell and the normal there is exact
-)
+# Cells in x and in y: an odd number, so that the axis is the middle of a cell, where the normal is exact.
+ACROSS = 15
 UPWARDS = 9
 FLOOR = 0.0180  # height of the field's lowest corner, m; a ball of 1 in at rest has its centre at 0.0254
 

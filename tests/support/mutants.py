@@ -288,8 +288,8 @@ MUTANTS = (
     Mutant(
         "reality/impacts.py",
         "_SURE",
-        "_ALONE, _SURE, _LONG = 5e-3, 0.05, 3",
-        "_ALONE, _SURE, _LONG = 5e-3, 0.5, 3",
+        "_SURE = 0.05",
+        "_SURE = 0.5",
         "an impact is good if its e is known to 0.05",
         ("tests/reality/test_impacts.py",),
     ),
