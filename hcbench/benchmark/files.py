@@ -47,6 +47,8 @@ class Files:
         self._system = system
         self._root = root.rstrip("/")
         self.where = where
+        # Content of the lock file while this object holds it; its time is that of the last write.
+        self._mine: dict[str, Any] = {}
 
     def _path(self, name: str) -> str:
         return f"{self._root}/{name}" if name else self._root
@@ -78,7 +80,10 @@ class Files:
         return content
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file, whole or not at all."""
+        """Write a file, whole or not at all; CannotRun where another sweep has taken the lock."""
+        if self._mine and _is_stale(self._mine):
+            # This machine slept, or was stopped.
+            self._claim(self._mine)
         self._system.pipe_file(self._path_to_write(name), content)
 
     def move(self, name: str, to: str) -> None:
@@ -88,14 +93,16 @@ class Files:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """While no other sweep writes here; CannotRun where one does."""
-        me = {**_myself(), "token": secrets.token_hex(8)}
-        self._claim(me)
+        mine = {**_myself(), "token": secrets.token_hex(8)}
+        self._claim(mine)
+        self._mine = mine
         done = threading.Event()
 
         def freshen() -> None:
             while not done.wait(_FRESHEN_S):
-                with suppress(OSError):
-                    self.write(LOCK, json.dumps({**me, "time": time.time()}).encode())
+                # The next write of the sweep raises CannotRun where another has the lock.
+                with suppress(OSError, CannotRun):
+                    self._claim(mine)
 
         thread = threading.Thread(target=freshen, daemon=True)
         thread.start()
@@ -104,23 +111,31 @@ class Files:
         finally:
             done.set()
             thread.join()
-            with suppress(OSError):
-                self._system.rm_file(self._path(LOCK))
+            with suppress(OSError, ValueError):
+                if self._has_lock(mine):
+                    self._system.rm_file(self._path(LOCK))
+            self._mine = {}
 
-    def _claim(self, me: dict[str, Any]) -> None:
-        """Write the lock file of this sweep; raise CannotRun if another sweep holds it.
+    def _claim(self, mine: dict[str, Any]) -> None:
+        """Write the lock file of this sweep; CannotRun if another sweep holds it.
 
-        me: content of the lock, with a token of its own.
+        mine: its content, with a token of its own; its time becomes that of this write.
         """
         if LOCK in self.names():
             owner = self.read(LOCK).decode("utf-8", "replace")
             with suppress(ValueError, KeyError, TypeError):
-                if time.time() - parse_json(owner)["time"] < _STALE_S:
+                other = parse_json(owner)
+                if not _is_stale(other) and other.get("token") != mine["token"]:
                     raise _taken(self.where, owner)
-        self.write(LOCK, json.dumps(me).encode())
+        content = {**mine, "time": time.time()}
+        self._system.pipe_file(self._path_to_write(LOCK), json.dumps(content).encode())
         # Another sweep wrote its lock at the same time, and the last to write has it.
-        if parse_json(self.read(LOCK)).get("token") != me["token"]:
+        if not self._has_lock(mine):
             raise _taken(self.where, "")
+        mine.update(content)
+
+    def _has_lock(self, mine: dict[str, Any]) -> bool:
+        return bool(parse_json(self.read(LOCK)).get("token") == mine["token"])
 
 
 class LocalFiles(Files):
@@ -198,6 +213,11 @@ class TemporaryFiles(Files):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle it as `Files`: another process reads the folder as long as it exists."""
         return Files, (self._system, self._root, self.where)
+
+
+def _is_stale(lock: dict[str, Any]) -> bool:
+    """Say whether a lock was not written for so long that its owner has ended."""
+    return bool(time.time() - lock["time"] >= _STALE_S)
 
 
 def _is_at(descriptor: int, path: Path) -> bool:

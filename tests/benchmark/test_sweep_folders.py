@@ -213,3 +213,20 @@ def test_there_a_lock_is_given_up_when_nobody_keeps_it_fresh() -> None:
     memory.pipe_file("/locked/_lock", json.dumps(old).encode())
     assert sweep(study_from(small()), "memory://locked", resume=True).shards == 5
     assert not memory.exists("/locked/_lock")
+
+
+def test_a_sweep_that_slept_does_not_write_once_another_has_the_lock(monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = fsspec.filesystem("memory")
+    folder = files.open_files("memory://slept")
+    with folder.locked():
+        later = time.time() + 1000
+        monkeypatch.setattr("time.time", lambda: later)
+        folder.write("alone", b"1")
+        assert json.loads(memory.cat_file("/slept/_lock"))["time"] == later
+        other = {"host": "far", "pid": 1, "time": later + 999, "token": "x"}
+        memory.pipe_file("/slept/_lock", json.dumps(other).encode())
+        monkeypatch.setattr("time.time", lambda: later + 1000)
+        with pytest.raises(CannotRun, match="process 1 on far"):
+            folder.write("after", b"2")
+    assert json.loads(memory.cat_file("/slept/_lock")) == other
+    assert not memory.exists("/slept/after")
