@@ -14,8 +14,8 @@ from hcbench.benchmark.files import LOCK, Files, TemporaryFiles
 from hcbench.benchmark.plan import SCHEMA, Plan
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.tables import SUMMARY, ShardFiles, Summary, Totals, digest, metadata_of
-from hcbench.system.errors import OutputError, UserError
-from hcbench.system.files import parse_json
+from hcbench.system.errors import UserError
+from hcbench.system.files import parse_json, unwritable
 from hcbench.system.text import sanitized
 from hcbench.terms.fields import ResultTable, validate
 from hcbench.terms.impact import FORMER_E
@@ -34,8 +34,9 @@ _BOUNCES = re.compile(r"_bounces-([0-9a-f]{16})\.parquet")
 
 
 class Store:
-    """The results of a study, shard by shard, in the files of a
-    folder. Disk errors are OutputError.
+    """The results of a study, shard by shard, in the files of a folder.
+
+    Raises OutputError for errors of the disk, UserError for a path that cannot be a folder.
     """
 
     def __init__(self, files: Files) -> None:
@@ -57,8 +58,7 @@ class Store:
         try:
             yield
         except OSError as error:
-            got = f"{self.where}: {error.strerror or error}"
-            raise OutputError("folder", got, expected, self._advice) from None
+            raise unwritable("folder", self.where, error, expected, self._advice) from None
 
     def description(self) -> dict[str, Any] | None:
         """Read the description of the sweep; None without a sweep. UserError for another schema."""

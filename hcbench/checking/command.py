@@ -13,7 +13,7 @@ from hcbench.checking.spec import Check, CheckSpec, plan, read_max_error
 from hcbench.checking.text import as_junit, as_markdown, checks_of, find_table
 from hcbench.measuring.request import read_limit
 from hcbench.system.errors import OutputError, UserError
-from hcbench.system.outputs import require_output, write_output
+from hcbench.system.outputs import require_outputs, write_output
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
@@ -62,8 +62,8 @@ def check(
     Raises UserError for what cannot be planned, and OutputError for what cannot be written.
     """
     outputs = outputs or Outputs()
-    for option, path in outputs.files.items():
-        require_output(path, option, map(Path, spec.models or (DEFAULT_FILE,)), outputs.force)
+    given = spec.models or (DEFAULT_FILE,)
+    require_outputs(outputs.files, [*given, *spec.options.values()], outputs.force)
     if outputs.baseline is not None and spec.options["baseline"] is not None:
         raise UserError("baseline", "--baseline and --write-baseline", "one of the two")
     report = _run(spec, outputs, jobs, progress, measure_only or outputs.baseline is not None)

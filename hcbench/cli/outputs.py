@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import errno
 import os
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
 from hcbench.system.errors import UserError
-from hcbench.system.outputs import require_output
+from hcbench.system.outputs import require_outputs as require_all
 
 # Bytes of a name: the limit of every common file system.
 _LONGEST_NAME = 255
@@ -54,42 +52,11 @@ def require_outputs(context: click.Context) -> None:
     input or what is not hcbench's.
     """
     outputs: dict[str, Path] = {}
-    inputs: list[Path] = []
+    inputs: list[object] = []
     for parameter in context.command.params:
         value = context.params.get(parameter.name or "")
         if not isinstance(parameter.type, _OutputType):
-            inputs += _existing(value)
+            inputs.append(value)
         elif value is not None:
             outputs[parameter.opts[0]] = value
-    seen: dict[Path, str] = {}
-    for option, path in outputs.items():
-        if _leads_to_itself(path):
-            raise UserError(option, f"{path} is a link that leads back to itself", "a file")
-        if (other := seen.setdefault(path.resolve(), option)) != option and not _is_stream(path):
-            raise UserError(option, f"{path} is the file of {other} too", "a file of its own")
-        require_output(path, option, inputs, context.params.get("force", False))
-
-
-def _leads_to_itself(path: Path) -> bool:
-    try:
-        path.stat()
-    except OSError as error:
-        return error.errno == errno.ELOOP
-    return False
-
-
-def _is_stream(path: Path) -> bool:
-    return path.exists() and not path.is_file()
-
-
-def _existing(value: object) -> Iterator[Path]:
-    """Files and folders among the values of options."""
-    if isinstance(value, tuple | list):
-        for each in value:
-            yield from _existing(each)
-    elif isinstance(value, str | Path):
-        file, colon, _ = str(value).partition(".py:")
-        path = Path(f"{file}.py" if colon else file)
-        with suppress(OSError, ValueError):
-            if path.exists():
-                yield path
+    require_all(outputs, inputs, context.params.get("force", False))

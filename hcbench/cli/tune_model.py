@@ -49,7 +49,7 @@ def tune_model(
         got = f"e up to {tuned.max_e:.4g} with {tuned.name!r}: it gains energy"
         raise LimitPassed("restitution", got, "1 at most", _cure(tuned))
     if not tuned.max_error <= limit:
-        got = f"{tuned.max_error:.3g}, of the best setting there is"
+        got = f"{tuned.max_error:.3g}, of the best setting that was found"
         raise LimitPassed("max-error", got, f"{limit:g} or less", _cure(tuned))
     if strict and tuned.worse:
         raise LimitPassed("strict", "; ".join(tuned.worse), "at most 1.2 times what it was")
@@ -75,9 +75,7 @@ def _next_line(
 
 
 def _nothing_gained(tuned: TunedModel) -> LimitPassed:
-    before = max(pair.max_error for pair in tuned.untuned)
-    got = f"e is wrong by {before:.2g} in the model as it is, by {tuned.max_error:.2g} with the best setting"
-    return LimitPassed("restitution", got, "a gain", f"Nothing is written. {_cure(tuned)}")
+    return LimitPassed("restitution", tuned.no_gain, "a gain", f"Nothing is written. {_cure(tuned)}")
 
 
 def _cure(tuned: TunedModel) -> str:

@@ -15,7 +15,7 @@ from hcbench.reality.page import page_text
 from hcbench.reality.poses import PAIRS, Own
 from hcbench.reality.study import RealityResults
 from hcbench.reporting.page import PAGE
-from hcbench.system.errors import OutputError
+from hcbench.system.errors import UserError
 from hcbench.system.files import atomic_folder, json_text, write_text
 
 IMPACTS = "impacts.csv"
@@ -35,11 +35,11 @@ def build_own(own: Own, folder: Path) -> None:
 def build(results: RealityResults, folder: Path) -> Path:
     """Write the study into `folder` and return its page. All of it appears, or nothing.
 
-    The same results give the same bytes. Raises OutputError where the folder cannot be written, or
-    holds a study of more data sets.
+    The same results give the same bytes. Raises OutputError where the folder cannot be written,
+    UserError where it holds a study of more data sets.
     """
     if lost := scores.sets_in(folder) - set(results.request.sets):
-        raise OutputError("--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder")
+        raise UserError("--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder")
     with atomic_folder(folder, PAGE) as scratch:
         write_text(scratch / PAGE, page_text(results))
         write_text(scratch / scores.FILE, scores.csv_text(results.scores))

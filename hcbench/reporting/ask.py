@@ -76,9 +76,9 @@ def report(
     Raises
     ------
     UserError
-        For a study that cannot be read.
+        For a study that cannot be read, and a folder that holds other files.
     OutputError
-        For a folder that cannot be written, or that holds other files.
+        For a folder that cannot be written.
 
     Examples
     --------

@@ -32,6 +32,8 @@ _SCRATCH = (".hcbench-", ".scratch")
 _LEFT_S = 3600.0
 # Signals that end a command.
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+# Errors of a path that is not, or leads through, what the user took it for.
+_WRONG_PATH = {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ELOOP}
 # Suffixes of the files that hcbench writes into folders.
 _SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")
 
@@ -125,7 +127,7 @@ def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
             with stream:
                 stream.writelines([content] if isinstance(content, bytes) else content)
     except OSError as error:
-        raise _unwritable("output", path, error, "a place that can be written to") from None
+        raise unwritable("output", path, error, "a place that can be written to") from None
 
 
 def _remove_left(folder: Path) -> None:
@@ -181,11 +183,13 @@ def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = Fals
         raise
 
 
-def _unwritable(slot: str, path: Path, error: OSError, expected: str) -> HcbenchError:
-    """Whose fault it is: a name that no disk takes is the user's, a full disk is not."""
+def unwritable(slot: str, path: Path | str, error: OSError, expected: str, advice: str = "") -> HcbenchError:
+    """A UserError for a path at which no file can be, an OutputError for a full disk or a permission."""
     if error.errno == errno.ENAMETOOLONG:
         return UserError(slot, f"{str(path)[:80]}...: {error.strerror}", "a shorter path")
-    return OutputError(slot, f"{path}: {error.strerror}", expected)
+    if error.errno in _WRONG_PATH:
+        return UserError(slot, f"{path}: {error.strerror}", expected, advice)
+    return OutputError(slot, f"{path}: {error.strerror or error}", expected, advice)
 
 
 @contextmanager
@@ -195,7 +199,7 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
 
     names: files that it will write, as far as they are known before. Files that an earlier block
     wrote and this one did not are deleted, unless they were modified since: MANIFEST lists what was
-    written, with a digest of each. OutputError, and nothing is written, where a file that is not of
+    written, with a digest of each. UserError, and nothing is written, where a file that is not of
     an earlier block, or a link within the folder, is in the way.
     """
     made: list[Path] = []
@@ -213,11 +217,11 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
             if path.exists() and not any(path.iterdir()):
                 path.rmdir()
         if isinstance(error, OSError):
-            raise _unwritable("output folder", folder, error, "a folder that can be written to") from None
-        if isinstance(error, OutputError) and scratch is not None and str(scratch) in error.got:
+            raise unwritable("output folder", folder, error, "a folder that can be written to") from None
+        if isinstance(error, UserError | OutputError) and scratch and str(scratch) in error.got:
             # The user knows the output folder, where the file would be, and not the scratch folder.
             got = error.got.replace(str(scratch), str(folder))
-            raise OutputError(error.slot, got, error.expected, error.advice) from None
+            raise type(error)(error.slot, got, error.expected, error.advice) from None
         raise
 
 
@@ -295,13 +299,13 @@ def _is_behind_link(folder: Path, name: str) -> bool:
 
 
 def _require_ours(folder: Path, names: Iterable[str], earlier: Mapping[str, str]) -> None:
-    """Raises OutputError where writing a file would replace what an earlier block did not write."""
+    """Raises UserError where writing a file would replace what an earlier block did not write."""
     for name in (MANIFEST, *names):
         path = folder / name
         is_ours = path.is_file() and (name == MANIFEST or name in earlier)
         in_the_way = path.parent.is_file() or (path.exists() and not is_ours)
         if in_the_way or _is_behind_link(folder, name):
-            raise OutputError(
+            raise UserError(
                 "output folder",
                 f"{path} is not of an earlier report",
                 "a folder without it",

@@ -7,11 +7,12 @@ with --force; devices and pipes are written through.
 
 from __future__ import annotations
 
+import errno
 import itertools
 import os
 import re
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -40,20 +41,58 @@ def write_output(path: Path, content: str | bytes, option: str, force: bool = Fa
     write_bytes(path, _marked(content.encode() if isinstance(content, str) else content, option))
 
 
-def require_output(path: Path, option: str, inputs: Iterable[Path] = (), force: bool = False) -> None:
-    """Raises what `write_output` would, and UserError for one of the
-    inputs, before anything is computed.
+def require_outputs(outputs: Mapping[str, Path], inputs: Iterable[object] = (), force: bool = False) -> None:
+    """Raise what `write_output` would, before anything is computed.
 
-    inputs: files and folders that are read. What they name in quotes,
-    such as meshes, is an input too.
+    Raises UserError also for an output that is an input, or the file of another option.
+    outputs: files, by the options that name them.
+    inputs: arguments. Those that name files or folders, or functions of Python files, are read.
+        What these name in quotes, such as meshes, is an input too.
     """
+    read = list(_existing(list(inputs)))
+    seen: dict[Path, str] = {}
+    for option, path in outputs.items():
+        if _leads_to_itself(path):
+            raise UserError(option, f"{sanitized(path)} is a link that leads back to itself", "a file")
+        other = seen.setdefault(path.resolve(), option)
+        if other != option and not _is_stream(path):
+            got = f"{sanitized(path)} is the file of {other} too"
+            raise UserError(option, got, "a file of its own")
+        _require_output(path, option, read, force)
+
+
+def _leads_to_itself(path: Path) -> bool:
+    try:
+        path.stat()
+    except OSError as error:
+        return error.errno == errno.ELOOP
+    return False
+
+
+def _is_stream(path: Path) -> bool:
+    return path.exists() and not path.is_file()
+
+
+def _existing(value: object) -> Iterator[Path]:
+    """Files and folders that an argument names, or several arguments."""
+    if isinstance(value, tuple | list):
+        for each in value:
+            yield from _existing(each)
+    elif isinstance(value, str | Path):
+        file, colon, _ = str(value).partition(".py:")
+        path = Path(f"{file}.py" if colon else file)
+        if _is(path, Path.exists):
+            yield path
+
+
+def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool) -> None:
     shown = sanitized(path)
     folder = path.absolute().parent
     if path.is_dir():
-        raise OutputError(option, f"{shown} is a folder", "a file in an existing folder")
+        raise UserError(option, f"{shown} is a folder", "a file in an existing folder")
     if not folder.is_dir():
         got = f"{shown} is in a folder that does not exist"
-        raise OutputError(option, got, "a file in an existing folder")
+        raise UserError(option, got, "a file in an existing folder")
     if path.exists() and any(_is_same(path, each) for each in _all_inputs(inputs)):
         raise UserError(option, f"{shown} is an input", "another file", "Inputs are never replaced")
     replaced = path if path.exists() else folder

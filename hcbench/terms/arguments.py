@@ -104,9 +104,27 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         except HcbenchError as error:
             name_parameters(error, names)
             raise
+        except TypeError:
+            _require_bound(signature, args, kwargs, _hints(function))
+            raise
 
     outer.__signature__ = signature  # type: ignore[attr-defined]  # which `help` and notebooks show
     return outer
+
+
+def _require_bound(
+    signature: inspect.Signature, args: tuple[Any, ...], kwargs: Mapping[str, Any], hints: Mapping[str, Any]
+) -> None:
+    """Raise a UserError that names the argument which a call lacks, or has too many of."""
+    try:
+        signature.bind(*args, **kwargs)
+    except TypeError as error:
+        for place, (name, parameter) in enumerate(signature.parameters.items()):
+            is_needed = parameter.default is inspect.Parameter.empty
+            if is_needed and place >= len(args) and name not in kwargs:
+                expected = _words(hints[name]) if name in hints else "an argument"
+                raise UserError(name, "missing", expected) from None
+        raise UserError("arguments", str(error), str(signature)) from None
 
 
 def name_parameters(error: HcbenchError, names: Collection[str]) -> None:

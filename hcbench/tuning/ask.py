@@ -4,8 +4,10 @@ units or SI numbers, to its answer.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -19,8 +21,9 @@ from hcbench.recipes.search import report_progress
 from hcbench.recipes.target import Target, default_band
 from hcbench.sim import registry
 from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output
+from hcbench.system.command import NAMES_OPTIONS
 from hcbench.system.errors import UserError
-from hcbench.system.outputs import write_output
+from hcbench.system.outputs import require_outputs, write_output
 from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
@@ -121,7 +124,8 @@ def tune(
     Returns
     -------
     Answer
-        `text` is what to paste; `max_error` is the largest error of e that was measured over the band.
+        `text` is what to paste; `max_error` is the largest error of e that was measured over the band;
+        `gains` says whether e came nearer to the target; `files` are those that were written.
 
     Raises
     ------
@@ -219,19 +223,23 @@ def tune_model(
         "ENGINE@3.5": the version that has to load what is written; the installed one by default.
     write_model, write_include : path, optional
         Files for the model with the setting in it, and for the lines that a model includes. They are written
-        where the setting gains.
+        where the setting gains; else nothing is written, a warning says so, and `files` is empty. An input
+        is never replaced.
     force : bool
         Replace files that hcbench did not write.
 
     Returns
     -------
     TunedModel
-        `text` is what to paste; `max_error` is the largest error of e that was measured over the band.
+        `text` is what to paste; `max_error` is the largest error of e that was measured over the band;
+        `gains` says whether e came nearer to the target; `files` are those that were written.
 
     Raises
     ------
     UserError
-        For a pair that cannot be tuned, in the argument's name.
+        For a pair that cannot be tuned, and for a file that cannot be written, in the argument's name.
+    OutputError
+        For a full disk or a missing permission.
     EngineFailed
         For an engine that crashed or hung on the model.
 
@@ -273,17 +281,23 @@ def tune_model(
         raise UserError("pair", " and ".join(map(str, pairs)), "each pair once")
     files = {"write-model": write_model, "write-include": write_include}
     outputs = {f"--{name}": Path(file) for name, file in files.items() if file is not None}
+    require_outputs(outputs, [model, package], force)
     output = _output(outputs.get("--write-model"), outputs.get("--write-include"), version)
     seconds = read_limit(limit) or LIMIT_S
     tuned = tune_job(model, requests, wanted, engine, max_error, seconds, output)
-    if tuned.gains:
-        texts = {"--write-model": tuned.written, "--write-include": tuned.texts.include}
-        for option, path in outputs.items():
-            if not texts[option]:
-                of = tuned.pairs[0].facts.engine
-                raise UserError(option, f"a model of {of}", "a model that is one file")
-            write_output(path, texts[option], option, force)
-    return tuned
+    if not tuned.gains:
+        # The command ends with an error instead.
+        if outputs and not NAMES_OPTIONS.get():
+            warnings.warn(f"Nothing is written: {tuned.no_gain}.", stacklevel=3)
+        return tuned
+    texts = {"--write-model": tuned.written, "--write-include": tuned.texts.include}
+    for option in outputs:
+        if not texts[option]:
+            of = tuned.pairs[0].facts.engine
+            raise UserError(option, f"a model of {of}", "a model that is one file")
+    for option, path in outputs.items():
+        write_output(path, texts[option], option, force)
+    return dataclasses.replace(tuned, files=tuple(outputs.values()))
 
 
 def is_model(model: ModelSource) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from hcbench.measuring.curve import Curve
@@ -60,6 +61,7 @@ class TunedModel(Shown):
     untuned: the same of the model as it was.
     before, after: how it stands without and with the setting.
     enough: error of e, within which a setting will do.
+    files: what was written; () where nothing was.
     """
 
     name: str
@@ -70,6 +72,7 @@ class TunedModel(Shown):
     before: Standing
     after: Standing
     enough: float = MAX_ERROR
+    files: tuple[Path, ...] = ()
 
     def _lines(self) -> Iterator[str]:
         yield f"{self.pairs[0].facts.model}: {self.name}"
@@ -77,7 +80,11 @@ class TunedModel(Shown):
             low, high = pair.band
             within = f"e within {pair.max_error:.2g} from {low:.3g} to {high:.3g} m/s"
             yield f"{' on '.join(pair.facts.pair)}{f', {pair.attitude}' if pair.attitude else ''}: {within}"
-        yield f"to paste: .text, {len(self.text.splitlines())} lines"
+        if self.gains:
+            yield f"to paste: .text, {len(self.text.splitlines())} lines"
+            yield from (f"written: {path}" for path in self.files)
+        else:
+            yield f"nothing is written: {self.no_gain}"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         for pair in self.pairs:
@@ -92,7 +99,7 @@ class TunedModel(Shown):
 
     @property
     def written(self) -> str:
-        """The whole model with the lines."""
+        """The text of the whole model with the lines; `files` are those in which it was written."""
         return self.texts.written
 
     @property
@@ -114,6 +121,15 @@ class TunedModel(Shown):
     def gains(self) -> bool:
         """True if e is near enough to the target, or nearer than in the model as it was."""
         return self.max_error <= max(self.enough, _GAINS * largest_error(self.untuned))
+
+    @property
+    def no_gain(self) -> str:
+        """Errors of e that leave nothing to write, as a phrase; "" where the setting gains."""
+        if self.gains:
+            return ""
+        before = largest_error(self.untuned)
+        found = f"{self.max_error:.2g} with the best setting that was found"
+        return f"e is wrong by {before:.2g} in the model as it is, by {found}"
 
     @property
     def flat(self) -> bool | None:

@@ -126,7 +126,7 @@ def test_without_flock_one_sweep_at_a_time_writes_all_the_same(
 def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for where in (tmp_path / "file" / "out", Path("/proc/out")):
-        with pytest.raises(OutputError, match="folder"):
+        with pytest.raises(UserError, match="folder"):
             sweep(study_from(small()), where)
 
 

@@ -10,7 +10,7 @@ from checks import EXAMPLES, ask
 
 from hcbench.checking import CheckSpec, Outputs, Verdict, check, plan
 from hcbench.checking.text import as_text, checks_of
-from hcbench.system.errors import OutputError, UserError
+from hcbench.system.errors import UserError
 
 
 @pytest.mark.parametrize(
@@ -43,9 +43,9 @@ def test_speeds_outside_the_measured_pairs_are_refused(tmp_path: Path) -> None:
 
 
 def test_outputs_that_cannot_be_written_are_refused_first(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="does not exist"):
+    with pytest.raises(UserError, match="does not exist"):
         check(ask(restitution=0.9), Outputs(junit=tmp_path / "no" / "junit.xml"))
-    with pytest.raises(OutputError, match="is a folder"):
+    with pytest.raises(UserError, match="is a folder"):
         check(ask(restitution=0.9), Outputs(png=tmp_path))
 
 

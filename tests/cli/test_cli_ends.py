@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from hcbench.cli import run
-from hcbench.system.errors import OutputError
+from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import MANIFEST, atomic_folder, write_bytes
 
 HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
@@ -187,8 +187,8 @@ def test_an_output_that_cannot_be_written_is_refused_and_left(tmp_path: Path) ->
     link.symlink_to("/dev/full")
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(socket_path))
-        for path in (socket_path, link, tmp_path):
-            with pytest.raises(OutputError, match="output"):
+        for path, kind in ((socket_path, OutputError), (link, OutputError), (tmp_path, UserError)):
+            with pytest.raises(kind, match="output"):
                 write_bytes(path, b"x")
     assert socket_path.is_socket()
     assert link.readlink() == Path("/dev/full")
@@ -261,7 +261,7 @@ def test_a_list_that_is_not_ours_removes_nothing(tmp_path: Path, manifest: str) 
 def test_a_file_of_someone_else_is_not_overwritten(tmp_path: Path, name: str) -> None:
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_text("precious", encoding="utf-8")
-    with pytest.raises(OutputError, match="not of an earlier report"):
+    with pytest.raises(UserError, match="not of an earlier report"):
         fill(tmp_path, {"index.html": "1", "figures/a.svg": "1"})
     assert (tmp_path / name).read_text(encoding="utf-8") == "precious"
     assert there(tmp_path) == [name]
@@ -269,7 +269,7 @@ def test_a_file_of_someone_else_is_not_overwritten(tmp_path: Path, name: str) ->
 
 def test_the_file_in_the_way_is_named_before_anything_runs(tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text("precious", encoding="utf-8")
-    with pytest.raises(OutputError, match=r"index\.html"), atomic_folder(tmp_path, "index.html"):
+    with pytest.raises(UserError, match=r"index\.html"), atomic_folder(tmp_path, "index.html"):
         raise AssertionError("has begun")
 
 
@@ -280,7 +280,7 @@ def test_no_link_leads_out_of_the_folder(tmp_path: Path, name: str) -> None:
     (folder / name).rename(outside)
     (folder / name).symlink_to(outside)
     before = [p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()]
-    with pytest.raises(OutputError, match=name):
+    with pytest.raises(UserError, match=name):
         fill(folder, {"figures/a.svg": "2", "index.html": "2"})
     assert [p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()] == before
 

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import hcbench as hb
 from hcbench import cli
 from hcbench.reporting.page import png_bytes
 from hcbench.reporting.plot_style import new_figure
-from hcbench.system.errors import OutputError, UserError
-from hcbench.system.outputs import require_output, write_output
+from hcbench.system.errors import UserError
+from hcbench.system.outputs import require_outputs, write_output
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HEIGHTS = "height [cm]\n30\n22\n17\n13.5\n11\n9.2\n7.8\n"
@@ -89,7 +90,7 @@ def test_files_that_an_input_names_are_inputs(folder: Path) -> None:
     (folder / "checks.toml").write_text("model = 'all.xml'", encoding="utf-8")
     for name in ("part.xml", "meshes/ball.stl", "all.xml"):
         with pytest.raises(UserError, match="is an input"):
-            require_output(Path(name), "--page", [Path("checks.toml")], force=True)
+            require_outputs({"--page": Path(name)}, ["checks.toml"], force=True)
 
 
 @pytest.mark.parametrize("option", ["--page", "--write-points", "--junit", "--markdown", "--write-scene"])
@@ -109,11 +110,11 @@ def test_a_file_of_another_hand_is_replaced_by_force_alone(folder: Path, option:
 def test_an_empty_file_and_a_pipe_are_written_to(folder: Path) -> None:
     empty, pipe = folder / "empty", folder / "pipe"
     empty.touch()
-    require_output(empty, "--markdown")
+    require_outputs({"--markdown": empty})
     write_output(empty, "### 1", "--markdown")
     os.mkfifo(pipe)
     end = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    require_output(pipe, "--markdown")
+    require_outputs({"--markdown": pipe})
     write_output(pipe, "### 1", "--markdown")
     assert os.read(end, 100).startswith(b"### 1")
     os.close(end)
@@ -152,9 +153,66 @@ def test_a_link_to_itself_is_no_place_for_an_output(folder: Path, capsys: pytest
 
 
 def test_a_bad_place_is_refused_before_the_search(folder: Path) -> None:
-    with pytest.raises(OutputError, match="in a folder that does not exist"):
-        require_output(Path("no/model.xml"), "--write-model")
-    assert cli.run(["tune", "gone.xml", "--pair=ball,plate", "--alpha=0.3", "--write-model=no/m.xml"]) == 3
+    with pytest.raises(UserError, match="in a folder that does not exist"):
+        require_outputs({"--write-model": Path("no/model.xml")})
+    assert cli.run(["tune", "gone.xml", "--pair=ball,plate", "--alpha=0.3", "--write-model=no/m.xml"]) == 2
+
+
+@pytest.mark.parametrize("name", [same, linked, hard_linked, spelled])
+@pytest.mark.parametrize("file", ["good.xml", "part.xml", "all.xml"])
+def test_python_replaces_no_input_either(folder: Path, name: Callable[[str], str], file: str) -> None:
+    """`force` replaced the model itself, and a file that it includes."""
+    Path("all.xml").write_text(MODEL.replace("<worldbody>", '<include file="part.xml"/><worldbody>'))
+    Path("part.xml").write_text("<mujocoinclude/>")
+    model = "good.xml" if file == "good.xml" else "all.xml"
+    before = Path(file).read_bytes()
+    with pytest.raises(UserError, match="is an input; expected another file"):
+        hb.tune_model(model, "ball,plate", restitution=0.5, write_model=name(file), force=True)
+    assert Path(file).read_bytes() == before
+
+
+def test_python_refuses_a_bad_place_before_the_search(folder: Path) -> None:
+    """A setting that gained nothing hid it."""
+    places = {"no/m.xml": "does not exist", ".": "is a folder", "notes.txt": "did not write it"}
+    for place, message in places.items():
+        with pytest.raises(UserError, match=f"write_model: .*{message}"):
+            hb.tune_model("gone.xml", "ball,plate", restitution=0.9, write_model=place)
+    with pytest.raises(UserError, match=r"write_include: m\.xml is the file of write_model too"):
+        hb.tune_model(
+            "good.xml", "ball,plate", restitution=0.9, write_model="m.xml", write_include="m.xml", force=True
+        )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["measure", *LAUNCH, "--page"],
+        ["check", *LAUNCH, "--restitution=0.9", "--junit"],
+        ["check", *LAUNCH, "--write-baseline"],
+        ["tune", "good.xml", "--pair=ball,plate", "--alpha=0.3", "--write-model"],
+        ["fit", "h.csv", "--page"],
+    ],
+)
+@pytest.mark.parametrize("place", ["no/such/file", "."])
+def test_a_path_that_cannot_be_a_file_is_the_users_mistake(
+    folder: Path, arguments: list[str], place: str
+) -> None:
+    assert cli.run([*arguments, place]) == 2
+
+
+@pytest.mark.parametrize("command", ["report", "sweep"])
+def test_a_file_in_place_of_a_folder_is_the_users_mistake(
+    folder: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = '[[run]]\nengine = "reference"\nrecipe = "hunt-crossley"\ntimesteps = 1e-3\n'
+    Path("mine.toml").write_text(f'scene = "steel-plane"\nalphas = 0.3\nspeeds = 0.2\n{run}')
+    for place in ("notes.txt", "notes.txt/below"):
+        assert cli.run([command, "mine.toml", "--out", place, "-j", "1"]) == 2
+        assert "notes.txt" in capsys.readouterr().err
+    Path("index.html").write_text("mine")
+    if command == "report":
+        assert cli.run([command, "mine.toml", "--out", ".", "-j", "1"]) == 2
+    assert Path("index.html").read_text() == "mine"
 
 
 def test_a_preview_does_not_take_the_place_of_the_whole_report(folder: Path) -> None:

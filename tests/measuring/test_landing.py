@@ -139,6 +139,8 @@ def test_motors_hold_the_pose_by_pd() -> None:
         (SERVOS, {"controller": "lqr"}, "pd, pd:KP,KD, ctrl"),
         (SERVOS, {"controller": "pd:1"}, "two from 0 up"),
         (SERVOS, {"controller": lambda model, data: [1.0]}, "4 finite controls"),
+        (SERVOS, {"controller": lambda model, data: "x"}, "returned 'x'; expected 4 finite controls"),
+        (SERVOS, {"controller": lambda: None}, r"a function of \(\); expected a function of \(model, data\)"),
         (SERVOS, {"controller": 3}, "a function"),
     ],
 )

@@ -21,7 +21,7 @@ from hcbench.paper.forced_figures import QUICK
 from hcbench.paper.printed_numbers import Printed, factors, printed_numbers
 from hcbench.reporting.plot_style import COLOURS, DASHES, figure_defaults, numbered_line
 from hcbench.reporting.wording import four_digits
-from hcbench.system.errors import OutputError
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,7 +104,7 @@ def test_the_same_bytes_every_time(folder: Path, tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_written_is_named_and_nothing_is_left(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(OutputError, match="output folder"):
+    with pytest.raises(UserError, match="output folder"):
         build(tmp_path / "file" / "page", quick=True)
     assert sorted(tmp_path.iterdir()) == [tmp_path / "file"]
 

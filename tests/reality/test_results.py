@@ -17,7 +17,7 @@ from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.page import page_text, verdicts
 from hcbench.reality.scores import NO_ENGINE, SettingScore, csv_text
 from hcbench.reality.study import RealityRequest, RealityResults
-from hcbench.system.errors import OutputError
+from hcbench.system.errors import UserError
 
 COLUMNS = "set,engine,setting,cone,error,error_low,error_high,unit,rotation_deg,n"
 ELLIPTIC = SettingScore("cube", "mujoco", "friction alone", "elliptic", 13.3, 12.4, 14.4, "%", 14.8, 341)
@@ -63,7 +63,7 @@ def test_a_study_of_more_sets_is_not_replaced(tmp_path: Path) -> None:
     both = [ELLIPTIC, replace(ELLIPTIC, set="ellipse")]
     study = results(*both)
     build(replace(study, request=RealityRequest(["cube", "ellipse"])), tmp_path / "study")
-    with pytest.raises(OutputError, match="ellipse"):
+    with pytest.raises(UserError, match="ellipse"):
         build(results(ELLIPTIC), tmp_path / "study")
 
 

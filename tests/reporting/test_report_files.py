@@ -14,7 +14,7 @@ from small_results import ALPHAS, answer, small_results
 
 from hcbench.benchmark.results import ImpactTable, Results
 from hcbench.reporting.build import build
-from hcbench.system.errors import OutputError
+from hcbench.system.errors import UserError
 from hcbench.system.files import atomic_folder, write_text
 
 
@@ -82,14 +82,14 @@ def test_page_loads_nothing(page: Path) -> None:
 
 def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(OutputError, match="can be written"):
+    with pytest.raises(UserError, match="can be written"):
         build(results, tmp_path / "file" / "report")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
 def test_a_file_that_cannot_be_written_is_named_by_the_users_folder(tmp_path: Path) -> None:
     with (
-        pytest.raises(OutputError, match=r"report/missing/x\.csv: No such file") as raised,
+        pytest.raises(UserError, match=r"report/missing/x\.csv: No such file") as raised,
         atomic_folder(tmp_path / "report") as outer,
         atomic_folder(outer) as scratch,
     ):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from long_searches import long_search
 
-from hcbench import engine
+from hcbench import engine, tune_model
 from hcbench.cli import run
 from hcbench.measuring import measure
 from hcbench.measuring.request import make_request
@@ -119,6 +119,13 @@ def test_what_gains_nothing_is_not_written(tmp_path: Path, capsys: pytest.Captur
     assert "Nothing is written" in captured.err
     assert "smaller step" in captured.err
     assert run(["tune", str(tmp_path / "stuck.xml"), *options, "--for", "older"]) == 2
+    with pytest.warns(UserWarning, match="Nothing is written: e is wrong by"):
+        result = tune_model(
+            tmp_path / "stuck.xml", "foot,floor", restitution=0.5, max_error=1, write_model=out
+        )
+    assert (result.gains, result.files) == (False, ())
+    assert "nothing is written" in repr(result)
+    assert not out.exists()
 
 
 def test_the_model_keeps_its_text_and_finds_its_files_from_another_folder(

@@ -4,8 +4,10 @@ function.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,17 +50,31 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
     """The drive of a user's function of (MjModel, MjData), which returns the controls or sets them
     itself.
 
-    Raises UserError, while it drives, for controls of another number or that are not finite.
+    Raises UserError for a function of other arguments and, while it drives, for controls of another
+    number or that are not finite.
     """
+    expected = f"{model.nu} finite controls, or None"
+    # Functions of compiled libraries may have no signature.
+    with suppress(ValueError):
+        signature = inspect.signature(function)
+        try:
+            signature.bind(model, None)
+        except TypeError:
+            got = f"a function of {signature}"
+            raise UserError("controller", got, "a function of (model, data)") from None
 
     def drive(data: Any) -> None:
         controls = function(model, data)
         if controls is None:
             return
-        values = np.asarray(controls, dtype=float).reshape(-1)
+        try:
+            values = np.asarray(controls, dtype=float).reshape(-1)
+        except (TypeError, ValueError):
+            got = f"the controller returned {controls!r:.60}"
+            raise UserError("controller", got, expected) from None
         if values.shape != data.ctrl.shape or not np.isfinite(values).all():
             got = f"the controller returned {values.size} numbers"
-            raise UserError("controller", got, f"{model.nu} finite controls, or None")
+            raise UserError("controller", got, expected)
         data.ctrl[:] = values
 
     return drive
