@@ -116,14 +116,18 @@ def _early_crossing_speed(states: Floats, h: float) -> Floats:
 
 def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
     """Read one impact off a trajectory without gravity; `impacts_of` says how."""
+    time = trajectory.time
     states = np.stack([trajectory.penetration, trajectory.rate, trajectory.force])[:, None]
-    step = float(trajectory.time[1] - trajectory.time[0]) if len(trajectory.time) > 1 else 1.0
+    step = 1.0
+    if len(time) > 1:
+        step = float(time[1] - time[0])
     counts, ends = StopRule.for_launches([launch], step, 0.0).add(*states)
     if not counts[0]:
-        touched = trajectory.force.any()
-        counts = np.array([len(trajectory.time)])
-        ends = np.array([End.UNFINISHED if touched else End.NEVER_TOUCHED])
-    return impacts_of(Launches.of([launch]), trajectory.time, states, counts, ends)[0]
+        end = End.UNFINISHED if trajectory.force.any() else End.NEVER_TOUCHED
+        counts = np.array([len(time)])
+        ends = np.array([end])
+    (impact,) = impacts_of(Launches.of([launch]), time, states, counts, ends)
+    return impact
 
 
 def impacts_of(

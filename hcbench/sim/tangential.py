@@ -67,8 +67,11 @@ def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, g
     rate = (velocity * deeper).sum(axis=-1)
     energy = 0.5 * scene.mass * ((velocity**2).sum(axis=-1) - rate**2)
     energy += 0.5 * scene.inertia * (spin**2).sum(axis=-1)
-    vectors = (sliding, spin, scene.mass * gained)
-    slip, turning, push = (np.einsum("...ij,...j->i...", frame(deeper), vector) for vector in vectors)
+    # In the plate's own axes: along, across and away from it.
+    axes = frame(deeper)
+    slip = np.einsum("...ij,...j->i...", axes, sliding)
+    turning = np.einsum("...ij,...j->i...", axes, spin)
+    push = np.einsum("...ij,...j->i...", axes, scene.mass * gained)
     return np.concatenate([slip[:2], turning, push[:2], energy[None]])
 
 

@@ -67,9 +67,16 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
     def lines(self, options: DrakeOptions, scene: Scene) -> str:
         """Plant, contact or law, and Simulator."""
         plant, contact, integrator = _parts(options, "timestep")
-        before, after, force = ("", _LAW, "") if options.law else (f"{contact}\n{_SHAPES}", "", _FORCE)
-        # Results of a discrete plant are of two times, so its force is not read.
-        force = force if options.plant == "continuous" else ""
+        before = ""
+        after = ""
+        force = ""
+        if options.law:
+            after = _LAW
+        else:
+            before = f"{contact}\n{_SHAPES}"
+            # Results of a discrete plant are of two times, so its force is not read.
+            if options.plant == "continuous":
+                force = _FORCE
         return _LINES.format(plant=plant, before=before, after=after, integrator=integrator, force=force)
 
     def paste(self, options: DrakeOptions, timestep: str) -> str:

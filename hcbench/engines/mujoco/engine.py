@@ -91,9 +91,15 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         """The text of a setting with a <custom> section that keeps its promise."""
         from hcbench.engines.mujoco.scene.promises import promise_lines
 
-        lines = promise_lines([pair], promise) if "<pair" in text else ""
+        if "<pair" not in text:
+            return text
+        lines = promise_lines([pair], promise)
+        if not lines:
+            return text
         head, end, tail = text.rpartition("</mujoco>")
-        return f"{head}{lines}\n{end}{tail}" if lines and end else "\n".join(filter(None, [text, lines]))
+        if end:
+            return f"{head}{lines}\n{end}{tail}"
+        return f"{text}\n{lines}"
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
         """Return the requirements of a setting: a version of MuJoCo, the plug-in, the elliptic

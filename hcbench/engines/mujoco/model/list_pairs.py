@@ -16,7 +16,7 @@ from hcbench.engines.mujoco.model.bodies import (
 )
 from hcbench.engines.mujoco.model.find_pair import moving_joints, named_pair, only_pair
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
-from hcbench.engines.mujoco.model.place import start_pose
+from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.model_under_test import Request
 from hcbench.system.text import joined_names

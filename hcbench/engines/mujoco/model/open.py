@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco import plugin
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.model.place import require_plausible_model
+from hcbench.engines.mujoco.model.plausible import require_plausible_model
 from hcbench.sim.packages import with_absolute_files
 from hcbench.system.errors import EngineFailed, SceneError
 from hcbench.system.files import read_bytes, read_text, require_small_archive

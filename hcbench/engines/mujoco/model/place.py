@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import body_name, effective_mass, geom_name, joint_name, response
+from hcbench.engines.mujoco.model.bodies import effective_mass, geom_name, response
 from hcbench.engines.mujoco.model.find_pair import (
     MovingJoint,
     chosen_joint,
@@ -18,22 +17,17 @@ from hcbench.engines.mujoco.model.find_pair import (
     no_contact_error,
 )
 from hcbench.engines.mujoco.model.pair import ContactPair, Nearest, PairContact
+from hcbench.engines.mujoco.model.start_pose import MOVED, require_joints_within_limits
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
-from hcbench.measuring.pose import STATE_FIELDS
-from hcbench.sim.model_under_test import Request, Vector
-from hcbench.sim.packages import suggest_names
+from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import (
     LEAST_APPROACH,
-    JointBeyondLimit,
     require_apart,
-    require_no_joint_beyond,
     require_reachable,
 )
-from hcbench.system.errors import QuantityError, SceneError, UserError
+from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
-from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds, require_bounds
 from hcbench.terms.impact import Floats
-from hcbench.terms.units import STANDARD_GRAVITY
 
 # Where a body comes from that meets the other from above, a unit vector away from the other.
 ABOVE: Vector = (0.0, 0.0, 1.0)
@@ -150,11 +144,14 @@ def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPai
     orders = (pair, pair.swapped())
     if move is None:
         return [(p, joint) for p in orders for joint in moving_joints(p.model, p.first.body)]
-    chosen = [(p, chosen_joint(p.model, p.first.body, move)) for p in orders]
-    joints = [(p, joint) for p, joint in chosen if joint is not None]
+    joints = []
+    for ordered in orders:
+        joint = chosen_joint(ordered.model, ordered.first.body, move)
+        if joint is not None:
+            joints.append((ordered, joint))
     if not joints:
-        names = f"{pair.first.name!r} nor {pair.second.name!r}"
-        raise UserError("move", f"{move!r} moves neither {names}", "a base, body or joint that carries one")
+        got = f"{move!r} moves neither {pair.first.name!r} nor {pair.second.name!r}"
+        raise UserError("move", got, "a base, body or joint that carries one")
     return joints
 
 
@@ -372,126 +369,6 @@ def _require_room(pair: ContactPair, data: Any) -> None:
         require_reachable(-contact.dist, size, names, blocked, advice)
 
 
-# Velocities and times of a state are ignored: everything starts at rest.
-_IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")
-# Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
-TURNED = math.radians(5.01)
-MOVED = 1e-3
-
-
-def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:
-    """(MjData at rest in the start configuration, what to call it).
-
-    state: an MjData to start from as it stands; a keyframe or joints that the request names go
-    before it.
-    """
-    mujoco = backend()
-    data = mujoco.MjData(model)
-    name = ""
-    if state is not None and request.key is None:
-        for field in STATE_FIELDS:
-            getattr(data, field)[:] = getattr(state, field)
-        name = "as it stands"
-    else:
-        name = _reset(model, data, request.key)
-    for joint, values in request.pose:
-        _set(model, data, joint, values)
-    if request.pose:
-        name += " with " + ", ".join(joint for joint, _ in request.pose)
-    data.qvel[:] = 0.0
-    data.time = 0.0
-    require_plausible_state(model, data)
-    mujoco.mj_normalizeQuat(model, data.qpos)
-    return data, name
-
-
-def _reset(model: Any, data: Any, key: str | None) -> str:
-    """Reset to a keyframe by name or number, or to "qpos0"; None: to the first keyframe if there is
-    one.
-
-    Raises UserError for a keyframe that the model does not have.
-    """
-    names = ["qpos0", *(model.key(i).name or str(i) for i in range(model.nkey))]
-    if key is None:
-        key = names[min(1, model.nkey)]
-    elif key not in names:
-        if not key.isdecimal() or int(key) >= model.nkey:
-            raise UserError("key", repr(key), f"one of: {', '.join(names)}")
-        key = names[1 + int(key)]
-    if key == "qpos0":
-        return key
-    backend().mj_resetDataKeyframe(model, data, names.index(key) - 1)
-    return f"keyframe {key!r}"
-
-
-def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
-    """Set a joint, a free joint by its body's name or as "base", or a field of the state such as qpos.
-
-    Raises UserError for another name, and for another number of values.
-    """
-    names = [joint_name(model, j) for j in range(model.njnt)]
-    joint = names.index(name) if name in names else _free_joint(model, name)
-    if joint is not None:
-        address = model.jnt_qposadr[joint]
-        ends = [*model.jnt_qposadr[joint + 1 :], model.nq]
-        free = int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE)
-        target = data.qpos[address : address + 3 if free and len(values) == 3 else ends[0]]
-    elif name in STATE_FIELDS:
-        target = getattr(data, name).reshape(-1)
-    elif name in _IGNORED:
-        return
-    else:
-        raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, names))
-    if len(values) != len(target):
-        raise UserError(
-            "qpos", f"{name}: {len(values)} numbers", f"{len(target)}: m, rad, quaternion w x y z"
-        )
-    target[:] = values
-
-
-def _free_joint(model: Any, name: str) -> int | None:
-    """The free joint of a body of this name; "base": of the heaviest robot.
-
-    None where there is none.
-    """
-    free = np.flatnonzero(model.jnt_type == int(backend().mjtJoint.mjJNT_FREE)).tolist()
-    for joint in free:
-        if body_name(model, int(model.jnt_bodyid[joint])) == name:
-            return int(joint)
-    if name != "base" or not free:
-        return None
-    masses = model.body_subtreemass[model.jnt_bodyid[free]]
-    return int(free[masses.argmax()])
-
-
-def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
-    """Refuse a pose in which joints of the robots that these bodies are of are far outside their limits."""
-    roots = {int(model.body_rootid[body]) for body in bodies if body}
-    outside = []
-    for joint in range(model.njnt):
-        if not model.jnt_limited[joint] or int(model.body_rootid[model.jnt_bodyid[joint]]) not in roots:
-            continue
-        beyond, allowed, nearest = beyond_limit(model, data, joint)
-        if beyond > allowed:
-            name = joint_name(model, joint)
-            outside.append(JointBeyondLimit(name, beyond, allowed == TURNED, nearest))
-    require_no_joint_beyond(outside, "another --key, or from ")
-
-
-def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:
-    """(how far a joint is beyond its limit, how far it may be, the nearest value allowed), rad or m."""
-    kinds = backend().mjtJoint
-    kind = int(model.jnt_type[joint])
-    low, high = (float(end) for end in model.jnt_range[joint])
-    address = int(model.jnt_qposadr[joint])
-    if kind == kinds.mjJNT_BALL:
-        angle = 2.0 * math.acos(min(1.0, abs(float(data.qpos[address]))))
-        return angle - high, TURNED, math.nan
-    value = float(data.qpos[address])
-    nearest = float(np.clip(value, low, high))
-    return abs(value - nearest), MOVED if kind == kinds.mjJNT_SLIDE else TURNED, nearest
-
-
 def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
     """Error for tendons at their limits and stretched equalities that hold the two back at touch.
 
@@ -522,89 +399,3 @@ def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> Use
             "Give one by --key or --qpos, or another direction by --from",
         )
     return None
-
-
-# Other units of length, and how many are in a metre.
-_OTHER_UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
-# A gravity within this share of the Earth's is taken for the Earth's.
-_EARTH = 0.02
-# Length of the shortest quaternion that still names an attitude.
-_LEAST_QUATERNION = 1e-3
-
-
-def require_plausible_model(model: Any, label: str) -> None:
-    """Refuse what the compiler lets through and no simulation survives.
-
-    Raises SceneError and QuantityError.
-    """
-    for kind, field in (("body", "mass"), ("body", "inertia"), ("geom", "size"), ("geom", "friction")):
-        values = getattr(model, f"{kind}_{field}")
-        bad = np.argwhere(~(np.isfinite(values) & ((values >= 0) | (field == "size"))))
-        if bad.size:
-            number = int(bad[0][0])
-            value = float(values[tuple(bad[0])])
-            got = f"{label}: {field} {value:g} of {kind} {getattr(model, kind)(number).name or number}"
-            raise SceneError("model", got, "numbers of 0 or more")
-    require_bounds(f"{label}: timestep", [float(model.opt.timestep)], "timestep", "s")
-    if model.opt.timestep <= 0:
-        raise SceneError(f"{label}: timestep", f"{model.opt.timestep:g} s", "a step above 0 s")
-    _require_metres(label, float(np.linalg.norm(model.opt.gravity)))
-    require_bounds(f"{label}: gravity", model.opt.gravity.tolist(), "acceleration", "m/s^2")
-    require_bounds(f"{label}: mass", model.body_mass.tolist(), "mass", "kg", smallest=0.0)
-    kinds = backend().mjtGeom
-    flat = np.isin(model.geom_type, [int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD)])
-    require_bounds(f"{label}: size", model.geom_size[~flat].ravel().tolist(), "length", "m", smallest=0.0)
-
-
-def _require_metres(label: str, gravity: float) -> None:
-    """Refuse a model whose gravity is the Earth's in another unit of length. Raises QuantityError."""
-    for unit, per_metre in _OTHER_UNITS.items():
-        looks_like_it = abs(gravity / (STANDARD_GRAVITY * per_metre) - 1.0) < _EARTH
-        if looks_like_it and not admits_beyond_bounds():
-            raise QuantityError(
-                f"{label}: gravity",
-                f"{gravity:g}, the Earth's in {unit}",
-                "a model in metres, kilograms and seconds",
-                "Scale its lengths to metres; --beyond-bounds reads the numbers as metres",
-            )
-
-
-def require_plausible_state(model: Any, data: Any) -> None:
-    """Refuse a pose of which a quaternion is 0 or a position is nowhere.
-
-    Raises UserError, QuantityError.
-    """
-    kinds = backend().mjtJoint
-    if not np.isfinite(data.qpos).all():
-        raise UserError("qpos", "a number that is not finite", "finite numbers")
-    for joint in range(model.njnt):
-        kind = int(model.jnt_type[joint])
-        at = int(model.jnt_qposadr[joint])
-        name = model.joint(joint).name or str(joint)
-        turns = {int(kinds.mjJNT_FREE): at + 3, int(kinds.mjJNT_BALL): at}.get(kind)
-        if turns is not None and np.linalg.norm(data.qpos[turns : turns + 4]) < _LEAST_QUATERNION:
-            raise QuantityError("qpos", f"the quaternion of {name!r} is 0", "one of length 1, w x y z")
-        places = {int(kinds.mjJNT_FREE): 3, int(kinds.mjJNT_SLIDE): 1}.get(kind, 0)
-        require_bounds(f"qpos: {name}", data.qpos[at : at + places].tolist(), "position", "m")
-
-
-def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
-    """Refuse a contact that MuJoCo replaces, or whose friction no surface has."""
-    if admits_beyond_bounds():
-        return
-    touching: set[int] = set()
-    for row in place.contact.rows:
-        touching.update(row.geoms)
-        first, second, *_ = row.solref
-        if (first > 0) != (second > 0):
-            names = " and ".join(geom_name(model, geom) for geom in row.geoms)
-            got = f"{first:g} {second:g} of {names}, which MuJoCo replaces by its default"
-            expected = "both positive (time, damping ratio), or none above 0 (-stiffness, -damping)"
-            raise QuantityError("solref", got, expected)
-    _, largest = BOUNDS["friction"]
-    for geom in touching:
-        friction = float(model.geom_friction[geom, 0])
-        if friction > largest:
-            got = f"{friction:g} of geom {geom_name(model, geom)}"
-            advice = "--beyond-bounds admits it, if it is meant"
-            raise QuantityError("friction", got, f"0 ... {largest:g}", advice)

@@ -13,7 +13,8 @@ from hcbench.engines.mujoco.model.attitudes import attitudes
 from hcbench.engines.mujoco.model.bodies import can_meet, explicit_pairs, integrator_name
 from hcbench.engines.mujoco.model.list_pairs import contact_in_force, find_pair
 from hcbench.engines.mujoco.model.open import load
-from hcbench.engines.mujoco.model.row_search import Load, RowSearch, row_choices, starting_rows
+from hcbench.engines.mujoco.model.row_choices import Load, row_choices
+from hcbench.engines.mujoco.model.row_search import RowSearch, starting_rows
 from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.engines.mujoco.model.write_pairs import PairToTune, Rows, mass_note, needed_impratio, written

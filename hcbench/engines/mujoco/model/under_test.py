@@ -24,9 +24,11 @@ from hcbench.engines.mujoco.model.causes.plugin import slow_for_plugin
 from hcbench.engines.mujoco.model.causes.promise import broken_promise
 from hcbench.engines.mujoco.model.find_pair import moving_joints
 from hcbench.engines.mujoco.model.list_pairs import find_pair
-from hcbench.engines.mujoco.model.place import bring_to_touch, require_plausible_contact, start_pose
+from hcbench.engines.mujoco.model.place import bring_to_touch
+from hcbench.engines.mujoco.model.plausible import require_plausible_contact
 from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
+from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.scene.promises import promise_in
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.causes import other_contacts

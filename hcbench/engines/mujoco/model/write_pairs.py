@@ -11,7 +11,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name, response
 from hcbench.engines.mujoco.model.list_pairs import contact_in_force
-from hcbench.engines.mujoco.model.row_search import Load, estimated_mobility
+from hcbench.engines.mujoco.model.row_choices import Load, estimated_mobility
 from hcbench.engines.mujoco.model.written_model import spec_of, taken_pairs
 from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO
 from hcbench.engines.mujoco.scene.elements import quoted

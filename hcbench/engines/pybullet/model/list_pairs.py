@@ -226,12 +226,12 @@ def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
         stem = Path(file).stem
         names = (f"body:{body}", file, stem, _readable(info[_ROBOT]))
         bodies += [("body", name, (body, ANY_LINK)) for name in names]
-        joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
-        link_names = [_readable(name) for name in (info[_BASE], *(j[LINK_NAME] for j in joints))]
         prefixes = ["", f"body:{body}/"]
         if file:
             prefixes.append(f"{stem}/")
-        for link, name in enumerate(link_names, start=-1):
+        for link in range(-1, bullet.getNumJoints(body)):
+            raw = info[_BASE] if link < 0 else bullet.getJointInfo(body, link)[LINK_NAME]
+            name = _readable(raw)
             links += [("link", prefix + name, (body, link)) for prefix in dict.fromkeys(prefixes)]
     uses = Counter(name for _, name, _ in links)
     unique = [part for part in links if uses[part[1]] == 1]

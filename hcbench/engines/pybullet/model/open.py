@@ -118,13 +118,18 @@ def open_live(source: Any, disconnect: bool) -> LoadedWorld:
 
     UserError for others.
     """
-    world = LiveWorld(source or 0) if source is None or isinstance(source, int) else source
-    if not isinstance(world, LiveWorld) and hasattr(world, "_client"):
-        world = LiveWorld(world._client)
+    world = source
+    if source is None or isinstance(source, int):
+        world = LiveWorld(source or 0)
+    elif hasattr(source, "_client"):
+        world = LiveWorld(source._client)
     if not isinstance(world, LiveWorld):
         raise UserError("model", f"a {type(source).__name__}", "a path or a PyBullet World")
-    bullet = BulletClient(world.client)
-    if not (0 <= world.client < 2**31 and bullet.isConnected()):
-        raise UserError("model", f"PyBullet client {world.client} is not connected", "a live client")
-    pair = () if world.first is None or world.second is None else (world.first, world.second)
+    number = world.client
+    bullet = BulletClient(number)
+    if not (0 <= number < 2**31 and bullet.isConnected()):
+        raise UserError("model", f"PyBullet client {number} is not connected", "a live client")
+    pair: tuple[int | tuple[int, int], ...] = ()
+    if world.first is not None and world.second is not None:
+        pair = (world.first, world.second)
     return LoadedWorld(bullet, "PyBullet world", disconnect, pair, owner=source)

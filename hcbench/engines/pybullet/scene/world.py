@@ -286,11 +286,15 @@ def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ba
         bullet.changeDynamics(ball, -1, mass=scene.mass, localInertiaDiagonal=inertia)
     elif bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
         bullet.changeDynamics(ball, -1, mass=scene.mass)
-    friction = {"lateralFriction": scene.friction} if scene.friction else {}
+    keywords: dict[str, Any] = {}
+    if scene.friction:
+        keywords["lateralFriction"] = scene.friction
     # Bullet clips spin at 100 rad/s. Of a ball with links it would change the joints, too.
-    unclipped = {} if options.links else {"maxJointVelocity": UNCLIPPED}
+    if not options.links:
+        keywords["maxJointVelocity"] = UNCLIPPED
+    keywords |= options.ball
     for link in range(-1, max(0, len(options.links) - 1)):
-        bullet.changeDynamics(ball, link, **{**friction, **unclipped, **options.ball})
+        bullet.changeDynamics(ball, link, **keywords)
 
 
 def _urdf(scene: Scene, role: str) -> Path:

@@ -1,0 +1,136 @@
+"""Start configuration of a MuJoCo model: a keyframe or a state with joints set, within their limits."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import body_name, joint_name
+from hcbench.engines.mujoco.model.plausible import require_plausible_state
+from hcbench.measuring.pose import STATE_FIELDS
+from hcbench.sim.model_under_test import Request
+from hcbench.sim.packages import suggest_names
+from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond
+from hcbench.system.errors import UserError
+
+# Velocities and times of a state are ignored: everything starts at rest.
+_IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")
+# Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
+TURNED = math.radians(5.01)
+MOVED = 1e-3
+
+
+def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:
+    """(MjData at rest in the start configuration, what to call it).
+
+    state: an MjData to start from as it stands; a keyframe or joints that the request names go
+    before it.
+    """
+    mujoco = backend()
+    data = mujoco.MjData(model)
+    name = ""
+    if state is not None and request.key is None:
+        for field in STATE_FIELDS:
+            getattr(data, field)[:] = getattr(state, field)
+        name = "as it stands"
+    else:
+        name = _reset(model, data, request.key)
+    for joint, values in request.pose:
+        _set(model, data, joint, values)
+    if request.pose:
+        name += " with " + ", ".join(joint for joint, _ in request.pose)
+    data.qvel[:] = 0.0
+    data.time = 0.0
+    require_plausible_state(model, data)
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    return data, name
+
+
+def _reset(model: Any, data: Any, key: str | None) -> str:
+    """Reset to a keyframe by name or number, or to "qpos0"; None: to the first keyframe if there is
+    one.
+
+    Raises UserError for a keyframe that the model does not have.
+    """
+    names = ["qpos0", *(model.key(i).name or str(i) for i in range(model.nkey))]
+    if key is None:
+        key = names[min(1, model.nkey)]
+    elif key not in names:
+        if not key.isdecimal() or int(key) >= model.nkey:
+            raise UserError("key", repr(key), f"one of: {', '.join(names)}")
+        key = names[1 + int(key)]
+    if key == "qpos0":
+        return key
+    backend().mj_resetDataKeyframe(model, data, names.index(key) - 1)
+    return f"keyframe {key!r}"
+
+
+def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
+    """Set a joint, a free joint by its body's name or as "base", or a field of the state such as qpos.
+
+    Raises UserError for another name, and for another number of values.
+    """
+    names = [joint_name(model, j) for j in range(model.njnt)]
+    joint = names.index(name) if name in names else _free_joint(model, name)
+    if joint is not None:
+        address = model.jnt_qposadr[joint]
+        ends = [*model.jnt_qposadr[joint + 1 :], model.nq]
+        free = int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE)
+        target = data.qpos[address : address + 3 if free and len(values) == 3 else ends[0]]
+    elif name in STATE_FIELDS:
+        target = getattr(data, name).reshape(-1)
+    elif name in _IGNORED:
+        return
+    else:
+        raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, names))
+    if len(values) != len(target):
+        raise UserError(
+            "qpos", f"{name}: {len(values)} numbers", f"{len(target)}: m, rad, quaternion w x y z"
+        )
+    target[:] = values
+
+
+def _free_joint(model: Any, name: str) -> int | None:
+    """The free joint of a body of this name; "base": of the heaviest robot.
+
+    None where there is none.
+    """
+    free = np.flatnonzero(model.jnt_type == int(backend().mjtJoint.mjJNT_FREE)).tolist()
+    for joint in free:
+        if body_name(model, int(model.jnt_bodyid[joint])) == name:
+            return int(joint)
+    if name != "base" or not free:
+        return None
+    masses = model.body_subtreemass[model.jnt_bodyid[free]]
+    return int(free[masses.argmax()])
+
+
+def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
+    """Refuse a pose in which joints of the robots that these bodies are of are far outside their limits."""
+    roots = {int(model.body_rootid[body]) for body in bodies if body}
+    outside = []
+    for joint in range(model.njnt):
+        if not model.jnt_limited[joint] or int(model.body_rootid[model.jnt_bodyid[joint]]) not in roots:
+            continue
+        beyond, allowed, nearest = beyond_limit(model, data, joint)
+        if beyond > allowed:
+            name = joint_name(model, joint)
+            outside.append(JointBeyondLimit(name, beyond, allowed == TURNED, nearest))
+    require_no_joint_beyond(outside, "another --key, or from ")
+
+
+def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:
+    """(how far a joint is beyond its limit, how far it may be, the nearest value allowed), rad or m."""
+    kinds = backend().mjtJoint
+    kind = int(model.jnt_type[joint])
+    low, high = (float(end) for end in model.jnt_range[joint])
+    address = int(model.jnt_qposadr[joint])
+    if kind == kinds.mjJNT_BALL:
+        angle = 2.0 * math.acos(min(1.0, abs(float(data.qpos[address]))))
+        return angle - high, TURNED, math.nan
+    value = float(data.qpos[address])
+    nearest = float(np.clip(value, low, high))
+    return abs(value - nearest), MOVED if kind == kinds.mjJNT_SLIDE else TURNED, nearest
