@@ -91,9 +91,9 @@ test-newest: $(NEWEST)/.installed  ## every test on the newest versions that the
 versions: $(INSTALLED)  ## every command with each version of what hcbench needs: the tables of docs/reference/versions.md
 	PYTHONPATH=tests/support $(BIN)/python -m versions
 
-test-models: $(MODELS)/.installed  ## 60 models that others wrote, from their packages (docs/explanation/models.md), and loops of our own over 32
+test-models: $(MODELS)/.installed  ## 60 models that others wrote, from their packages (docs/explanation/models.md), loops of our own over 32, and 12 robots that land
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py \
-	  tests/measuring/test_outside_loops.py
+	  tests/measuring/test_outside_loops.py tests/engines/mujoco/test_plugin_landings.py
 
 test-reality: $(INSTALLED)  ## engines on all measured tosses and drops, and synthetic twins
 	HCBENCH_REALITY=1 $(BIN)/python -m pytest -n 2 tests/reality

@@ -1,4 +1,6 @@
-"""Tables of docs/reference/plugins.md of the energy that contact gains in random scenes, by class."""
+"""Tables of docs/reference/plugins.md, and that of the energy that contact gains in random scenes, by
+class.
+"""
 
 from __future__ import annotations
 
@@ -74,10 +76,15 @@ class Gains:
             counts = self.named[chosen].sum(), worst, self.diverged[chosen].sum()
             row = [name, len(quiet), *cells, f"{depth:.1f}", *counts]
             lines.append(f"| {' | '.join(map(str, row))} |")
-        begin, end = _marks(mark)
-        head, _, rest = PAGE.read_text(encoding="utf-8").partition(begin)
-        table = "".join(f"{line}\n" for line in lines)
-        PAGE.write_text(f"{head}{begin}{table}{end}{rest.partition(end)[2]}", encoding="utf-8")
+        write_table(mark, lines)
+
+
+def write_table(mark: str, lines: list[str]) -> None:
+    """Put the lines of a table between the page's marks."""
+    begin, end = _marks(mark)
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(begin)
+    table = "".join(f"{line}\n" for line in lines)
+    PAGE.write_text(f"{head}{begin}{table}{end}{rest.partition(end)[2]}", encoding="utf-8")
 
 
 def _marks(mark: str) -> tuple[str, str]:

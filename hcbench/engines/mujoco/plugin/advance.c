@@ -61,6 +61,20 @@ static void solve_lone(const mjModel* m, const mjData* d, const tree_parts* t, i
   }
 }
 
+/* x = M^-1 x over a part's dofs, or (M - h D)^-1 x where the step moves bodies by that. */
+static void solve_step(const mjModel* m, const mjData* d, const tree_parts* t, int part, int damped, double* x) {
+  int lone = part_size(t, part) == 6 && is_lone(m, t->dof[t->at[part]]);
+  if (!damped) {
+    solve_part(m, d, t, part, x);
+  } else if (m->opt.integrator == mjINT_IMPLICIT) {
+    solve_unsymmetric(m, d, t, part, x);
+  } else if (m->opt.integrator == mjINT_IMPLICITFAST && lone) {
+    solve_lone(m, d, t, part, x);
+  } else {
+    solve_factored(m, d, t, part, d->qH, d->qHDiagInv, x);
+  }
+}
+
 static int has_contact(const mjModel* m, const mjData* d, int first) {
   const instance* memory = instance_of(d, first);
   for (int k = 0; k < d->ncon; k++) {
@@ -93,13 +107,7 @@ static void take_accelerations(const mjModel* m, mjData* d, int first) {
     for (int i = 0; i < n; i++) pushed &= d->tree_awake[m->dof_treeid[dof[i]]];
 #endif
     for (int i = 0; i < n && !pushed; i++) x[i] = 0;
-    if (pushed && m->opt.integrator == mjINT_IMPLICIT) {
-      solve_unsymmetric(m, d, &t, q, x);
-    } else if (pushed && m->opt.integrator == mjINT_IMPLICITFAST && is_lone(m, dof[0]) && n == 6) {
-      solve_lone(m, d, &t, q, x);
-    } else if (pushed) {
-      solve_factored(m, d, &t, q, d->qH, d->qHDiagInv, x);
-    }
+    if (pushed) solve_step(m, d, &t, q, 1, x);
     for (int i = 0; i < n; i++) missing[dof[i]] = h * x[i];
   }
   mju_addTo(d->qvel, missing, m->nv);

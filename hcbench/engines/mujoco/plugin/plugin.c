@@ -34,9 +34,14 @@ typedef struct { /* a number of the config, or where in numeric_data it is */
 } number;
 
 typedef struct { /* what stages of a Runge-Kutta step share of one contact */
-  int instance, id, order, rows;
-  double value[ROWS];
+  int instance, id, order, rows, stands;
+  double value[ROWS], closing;
 } plan;
+
+typedef struct { /* a contact of MuJoCo that is to stand after a step, but for an approach of `closing` */
+  int contact;
+  double closing;
+} standing;
 
 typedef struct { /* an instance, in mjData.plugin_data */
   int is_force, tendon, pairs, *pair, linear, asked_for_e, warned;
@@ -54,6 +59,8 @@ typedef struct { /* an instance, in mjData.plugin_data */
   double* start;
   int starts, is_again;
   int trees, *wild; /* of the first instance: which trees turn too far in a step for impacts */
+  int stand, room_to_stand; /* of the first instance: how many contacts stand after the step (strays.c) */
+  standing* stands;
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
   int entries;
 } instance;
@@ -194,6 +201,7 @@ static int is_first(const mjModel* m, int i) {
 
 #include "force.c"
 #include "restitution.c"
+#include "strays.c"
 
 static void compute(const mjModel* m, mjData* d, int i, int capability) {
   (void)capability;
@@ -215,6 +223,7 @@ static void advance(const mjModel* m, mjData* d, int i) {
   if (!is_first(m, i) || is_force(m, i)) return;
   take_accelerations(m, d, i);
   take_again(m, d, i);
+  stop_strays(m, d, i);
 }
 
 static int init(const mjModel* m, mjData* d, int i) {
@@ -236,6 +245,7 @@ static void destroy(mjData* d, int i) {
   free(own->planned);
   free(own->start);
   free(own->wild);
+  free(own->stands);
   free(own);
   d->plugin_data[i] = 0;
 }
@@ -243,12 +253,12 @@ static void destroy(mjData* d, int i) {
 /* Nothing outlives a step, so a copy has all it needs from its own init. */
 static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
   (void)m, (void)from;
-  instance_of(to, i)->stage = instance_of(to, i)->starts = 0;
+  instance_of(to, i)->stage = instance_of(to, i)->starts = instance_of(to, i)->stand = 0;
 }
 
 static void reset(const mjModel* m, mjtNum* state, void* data, int i) {
   (void)m, (void)state, (void)i;
-  if (data) ((instance*)data)->stage = ((instance*)data)->starts = 0;
+  if (data) ((instance*)data)->stage = ((instance*)data)->starts = ((instance*)data)->stand = 0;
 }
 
 static int no_state(const mjModel* m, int i) {

@@ -16,10 +16,11 @@
 #define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
 #define HCB_STANDS 1e-5        /* m/s and rad/s, up to which a contact stands still */
+#define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
-  int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
+  int instance, id, order, contact, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
   double rate[6], friction[5], slip, parting, swing, x, constant; /* swing: at most what turning adds to the rate in a step;
                                                             constant: solref's first number */
   const double *point, *frame;
@@ -94,6 +95,26 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
   return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
 }
 
+/* Whether a contact is to stand, and the solver may let it move: one of bodies with joints; under Newton, where it slides. */
+static int may_stray(const mjModel* m, const blow* b) {
+  int jointed = 0;
+  for (int side = 0; side < 2 && b->tendon < 0; side++) {
+    int body = m->body_weldid[b->body[side]];
+    jointed |= m->body_dofnum[body] > 0 && !is_lone(m, m->body_dofadr[body]);
+  }
+  double slides = fmax(b->slip, hypot(b->rate[1], b->rate[2]));
+  return jointed && (b->rests || b->held) && (m->opt.solver != mjSOL_NEWTON || slides > HCB_STRAYS * b->law.still);
+}
+
+/* Marks a contact of MuJoCo as one that is to stand after the step. */
+static void let_stand(instance* memory, int contact, double closing) {
+  if (memory->stand == memory->room_to_stand) {
+    memory->room_to_stand = memory->room_to_stand ? 2 * memory->room_to_stand : 16;
+    memory->stands = realloc(memory->stands, memory->room_to_stand * sizeof(standing));
+  }
+  memory->stands[memory->stand++] = (standing){contact, closing};
+}
+
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);
@@ -108,9 +129,13 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   if (stage == 1) {
     made = new_plan(memory, b->instance, b->id, b->order);
     made->rows = now.rows;
+    made->stands = may_stray(m, b);
+    made->closing = closing;
     memcpy(made->value, now.value, sizeof(now.value));
   }
   if (made && made->rows == now.rows) now = *made;
+  if (stage == 0 && may_stray(m, b)) let_stand(memory, b->contact, closing);
+  if (stage == 4 && made && made->stands) let_stand(memory, b->contact, made->closing);
   if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
   for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);
 }

@@ -68,7 +68,7 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
 static void add_contact(const mjModel* m, const mjData* d, int k, int i, int id, blow* b, int is_next) {
   const mjContact* c = d->contact + k;
   int order = is_next ? b[-1].order + 1 : 0;
-  *b = (blow){.instance = i, .id = id, .order = order};
+  *b = (blow){.instance = i, .id = id, .order = order, .contact = k};
   read_contact(m, d, c, b);
   b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
 }
@@ -447,6 +447,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   mj_markStack(d);
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
   int count = gather(m, d, first, all);
+  memory->stand = 0;
   if (stage < 2) {
     for (int i = 0; i < count; i++) {
       blow* b = all + i;

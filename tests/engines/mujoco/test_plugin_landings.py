@@ -1,0 +1,68 @@
+"""Robots that land on feet of MuJoCo's restitution plug-in, beside native contact.
+
+`make test-models` lets those of other packages land, too, and writes the table of docs/reference/plugins.md.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from gain_tables import on_the_page, write_table
+from outside_models import outside
+from robot_landings import GRAVITY, LAWS, QUADRUPED, ROBOTS, Drop, Landings, compiled, land
+
+# Some models use settings that later versions of MuJoCo drop.
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+
+TABLE = "landings"
+HEAD = ("robot, step", "drops", "named", "fall", "deeper, mm", "gain, %", "do not rest", "further, mm")
+
+
+def require_what_the_page_says(found: Landings, name: str) -> None:
+    """Assert the page's limits of all landings, and the claim of those that the plug-in does not name."""
+    said, shown = on_the_page(TABLE)[found.label(name)], found.row(name)[1:]
+    for column in range(3, 7):
+        assert float(shown[column]) <= float(said[column]), (name, HEAD[column + 1])
+    quiet = [i for i, named in enumerate(found.named()) if not named]
+    assert all(found.deeper()[i] < 1e-3 for i in quiet), name
+    assert all(found.own[i].gain < 1e-3 for i in quiet), name
+    assert not any(found.restless()[i] for i in quiet), name
+
+
+@outside
+def test_robots_of_packages_land_as_on_native_contact_or_are_named() -> None:
+    """Those that are named land again at the step that the warning names."""
+    every = []
+    for robot in ROBOTS:
+        every.append((robot.name, Landings.of(robot, LAWS, phases=2, seconds=4.0)))
+        if (step := every[-1][1].advised()) is not None:
+            every.append((robot.name, Landings.of(robot, LAWS, phases=2, seconds=4.0, step=step)))
+    rows = [found.row(name) for name, found in every]
+    write_table(TABLE, [f"| {' | '.join(cells)} |" for cells in (HEAD, ["---"] * len(HEAD), *rows)])
+    for name, found in every:
+        require_what_the_page_says(found, name)
+
+
+def test_the_readmes_quadruped_lands_as_the_page_says() -> None:
+    require_what_the_page_says(Landings.of(QUADRUPED, LAWS, phases=1, seconds=2.0), QUADRUPED.name)
+
+
+@pytest.mark.parametrize("options", [{}, {"integrator": 2}, {"solver": 0, "cone": 1}])
+def test_feet_that_slide_do_not_sink(options: dict[str, Any]) -> None:
+    """They go in by what they travel down in a step until they touch, and then stay there.
+
+    MuJoCo's cones part what slides, and what the servos change of the slip is not known before the solver.
+    """
+    model = compiled(QUADRUPED, LAWS[0])
+    for option, value in options.items():
+        setattr(model.opt, option, value)
+    landing = land(model, QUADRUPED, Drop(height=0.05, phase=0.0, tilt=0.0, along=1.0), 1.5)
+    assert landing.depth < math.sqrt(2 * GRAVITY * 0.05) * model.opt.timestep
+    assert landing.stands
+
+
+def test_the_page_has_each_robot() -> None:
+    names = {label.rpartition(",")[0] for label in on_the_page(TABLE)}
+    assert names == {robot.name for robot in ROBOTS}
