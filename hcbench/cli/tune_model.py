@@ -144,6 +144,11 @@ def _pair_record(tuned: TunedPair) -> dict[str, Any]:
 
 
 def _print(tuned: TunedModel, limit: float) -> None:
+    """Print the answer: pairs with their errors and curves, the model before and after, text to
+    paste.
+
+    limit: largest error of e that passes.
+    """
     facts = tuned.pairs[0].facts
     gravity = " ".join(f"{g + 0.0:.4g}" for g in facts.gravity)
     if tuned.flat is False:

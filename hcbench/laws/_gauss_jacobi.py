@@ -14,8 +14,9 @@ from hcbench.terms.impact import Floats
 
 @lru_cache(maxsize=64)
 def gauss_jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
-    """Nodes and weights, `count` of each, for the weight (1 - x)^a (1
-    + x)^b on -1 ... 1; a, b > -1.
+    """Nodes and weights of Gauss quadrature for the weight (1 - x)^a (1 + x)^b on -1 ... 1.
+
+    Both have the shape (count,); the nodes rise. a and b have to be above -1.
     """
     k = np.arange(count, dtype=np.float64)
     total = 2.0 * k + a + b

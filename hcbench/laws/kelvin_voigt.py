@@ -145,8 +145,11 @@ def state(law: KelvinVoigt, mass: float, speed: float, time: Floats | float) -> 
 
 
 def loop(law: KelvinVoigt, mass: float, speed: float, ending: Ending, count: int = 401) -> Loop:
-    """Force over penetration, `count` points even in time, Fig. 1(a).
-    Contact has to end: ζ < 1 for x = 0.
+    """Force, N, over penetration, m: `count` points of one contact, even in time, Fig. 1(a).
+
+    mass: kg.
+    speed: impact speed, m/s.
+    Raises UserError for a contact that never ends: x = 0 needs a damping ratio below 1.
     """
     end = bounce(law, mass, speed, ending).duration
     within(

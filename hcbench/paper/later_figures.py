@@ -95,8 +95,11 @@ def quadratic_figure() -> Figure:
 
 
 def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floats, Floats]:
-    """Force over penetration of q = 2 by its closed path: v² is
-    exponential plus linear in x^((n+1)/2).
+    """Penetration, m, and force, N, of one loop with q = 2, shape (401,) each.
+
+    Its path is closed: v² is exponential plus linear in x^((n+1)/2).
+
+    speed: impact speed, m/s.
     """
     n1 = law.exponent + 1.0
     b = 4.0 * law.factor / (law.mass * n1)

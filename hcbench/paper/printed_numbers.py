@@ -100,6 +100,7 @@ def _stresses() -> Iterator[Printed]:
 
 
 def _case() -> Iterator[Printed]:
+    """The numbers of section 3.1 and 3.2, as printed and as computed from the law."""
     pair = constants.pair()
     k3 = pair.stiffness * INCH**1.5 / POUND_FORCE
     yield Printed("3.1", "weight of one pound", "4.448", POUND_FORCE, "N", 4)

@@ -291,8 +291,10 @@ class _ImpactFit:
         return time, rate
 
     def impact(self, number: int, order: int) -> ImpactRead | None:
-        """Fit the impact and derive its numbers with their uncertainties; None where no unknowns
-        fit.
+        """Fit the impact and derive its numbers with their standard uncertainties; None where no
+        unknowns fit.
+
+        Speeds are in m/s, times in s, heights in m.
 
         number: of the motion.
         order: place among the impacts of the motion.
