@@ -254,7 +254,13 @@ def ignored_in_words(lines: Sequence[str]) -> str:
     """One sentence on everything of a model's contact and motion that Drake leaves out; "" for
     nothing.
     """
-    said = [line.partition("warning: ")[2].rstrip(".") for line in lines if "warning: " in line]
-    words = [_TAG.sub(r"<\1>", _ATTRIBUTE.sub(r"<\2> \1", line)) for line in said]
-    words = [word for word in dict.fromkeys(words) if word.strip("<>") not in _LOOKS]
-    return f"Drake leaves out: {'; '.join(words)}." if words else ""
+    left_out: dict[str, None] = {}
+    for line in lines:
+        _, is_warning, text = line.partition("warning: ")
+        if not is_warning:
+            continue
+        named = _ATTRIBUTE.sub(r"<\2> \1", text.rstrip("."))
+        named = _TAG.sub(r"<\1>", named)
+        if named.strip("<>") not in _LOOKS:
+            left_out[named] = None
+    return f"Drake leaves out: {'; '.join(left_out)}." if left_out else ""

@@ -150,26 +150,31 @@ def _write_rows(
     known = [p for p in spec.pairs if {p.geomname1, p.geomname2} == set(names)]
     for extra in known[1:]:
         spec.delete(extra)
+    # MuJoCo scales a soft row by its own estimate of the mass; a stiff one sets the acceleration.
+    is_soft = rows[0].solimp[0] == MIN_IMPEDANCE
+    scale = share if is_soft else 1.0
     lines = []
     for i, row in enumerate(rows):
-        is_soft = rows[0].solimp[0] == MIN_IMPEDANCE
         values: dict[str, Any] = {
-            "solref": [number * (share if is_soft else 1.0) for number in row.solref],
+            "solref": [number * scale for number in row.solref],
             "solimp": list(row.solimp),
         }
         if i > 0:
             values["condim"] = 1
         elif not known:
-            friction = before["friction"]
+            sliding, torsional, rolling = before["friction"]
             values["condim"] = int(before["condim"])
-            values["friction"] = [friction[0], friction[0], friction[1], friction[2], friction[2]]
+            values["friction"] = [sliding, sliding, torsional, rolling, rolling]
         if i == 0 and is_soft and pair.load.slides:
             values["solreffriction"] = [0.0, -_friction_damping(place, pair.load)]
         if row.adhesion:
             values["adhesion"] = row.adhesion
         if place.contact.onset or known:
             values |= {"margin": place.contact.onset, "gap": 0.0}
-        element = known[0] if known and i == 0 else spec.add_pair(geomname1=names[0], geomname2=names[1])
+        if known and i == 0:
+            element = known[0]
+        else:
+            element = spec.add_pair(geomname1=names[0], geomname2=names[1])
         lines.append(_set(element, names, values))
     return lines
 

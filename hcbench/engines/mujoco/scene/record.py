@@ -226,7 +226,7 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     def along(vector: list[Floats]) -> Floats:
         return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])
 
-    gain_x, gain_y, gain_z = (np.diff(v, axis=1) for v in speeds)
+    gain_x, gain_y, gain_z = (np.diff(speed, axis=1) for speed in speeds)
     # The part of the contact alone: gravity took off its own.
     fall = model.scene.gravity * model.timestep
     gained = -along([gain_x, gain_y, gain_z + fall])
