@@ -1,8 +1,8 @@
 """A ball between two touches, with quadratic drag, buoyancy and added mass in closed form.
 
 With V the terminal speed, g' the acceleration of a start from rest and u = w/V for a
-launch speed w: time aloft (V/g')(atan u + asinh u), speed at the next touch w/sqrt(1 +
-u²), apex (V²/2g') ln(1 + u²).
+launch speed w: time aloft (V/g')(atan u + asinh u), speed at the next touch
+w/sqrt(1 + u²), apex (V²/2g') ln(1 + u²).
 """
 
 from __future__ import annotations

@@ -148,8 +148,8 @@ def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """Time of contact in s, touch to parting; shape of `speed` (m/s). α v <= 1000.
 
     Relative error below 1e-13 for α v <= 2 and 5e-10 for α v <= 1000, as n goes
-    from 1 to 10. Gauss-Jacobi over cos θ with the ends' weight (1 -
-    cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos θ.
+    from 1 to 10. Gauss-Jacobi over cos θ with the ends' weight
+    (1 - cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos θ.
     """
     v = _positive("speed", speed, "m/s")
     width = _quadrature_width(law, v)
