@@ -20,8 +20,8 @@ LOWEST_UNDERDAMPED = math.exp(-2.0)
 def minimax_constant(target: Target) -> tuple[float, float]:
     """The constant e with the least largest error over the band, and that error.
 
-    e falls with v, so the error is largest at both ends of the band and the best constant is
-    halfway.
+    e falls with v, so the error is largest at both ends of the band and
+    the best constant is halfway.
     """
     ends = target.restitution(np.array([target.speed_min, target.speed_max]))
     high = float(ends.max())
@@ -30,11 +30,11 @@ def minimax_constant(target: Target) -> tuple[float, float]:
 
 
 def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
-    """Contact time of the spring-damper that replaces the law, s: the law's at the geometric mean
-    speed.
+    """Contact time of the spring-damper that replaces the law, s: the
+    law's at the geometric mean speed.
 
-    At least `steps` time steps, so that a coarse step still sees a contact; the spring is then
-    softer than the law.
+    At least `steps` time steps, so that a coarse step still sees a contact; the
+    spring is then softer than the law.
     """
     speed = math.sqrt(target.speed_min * target.speed_max)
     duration = float(closed_form.duration(target.law, target.mass, speed))
@@ -88,9 +88,9 @@ def spring_damper(restitution: float, duration: float, instead: str) -> tuple[fl
 def one_way_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
     """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the way out, for the best constant e.
 
-    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω² = k/m:
-    the way in is a damped oscillator's from touch to its first standstill. SettingError for e below
-    e^-1.
+    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω²
+    = k/m: the way in is a damped oscillator's from touch to its first standstill.
+    SettingError for e below e^-1.
     """
     e, _ = minimax_constant(target)
 

@@ -1,9 +1,9 @@
 """Settings that searches found, kept in the user's cache folder: the same search is not made twice.
 
-A setting is kept by all that it depends on: the target, the recipe, this package's files, and the
-versions of the engine and of what computes. Where the folder cannot be written to, by this user
-alone, or a file in it is not whole, the search is made: what a recipe gives is the same with the
-folder and without.
+A setting is kept by all that it depends on: the target, the recipe, this package's files, and
+the versions of the engine and of what computes. Where the folder cannot be written to, by
+this user alone, or a file in it is not whole, the search is made: what a recipe gives is the
+same with the folder and without.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ _OLD_S = 90 * 86400.0
 def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Path | None:
     """The file in which the setting for a target is kept. versions: of the engine and of what computes.
 
-    None for a recipe that is not of its engine's folder in this package: it depends on more than is
-    known.
+    None for a recipe that is not of its engine's folder in this package: it
+    depends on more than is known.
     """
     folder = recipe.engine.replace("-", "_")
     if not recipe.function.__module__.startswith(f"hcbench.engines.{folder}."):

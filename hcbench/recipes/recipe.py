@@ -1,5 +1,5 @@
-"""Recipes: functions from targets to one engine's settings, with the properties by which one is
-chosen.
+"""Recipes: functions from targets to one engine's settings, with the
+properties by which one is chosen.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -105,8 +105,8 @@ def first(
 ) -> Recipe | None:
     """Return the first recipe of a role for a scene's form; None if there is none.
 
-    steps: time steps in the law's shortest contact; the recipe must not need more. native: without
-    a plug-in.
+    steps: time steps in the law's shortest contact; the recipe must not need
+    more. native: without a plug-in.
     """
     for recipe in recipes:
         fits = form in recipe.forms and recipe.steps_min <= steps

@@ -1,3 +1,3 @@
-"""The contract of an engine, the registry of engines, and the rule that ends a launch. Knows no
-single engine.
+"""The contract of an engine, the registry of engines, and the rule that ends a
+launch. Knows no single engine.
 """

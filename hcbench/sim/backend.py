@@ -61,8 +61,8 @@ class Backend:
         raise self._missing("not installed", "its wheel")
 
     def module(self, name: str = "") -> Any:
-        """Import the package's module `name`; by default the module named like the package. Raises
-        EngineMissing.
+        """Import the package's module `name`; by default the module named like the
+        package. Raises EngineMissing.
         """
         try:
             return import_module(name or self.package)
@@ -74,8 +74,8 @@ class Backend:
         return EngineMissing(f"engine {self.engine!r}", got, expected, advice)
 
     def untried(self, version: str) -> str:
-        """Return a warning that hcbench was not tested with `version`; "" if the version is within
-        the tested ones.
+        """Return a warning that hcbench was not tested with `version`; "" if the
+        version is within the tested ones.
         """
         oldest = _numbers(self.oldest)
         newest = _numbers(self.newest)

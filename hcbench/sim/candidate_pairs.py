@@ -1,5 +1,5 @@
-"""Pairs of parts that can collide in a user's model, as an engine lists them: as text and as
-records.
+"""Pairs of parts that can collide in a user's model, as an engine lists
+them: as text and as records.
 """
 
 import math

@@ -36,12 +36,12 @@ class Feature:
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Properties of an engine's own contact, with nothing added, for the table of `hcbench report
-    field`.
+    """Properties of an engine's own contact, with nothing added, for the
+    table of `hcbench report field`.
 
-    law: its force or impulse. exponent: of the penetration in it. threshold: the speed below which
-    it does not bounce, and what sets that. licence: of the package. energy: what to know of an e
-    above 1.
+    law: its force or impulse. exponent: of the penetration in it. threshold: the speed
+    below which it does not bounce, and what sets that. licence: of the package. energy:
+    what to know of an e above 1.
     """
 
     law: Feature
@@ -58,8 +58,8 @@ class DescribesContact(Engine):
 
     @abstractmethod
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Return the numbers and options that describe a contact in this engine, for `hcbench
-        convert`.
+        """Return the numbers and options that describe a contact in this
+        engine, for `hcbench convert`.
         """
 
 
@@ -70,8 +70,8 @@ class HasPlugin(Engine):
     def plugin(self, *, install: bool = False) -> Path:
         """The library of the contact laws for this engine, compiled when first asked for.
 
-        install: puts it where the engine loads plug-ins from; UserError where it has no such
-        folder.
+        install: puts it where the engine loads plug-ins from; UserError
+        where it has no such folder.
         """
 
 
@@ -92,8 +92,8 @@ class OpensModels(Engine):
     opens: tuple[str, ...] = ()
 
     def accepts(self, source: Any) -> bool:
-        """Say whether `open` takes `source` (a path, several paths or an object) if the user names
-        no engine.
+        """Say whether `open` takes `source` (a path, several paths or an
+        object) if the user names no engine.
         """
         return isinstance(source, str | Path) and Path(source).suffix.lower() in self.suffixes
 
@@ -111,8 +111,8 @@ class OpensModels(Engine):
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> list[CandidatePair]:
-        """Return the pairs that can collide in a user's model, those that touch first; `source` as
-        in `open`.
+        """Return the pairs that can collide in a user's model, those that touch
+        first; `source` as in `open`.
         """
 
 
@@ -138,9 +138,9 @@ class TunesModels(OpensModels):
     ) -> Iterable[ModelSetting]:
         """Settings for pairs in a user's own model, each meant to have the e of `goal` there; simplest first.
 
-        requests: alike but for pairs and attitudes; their speeds span the band. was: the model at
-        rest as it is. version: of the engine that has to load what is written; () for the installed
-        one.
+        requests: alike but for pairs and attitudes; their speeds span the band. was:
+        the model at rest as it is. version: of the engine that has to load what is
+        written; () for the installed one.
         """
 
     def attitudes(self, source: Any, request: Request) -> list[tuple[str, Request]]:
@@ -148,8 +148,8 @@ class TunesModels(OpensModels):
         return [("", request)]
 
     def standing(self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]) -> Standing:
-        """Return how the model rests, holds and runs with a setting; None stands for the model as
-        it was.
+        """Return how the model rests, holds and runs with a setting; None
+        stands for the model as it was.
         """
         return UNKNOWN
 
@@ -170,6 +170,6 @@ class LandsRobots(OpensModels):
     def touchdowns(
         self, source: Any, request: Request, recorded: Mapping[str, Floats]
     ) -> TrajectoryTouchdowns:
-        """Find where a recorded motion met the floor. recorded: arrays of states, by the engine's
-        own names.
+        """Find where a recorded motion met the floor. recorded: arrays of
+        states, by the engine's own names.
         """

@@ -143,8 +143,8 @@ class Launches(Columns[Launch]):
 
     @property
     def is_oblique(self) -> Flags:
-        """Mask of the launches with slip or spin, shape (n,); False for those straight along the
-        normal.
+        """Mask of the launches with slip or spin, shape (n,); False for
+        those straight along the normal.
         """
         return np.asarray(self.slip.any(axis=1) | self.spin.any(axis=1))
 
@@ -186,8 +186,8 @@ def _listed(column: NDArray[Any]) -> list[Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """Record of several launches simulated together: time, s, (n,); states: penetration, rate,
-    force; (3, b, n).
+    """Record of several launches simulated together: time, s, (n,); states:
+    penetration, rate, force; (3, b, n).
     """
 
     time: Floats
@@ -274,15 +274,15 @@ class Impacts(Columns[Impact]):
 
     @property
     def is_measured(self) -> Flags:
-        """Mask of the impacts that have a restitution, shape (n,): those that parted or came to
-        rest.
+        """Mask of the impacts that have a restitution, shape (n,): those
+        that parted or came to rest.
         """
         return np.asarray((self.status == _PARTED) | (self.status == _RESTED))
 
     @property
     def restitution(self) -> Floats:
-        """e of each impact, shape (n,): speed out over speed in; 0 if it came to rest, NaN if it
-        has none.
+        """e of each impact, shape (n,): speed out over speed in; 0 if it
+        came to rest, NaN if it has none.
         """
         e = np.full(len(self), np.nan)
         parted = (self.status == _PARTED) & (self.speed_in > 0.0)

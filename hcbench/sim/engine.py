@@ -78,8 +78,8 @@ class Engine(ABC):
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Sequence[Impact]:
         """One impact for each launch, in order. An impact that went wrong is a record with a status.
 
-        Raises SettingError for options the engine does not have, SceneError for a scene it cannot
-        load.
+        Raises SettingError for options the engine does not have,
+        SceneError for a scene it cannot load.
         """
 
     def require_device(self, device: str) -> None:  # noqa: B027 - most have no choice
@@ -104,11 +104,11 @@ class Engine(ABC):
         raise EngineFailed(self.name, "knows single impacts only", "an engine that can go on after one")
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """Return the text of a setting to paste into a user's model or script; "" if nothing is
-        set.
+        """Return the text of a setting to paste into a user's model or
+        script; "" if nothing is set.
 
-        form: the scene's, "plane" or "cup". pair: names of the two in the user's model, the first
-        moves.
+        form: the scene's, "plane" or "cup". pair: names of the two in the
+        user's model, the first moves.
         """
         return setting.options_text
 
@@ -132,8 +132,8 @@ class Engine(ABC):
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test, for about a second, whether a setting ever adds energy to a body, and how a body
-        rests on it.
+        """Test, for about a second, whether a setting ever adds energy to a
+        body, and how a body rests on it.
 
         speeds: the band, m/s. whole: run the long test instead, with drops of half a minute.
         train: the longest train of bounces that the target allows after a drop.
@@ -177,9 +177,9 @@ class Engine(ABC):
 class SteppedEngine(Engine):
     """An engine that advances in time steps: all but the closed form.
 
-    own_process: settings of the whole process, prints and crashes: simulations run in a process of
-    their own. limit: s, after which one launch in such a process counts as hung. together: launches
-    in it at once.
+    own_process: settings of the whole process, prints and crashes: simulations run in a
+    process of their own. limit: s, after which one launch in such a process counts as hung.
+    together: launches in it at once.
     """
 
     own_process: bool = False
@@ -195,8 +195,8 @@ class SteppedEngine(Engine):
         """
 
     def speed_reading(self, setting: Setting) -> SpeedReading:
-        """Quantity that the steps of a setting conserve in free flight; the same as in the worlds
-        it loads.
+        """Quantity that the steps of a setting conserve in free flight; the
+        same as in the worlds it loads.
         """
         return SpeedReading.TOUCH_PLANE
 

@@ -44,8 +44,8 @@ def adopt(values: Mapping[str, str]) -> None:
 
 @cache
 def adapter(name: str) -> Engine:
-    """Return the adapter registered under `name`, whether the engine is installed or not, without a
-    version.
+    """Return the adapter registered under `name`, whether the engine is
+    installed or not, without a version.
 
     Raises UserError for an unknown name, EngineFailed for an entry point that holds no such engine.
     """

@@ -1,7 +1,7 @@
 """Runs what would change an engine's world in a forked copy of this process: the world here stays as it is.
 
-For engines that cannot be put back: Bullet keeps contacts that its own restoreState does not take
-away.
+For engines that cannot be put back: Bullet keeps contacts that its own
+restoreState does not take away.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class _Child:
         end.close()
 
     def ask(self, request: Any) -> Any:
-        """Call the function in the child and return its result. Raises what it raises; EngineFailed
-        if the child dies.
+        """Call the function in the child and return its result. Raises what it raises;
+        EngineFailed if the child dies.
         """
         try:
             self._pipe.send(request)

@@ -101,8 +101,8 @@ def _backend(name: str) -> Backend:
 
 
 def requirements(name: str, backend: Backend, version: str) -> list[str]:
-    """Requirements of an engine's environment: its package in a version ("": any), and the packages
-    it needs.
+    """Requirements of an engine's environment: its package in a version ("":
+    any), and the packages it needs.
     """
     adapter = entry_points.entry_point(name).dist
     declared = (adapter.requires or ()) if adapter else ()
@@ -114,8 +114,8 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
         needed, _, marker = line.partition(";")
         needed = needed.strip()
         marker, of_extra = re.subn(rf"(and\s+)?extra\s*==\s*['\"]{name}['\"]", "", marker)
-        # What an adapter needs in any case counts for those of others: hcbench's own are the
-        # worker's.
+        # What an adapter needs in any case counts for those of others:
+        # hcbench's own are the worker's.
         is_needed = of_extra or not (is_own or "extra" in marker)
         package = re.split(r"[^\w.-]", needed, maxsplit=1)[0]
         if package == "hcbench" or not is_needed:
@@ -144,9 +144,9 @@ def _try(made: Environment) -> None:
 def _failed_bounce(name: str) -> str:
     """Bounce a ball with each recipe; return the first failure as text, or "" if all recipes work.
 
-    All recipes are tried because a version may lack a feature that only some of them use. A refusal
-    by hcbench, such as a step too long for a recipe or a plug-in without a compiler, does not
-    count.
+    All recipes are tried because a version may lack a feature that only some of them
+    use. A refusal by hcbench, such as a step too long for a recipe or a plug-in
+    without a compiler, does not count.
     """
     scene = load_scene("steel-plane")
     law = HuntCrossley(scene.stiffness, 0.3, scene.exponent)

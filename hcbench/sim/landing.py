@@ -38,8 +38,8 @@ class DropPlan:
 
 @dataclass(frozen=True, slots=True)
 class Footfall:
-    """Contact of one part of the robot with the floor in one landing; SI, times from the first
-    touch of any part.
+    """Contact of one part of the robot with the floor in one landing; SI, times
+    from the first touch of any part.
 
     part: its name. touch: when it first met the floor. speed, slide: of the contact point there, normal to
         the floor and along it. contact: how long it then stayed, gaps up to PARTED_S included.
@@ -187,8 +187,8 @@ class FootfallLog:
 def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
     """The largest upward speed with which the whole robot leaves the floor, m/s; 0 where it never does.
 
-    force, N, rising: speed of the centre of mass, m/s, at the start of each step from the first
-    touch on.
+    force, N, rising: speed of the centre of mass, m/s, at the start of each
+    step from the first touch on.
     """
     off = np.append(force <= 0.0, True)
     starts = np.flatnonzero(off[1:] & ~off[:-1]) + 1

@@ -33,8 +33,8 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Options of a measurement in a user's model: the pair, its launches and the pose they start
-    from.
+    """Options of a measurement in a user's model: the pair, its launches
+    and the pose they start from.
 
     pair: names of the two, moving one first; None where the model leaves no choice.
     speeds: launch speeds, m/s. phases: where in a step the contact starts, each 0 ... 1.
@@ -87,13 +87,13 @@ class Request:
 class Suspect:
     """Something in a model that may keep it from bouncing as asked.
 
-    code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text to
-    paste. apply: makes the fix in the engine's own form of the model; None where it cannot be
+    code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text
+    to paste. apply: makes the fix in the engine's own form of the model; None where it cannot be
     tried. always_reported: even if e is correct, because it concerns the model's settings.
     assumed_e: e that the fix is written for, where the user named no target; e is then compared
-    with it. named_if_half: reported, too, where it alone takes away half of the error and another
-    fix takes all. apply_last: its fix depends on the step and integrator, so it is made after those
-    that change them.
+    with it. named_if_half: reported, too, where it alone takes away half of the error and
+    another fix takes all. apply_last: its fix depends on the step and integrator, so it is made
+    after those that change them.
     """
 
     code: str
@@ -171,9 +171,9 @@ def _three_digits(vector: Iterable[float]) -> str:
 class Output:
     """Destination of a setting that is to be written into a model.
 
-    folder: of the model; None: that of the source. include: the name of a file of its own for its
-    lines; "" for none. version: of the engine that has to load it, such as (3, 5); () for the
-    installed one.
+    folder: of the model; None: that of the source. include: the name of a file of its own
+    for its lines; "" for none. version: of the engine that has to load it, such as (3,
+    5); () for the installed one.
     """
 
     folder: Path | None = None
@@ -200,8 +200,8 @@ class Texts:
 class ModelSetting:
     """A setting for pairs in their own model, to be tried there.
 
-    open: the model with the setting, for the launches of a request. texts: of it, with what was
-    promised of each pair.
+    open: the model with the setting, for the launches of a request. texts: of it, with
+    what was promised of each pair.
     """
 
     name: str
@@ -222,14 +222,14 @@ class ModelUnderTest(World):
         """Return settings that may keep this pair from bouncing as `wanted`, likeliest first."""
 
     def at_rest(self) -> Rest | None:
-        """Lay one body on the other and return how it lies after a while; None if nothing holds
-        them together.
+        """Lay one body on the other and return how it lies after a while; None
+        if nothing holds them together.
         """
         return let_down(self)
 
     def rest_suspects(self) -> list[Suspect]:
-        """Return settings that may keep the two from lying still and shallow, besides those of
-        `suspects`.
+        """Return settings that may keep the two from lying still and
+        shallow, besides those of `suspects`.
         """
         return []
 

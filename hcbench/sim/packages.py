@@ -43,8 +43,8 @@ def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, 
 
 
 def suggest_names(request: str, names: Iterable[str]) -> tuple[str, str]:
-    """For a name that is not among `names`: (the names expected, a sentence with the nearest one),
-    for an error.
+    """For a name that is not among `names`: (the names expected, a sentence with
+    the nearest one), for an error.
     """
     known = list(dict.fromkeys(filter(None, names)))
     listed = known if len(known) <= _LISTED else [*known[:_LISTED], "..."]
@@ -62,8 +62,8 @@ _FILE = re.compile(r"(?P<before>filename\s*=\s*)(?P<quote>[\"'])(?P<name>.*?)(?P
 
 
 def read_packages(given: str | Mapping[str, str]) -> Packages:
-    """Parse "NAME=DIR, NAME=DIR", or a mapping, to (name, absolute folder). UserError unless each
-    folder exists.
+    """Parse "NAME=DIR, NAME=DIR", or a mapping, to (name, absolute folder).
+    UserError unless each folder exists.
     """
     packages = named_folders(given)
     for name, folder in packages:

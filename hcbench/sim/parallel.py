@@ -56,8 +56,8 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
 def law_text(law: PythonLaw | None, force: str, each: str) -> str:
     """A law's numbers in an engine's own lines; "" for none.
 
-    force: lines with {k}, {n} and {a}, of eq. (16). each: with two gaps, for α and the reading of
-    e(v).
+    force: lines with {k}, {n} and {a}, of eq. (16). each: with two gaps,
+    for α and the reading of e(v).
     """
     if law is None:
         return ""
@@ -104,8 +104,8 @@ class BatchWorld(World):
 
 
 class ScriptedWorlds(BatchWorld):
-    """Copies of the world of an engine's script, stepped together; heights and velocities are
-    arrays.
+    """Copies of the world of an engine's script, stepped together; heights
+    and velocities are arrays.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
-"""Test whether a contact adds energy: drops and slow launches in any engine, and the limits they
-must keep.
+"""Test whether a contact adds energy: drops and slow launches in any engine,
+and the limits they must keep.
 
 In free flight each integrator keeps an energy of its own. Semi-implicit Euler, which moves by the
 new velocity, keeps (v + g h/2)² - 2 g x exactly, penetration x, rate v; exact flight and RK4 keep
@@ -41,8 +41,8 @@ MOST_ENERGY = MOST_E**2
 MOST_DRIFT = 1e-4
 # Time before the end, s, in which a body still bounces.
 _STILL = 1.0
-# A train of bounces has ended at this speed, m/s, in hops of 50 nm; the law's own never ends, as
-# its e nears 1.
+# A train of bounces has ended at this speed, m/s, in hops of 50 nm; the law's own
+# never ends, as its e nears 1.
 _SLOWEST = 1e-3
 # Speeds of a table from _SLOWEST on, each less than 0.2 % above the one before.
 _TABLE = 5000
@@ -88,8 +88,8 @@ class LongestTrain:
         gravity: m/s², above 0. The result has the shape of `heights`.
         """
         speed = np.sqrt(2.0 * gravity * np.asarray(heights, dtype=np.float64))
-        # A train has thousands of bounces: e from a table takes a tenth of the time of the law's
-        # series.
+        # A train has thousands of bounces: e from a table takes a tenth of
+        # the time of the law's series.
         speeds = np.geomspace(min(_SLOWEST, speed.min()), speed.max(), _TABLE)
         restitutions = self.restitution(speeds)
         next_touch = speed / gravity
@@ -269,8 +269,8 @@ def passivity_of(
 ) -> Passivity:
     """Test a setting for energy by impacts below and above a band, m/s; whole: by drops, too.
 
-    train: the longest train of bounces that its target allows; None for a setting that must rest in
-    LASTS.
+    train: the longest train of bounces that its target allows; None for a
+    setting that must rest in LASTS.
     """
     low, high = speeds
     # An engine in an environment of its own answers by its adapter.

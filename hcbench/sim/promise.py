@@ -1,5 +1,5 @@
-"""The error that `hcbench tune` promised for a pair, written into the model so that `measure`
-recognizes it.
+"""The error that `hcbench tune` promised for a pair, written into the model so
+that `measure` recognizes it.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _SLACK = 0.005
 class Promise:
     """A setting for a pair.
 
-    rows: <pair>s of the same two geoms. curve: the target. error: of e over `speeds`, m/s. option:
-    options of the whole model with which the error was found, as the engine's own files name and
-    write them.
+    rows: <pair>s of the same two geoms. curve: the target. error: of e over `speeds`,
+    m/s. option: options of the whole model with which the error was found, as the
+    engine's own files name and write them.
     """
 
     setting: str

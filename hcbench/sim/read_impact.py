@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 NOT_FINITE = "position, velocity or force is not finite"
-# What became of a launch without a contact to its end. {0}: the time simulated, s; {1}: the
-# engine's words.
+# What became of a launch without a contact to its end. {0}: the time
+# simulated, s; {1}: the engine's words.
 _FAILED = {
     End.NOT_FINITE: (Status.DIVERGED, "{1}"),
     End.TOO_DEEP: (Status.DIVERGED, "went through the plate: deeper than its own radius"),
@@ -41,8 +41,8 @@ _DIVERGED = STATUSES.index(Status.DIVERGED)
 
 
 class SpeedReading(StrEnum):
-    """Quantity that an integrator conserves in free flight, from which the speeds at the touch
-    plane follow.
+    """Quantity that an integrator conserves in free flight, from which the
+    speeds at the touch plane follow.
 
     The speeds come from a state before the contact and one after it, at a step h under gravity g
     into the plate, penetration x and rate v; e is their ratio. e² is then the share of its height
@@ -75,9 +75,9 @@ class SpeedReading(StrEnum):
         return {"touch plane": 0.5, "touch plane, four substeps": 0.125}.get(self, 0.0)
 
     def speeds(self, before: States, after: States, fall: float, gravity: float) -> tuple[Floats, Floats]:
-        """Speed in and out, m/s, shape (n,). before, after: (penetration m, rate m/s), (n,) each,
-        of the last free state before the contact and the first after it. fall: g h, m/s. gravity:
-        g, m/s².
+        """Speed in and out, m/s, shape (n,). before, after: (penetration m, rate m/s),
+        (n,) each, of the last free state before the contact and the first after it.
+        fall: g h, m/s. gravity: g, m/s².
         """
         (x_in, v_in), (x_out, v_out) = before, after
         if gravity == 0.0:
@@ -179,10 +179,10 @@ def impacts_of(
 class EndedContacts:
     """Contacts of launches that have ended; arrays of shape (b,), SI.
 
-    counts, ends: the steps of each, and why it ended (`End`). first, stops: the step in which the
-    contact force first acts, and the one after the last. deepest, hardest: largest penetration and
-    force between them. came, left: penetration and rate in the first, and once the force has
-    ceased.
+    counts, ends: the steps of each, and why it ended (`End`). first, stops: the step in
+    which the contact force first acts, and the one after the last. deepest, hardest:
+    largest penetration and force between them. came, left: penetration and rate in the
+    first, and once the force has ceased.
     """
 
     counts: NDArray[np.int64]
@@ -286,8 +286,8 @@ def _contact(
     # One reduceat over all launches, end to end.
     row_starts = n * np.arange(launches)
     edges = np.stack([row_starts + first, row_starts + stop], axis=1).ravel()
-    # A contact up to the end of the last row has no right edge: reduceat takes no index past the
-    # end.
+    # A contact up to the end of the last row has no right edge: reduceat
+    # takes no index past the end.
     edges = edges[edges < force.size]
     # From each edge to the next: contact, gap, contact, ... Only the contacts are wanted.
     deepest = np.maximum.reduceat(penetration.ravel(), edges)[::2]

@@ -34,14 +34,13 @@ if TYPE_CHECKING:
 
 
 class Rule(NamedTuple):
-    """Constants of the stop rule for the launches of one scene, SI, as arrays that an engine's
-    device can hold.
+    """Constants of the stop rule for the launches of one scene, SI, as arrays
+    that an engine's device can hold.
 
     flight_steps, rest_speed, idle_speed: shape (b,), with the meaning they have in `StopRule`; so
-    have contact_steps, fall and lowest, its `deepest`.
-    held_speed: at which a body falls no longer; -1 without gravity. radius, beyond: of the body, in
-    the engine's bits, and what these leave out, m. noise: share of a speed that is round-off.
-    largest: finite number.
+    have contact_steps, fall and lowest, its `deepest`. held_speed: at which a body falls no longer;
+    -1 without gravity. radius, beyond: of the body, in the engine's bits, and what these leave out,
+    m. noise: share of a speed that is round-off. largest: finite number.
     """
 
     flight_steps: Any
@@ -60,8 +59,8 @@ class Rule(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """State of each launch after the steps read so far, shape (b,), SI: 32-bit integers, then the
-    engine's floats.
+    """State of each launch after the steps read so far, shape (b,), SI: 32-bit
+    integers, then the engine's floats.
 
     steps: seen until it ended; end: why it has (`End`). touch, last: first and last step in which
     the contact force acted, -1 for none. still, idle, held, stuck: the last step that was not so.
@@ -100,8 +99,8 @@ WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])
 
 
 def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind: type) -> Rule:
-    """Return the rule for launches of a scene's ball. bits: of the engine's numbers. kind: NumPy
-    type of the reading.
+    """Return the rule for launches of a scene's ball. bits: of the engine's numbers.
+    kind: NumPy type of the reading.
     """
     rule = StopRule.for_launches(launches, timestep, scene.normal_gravity, scene.touch_radius)
     made = Rule(
@@ -143,8 +142,8 @@ def _typed(numbers: Any, kind: type) -> list[Any]:
 
 
 def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
-    """The function that adds a step to a reading: (height, rising, *rule, *reading) -> the next
-    reading.
+    """The function that adds a step to a reading: (height, rising, *rule,
+    *reading) -> the next reading.
 
     height, rising: of each body's centre after the step, m and m/s, (b,). The fields of `Rule` and
     `Reading` follow in their order. The contact's force is what the step does to the momentum.

@@ -130,8 +130,8 @@ class RemoteEngine(Wrapped):
         return self.environment.version
 
     def recipes(self) -> Sequence[Recipe]:
-        """Return the adapter's recipes, run in the engine's environment: their options may depend
-        on its version.
+        """Return the adapter's recipes, run in the engine's environment: their
+        options may depend on its version.
         """
         return [
             dataclasses.replace(recipe, function=partial(self._options, recipe.name))
@@ -185,8 +185,8 @@ class RemoteEngine(Wrapped):
         return text
 
     def plugin(self, *, install: bool = False) -> Path:
-        """Compile the plug-in in the engine's environment and return its path. install: copy it
-        into that environment.
+        """Compile the plug-in in the engine's environment and return its path. install:
+        copy it into that environment.
         """
         path: Path = call(_plugin_there, self.name, install, limit=None, at=self.interpreter)
         return path
@@ -243,8 +243,8 @@ def interpreter_of(engine: Engine) -> Interpreter | None:
 def interpreter(environment: Environment) -> Interpreter:
     """Return the interpreter for worker processes of an environment.
 
-    It knows the engine of that environment and hcbench's own engines, as their modules are made
-    importable there.
+    It knows the engine of that environment and hcbench's own engines, as their
+    modules are made importable there.
     """
     values: dict[str, str] = {}
     tops: dict[str, str] = {}

@@ -1,5 +1,5 @@
-"""Rest of one body on another, read from the steps of any engine: penetration, drift, vibration,
-force noise.
+"""Rest of one body on another, read from the steps of any engine: penetration,
+drift, vibration, force noise.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from hcbench.terms.impact import Floats, Launch
 if TYPE_CHECKING:
     from hcbench.sim.world import World
 
-# A body counts as resting if it sinks more slowly than this, m/s; lies less deep than so much of R,
-# or so many m for a step of 1 s; and vibrates by less, m/s, or by less than this share of what it
-# did before.
+# A body that rests sinks more slowly than this, m/s.
 _SINKING_MAX = 1e-5
+# It lies less deep than this share of its radius, or than so many m for a step of 1 s.
 _DEPTH_MAX = 1e-3
 _DEPTH_STEP = 0.2
+# It vibrates by less than this, m/s (rms), or by less than this share of what it did before.
 VIBRATION_MAX = 1e-4
 _DECAY_MAX = 0.95
 # Simulated time, s, and steps until a body is taken to lie as it will.
@@ -35,10 +35,10 @@ _LET_DOWN = 1e-9
 class Rest:
     """A body at rest, over the last of two equal spans of time.
 
-    penetration: the greatest, m. sinking: m/s, > 0 into the plate. drift: along the plate, m/s; NaN
-    where that was not measured. vibration: rms rate about the sinking, m/s. decay: vibration over
-    that of the span before. force_noise: standard deviation of the contact force over its mean; NaN
-    without force.
+    penetration: the greatest, m. sinking: m/s, > 0 into the plate. drift: along the plate, m/s;
+    NaN where that was not measured. vibration: rms rate about the sinking, m/s. decay:
+    vibration over that of the span before. force_noise: standard deviation of the contact force
+    over its mean; NaN without force.
     """
 
     penetration: float
@@ -63,8 +63,8 @@ class Rest:
         return f"{depth}, vibration {self.vibration:.2g} m/s (rms){noise}"
 
     def failures(self, radius: float, timestep: float) -> list[str]:
-        """Reasons why a body of this radius (m) does not count as resting at a step (s); empty if
-        it rests.
+        """Reasons why a body of this radius (m) does not count as resting at
+        a step (s); empty if it rests.
 
         It rests if it sinks more slowly than 1e-5 m/s, lies less deep than 1e-3 R or 0.2 mm per ms
         of step, and its vibration is below 1e-4 m/s or decaying.
@@ -93,8 +93,8 @@ def rest_of(
     force: Floats | None = None,
     along: Floats | None = None,
 ) -> Rest:
-    """Judge the rest of a body from its path: time (s), penetration (m), rate (m/s), force (N);
-    shape (n,).
+    """Judge the rest of a body from its path: time (s), penetration (m), rate
+    (m/s), force (N); shape (n,).
 
     Slopes and vibrations are those of the second half, when the path has calmed. DIVERGED if a
     number is not finite.
@@ -128,8 +128,8 @@ def last_half(path: Floats) -> Floats:
 
 
 def let_down(world: World) -> Rest | None:
-    """Lay a body on the plate and judge how it lies there; None without gravity, or if the plate
-    does not push.
+    """Lay a body on the plate and judge how it lies there; None without gravity,
+    or if the plate does not push.
     """
     if not world.gravity > 0.0:
         return None

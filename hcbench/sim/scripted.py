@@ -7,9 +7,9 @@ An engine writes the lines that build its world and define
     force()                   N, that acts from the present state on; None, or not defined at all, where what
                               the step does to the momentum is the force, or `law` that of the state
 
-`place` and `step` return height and velocity as the engine then has them. The lines find the names
-m, R, inertia, gravity and timestep (SI, the plane is z = 0), and of a setting with a law `law(x,
-v)` or `e(v)`.
+`place` and `step` return height and velocity as the engine then has them. The lines find
+the names m, R, inertia, gravity and timestep (SI, the plane is z = 0), and of a setting
+with a law `law(x, v)` or `e(v)`.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ TIGHT = 1e-8
 
 
 def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
-    """Return the law of a setting's option "law" for an engine that takes laws as Python code: eq.
-    (16) only.
+    """Return the law of a setting's option "law" for an engine that takes laws
+    as Python code: eq. (16) only.
 
     Raises SettingError for any other law.
     """
@@ -83,8 +83,8 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
 
     @abstractmethod
     def lines(self, options: Options, scene: Scene) -> str:
-        """Return the engine's part of the script. Raises SettingError for options that exclude each
-        other.
+        """Return the engine's part of the script. Raises SettingError for
+        options that exclude each other.
         """
 
     @abstractmethod

@@ -1,7 +1,7 @@
 """Engines that step what another one loads: its scenes and its users' models, in many copies at once.
 
-The other engine compiles a file, prepares the launches and reads the bounces; this one takes the
-steps.
+The other engine compiles a file, prepares the launches and reads the
+bounces; this one takes the steps.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ _HEIGHT = 2
 _RISING = 7 + 2
 # Steps between two looks at which launches have ended.
 _LOOK = 16
-# Once so many times fewer launches than began go on, the steps of the other copies are not worth
-# it.
+# Once so many times fewer launches than began go on, the steps of the
+# other copies are not worth it.
 _FEW = 8
 # The few that are left go on for as many times the steps of the longest launch, and so many more.
 _LONGER = 4
@@ -56,9 +56,9 @@ _WIDTH = 32
 
 
 class Copies(ABC):
-    """Copies of a model: `places` where steps are recorded, any number to read from. bits: of the
-    numbers. room: copies that the memory has room for. kind: of the floats that `read_on` computes
-    with.
+    """Copies of a model: `places` where steps are recorded, any number to read from.
+    bits: of the numbers. room: copies that the memory has room for. kind: of the floats
+    that `read_on` computes with.
     """
 
     places: int
@@ -172,10 +172,10 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does
         not have, CannotRun for a device that this machine lacks.
 
-        start: that engine's own state, of all that does not move by itself. bits: of the numbers; 0
-        for those that its users get who set nothing. law: `law_lines`, of a ball of this radius, m,
-        above z = 0. device: that is to be read from, of `devices`; "" for the engine's own choice,
-        and recorded steps.
+        start: that engine's own state, of all that does not move by itself. bits: of the numbers;
+        0 for those that its users get who set nothing. law: `law_lines`, of a ball of this
+        radius, m, above z = 0. device: that is to be read from, of `devices`; "" for the engine's
+        own choice, and recorded steps.
         """
 
     @abstractmethod
@@ -229,8 +229,8 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         return opener(registry.engine(self.model_engine))
 
     def _shared(self, setting: Setting) -> Setting:
-        """Return the part of a setting that `model_engine` reads; e(v) needs a contact whose solref
-        a step can set.
+        """Return the part of a setting that `model_engine` reads; e(v) needs a
+        contact whose solref a step can set.
         """
         options = {word: value for word, value in setting.options.items() if word not in self.own}
         if isinstance(self.law(setting), Restitution):
@@ -264,8 +264,8 @@ class SharedModelEngine(OpensModels, SteppedEngine):
 def shared_recipes(
     engine: str, model_engine: str, changes: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Recipe, ...]:
-    """Copy another engine's recipes for this one. changes: name of each recipe -> the fields that
-    differ.
+    """Copy another engine's recipes for this one. changes: name of each
+    recipe -> the fields that differ.
     """
     return tuple(
         replace(registry.recipe(f"{model_engine}.{name}"), engine=engine, **{"forms": ("plane",), **change})

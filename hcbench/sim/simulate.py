@@ -156,8 +156,8 @@ def _read_while_stepping(world: World, launches: Launches) -> Iterator[Impacts]:
 def _run_group(world: World, launches: Launches, first: int, expected: int) -> tuple[Impacts, int]:
     """The impacts of launches that are simulated side by side, and how many steps that took.
 
-    first, expected: steps to take before anything is looked at, and probably in all; 0 where
-    unknown.
+    first, expected: steps to take before anything is looked at, and
+    probably in all; 0 where unknown.
     """
     try:
         with closing(world.release(launches)) as simulation:

@@ -23,23 +23,28 @@ if TYPE_CHECKING:
     Whole = NDArray[np.int64]
     Flags = NDArray[np.bool_]
 
-# A touch must come within so many times the flight, and steps: Bullet's acts from 10 µm deep on.
+# A touch must come within so many times the flight, and so many steps more: Bullet's
+# contact acts from 10 µm deep on.
 FLIGHT_SLACK = 4.0
 FLIGHT_SLACK_STEPS = 5000
+# Steps within which any touch must come.
 FLIGHT_STEPS_MAX = 2_000_000
 # Longest contact, s: no bounce that anybody measures lasts longer.
 CONTACT_S = 5.0
 # Steps of the longest contact: at least, and at most.
 CONTACT_STEPS_MIN = 500
 CONTACT_STEPS_MAX = 500_000
-# Slower than any bounce: this share of the speed at touch, for so many steps.
+# Share of the speed at touch that is slower than any bounce.
 REST_SHARE = 1e-6
+# Steps for which a body at rest is so slow.
 REST_STEPS = 32
-# Slow, and without any force: this share of the speed at touch, for so many steps.
+# Share of the speed at touch that counts as slow where no force acts.
 IDLE_SHARE = 1e-3
+# Steps for which a body at rest is idle so.
 IDLE_STEPS = 128
-# Held against gravity: so many times the speed that gravity gives in a step, for so many steps.
+# A body that gravity holds down is slower than so many times the speed that gravity gives in a step.
 FALL_STEPS = 1.5
+# Steps for which a body at rest is held so.
 FALLING_STEPS = 128
 
 # Beyond every step.
@@ -146,11 +151,11 @@ class StopRule:
             last_x=np.full(len(launches), np.nan),
             # Slower than any bounce.
             still=run(REST_STEPS, half_contact=False),
-            # Slow and without force, within an overlap that the engine permits, such as Bullet's
-            # contactSlop.
+            # Slow and without force, within an overlap that the engine permits,
+            # such as Bullet's contactSlop.
             idle=run(IDLE_STEPS, half_contact=True),
-            # So slow that in as many steps the weight pushes it deeper than its speed can carry it
-            # out.
+            # So slow that in as many steps the weight pushes it deeper
+            # than its speed can carry it out.
             held=run(FALLING_STEPS, half_contact=True),
             # In one place to the last bit: in float32 a speed may be too small to move the position
             # at all, and grow by gravity until the contact takes it away.
@@ -162,8 +167,8 @@ class StopRule:
     def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, Whole]:
         """Look at one more chunk of penetration, rate and force, shape (b, n).
 
-        How many of all steps belong to each launch, 0 where it has not ended, and why it has
-        (`End`).
+        How many of all steps belong to each launch, 0 where it has not
+        ended, and why it has (`End`).
         """
         start = self.steps
         end = start + x.shape[1]

@@ -1,5 +1,5 @@
-"""Motion along the plate in an oblique impact: recorded at each step, and evaluated from the
-record.
+"""Motion along the plate in an oblique impact: recorded at each step, and
+evaluated from the record.
 
 Directions are those of `terms.impact.Launch`: along the way that the body is sent, across it, and
 along the normal away from the plate.
@@ -30,8 +30,8 @@ _NORMAL = 1.0 - 1e-6
 def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
     """Unit vectors along, across and away from the plate, shape (..., 3, 3).
 
-    deeper: unit vectors into the plate, shape (..., 3). along: any vector that is not normal to the
-    plate.
+    deeper: unit vectors into the plate, shape (..., 3). along: any vector
+    that is not normal to the plate.
     """
     up = -deeper
     ahead = np.asarray(along) - up * (up @ np.asarray(along))[..., None]
@@ -59,9 +59,9 @@ def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
 def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, gained: Floats) -> Floats:
     """Compute the rows of `Record.tangential` for a scene's balls, shape (8, b, n).
 
-    velocity, spin: of the centre at the start of each step, m/s and rad/s, shape (b, n, 3). deeper:
-    unit vectors into the plate. gained: acceleration in the step without gravity's, m/s²; of the
-    same shape.
+    velocity, spin: of the centre at the start of each step, m/s and rad/s, shape (b, n,
+    3). deeper: unit vectors into the plate. gained: acceleration in the step without
+    gravity's, m/s²; of the same shape.
     """
     sliding = velocity + np.cross(spin, scene.touch_radius * deeper)
     rate = (velocity * deeper).sum(axis=-1)

@@ -58,8 +58,8 @@ class Toss:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """Parameter of a setting that is to be identified. starts: of each search, all positive. most:
-    upper bound.
+    """Parameter of a setting that is to be identified. starts: of each search,
+    all positive. most: upper bound.
     """
 
     name: str
@@ -137,17 +137,17 @@ def engines() -> Iterator[tuple[str, TossModule]]:
 def as_integrated(velocity: Floats, timestep: float) -> Floats:
     """Velocity to give an engine that moves bodies by the new velocity of a step, shape (..., 3).
 
-    It has half a step of gravity more: the engine's positions then lie on the parabola of free
-    flight, at any step. The engine's velocity at a step's end exceeds the body's by the same amount
-    (`as_body`).
+    It has half a step of gravity more: the engine's positions then lie on the parabola
+    of free flight, at any step. The engine's velocity at a step's end exceeds the body's
+    by the same amount (`as_body`).
     """
     given: Floats = velocity + np.array([0.0, 0.0, 0.5 * GRAVITY * timestep])
     return given
 
 
 def as_body(velocity: Floats, timestep: float) -> Floats:
-    """Velocity of the body in free flight, from the engine's at the end of a step; the inverse of
-    `as_integrated`.
+    """Velocity of the body in free flight, from the engine's at the end of a step;
+    the inverse of `as_integrated`.
     """
     own: Floats = velocity - np.array([0.0, 0.0, 0.5 * GRAVITY * timestep])
     return own

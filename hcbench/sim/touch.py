@@ -1,7 +1,7 @@
 """Brings two bodies just to touch, in any engine, and refuses those that cannot be brought there.
 
-An engine moves one of the two along a line and says how far apart they are, or whether it makes a
-contact.
+An engine moves one of the two along a line and says how far apart they are,
+or whether it makes a contact.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
 
 
 def overlap_notes(overlap: float) -> list[str]:
-    """Note that the bodies overlapped by this many m at the start; empty if the overlap is
-    negligible.
+    """Note that the bodies overlapped by this many m at the start; empty
+    if the overlap is negligible.
     """
     said = f"The two overlap by {overlap:.3g} m at the start: moved apart to touch."
     return [said] if overlap > _SEEN else []
@@ -136,9 +136,9 @@ def require_reachable(
 ) -> None:
     """Raise UserError for a touch at which another part of what moves is deep in something.
 
-    depth: of that part, m. size: of the smaller one, m. pair: names of the two that should meet,
-    the moving body first. blocked: the part that moves with it, and what it would be in, as an
-    error calls them.
+    depth: of that part, m. size: of the smaller one, m. pair: names of the two that
+    should meet, the moving body first. blocked: the part that moves with it, and what it
+    would be in, as an error calls them.
     """
     if depth > DEEPEST * size:
         raise UserError(

@@ -1,5 +1,5 @@
-"""The interface between an engine and `hcbench.sim.simulate`: a world, its simulations, and records
-of steps.
+"""The interface between an engine and `hcbench.sim.simulate`: a world, its
+simulations, and records of steps.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ class Record:
 def momentum_force(mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64) -> Floats:
     """Normal force of each step, N; exactly 0 where it did nothing.
 
-    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of the sizes of
-    what the step added up, m/s, which rounding goes by. bits: of the engine's numbers. All of one
-    shape.
+    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of
+    the sizes of what the step added up, m/s, which rounding goes by. bits: of the
+    engine's numbers. All of one shape.
     """
     noise = ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps) * speeds
     return np.asarray(mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))
@@ -83,8 +83,8 @@ class Simulation(ABC):
         """Go on with these only, shape (b,): the others have ended."""
 
     def note(self, launch: int, steps: int) -> str:
-        """Name the forces other than the contact that acted on a launch's bodies in its first
-        `steps` steps.
+        """Name the forces other than the contact that acted on a launch's
+        bodies in its first `steps` steps.
 
         A sentence; "" if none acted. launch: its place among those under way.
         """

@@ -61,8 +61,8 @@ def call(
 def begin(module: str, function: str, *args: Any) -> None:
     """Start the worker process that `call` will use, and let it call a function of a module first.
 
-    For what takes a worker a while, such as to import an engine, and this process has other work
-    meanwhile.
+    For what takes a worker a while, such as to import an engine, and this
+    process has other work meanwhile.
     """
     if not in_worker():
         worker_of_thread().begin(module, function, *args)

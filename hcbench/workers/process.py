@@ -46,8 +46,8 @@ class WorkerDied(EngineFailed):
 class Interpreter:
     """A Python of another environment, for worker processes.
 
-    name: of the environment. python: the executable. setup: code that makes hcbench importable
-    there.
+    name: of the environment. python: the executable. setup: code that
+    makes hcbench importable there.
     """
 
     name: str
@@ -90,11 +90,11 @@ class Worker:
     def run(
         self, function: Callable[..., Iterator[Result]], args: tuple[Any, ...], limit: float | None
     ) -> list[Result]:
-        """Run the generator `function(*args)` in the worker and return all it yields, each within
-        `limit` s.
+        """Run the generator `function(*args)` in the worker and return all it
+        yields, each within `limit` s.
 
-        Raises what the function raises, and WorkerDied, with the results until then, where it
-        crashed or took longer.
+        Raises what the function raises, and WorkerDied, with the results until then,
+        where it crashed or took longer.
         """
         results: list[Result] = []
         with self._lock:
@@ -111,8 +111,8 @@ class Worker:
                 death.results = results
                 self._kill()
                 raise death from error
-            # An interrupt, or an answer that cannot be read, leaves the pipe in the middle of a
-            # message.
+            # An interrupt, or an answer that cannot be read, leaves the
+            # pipe in the middle of a message.
             except BaseException:
                 self._kill()
                 raise
@@ -133,8 +133,8 @@ class Worker:
     def _start(self, first: FirstCall | None = None) -> None:
         """Start a process in place of the one before, as a copy of this one where that is safe.
 
-        first: called in it before anything else. Raises CannotRun where the worker was closed
-        meanwhile.
+        first: called in it before anything else. Raises CannotRun where
+        the worker was closed meanwhile.
         """
         self._kill()
         self._pipe, end = Pipe()
@@ -189,8 +189,8 @@ class Worker:
     def _answers(self, limit: float | None) -> bool:
         """Wait for an answer; False if the process used `limit` s of processor time without one.
 
-        On a busy machine the wait is longer by the clock. A process that hardly runs at all counts
-        as hung.
+        On a busy machine the wait is longer by the clock. A process that
+        hardly runs at all counts as hung.
         """
         if limit is None or self._process is None:
             return self._pipe.poll(limit)

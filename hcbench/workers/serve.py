@@ -55,8 +55,8 @@ def serve_forked(end: Connection, first: FirstCall | None) -> None:
 def serve(handle: int, environment: str = "", first: FirstCall | None = None) -> NoReturn:
     """The main loop of a worker process: answers requests on a pipe until it closes.
 
-    first: a module, a function of it and arguments, called before any request; what it raises is
-    dropped.
+    first: a module, a function of it and arguments, called before any
+    request; what it raises is dropped.
     """
     mark_as_worker(environment)
     pipe = type(Pipe()[0])(handle)

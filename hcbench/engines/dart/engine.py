@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 class DartOptions(ScriptOptions):
     """A setting's options: none of them means a scene in metres with nothing set.
 
-    restitution: of the ball's shape; the plate's is 1. units_per_metre: of DART's unit of length,
-    100 for cm.
+    restitution: of the ball's shape; the plate's is 1. units_per_metre: of
+    DART's unit of length, 100 for cm.
     """
 
     restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None

@@ -86,8 +86,8 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         )
 
     def paste(self, options: ExudynOptions, timestep: str) -> str:
-        """Return the lines for a user's script: numbers of the contact, or the law, and settings of
-        the solver.
+        """Return the lines for a user's script: numbers of the contact, or the
+        law, and settings of the solver.
         """
         contact = _LAW if options.law else _numbers(options)
         return "\n".join((contact, _SETTINGS, _SOLVER.format(options.solver)))

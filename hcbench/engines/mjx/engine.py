@@ -6,8 +6,8 @@ Options of a setting: those of MuJoCo, and
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
         contact, as `hcbench.laws.contact_law.law_of` reads them.
 
-A user's model is simulated in JAX's own precision, or that of the environment variable
-JAX_ENABLE_X64.
+A user's model is simulated in JAX's own precision, or that of the
+environment variable JAX_ENABLE_X64.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 # Copies of a model whose steps are recorded: one vmap is compiled for so many.
 _PLACES = 32
-# Threads of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for
-# a third.
+# Threads of XLA: with two, batched Cholesky factorizations that run at once
+# take both, and wait for a third.
 _THREADS = "16"
 # Memory that a step takes in all, in bytes of a state.
 _WORKING = 4
@@ -250,8 +250,8 @@ def step(model, data):  # the pair's solref is that of `impulse`
 
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have this integrator")
-# Range of e in float32: a position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more of
-# them.
+# Range of e in float32: a position at R has steps of 4 nm, and 1e-5 s
+# moves it by 250 and more of them.
 _SCATTER = 4e-3
 _ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")
 _SOFT = "The numbers hold at this step and gravity only. e varies with the phase of the step."

@@ -8,8 +8,8 @@ from hcbench.sim.backend import Backend
 from hcbench.system.errors import EngineFailed, EngineMissing, foreign_errors
 
 BACKEND = Backend("mujoco", "mujoco", "3.3", "4.0", "pip install mujoco", instead="mujoco-core")
-# What older versions lack: the class ("": the module) and the attribute that show it, and the first
-# version that has it.
+# What older versions lack: the class ("": the module) and the attribute that show it, and
+# the first version that has it.
 _FEATURES = {
     "mj_copyData": ("", "mj_copyData", "3.5"),
     "adhesion": ("MjModel", "pair_adhesion", "3.11"),
@@ -42,8 +42,8 @@ def has_feature(mujoco: Any, feature: str) -> bool:
 
 
 def can_pull(version: tuple[int, ...]) -> bool:
-    """Say whether contacts can adhere, both in this version of MuJoCo, such as (3, 5), and in the
-    installed one.
+    """Say whether contacts can adhere, both in this version of MuJoCo, such as (3,
+    5), and in the installed one.
     """
     since = tuple(int(part) for part in _FEATURES["adhesion"][2].split("."))
     return has_feature(backend(), "adhesion") and (not version or version >= since)

@@ -102,8 +102,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return f"{text}\n{lines}"
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """Return the requirements of a setting: a version of MuJoCo, the plug-in, the elliptic
-        cone.
+        """Return the requirements of a setting: a version of MuJoCo, the
+        plug-in, the elliptic cone.
         """
         options = read_options(setting.options)
         needs = []
@@ -260,8 +260,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
 
 
 def _one_file(source: Any) -> Any:
-    """The one source of a list, or the MjData of (MjModel, MjData). Raises UserError for several
-    files.
+    """The one source of a list, or the MjData of (MjModel, MjData). Raises
+    UserError for several files.
     """
     if not isinstance(source, list | tuple):
         return source

@@ -92,9 +92,9 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     ) -> WarpCopies:
         """Copies of a model on one device.
 
-        start: MjData of what states leave out. law: lines that are run before the steps. radius: of
-        the ball, m; 0 for a user's model. Raises SceneError for what Warp does not have, CannotRun
-        without the device.
+        start: MjData of what states leave out. law: lines that are run before the steps. radius:
+        of the ball, m; 0 for a user's model. Raises SceneError for what Warp does not have,
+        CannotRun without the device.
         """
         warp = self.backend.module("warp")
         mujoco_warp = self.backend.module("mujoco_warp")

@@ -178,8 +178,8 @@ _HERTZ = 1.5
 
 
 def stock_accuracy(target: Target) -> dict[str, Any]:
-    """Set the numbers of the law, c = α; SettingError for an exponent that Simbody's contact does
-    not have.
+    """Set the numbers of the law, c = α; SettingError for an exponent that
+    Simbody's contact does not have.
     """
     law = target.law
     if law.exponent != _HERTZ:

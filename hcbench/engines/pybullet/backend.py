@@ -40,8 +40,8 @@ LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableF
 
 
 class BulletClient:
-    """Client of pybullet: the module with every call bound to one connection, like that of
-    pybullet_utils.
+    """Client of pybullet: the module with every call bound to one
+    connection, like that of pybullet_utils.
 
     Ending one does not disconnect. Raises EngineMissing without pybullet.
     """
@@ -71,14 +71,14 @@ class BulletClient:
     def load_model(self, path: Path, slot: str = "model", **options: Any) -> list[int]:
         """Load a URDF, SDF or MJCF file, with its meshes beside it; ids of its bodies.
 
-        options: of pybullet's loader. Raises SceneError about `slot` where PyBullet refuses the
-        file.
+        options: of pybullet's loader. Raises SceneError about `slot` where
+        PyBullet refuses the file.
         """
         loaders = {".urdf": self.loadURDF, ".sdf": self.loadSDF}
         load = loaders.get(path.suffix.lower(), self.loadMJCF)
         try:
-            # Bullet looks for meshes in the working directory first, and for package:// above the
-            # whole path.
+            # Bullet looks for meshes in the working directory first, and for
+            # package:// above the whole path.
             file = path.resolve()
             with chdir(file.parent):
                 bodies = load(str(file), **options)

@@ -8,9 +8,9 @@ Options of a setting (all optional; none means as loaded):
         "restitution": e} in place of alpha.
     maximal_coordinates: true for rigid bodies proper instead of Bullet's default, multibodies.
 
-Bullet keeps contactBreakingThreshold in a global of the process, shared by all of its clients, and
-some settings outlive resetSimulation. So nothing here ever steps in the user's process: see
-`hcbench.workers`.
+Bullet keeps contactBreakingThreshold in a global of the process, shared by all of its
+clients, and some settings outlive resetSimulation. So nothing here ever steps in the user's
+process: see `hcbench.workers`.
 """
 
 from __future__ import annotations

@@ -29,9 +29,9 @@ class RecordedEngine(Engine):
     """Hands back the impact that a file holds: what was recorded is what counts, not what was asked for.
 
     Option "file": a CSV with the columns time_s, penetration_m, rate_m_per_s, force_n (others are
-    ignored), even in time, signs as in `terms.impact`; the body is clear of the plate in the first
-    row and, if it parts, in the last. Or a list of files, one for each launch. Relative paths are
-    from the working folder.
+    ignored), even in time, signs as in `terms.impact`; the body is clear of the plate in the
+    first row and, if it parts, in the last. Or a list of files, one for each launch. Relative
+    paths are from the working folder.
     """
 
     name = "recorded"

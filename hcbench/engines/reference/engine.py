@@ -27,8 +27,8 @@ from hcbench.terms.setting import Setting
 
 Law = HuntCrossley | KelvinVoigt | TouchSpeedLaw
 
-# Points of a loop, one a time step, within bounds: enough for a smooth curve, and few enough for a
-# file.
+# Points of a loop, one a time step, within bounds: enough for a smooth
+# curve, and few enough for a file.
 _POINTS_MIN = 201
 _POINTS_MAX = 2001
 
@@ -104,8 +104,8 @@ def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence
 # A study asks for every speed at several phases, which the truth does not depend on.
 @lru_cache(maxsize=512)
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
-    """The impact of a mass, kg, at a speed, m/s, under gravity, m/s², with a loop sampled at a
-    step, s.
+    """The impact of a mass, kg, at a speed, m/s, under gravity, m/s², with
+    a loop sampled at a step, s.
     """
     if isinstance(law, TouchSpeedLaw):
         law = law.at(speed)
@@ -125,8 +125,8 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
 
 
 def _points(duration: float, timestep: float) -> int:
-    """Number of points of a loop of this duration (s): odd, so that the turning point is one of
-    them.
+    """Number of points of a loop of this duration (s): odd, so that the
+    turning point is one of them.
     """
     return int(min(max(duration / timestep, _POINTS_MIN), _POINTS_MAX)) // 2 * 2 + 1
 

@@ -29,9 +29,9 @@ _MISSED = 1e-6
 class PlacedPair:
     """Two parts that just touch, the moving body first; SI.
 
-    moved: what moves it, in words. positions: (nq,), at touch. direction: (nv,), the velocity that
-    approaches at 1 m/s. gravity: acceleration of the approach in free flight. overlap: at the
-    start.
+    moved: what moves it, in words. positions: (nq,), at touch. direction: (nv,), the
+    velocity that approaches at 1 m/s. gravity: acceleration of the approach in free
+    flight. overlap: at the start.
     """
 
     first: Part

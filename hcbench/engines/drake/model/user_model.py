@@ -31,8 +31,8 @@ _ALONG = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Body or shape that a name stands for. body: Drake's. geometries: ids of those of its shapes
-    that count.
+    """Body or shape that a name stands for. body: Drake's. geometries: ids of
+    those of its shapes that count.
     """
 
     name: str
@@ -41,8 +41,8 @@ class Part:
 
 
 class Gap(NamedTuple):
-    """Nearest points of two shapes: signed distance, m; normal from the first to the second;
-    midpoint.
+    """Nearest points of two shapes: signed distance, m; normal from the
+    first to the second; midpoint.
     """
 
     distance: float
@@ -128,8 +128,8 @@ class LoadedPlant:
         return self.plant.GetBodyFromFrameId(self.inspector.GetFrameId(geometry))
 
     def part(self, name: str) -> Part:
-        """Find the body, else the shape, of this name. UserError for neither, or a body without
-        shapes.
+        """Find the body, else the shape, of this name. UserError for
+        neither, or a body without shapes.
         """
         bodies = [
             self.plant.get_body(i) for i in self.plant.GetBodyIndices(self.drake.default_model_instance())
@@ -197,8 +197,8 @@ class LoadedPlant:
         return distance, up, deepest - 0.5 * distance * up
 
     def _farthest(self, shape: Any, along: Floats) -> Floats:
-        """The point of a shape that is farthest along a unit vector, in its frame; of a face the
-        middle.
+        """The point of a shape that is farthest along a unit vector, in
+        its frame; of a face the middle.
 
         Raises UserError for a shape whose distance Drake does not know.
         """
@@ -251,8 +251,8 @@ _LOOKS = ("visual", "light", "asset", "statistic")
 
 
 def ignored_in_words(lines: Sequence[str]) -> str:
-    """One sentence on everything of a model's contact and motion that Drake leaves out; "" for
-    nothing.
+    """One sentence on everything of a model's contact and motion that
+    Drake leaves out; "" for nothing.
     """
     left_out: dict[str, None] = {}
     for line in lines:

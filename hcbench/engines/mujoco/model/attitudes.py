@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
-# Directions in a geom that point at the other body, by shape: the geom's size turns them into
-# attitudes.
+# Directions in a geom that point at the other body, by shape: the geom's
+# size turns them into attitudes.
 _BOX = {"face": (0.0, 0.0, 1.0), "edge": (0.0, 1.0, 1.0), "vertex": (1.0, 1.0, 1.0)}
 _ROUND = {"face": (0.0, 0.0, 1.0), "side": (1.0, 0.0, 0.0), "rim": (1.0, 0.0, 1.0)}
 # Of a free joint: a body with these alone hangs on nothing.
@@ -49,8 +49,8 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
         return [("", request)]
     size = model.geom_size[geom]
     if ways is _ROUND:
-        # The sizes in the geom's own axes: a cylinder has its radius first and half its length
-        # second.
+        # The sizes in the geom's own axes: a cylinder has its radius first
+        # and half its length second.
         size = np.array([size[0], size[0], size[1]])
     upright = copy.copy(placed.start)
     backend().mj_kinematics(model, upright)
@@ -99,8 +99,8 @@ def _turn(start: Floats, end: Floats) -> Floats:
     """The quaternion, w x y z, of the least turn from one unit vector, (3,), to another."""
     axis = np.cross(start, end)
     cosine = float(start @ end)
-    # Half a turn: every axis across the start will do, and 1 + cosine would vanish in the
-    # quaternion.
+    # Half a turn: every axis across the start will do, and 1 + cosine
+    # would vanish in the quaternion.
     if cosine < -1.0 + 1e-12:
         axis = np.linalg.svd(start[None])[2][1]
         cosine = 0.0

@@ -51,8 +51,8 @@ def integrator_name(model: Any) -> str:
 
 
 def is_whole_state(model: Any) -> bool:
-    """Say whether MuJoCo's state determines the motion: no plug-in, sleep or callback keeps a
-    memory besides.
+    """Say whether MuJoCo's state determines the motion: no plug-in, sleep or
+    callback keeps a memory besides.
     """
     mujoco = backend()
     sleeps = int(getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0)) & model.opt.enableflags
@@ -84,8 +84,7 @@ def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
     weld2 = int(model.body_weldid[body2])
     above1 = int(model.body_weldid[model.body_parentid[weld1]])
     above2 = int(model.body_weldid[model.body_parentid[weld2]])
-    # MuJoCo packs the two numbers of an <exclude>'s bodies into one integer, the smaller one
-    # high.
+    # MuJoCo packs the two numbers of an <exclude>'s bodies into one integer, the smaller one high.
     if (body1 << 16) + body2 in model.exclude_signature:
         return "exclude"
     if not masks_match(model, geom1, geom2):

@@ -1,5 +1,5 @@
-"""Controllers of a robot's joints while it lands: PD at its pose, the pose's own controls, or a
-function.
+"""Controllers of a robot's joints while it lands: PD at its pose, the
+pose's own controls, or a function.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _MOST_KD = 0.3
 def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple[Drive, str]:
     """(what sets the controls before each step, what to call it).
 
-    start: MjData of the pose to hold. root: the robot's base body. UserError for an unknown
-    controller.
+    start: MjData of the pose to hold. root: the robot's base body.
+    UserError for an unknown controller.
     """
     if callable(controller):
         return _function(controller, model), getattr(controller, "__name__", "a function")
@@ -47,8 +47,8 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
 
 
 def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
-    """The drive of a user's function of (MjModel, MjData), which returns the controls or sets them
-    itself.
+    """The drive of a user's function of (MjModel, MjData), which returns the
+    controls or sets them itself.
 
     Raises UserError for a function of other arguments and, while it drives, for controls of another
     number or that are not finite.

@@ -1,5 +1,5 @@
-"""Parts of a MuJoCo model that the names of a pair mean, joints that move them, and reasons why
-some never meet.
+"""Parts of a MuJoCo model that the names of a pair mean, joints that move them,
+and reasons why some never meet.
 """
 
 import itertools
@@ -31,11 +31,11 @@ _NAMED_JOINTS = 6
 
 @dataclass(frozen=True, slots=True)
 class MovingJoint:
-    """Mover of a body: degrees of freedom of one body's free or slide joints, or of its whole
-    robot.
+    """Mover of a body: degrees of freedom of one body's free or slide
+    joints, or of its whole robot.
 
-    turns: whether hinges or balls are among them; the body then moves as a push at the contact
-    would move it.
+    turns: whether hinges or balls are among them; the body then moves as a push
+    at the contact would move it.
     """
 
     body: int

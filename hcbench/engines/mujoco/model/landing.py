@@ -262,9 +262,9 @@ class _Bench:
     ) -> float:
         """Force of the floor on the robot in the step just taken, N upwards.
 
-        before: velocities before the step, (nv,). time: since the first touch, s. hits: contacts of
-        a plug-in in this step. Each foot's force, slip and depth are added to `feet`, by rigid
-        body.
+        before: velocities before the step, (nv,). time: since the first touch, s.
+        hits: contacts of a plug-in in this step. Each foot's force, slip and depth are
+        added to `feet`, by rigid body.
         """
         contacts = data.contact
         geoms = contacts.geom
@@ -273,8 +273,7 @@ class _Bench:
         upward = 0.0
         wrench = np.zeros(6)
         geoms_of: dict[int, set[int]] = {}
-        # (force N, depth m, speed towards the floor, speed along it) of each point, by rigid
-        # body.
+        # (force N, depth m, speed towards the floor, speed along it) of each point, by rigid body.
         parts: dict[int, list[tuple[float, float, float, float]]] = {}
         for i in np.flatnonzero(acting).tolist():
             backend().mj_contactForce(self.model, data, i, wrench)

@@ -24,8 +24,8 @@ from hcbench.terms.impact import Floats
 
 # Two geoms, in ascending order.
 _Geoms = tuple[int, ...]
-# In masses of the whole model: along a normal of a larger effective mass only round-off moves the
-# two.
+# In masses of the whole model: along a normal of a larger effective mass
+# only round-off moves the two.
 _HEAVIEST = 1e4
 # Keyframes that are looked at: each takes a collision detection of the whole model.
 _POSES_MAX = 50
@@ -53,8 +53,8 @@ def _collisions(model: Any) -> list[tuple[int, int]]:
     """Geoms that MuJoCo collides, the one that moves, or moves more freely, first."""
     types = model.geom_contype
     affinities = model.geom_conaffinity
-    # (ngeom, ngeom): MuJoCo asks for a common bit of one's type and the other's affinity, either
-    # way.
+    # (ngeom, ngeom): MuJoCo asks for a common bit of one's type and the
+    # other's affinity, either way.
     match = (types[:, None] & affinities[None, :]) | (types[None, :] & affinities[:, None])
     meet = set()
     for first, second in np.argwhere(np.triu(match, 1)).tolist():
@@ -93,8 +93,8 @@ def _touching(model: Any) -> dict[_Geoms, list[str]]:
 def _described(
     model: Any, data: Any, a: int, b: int, here: set[_Geoms], touching: dict[_Geoms, list[str]]
 ) -> CandidatePair:
-    """Two geoms as a candidate: names, effective mass (kg), signed distance (m) and contact in
-    force.
+    """Two geoms as a candidate: names, effective mass (kg), signed
+    distance (m) and contact in force.
 
     here: pairs of geoms that touch in `data`. touching: names of the poses in which they do.
     """
@@ -107,8 +107,8 @@ def _described(
     near = ContactPair(model, first, second).nearest(data)
     key = tuple(sorted((a, b)))
     normal = near.normal
-    # The nearest points coincide; the effective mass is the same for either sign of the contact's
-    # normal.
+    # The nearest points coincide; the effective mass is the same for either
+    # sign of the contact's normal.
     if not normal.any():
         normals = [c.frame[:3] for c in data.contact if tuple(sorted(c.geom.tolist())) == key]
         normal = normals[0] if normals else normal
@@ -156,8 +156,8 @@ def _unmistakable(model: Any, geom: int) -> str:
 def contact_in_force(model: Any, a: int, b: int) -> dict[str, Any]:
     """solref, solimp, friction (sliding, torsional, rolling) and condim of two geoms' contact.
 
-    A <pair> has its own; else they are MuJoCo's mixture of the two geoms' (Modeling, "Contact
-    parameters").
+    A <pair> has its own; else they are MuJoCo's mixture of the two geoms'
+    (Modeling, "Contact parameters").
     """
     if pairs := explicit_pairs(model, (a, b)):
         number = pairs[0]
@@ -178,8 +178,8 @@ def contact_in_force(model: Any, a: int, b: int) -> dict[str, Any]:
     solrefs = model.geom_solref[both]
     solimps = model.geom_solimp[both]
     is_direct = (solrefs[:, 0] <= 0.0).any()
-    # MuJoCo averages two time constants, but takes the smaller of each number where one is in
-    # direct form.
+    # MuJoCo averages two time constants, but takes the smaller of each
+    # number where one is in direct form.
     solref = solrefs.min(axis=0) if is_direct else share * solrefs[0] + (1 - share) * solrefs[1]
     solimp = share * solimps[0] + (1 - share) * solimps[1]
     return {

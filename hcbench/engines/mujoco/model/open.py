@@ -122,8 +122,8 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
         try:
             return mujoco.MjModel.from_binary_path(str(path))
         except Exception as error:
-            # Only a size that is wrong asks for so much; the message would send the user to look
-            # for memory.
+            # Only a size that is wrong asks for so much; the message would
+            # send the user to look for memory.
             if "allocate" not in str(error):
                 raise
             raise ValueError("its sizes ask for more memory than the file has numbers for") from None

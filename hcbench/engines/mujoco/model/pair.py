@@ -120,8 +120,8 @@ class ContactPair:
         sides = self.sides
         acting = []
         for number, (a, b) in enumerate(contacts.geom.tolist()):
-            # A geom of the first part counts 1 and one of the second 2, so only one of each add
-            # up to 3.
+            # A geom of the first part counts 1 and one of the second 2, so
+            # only one of each add up to 3.
             is_of_pair = sides[a] + sides[b] == 3
             if is_of_pair and not contacts.exclude[number]:
                 acting.append(number)
@@ -178,8 +178,8 @@ class ContactPair:
         return best
 
     def _above_field(self, data: Any) -> Nearest:
-        """Roughly find the nearest point over a height field: from the other's bounding sphere down
-        to its top.
+        """Roughly find the nearest point over a height field: from the other's
+        bounding sphere down to its top.
         """
         field = self.height_field
         model = self.model

@@ -48,8 +48,8 @@ class PairReader:
         return self._normal
 
     def contact_point(self, data: Any) -> Floats:
-        """Point of the last contact, m; moved along with the centre of a body that slides and
-        spins.
+        """Point of the last contact, m; moved along with the centre of a
+        body that slides and spins.
         """
         self._use_contact()
         if self.along is None:
@@ -66,9 +66,9 @@ class PairReader:
     def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
         """(penetration beyond the onset, m, None without a contact; force, N; approach rate, m/s).
 
-        velocity: (nv,) of the state whose contacts and forces are in `data`. The contact's point
-        and normal are kept for `normal` and `contact_point`; friction goes to `along`, the reader
-        of oblique launches.
+        velocity: (nv,) of the state whose contacts and forces are in `data`. The contact's
+        point and normal are kept for `normal` and `contact_point`; friction goes to `along`,
+        the reader of oblique launches.
         """
         # The links have turned since the last step.
         self._row = None
@@ -140,16 +140,16 @@ class PairReader:
         self._unread = None
 
     def depth(self, data: Any, guess: float) -> float:
-        """Penetration beyond the onset without a contact, m; the guess for shapes without a
-        distance.
+        """Penetration beyond the onset without a contact, m; the guess for
+        shapes without a distance.
         """
         if not math.isfinite(self.place.gap):
             return guess
         return self.place.gap - float(self.place.pair.nearest(data).distance)
 
     def other_geoms(self, data: Any) -> set[int]:
-        """Numbers of the geoms that touch either one's tree of bodies, besides the pair's own
-        contact.
+        """Numbers of the geoms that touch either one's tree of bodies,
+        besides the pair's own contact.
         """
         sides = self.place.pair.sides
         in_tree = self.place.pair.in_trees

@@ -43,12 +43,12 @@ _MISSED = 1e-6
 class PairAtTouch:
     """A pair that just touches, the moving body first.
 
-    joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1
-    m/s. effective_mass: along the normal, kg. gravity: acceleration of the approach in free flight,
-    by gravity and what the model's springs and actuators add to it, m/s². overlap: how deep the two
-    were in each other at the start, m. gap: at touch, by MuJoCo's distance of the geoms, m;
-    infinite for shapes whose distance it cannot compute. note: how they were brought together,
-    where it was a choice.
+    joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at
+    1 m/s. effective_mass: along the normal, kg. gravity: acceleration of the approach in free
+    flight, by gravity and what the model's springs and actuators add to it, m/s². overlap: how
+    deep the two were in each other at the start, m. gap: at touch, by MuJoCo's distance of the
+    geoms, m; infinite for shapes whose distance it cannot compute. note: how they were brought
+    together, where it was a choice.
     """
 
     pair: ContactPair
@@ -68,9 +68,9 @@ def bring_to_touch(
 ) -> PairAtTouch:
     """Bring the two just to touch, by moving the first (or else the second) along their common normal.
 
-    data: at rest in the start configuration. coming_from: the side of the moving body, a unit
-    vector away from the other; None: the nearest way. move: as a request has it. UserError with the
-    reason if it fails.
+    data: at rest in the start configuration. coming_from: the side of the moving body, a
+    unit vector away from the other; None: the nearest way. move: as a request has it.
+    UserError with the reason if it fails.
     """
     model = pair.model
     backend().mj_forward(model, data)
@@ -113,9 +113,9 @@ def bring_to_touch(
 
 
 def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
-    """Move the free base of a robot out of the other, up to _RAISED, and return the nearest points
-    then. Keyframes of standing robots often start a little inside the floor. `near` unchanged
-    without such a base.
+    """Move the free base of a robot out of the other, up to _RAISED, and return the nearest
+    points then. Keyframes of standing robots often start a little inside the floor. `near`
+    unchanged without such a base.
     """
     model = pair.model
     base = next(iter(moving_joints(pair.model, pair.first.body)), None)
@@ -124,8 +124,8 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     tree = model.body_rootid[model.dof_bodyid] == model.body_rootid[base.body]
     move = _slide(pair.approach_row(data, near.point, near.normal), base)
     if int(tree.sum()) <= _BASE_DOFS or move is None:
-        # The same normal: inside the other body the nearest points could give another one after
-        # the move.
+        # The same normal: inside the other body the nearest points could
+        # give another one after the move.
         return near
     backend().mj_integratePos(model, data.qpos, move, float(near.distance))
     backend().mj_forward(model, data)
@@ -158,8 +158,8 @@ def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPai
 def _along_nearest(
     pair: ContactPair, data: Any, joint: MovingJoint, row: Floats, overlap: float
 ) -> PairAtTouch | None:
-    """The two brought together the nearest way by one joint; None where it does not move one to the
-    other.
+    """The two brought together the nearest way by one joint; None where it
+    does not move one to the other.
 
     row: (nv,) of the approach along the line between them. Raises UserError where the two pass each
     other, or MuJoCo makes no contact of them.
@@ -235,8 +235,8 @@ def _words(vector: Floats) -> str:
 
 
 def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
-    """Distance back along the normal at which the first is clear of the second, m, from where it
-    is.
+    """Distance back along the normal at which the first is clear of the
+    second, m, from where it is.
     """
     model = pair.model
     ahead = 0.0
@@ -293,8 +293,8 @@ def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
 def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
     """Acceleration of the approach at rest, m/s², by gravity, springs and actuators.
 
-    row: (nv,) of the approach. Contact is off, as one that just touches may already push, or
-    adhere.
+    row: (nv,) of the approach. Contact is off, as one that just touches
+    may already push, or adhere.
     """
     mujoco = backend()
     flags = model.opt.disableflags
@@ -309,10 +309,10 @@ def _at_touch(
 ) -> PairAtTouch:
     """The pair as it is to be launched.
 
-    pair: with the moving body first. data: at touch. move: (nv,), the motion that led there.
-    overlap: at the start, m. Raises UserError where the contact's normal is not one that the joint
-    can move along, where other parts are in the way, or where a tendon or an equality holds the two
-    back.
+    pair: with the moving body first. data: at touch. move: (nv,), the motion that led
+    there. overlap: at the start, m. Raises UserError where the contact's normal is not one
+    that the joint can move along, where other parts are in the way, or where a tendon or
+    an equality holds the two back.
     """
     model = pair.model
     normal = contact.normal
@@ -372,8 +372,8 @@ def _require_room(pair: ContactPair, data: Any) -> None:
 def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
     """Error for tendons at their limits and stretched equalities that hold the two back at touch.
 
-    row: (nv,) M^-1 J^T, the motion by a push at the contact. None where no such constraint feels
-    the push.
+    row: (nv,) M^-1 J^T, the motion by a push at the contact. None where no
+    such constraint feels the push.
     """
     mujoco = backend()
     if not data.nefc:

@@ -80,8 +80,8 @@ def _number(model: Any, text: str) -> float:
 class WithoutContact:
     """Step of the same model with contact off, beside the one that is measured.
 
-    The impulse of a plug-in does not appear in MuJoCo's solver: it is the difference of the two
-    velocities.
+    The impulse of a plug-in does not appear in MuJoCo's solver: it is the
+    difference of the two velocities.
     """
 
     def __init__(self, model: Any) -> None:
@@ -98,8 +98,8 @@ class WithoutContact:
         return after
 
     def force(self, row: Floats, velocity: Floats, mass: float) -> float:
-        """Mean force of the step from the state in `data` to `velocity`, N; 0 where rounding made
-        it.
+        """Mean force of the step from the state in `data` to `velocity`,
+        N; 0 where rounding made it.
 
         row: (nv,), Jacobian of the approach rate. velocity: (nv,), after the step with the contact.
         mass: effective mass along the normal, kg.

@@ -66,8 +66,8 @@ _POWER = 4.0
 # logs of width over v h and midpoint of the damper.
 _LOWEST = np.array([1.5, -6.0, -4.0, *np.log([0.05, 1e-4, 0.1, 3e-3])])
 _HIGHEST = np.array([16.0, -0.1, 9.0, *np.log([5.0, 1e4, 20.0, 0.5])])
-# What long searches found for e from 0.1 to 0.9 and for α, of a cube on face, edge and vertex; and
-# for legs.
+# What long searches found for e from 0.1 to 0.9 and for α, of a cube on face,
+# edge and vertex; and for legs.
 _STARTS = np.array([
     [11.7, -0.55, 2.17, -2.18, 2.36, -0.49, -1.36],
     [11.95, -1.08, -0.95, -1.60, 0.51, -1.81, -1.43],
@@ -106,8 +106,8 @@ def _damper(damping: float, impedance: tuple[float, float, float], adhesive: boo
 class RowSearch:
     """Launches in a model, and what rows do to their e.
 
-    goal: e. band: m/s. was: the model before. set_rows: writes rows into the pairs of a compiled
-    model.
+    goal: e. band: m/s. was: the model before. set_rows: writes rows into
+    the pairs of a compiled model.
     """
 
     def __init__(
@@ -131,15 +131,15 @@ class RowSearch:
         self._first_sensor = self._model.nsensordata - len(opened)
         # A stage of RK4 feels the contact in the step before and after the states that are in it.
         self._lag = int(integrator_name(self._model) == "RK4")
-        # A model that already vibrates or sinks more than our limits need not do better than
-        # before.
+        # A model that already vibrates or sinks more than our limits need
+        # not do better than before.
         self._calm = max(_CALM, float(np.nan_to_num(was.vibration)))
         self._shallow = max(_SHALLOW, float(np.nan_to_num(was.penetration)))
 
         plan = _speeds_and_phases(band, is_large=self._model.nv > _LIGHT)
         starts = [self._start_states(model, plan) for model in opened]
-        # A third of every model's launches, then the next third: bad rows are given up after the
-        # first.
+        # A third of every model's launches, then the next third: bad rows
+        # are given up after the first.
         self._launches = []
         for part in range(_PARTS):
             for number, (states, control) in enumerate(starts):
@@ -162,8 +162,8 @@ class RowSearch:
         states = np.empty((len(plan), mujoco.mj_stateSize(model, kind)))
         for field in ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active"):
             getattr(data, field)[:] = getattr(opened.start, field)
-            # Rollouts take from here what the states leave out; of several models the last one's
-            # stays.
+            # Rollouts take from here what the states leave out; of several
+            # models the last one's stays.
             getattr(self._data, field)[:] = getattr(opened.start, field)
         for state, (speed, phase) in zip(states, plan, strict=True):
             data.qpos[:] = place.qpos

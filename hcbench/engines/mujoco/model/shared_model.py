@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags, Record
     from hcbench.terms.impact import Floats
 
-# A step has to move the bodies by as many units in the last place of their coordinates; below it
-# e scatters.
+# A step has to move the bodies by as many units in the last place of their
+# coordinates; below it e scatters.
 _SMOOTH = 100.0
 
 
@@ -195,8 +195,8 @@ class LentFlight(MujocoFlight):
     def _force(self, solved: float, seen: Any) -> float:
         """Force of the pair, N: MuJoCo's own, and what else the engine changed in the momentum.
 
-        solved: by MuJoCo's solver from the same state, N. seen: MjData of the state before the
-        step.
+        solved: by MuJoCo's solver from the same state, N. seen: MjData of
+        the state before the step.
         """
         row = self._reader.row(seen)
         slowed = -float(row @ self._changed)

@@ -31,8 +31,8 @@ _Step = tuple[float, float, float, float, "Floats | None"]
 _NEAR = 4.0
 # A stage of RK4 may touch within so many steps of its approach.
 _STAGE_REACH = 1.05
-# A step under RK4 had no contact in it where its speed changed by less than this share of the
-# largest.
+# A step under RK4 had no contact in it where its speed changed by less
+# than this share of the largest.
 _STAGE_NOISE = 1e-9
 
 
@@ -111,8 +111,8 @@ class MujocoFlight:
     def advance(self, steps: int, after: int | None = None) -> Record:
         """Steps as the user's own loop would take them; the last is NaN where MuJoCo reset the state.
 
-        after: so many at most once the two have parted, none once they turned back before; None:
-        all.
+        after: so many at most once the two have parted, none once they
+        turned back before; None: all.
         """
         rows: list[_Step] = []
         if self._causes is not None:
@@ -143,8 +143,8 @@ class MujocoFlight:
         return Record(x, v, f, np.array(along).T[:, None] if self.is_oblique else None)
 
     def note(self, steps: int) -> str:
-        """Name other contacts of the first `steps` steps, the last of which was among those taken
-        last.
+        """Name other contacts of the first `steps` steps, the last of
+        which was among those taken last.
 
         The model under test also keeps, of all its launches, the speed lost to each cause in the
         one in which joints and actuators took the most.
@@ -214,8 +214,8 @@ class MujocoFlight:
         seen = self._seen
         free = math.nan
         along = None
-        # A contact may hide in a stage of RK4 where a step's approach nearly leads to the touch
-        # plane.
+        # A contact may hide in a stage of RK4 where a step's approach
+        # nearly leads to the touch plane.
         if self._staged and force == 0.0:
             reached = x + _STAGE_REACH * self._h * max(rate, 0.0)
             if reached > 0.0:
@@ -232,8 +232,8 @@ class MujocoFlight:
         return free, along
 
     def _depth_in_flight(self, rate: float, seen: Any) -> float:
-        """Penetration without a contact, as the integrator has moved it: by the new velocity, under
-        RK4 by the mean.
+        """Penetration without a contact, as the integrator has moved it: by the new
+        velocity, under RK4 by the mean.
         """
         if self._steps == 1:
             return self._x
@@ -251,8 +251,8 @@ class MujocoFlight:
         self._mujoco.mj_step(self._model, data)
 
     def _force(self, solved: float, seen: Any) -> float:
-        """Force of the pair in the step just taken, N. solved: by MuJoCo's solver. seen: the state
-        before.
+        """Force of the pair in the step just taken, N. solved: by MuJoCo's
+        solver. seen: the state before.
         """
         if self._beside is None:
             return solved

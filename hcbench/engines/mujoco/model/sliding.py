@@ -40,11 +40,11 @@ class MujocoAlongPlate:
         self._moving = np.isin(model.body_rootid[model.dof_bodyid], moving)
 
     def send(self, data: Any, flight_time: float) -> None:
-        """Add slip (m/s) and spin (rad/s) to the motion, and put the body back by their way in the
-        flight.
+        """Add slip (m/s) and spin (rad/s) to the motion, and put the body
+        back by their way in the flight.
 
-        flight_time: from release to touch, s. Raises UserError where the joints cannot make the
-        motion.
+        flight_time: from release to touch, s. Raises UserError where the
+        joints cannot make the motion.
         """
         mujoco = backend()
         model = self.pair.model
@@ -101,8 +101,8 @@ class MujocoAlongPlate:
         self.friction = self.friction + (pushed if turned else -pushed)
 
     def row(self, data: Any, velocity: Floats, point: Floats, rate: float) -> Floats:
-        """Motion along the plate, shape (8,): slip 2 m/s, spin 3 rad/s, friction 2 N, other energy
-        J.
+        """Motion along the plate, shape (8,): slip 2 m/s, spin 3 rad/s,
+        friction 2 N, other energy J.
 
         velocity: (nv,). point: of the contact, m. rate: of approach, m/s; its energy is left out.
         """

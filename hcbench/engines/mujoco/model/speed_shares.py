@@ -79,8 +79,8 @@ class SpeedShares:
         self._at.append(step)
 
     def taken(self, steps: int) -> dict[str, float]:
-        """Speed that each cause took in the first `steps` steps, the last of them added after
-        `settle`; m/s.
+        """Speed that each cause took in the first `steps` steps, the last of
+        them added after `settle`; m/s.
         """
         return dict(zip(NAMES, self._sum(bisect_left(self._at, steps)).tolist(), strict=True))
 
@@ -93,8 +93,8 @@ class SpeedShares:
         """Speed that each of NAMES took in the first `entries` steps and in those settled before, m/s."""
         # Accelerations, m/s².
         parts = np.zeros((entries, len(NAMES)))
-        # (entries, 5, nv): M^-1 J^T, then the forces by constraints, actuators, passive ones and
-        # bias.
+        # (entries, 5, nv): M^-1 J^T, then the forces by constraints,
+        # actuators, passive ones and bias.
         steps = self._steps[:entries]
         # All constraints go to the first, which `_told_apart` splits where there were several.
         parts[:, [0, *range(5, len(NAMES))]] = (steps[:, :1] * steps[:, 1:]).sum(axis=2)

@@ -21,22 +21,25 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.terms.impact import Floats
 
-# The slope, rad, or this share of the friction angle where that is less.
+# The slope, rad.
 _SLOPE = math.radians(10.0)
+# The slope is this share of the friction angle where that is less: the body then has to hold.
 _OF_FRICTION = 2.0 / 3.0
-# Time of each rest, s, and time that fingers have to close before gravity pulls at what they hold,
-# s.
+# Time of each rest, s.
 _SECONDS = 4.0
+# Time that fingers have to close, s, before gravity pulls at what they hold.
 _CLOSES = 0.5
 # Bounds the time of a rest at short steps.
 _MOST_STEPS = 20_000
-# A grasp starts with this many times the least force, which may be doubled so often.
+# A grasp starts with this many times the least force that holds the body.
 _GRIPS = 4.0
+# That force is doubled so often, at most.
 _HARDER = 6
 # Cosine of two normals below which two contacts face each other.
 _OPPOSITE = -0.7
-# Steps that are timed at once; the shortest of several times counts.
+# Steps that are timed at once.
 _TIMED = 200
+# The shortest of so many times counts: other programs only lengthen one.
 _REPEATS = 5
 
 
@@ -155,8 +158,8 @@ def _is_grasp(one: MujocoModel, other: MujocoModel) -> bool:
 
 
 def _hold(one: MujocoModel, other: MujocoModel) -> float:
-    """Drift, m/s, of a body that two others hold with a few times the force that it takes; NaN
-    where they cannot.
+    """Drift, m/s, of a body that two others hold with a few times the force that it
+    takes; NaN where they cannot.
     """
     model = one.model
     friction = one.facts().friction

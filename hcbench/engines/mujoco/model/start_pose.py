@@ -26,8 +26,8 @@ MOVED = 1e-3
 def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:
     """(MjData at rest in the start configuration, what to call it).
 
-    state: an MjData to start from as it stands; a keyframe or joints that the request names go
-    before it.
+    state: an MjData to start from as it stands; a keyframe or joints that
+    the request names go before it.
     """
     mujoco = backend()
     data = mujoco.MjData(model)
@@ -50,8 +50,8 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
 
 
 def _reset(model: Any, data: Any, key: str | None) -> str:
-    """Reset to a keyframe by name or number, or to "qpos0"; None: to the first keyframe if there is
-    one.
+    """Reset to a keyframe by name or number, or to "qpos0"; None: to the
+    first keyframe if there is one.
 
     Raises UserError for a keyframe that the model does not have.
     """

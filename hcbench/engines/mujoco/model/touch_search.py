@@ -97,8 +97,8 @@ class TouchSearch:
 
 
 def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats | None:
-    """Velocity (nv,) of some degrees of freedom under a push at the contact, for an approach at 1
-    m/s.
+    """Velocity (nv,) of some degrees of freedom under a push at the
+    contact, for an approach at 1 m/s.
 
     row: (nv,), Jacobian J of the approach rate. A push moves the robot along M^-1 J^T, as far as
     equalities let it. None where it hardly moves the two together.
@@ -117,8 +117,8 @@ def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats |
 
 
 def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats:
-    """Acceleration, (k,), of k degrees of freedom by a unit push, with the others of their tree at
-    rest.
+    """Acceleration, (k,), of k degrees of freedom by a unit push, with the
+    others of their tree at rest.
 
     row: (nv,), Jacobian of the approach rate.
     """
@@ -134,8 +134,8 @@ def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Float
 
 
 def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
-    """The motion, (nv,), by a push as far as equality constraints let it happen, such as of coupled
-    fingers.
+    """The motion, (nv,), by a push as far as equality constraints let it
+    happen, such as of coupled fingers.
 
     push: (nv,) M^-1 J^T, the motion without them.
     """

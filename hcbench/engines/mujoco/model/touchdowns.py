@@ -33,8 +33,8 @@ def touchdowns(
 ) -> TrajectoryTouchdowns:
     """Every touchdown of a part that moves on one that does not, or of the request's pair.
 
-    recorded: qpos (n, nq), qvel (n, nv), and time (n,), where it is known. Raises UserError for
-    other shapes.
+    recorded: qpos (n, nq), qvel (n, nv), and time (n,), where it is known.
+    Raises UserError for other shapes.
     """
     qpos, qvel, time = _states(model, recorded)
     kept = None
@@ -55,8 +55,8 @@ def _in_order(geoms: _Geoms) -> _Geoms:
 
 
 def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
-    """qpos (n, nq), qvel (n, nv) and time (n,), s, of a recording; without a time, steps of the
-    model's own.
+    """qpos (n, nq), qvel (n, nv) and time (n,), s, of a recording; without a
+    time, steps of the model's own.
 
     Raises UserError for other shapes, times that do not rise, and numbers that are not finite.
     """

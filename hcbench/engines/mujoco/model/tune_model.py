@@ -73,8 +73,8 @@ def model_settings(
     # The first pair of each kind.
     leaders = {pair.like: pair for pair in reversed(pairs)}
     choices = [row_choices(goal, pair.band, pair.load, adhesive) for pair in leaders.values()]
-    # Servos and damped joints take what a soft contact of many steps gives: only the first is
-    # offered.
+    # Servos and damped joints take what a soft contact of many steps
+    # gives: only the first is offered.
     is_eaten = model.nv > _HEAVY and has_more_than_contacts(model)
     most_choices = 1 if is_eaten else None
     for choice in itertools.islice(zip(*choices, strict=True), most_choices):
@@ -183,8 +183,8 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
 
 
 def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
-    """The pairs, with one `like` for all of one shape and nearly one load, such as the feet of a
-    robot.
+    """The pairs, with one `like` for all of one shape and nearly one load,
+    such as the feet of a robot.
     """
     grouped = []
     for pair in pairs:

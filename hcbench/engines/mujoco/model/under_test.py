@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from hcbench.sim.rest import Rest
     from hcbench.sim.shared_model import SharedModelEngine
 
-# A body struck beside its centre turns: its effective mass is below its own by more than this
-# share.
+# A body struck beside its centre turns: its effective mass is below its
+# own by more than this share.
 _TURNS = 1e-6
 # Launches in a simulation: looking at the steps of one costs as much as at those of all.
 _PLACES = 32
@@ -207,8 +207,8 @@ class MujocoModel(ModelUnderTest):
         return notes
 
     def _distance_slope(self) -> float:
-        """Fall of the distance of the two over the last part of the approach, m/m; 1 where it is
-        exact.
+        """Fall of the distance of the two over the last part of the
+        approach, m/m; 1 where it is exact.
         """
         place = self.place
         data = copy.copy(self.start)

@@ -70,8 +70,8 @@ def whole_text(spec: Any, folder: Path | None) -> str:
 
 
 def own_text(source: Any, folder: Path | None, lines: str) -> str:
-    """Return the user's text, comments and includes and all, with more lines at its end; "" if it
-    has none.
+    """Return the user's text, comments and includes and all, with more lines
+    at its end; "" if it has none.
 
     folder: of the file that is to be written, from which its paths then lead.
     """

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 _RESTED = 200
 # Steps in contact of each drop: of finer time steps the rest is left to the whole gate.
 _MOST_STEPS = 6000
-# Single launches start at this share of the band's lowest speed; so many speeds, at so many phases
-# each.
+# Single launches start at this share of the band's lowest speed; so many
+# speeds, at so many phases each.
 _SLOW = 0.1
 _SPEEDS = 24
 _PHASES = 24

@@ -55,8 +55,8 @@ def screened(
 
 
 def flat_with_law(scene: Scene, setting: Setting) -> bool | None:
-    """Say whether boxes gain no energy under a restitution law; None for other laws and without
-    gravity.
+    """Say whether boxes gain no energy under a restitution law; None for
+    other laws and without gravity.
     """
     if not _is_restitution_law(scene, setting) or not scene.gravity:
         return None

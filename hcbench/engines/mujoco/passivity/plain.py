@@ -36,24 +36,26 @@ _CHUNK_S = 2.0
 # Angle of a slope, rad, and time on it, s.
 _SLOPE = math.radians(10.0)
 _SLOPE_S = 3.0
-# A ball rolls at this speed, m/s, for this time, s, and may end with this share of its energy at
-# most.
+# Speed at which a ball starts to roll, m/s, and the time that it rolls, s.
 _ROLLS = 1.0
 _ROLL_S = 4.0
+# Share of its energy that it may have at the end.
 _KEPT = 1.0005
 # Half an edge of a box, m.
 _HALF = 0.05
-# Speeds of a box at touch, m/s, and the most seconds and steps that it is followed.
+# Speeds of a box at touch, m/s.
 _BOX_SPEEDS = (0.1, 0.5, 1.5)
+# A box is followed for so many seconds and steps, at most.
 _BOX_S = 1.5
 _BOX_STEPS = 4000
-# A stack is followed for this time, s; its lowest box may lie so deep, m, for a step of 1 s.
+# Time for which a stack is followed, s.
 _STACK_S = 5.0
+# Depth of its lowest box that is allowed, m, for a step of 1 s.
 _SINKS = 0.3
 # In g h: slower bounces have too little energy to matter.
 _SLOWEST = 1.6
-# A box on its face, on an edge and on a vertex: quaternions, and how high its centre is then over
-# _HALF.
+# A box on its face, on an edge and on a vertex: quaternions, and how high
+# its centre is then over _HALF.
 _ATTITUDES = {
     "face": ((1.0, 0.0, 0.0, 0.0), 1.0),
     "edge": ((math.cos(math.pi / 8), math.sin(math.pi / 8), 0.0, 0.0), math.sqrt(2.0)),
@@ -77,8 +79,8 @@ class Stepping:
 class Contact:
     """A contact that is tried in plain models.
 
-    option: attributes of <option> that it asks for. text: what to paste for pairs of geoms.
-    radius: of the ball, m.
+    option: attributes of <option> that it asks for. text: what to paste for pairs of
+    geoms. radius: of the ball, m.
     """
 
     timestep: float
@@ -217,8 +219,8 @@ def certify(
 ) -> Passivity:
     """Run the whole gate under each of the options.
 
-    slides: true for a contact with friction. train: the longest train of bounces that the target
-    allows.
+    slides: true for a contact with friction. train: the longest train of
+    bounces that the target allows.
     """
     bounces = Bounces(0.0, 0.0, 0, 0)
     findings: list[Finding] = []

@@ -1,5 +1,5 @@
-"""Side effects of a setting's cone and impratio, which are of the whole model, on its other
-contacts.
+"""Side effects of a setting's cone and impratio, which are of the whole
+model, on its other contacts.
 """
 
 from __future__ import annotations

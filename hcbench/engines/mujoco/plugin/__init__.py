@@ -6,9 +6,9 @@
     contact.add_to_spec(spec, HuntCrossley(stiffness=3.4e10, alpha=0.315), geoms=("ball", "plate"))
     model = spec.compile()
 
-Or name them in MJCF and call `load()` before it is compiled; docs/reference/plugins.md lists the
-keys. Force laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set
-e at any step.
+Or name them in MJCF and call `load()` before it is compiled; docs/reference/plugins.md lists
+the keys. Force laws are for steps that resolve the contact; `Restitution` and
+`ConstantRestitution` set e at any step.
 """
 
 import functools
@@ -126,8 +126,8 @@ def install() -> Path:
 
 @checked
 def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str, dict[str, str]]:
-    """Return the plug-in of a law, and the config of its instance but for the pair. more: other
-    keys, unchanged.
+    """Return the plug-in of a law, and the config of its instance but for the
+    pair. more: other keys, unchanged.
 
     Raises SettingError for friction with a restitution law.
     """
@@ -166,10 +166,10 @@ def add_to_spec(
 ) -> str:
     """Add a law to an MjSpec, for one pair by names; returns the name of the plug-in's instance.
 
-    geoms, bodies, tendon: one of them; of a tendon its upper limit is the contact. friction: of a
-    force law; a restitution law keeps MuJoCo's. more: further keys of the config, such as
-    alpha="name of a numeric". A force law turns MuJoCo's own contact between the two bodies off, or
-    the tendon's limit.
+    geoms, bodies, tendon: one of them; of a tendon its upper limit is the contact. friction:
+    of a force law; a restitution law keeps MuJoCo's. more: further keys of the config, such
+    as alpha="name of a numeric". A force law turns MuJoCo's own contact between the two
+    bodies off, or the tendon's limit.
 
     Raises SettingError for what cannot be a pair, CannotRun without a C compiler.
     """

@@ -51,8 +51,8 @@ def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
 
 
 def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
-    """Return the MJCF of a law, to paste into a user's model. pair: its geoms, the first of which
-    moves.
+    """Return the MJCF of a law, to paste into a user's model. pair: its
+    geoms, the first of which moves.
     """
     config = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
     lines = [

@@ -1,12 +1,12 @@
 """MuJoCo at the steps of robots: contacts of a few steps, under gravity, with Coulomb friction.
 
 Three things make them (MuJoCo's documentation, Computation, constraint model). A soft row, of
-impedance 1e-4, lets gravity act on through the contact: its force is continuous at touch, and e
-hardly depends on where in a step the contact starts; a stiff one shuts gravity out from the step on
-that finds the touch, e scatters by (1 + e) g h / v. Of MuJoCo's friction, a row's normal
-acceleration grows by impedance times friction times slip: almost nothing of it remains, and
-impratio gives friction back its strength. Two <pair>s may name the same two geoms: each makes a row
-of its own.
+impedance 1e-4, lets gravity act on through the contact: its force is continuous at touch, and
+e hardly depends on where in a step the contact starts; a stiff one shuts gravity out from the
+step on that finds the touch, e scatters by (1 + e) g h / v. Of MuJoCo's friction, a row's
+normal acceleration grows by impedance times friction times slip: almost nothing of it
+remains, and impratio gives friction back its strength. Two <pair>s may name the same two
+geoms: each makes a row of its own.
 """
 
 from __future__ import annotations
@@ -24,32 +24,36 @@ from hcbench.terms.impact import Floats
 
 # A body held by friction slips by 1/impratio; from 1e7 on MuJoCo's solver iterates more.
 IMPRATIO = 1e6
-# Of the search for two rows: members and generations of the evolution, the best that are polished,
-# and generations of that.
+# One seed, so that a target always has the same rows.
 _SEED = 1
+# Members and generations of the search for two rows.
 _MEMBERS = 48
 _GENERATIONS = 90
+# The best of them are polished on a finer grid, for so many generations.
 _BEST = 40
 _POLISH = 60
-# Members and generations of a row by itself; log of its highest D h.
+# Members, and generations, of the search for a row by itself.
 _ALONE = 28
+# Log of the highest D h of a row by itself.
 _ALL = -0.01
 _NO_DAMPER = np.log([1e-12, 0.3, 1.0, 0.5])
 # Largest rest depth, m, for a step of 1 s.
 _SAG = 0.2
 # Least damping of the spring, 1/s: a body at rest has calmed down by exp(-9) after 5 s.
 _CALM = 3.6
-# The spring's damping D h: enough for a body to calm down; the least that will; and its share of
-# the loss that is allowed.
+# Damping D h of the spring that is enough for a body to calm down.
 _ENOUGH = 6.5e-3
+# Least damping D h with which a body still calms down.
 _LEAST = 4e-3
+# Share of the slowest impact's loss that the spring may take.
 _SHARE = 0.4
-# Between this share of the band's lowest speed and this speed, m/s, no impact may gain energy.
+# From this share of the band's lowest speed on no impact may gain energy.
 _SLOW = 0.1
+# Up to this speed, m/s, no impact may gain energy.
 _FAST = 2.0
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-# Half period in steps; logs of D h of the spring, D h, dmax, width over v h and midpoint of the
-# damper.
+# Half period in steps; logs of D h of the spring, D h, dmax, width over v
+# h and midpoint of the damper.
 _LOWEST = np.array([4.0, *np.log([_LEAST, 0.05, 5e-3, 0.3, 3e-3])])
 _HIGHEST = np.array([10.0, *np.log([0.3, 5.0, 0.3, 20.0, 0.5])])
 # What long searches found for several α and steps, as members of the first generation.
@@ -188,8 +192,8 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tup
     """Lowest and highest parameters, (6,) each. loss: 1 - e of the slowest impact."""
     lowest = _LOWEST.copy()
     highest = _HIGHEST.copy()
-    # No more than a part of the slowest impact's loss is the spring's, but what a body at rest
-    # calms down by.
+    # No more than a part of the slowest impact's loss is the spring's, but what
+    # a body at rest calms down by.
     lowest[1] = math.log(min(_ENOUGH, _CALM * timestep, max(_LEAST, _SHARE * loss)))
     # The spring's rest depth is g (n h/π)².
     if gravity > 0.0:

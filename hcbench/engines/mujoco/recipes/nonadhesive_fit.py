@@ -31,9 +31,11 @@ _FORCE_SCALE = 1e-3
 _RESTITUTION_SCALE = 2e-5
 # Steps of one fit, at most.
 ITERATIONS = 80
-# Damping of an iteration, relative to the misfit: at the start, at least, and where it gives up.
+# Damping of the first iteration, relative to the misfit.
 _CAUTION = 0.1
+# Least damping of an iteration.
 _LEAST_CAUTION = 1e-4
+# Damping at which the iteration gives up.
 _MOST_CAUTION = 1e6
 # Least relative fall of the misfit for a step to be taken.
 _PROGRESS = 1e-3
@@ -102,9 +104,9 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
 class InitialGuess:
     """Start of a fit.
 
-    dampers: how many, in a usual band. power, highest: of their impedance. from_depth: the share of
-    its width from which a damper has to push. lowest: width of the first over the band's lowest
-    penetration.
+    dampers: how many, in a usual band. power, highest: of their impedance. from_depth:
+    the share of its width from which a damper has to push. lowest: width of the first
+    over the band's lowest penetration.
     """
 
     dampers: int
@@ -243,8 +245,8 @@ class _LeastSquares:
         return weights, float(np.linalg.norm(self.samples.scaled(a) - self.goal))
 
     def linearised(self, parameters: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
-        """(normal matrix (k, k), right side (k,), unit (k,) of each of the k parameters) where
-        these rows act.
+        """(normal matrix (k, k), right side (k,), unit (k,) of each of the k
+        parameters) where these rows act.
 
         weights: of the rows, (n, rows), 0 for one that does not act.
         """

@@ -80,8 +80,8 @@ class _Rows(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RowFit:
-    """Goal of a fit of spring and damper rows, in units of the step h and the band's highest speed
-    v.
+    """Goal of a fit of spring and damper rows, in units of the step h and
+    the band's highest speed v.
 
     speeds: over v. phases: where in a step the contact starts. target: e, NaN where any e will do
     that gains no energy; shape (n,) each. fall: g h / v. corners: of a body that meet at once, or
@@ -144,8 +144,8 @@ class RowFit:
         g = self.fall
         settings = len(numbers[0])
         launches = len(self.speeds)
-        # Of a step, from the touch to the first state that sees it; a stage of RK4 may see it a
-        # step before.
+        # Of a step, from the touch to the first state that sees it; a stage of
+        # RK4 may see it a step before.
         if self.rk4:
             later = -self.phases
             ahead = 0.0

@@ -35,8 +35,8 @@ _POLISH_TWO = 120
 _POLISH_ALL = 300
 # The smallest power that MuJoCo's spline can take without a subnormal number: midpoint^(power - 1).
 _LOG_SMALLEST_POWER = -math.log(1e-306)
-# log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw), midpoint,
-# log10(power/largest).
+# log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw),
+# midpoint, log10(power/largest).
 _LOWEST = np.array([-1.5, -3.0, math.log10(MIN_IMPEDANCE), math.log10(1 - MAX_IMPEDANCE), 0.35, -0.8])
 _HIGHEST = np.array([2.5, 2.0, -2.0, -0.0005, 0.65, 0.0])
 
@@ -54,8 +54,8 @@ def _numbers(parameters: Floats) -> tuple[Floats, ...]:
 
 
 def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
-    """Elastic work and damping of each interval of depth, fine around the step; (population,
-    intervals).
+    """Elastic work and damping of each interval of depth, fine around the
+    step; (population, intervals).
 
     Lengths are in widths of the impedance and speeds in the highest one, per unit mass.
     """
@@ -78,9 +78,9 @@ def _mean(v: Floats, w: Floats) -> Floats:
 def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     """e of one contact at speeds over the highest; (population, speeds); 0 where it would go too deep.
 
-    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the
-    way out as long as the contact pushes, v being the interval's mean: first that of its ends, then
-    better.
+    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG
+    v on the way out as long as the contact pushes, v being the interval's mean: first
+    that of its ends, then better.
     """
     work, damping = _work_and_damping(parameters)
     v = np.broadcast_to(speeds, (len(parameters), len(speeds))).copy()
@@ -113,8 +113,8 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
     """Parameters (6,), in the order of _LOWEST, with the least largest error of e.
 
-    shares: speeds over the highest. wanted: e at each. Raises SearchInterrupted with the best so
-    far.
+    shares: speeds over the highest. wanted: e at each. Raises
+    SearchInterrupted with the best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import Bounds, differential_evolution, minimize
@@ -161,8 +161,8 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
             updating="deferred",
             polish=False,
         )
-        # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere
-        # all.
+        # The best step is as high and as sharp as can be: from there S and
+        # D alone, from elsewhere all.
         sharp = polished(start[:2], start[2:], _POLISH_TWO)
         free = polished(np.asarray(evolved.x), np.empty(0), _POLISH_ALL)
     return np.asarray(np.clip(min((sharp, free), key=error), _LOWEST, _HIGHEST))

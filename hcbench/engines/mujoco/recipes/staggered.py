@@ -45,8 +45,8 @@ _SPRING_WEIGHT = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE)
 
 @dataclass(frozen=True)
 class Damper:
-    """Damper of a staggered contact. onset: penetration from which it acts, m. solimp: its
-    impedance.
+    """Damper of a staggered contact. onset: penetration from which it
+    acts, m. solimp: its impedance.
     """
 
     onset: float
@@ -105,8 +105,8 @@ def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
 def _rising(base: float, end: float, power: float, highest: float, start: float) -> Damper:
     """A damper from `base` to `end` (m) that starts a multiple of the depth where its floor matters later.
 
-    No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it starts: as much as at
-    that depth.
+    No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it
+    starts: as much as at that depth.
     """
     floor = start * (MIN_IMPEDANCE / highest) ** (1.0 / max(power, 1.0)) * (end - base)
     onset = base + floor
@@ -176,10 +176,10 @@ class _Fit:
 def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floats) -> _Fit:
     """Springs and dampers together: the force near the law's everywhere, the restitution nearer still.
 
-    knots: onsets of the springs, m. sensitivity: of e at each speed of the band to the force at
-    each penetration of its grid, (speeds, grid), 1/(N s/m). One non-negative least-squares problem
-    has a row for the elastic force and one for the damping at each penetration, and one for e at
-    each speed.
+    knots: onsets of the springs, m. sensitivity: of e at each speed of the band to the force
+    at each penetration of its grid, (speeds, grid), 1/(N s/m). One non-negative
+    least-squares problem has a row for the elastic force and one for the damping at each
+    penetration, and one for e at each speed.
     """
     x = band.grid()
     a = band.law.dissipation
@@ -187,8 +187,8 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     behind = x[:, None] > knots
     weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
     share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
-    # A spring starts to act when it asks for more than the others give: its line starts there, see
-    # _rows.
+    # A spring starts to act when it asks for more than the others give: its
+    # line starts there, see _rows.
     already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
     springs = _SPRING_WEIGHT / MIN_IMPEDANCE * np.maximum(0.0, x[:, None] - knots) * share[:, None]
     damping = weights / np.array([d.solimp[1] for d in dampers]) * share[:, None]
@@ -236,8 +236,8 @@ def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivit
 def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
     """The pairs of a fit.
 
-    A spring acts from where it asks for as much as the others give: it starts that much before its
-    knot.
+    A spring acts from where it asks for as much as the others give: it
+    starts that much before its knot.
     """
     rows = []
     for knot, S in zip(fit.knots, fit.stiffness, strict=True):
@@ -268,8 +268,8 @@ def staggered(
 ) -> dict[str, Any]:
     """Eq. (16) as staggered springs and dampers, in closed form: the options of a setting.
 
-    misfit: relative, of the springs' straight lines; fewer pairs for more. impedance: the highest
-    of the dampers.
+    misfit: relative, of the springs' straight lines; fewer pairs for more.
+    impedance: the highest of the dampers.
     """
     return rows_options(integrator, *staggered_rows(target, integrator, misfit, impedance))
 

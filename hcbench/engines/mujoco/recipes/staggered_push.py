@@ -25,8 +25,8 @@ from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
-# The best ones of many, tried over n, alpha and bands; dampers are for a band of penetrations of 11
-# to 1.
+# The best ones of many, tried over n, alpha and bands; dampers are for a
+# band of penetrations of 11 to 1.
 _GUESSES = [
     InitialGuess(26, 4.0, 0.04, 0.5, 0.25),
     InitialGuess(26, 4.0, 0.10, 0.7, 0.25),

@@ -1,10 +1,10 @@
 """MuJoCo: one spring pair and one damper pair at the same spot.
 
-With a linear spring, eq. (16) with n = 1 wants a damper that grows in proportion to depth: the
-damper's impedance does that, starting from its floor. The spring's impedance is small, so that the
-two hardly act on each other. Five numbers of the damper are fitted to the restitution wanted, on a
-model of the two rows that equals the engine's step to round-off; the start is the closed form for n
-= 1.
+With a linear spring, eq. (16) with n = 1 wants a damper that grows in proportion to depth:
+the damper's impedance does that, starting from its floor. The spring's impedance is small, so
+that the two hardly act on each other. Five numbers of the damper are fitted to the
+restitution wanted, on a model of the two rows that equals the engine's step to round-off; the
+start is the closed form for n = 1.
 """
 
 import math
@@ -38,8 +38,8 @@ _GOOD = 10.0
 _STEPS_MAX = 30
 
 
-# log D, log of width over top, logit of dw, power, midpoint, onset over top: bounds and usual
-# changes.
+# log D, log of width over top, logit of dw, power, midpoint, onset over
+# top: bounds and usual changes.
 _LOWEST = [-np.inf, -4.0, -6.0, 1.0, 1e-3, 0.0]
 _HIGHEST = [np.inf, 4.0, 3.0, 6.0, MAX_IMPEDANCE, 0.05]
 _SCALE = [0.1, 0.1, 0.3, 0.1, 0.01, 1e-3]
@@ -97,8 +97,8 @@ def _logistic(logit: float) -> float:
 
 
 def contact_duration(target: Target) -> float:
-    """Duration of the spring's contact, s: the law's at the geometric mean speed, or 36 steps if
-    that is longer.
+    """Duration of the spring's contact, s: the law's at the geometric mean speed,
+    or 36 steps if that is longer.
     """
     return contact_time(target, STEPS_OF_A_FITTED_SPRING)
 

@@ -1,12 +1,12 @@
 """Many balls in one MuJoCo model, each with the same bits as alone.
 
-MuJoCo's cost per step is mostly its own housekeeping, so balls that share a model are several times
-cheaper. They do not touch each other: their collisions with one another are off, and each is a
-constraint island that is solved and judged converged by itself. Two things would still let one ball
-change another's bits: a warm start, which is taken or not for the whole model at once, and a sparse
-Jacobian, which adds up in another order from ten balls on. The first is off in every model, the
-second in a batch. A ball that cannot leave its axis moves on a slide joint, alone or not
-(`slide_joint`).
+MuJoCo's cost per step is mostly its own housekeeping, so balls that share a model are several
+times cheaper. They do not touch each other: their collisions with one another are off, and each
+is a constraint island that is solved and judged converged by itself. Two things would still let
+one ball change another's bits: a warm start, which is taken or not for the whole model at once,
+and a sparse Jacobian, which adds up in another order from ten balls on. The first is off in
+every model, the second in a batch. A ball that cannot leave its axis moves on a slide joint,
+alone or not (`slide_joint`).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 Kind = Literal["alone", "free", "sliding"]
-# Islands judge their convergence by their own inertia from here on; before, by that of the whole
-# model.
+# Islands judge their convergence by their own inertia from here on;
+# before, by that of the whole model.
 _SINCE = (3, 17)
 # Numbers of a ball's position and of its velocity on a free joint, and on a slide joint.
 _FREE = (7, 6)
@@ -55,9 +55,9 @@ _MASK = (1 << _BITS) - 1
 class BatchedModel:
     """A compiled model of `size` balls, each free or on a slide along z.
 
-    at: where position and velocity of the ball start in a full state of the model of one, which is
-    free. A state of the batch is time, then the positions of each ball, then the velocities of
-    each.
+    at: where position and velocity of the ball start in a full state of the model of
+    one, which is free. A state of the batch is time, then the positions of each
+    ball, then the velocities of each.
     """
 
     model: Any
@@ -66,8 +66,8 @@ class BatchedModel:
     sliding: bool
 
     def pack(self, states: Floats) -> Floats:
-        """States of one ball each, (b, nstate), as states of `size` balls, (rows, nstate of the
-        batch).
+        """States of one ball each, (b, nstate), as states of `size` balls,
+        (rows, nstate of the batch).
 
         Places that are left over in the last row repeat the last ball.
         """
@@ -84,8 +84,8 @@ class BatchedModel:
         return packed
 
     def unpack(self, packed: Floats, states: Floats) -> Floats:
-        """`states` (b, nstate) with the time, positions and velocities of the batch's states
-        `packed`.
+        """`states` (b, nstate) with the time, positions and velocities of
+        the batch's states `packed`.
         """
         if self.whole:
             return packed.copy()
@@ -99,8 +99,8 @@ class BatchedModel:
     def columns(self, path: Floats, component: tuple[int, int], count: int) -> Floats | None:
         """One number of each of `count` balls over a path of states (rows, n, nstate), shape (count, n).
 
-        component: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities. None: it stays what it
-        is.
+        component: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for
+        velocities. None: it stays what it is.
         """
         kind, i = component
         if self.whole:
@@ -128,8 +128,8 @@ class BatchedModel:
 
 
 def batch_kind(loaded: SceneModel) -> Kind:
-    """Choose how a ball can share a model with others and keep its bits: "alone" (not at all),
-    "free" or "sliding".
+    """Choose how a ball can share a model with others and keep its bits: "alone" (not
+    at all), "free" or "sliding".
     """
     mujoco = loaded.mujoco
     model = loaded.model
@@ -151,8 +151,8 @@ def _solves_as_usual(mujoco: Any, option: Any) -> bool:
 
 
 def _moves_alone(loaded: SceneModel) -> bool:
-    """Say whether one joint is all that moves, and nothing else of the model acts on it or counts
-    it.
+    """Say whether one joint is all that moves, and nothing else of the
+    model acts on it or counts it.
     """
     if loaded.plugged or loaded.model.njnt != 1 or loaded.model.nsensor > 1:
         return False
@@ -235,8 +235,8 @@ def _refers(element: ET.Element, names: Mapping[str, set[str | None]]) -> bool:
 
 
 def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: str) -> ET.Element:
-    """The element, with a suffix on its own name and on the names of the ball's parts that it
-    refers to.
+    """The element, with a suffix on its own name and on the names of the
+    ball's parts that it refers to.
     """
     for part in element.iter():
         if "name" in part.attrib:

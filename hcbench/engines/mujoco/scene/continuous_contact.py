@@ -26,8 +26,8 @@ _ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1
 # Tolerances of a step: relative, and absolute in speeds at touch.
 _RELATIVE = 1e-9
 _ABSOLUTE = 1e-13
-# Halvings of the step in which the bodies part: to the last bit. And a bound of the steps of one
-# contact.
+# Halvings of the step in which the bodies part: to the last bit. And a
+# bound of the steps of one contact.
 _BISECTIONS = 60
 _MOST_STEPS = 100_000
 

@@ -1,8 +1,8 @@
 """MJCF as text in, text out, without MuJoCo: a scene with a setting in it, and what to paste into a model.
 
-Edited as XML, as MuJoCo's own writer rounds to six digits. scenes/README.md says what a scene's
-MJCF must have: a body `ball` with a free joint, geoms `ball` and `plate`, and in a cup the tendon
-`contact`.
+Edited as XML, as MuJoCo's own writer rounds to six digits. scenes/README.md says what a
+scene's MJCF must have: a body `ball` with a free joint, geoms `ball` and `plate`, and
+in a cup the tendon `contact`.
 """
 
 from __future__ import annotations
@@ -125,9 +125,9 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
 def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -> None:
     """Write Coulomb's friction into every contact of ball and plate that does not say its own.
 
-    The ball gets the scene's mass (kg) and inertia (kg m²), so that it turns as the scene's does.
-    in_rows: the rows say which of them has friction. Raises SettingError for a cup, whose contact
-    has no friction.
+    The ball gets the scene's mass (kg) and inertia (kg m²), so that it turns as the scene's
+    does. in_rows: the rows say which of them has friction. Raises SettingError for a cup,
+    whose contact has no friction.
     """
     if scene.form == "cup":
         given = f"{scene.friction!r} in the form 'cup'"

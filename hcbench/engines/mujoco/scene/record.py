@@ -205,8 +205,8 @@ def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
 
 
 def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Floats, list[Floats]]:
-    """Distance of the ball's centre from that of the cup, and the unit vector there, by component;
-    (b, n).
+    """Distance of the ball's centre from that of the cup, and the unit
+    vector there, by component; (b, n).
     """
     touch = model.origin[model.at[0] : model.at[0] + 3]
     centre = touch + np.array([0.0, 0.0, clearance])

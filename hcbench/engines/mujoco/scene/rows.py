@@ -107,8 +107,8 @@ def _rise(u: Any, midpoint: Any, power: Any) -> Any:
 
 
 def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
-    """Impedance d, from 0 to 1, at depths below the onset (m); solimp's numbers and depths
-    broadcast.
+    """Impedance d, from 0 to 1, at depths below the onset (m); solimp's
+    numbers and depths broadcast.
     """
     d0, dw, width, midpoint, power = solimp
     # `np.clip` takes four times as long.
@@ -170,8 +170,8 @@ def restitution(
 ) -> Floats:
     """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape (speeds, phases), NaN if still closed.
 
-    speeds: m/s, shape (n,). phases: where in a step the contact starts, so many, evenly. duration:
-    s.
+    speeds: m/s, shape (n,). phases: where in a step the contact starts, so
+    many, evenly. duration: s.
     """
     phase = (np.arange(phases) + 0.5) / phases
     v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))
@@ -187,10 +187,10 @@ def restitution(
 class SoftConstraint:
     """One contact as a model's author wrote it or as the engine uses it, and its e in continuous time.
 
-    solref: (time constant s, damping ratio), or (-stiffness 1/s^2, -damping 1/s), per unit
-    effective mass. timestep: s. shortest: the least time constant, s, that the engine's refsafe
-    lets through (0: any). clamped: whether solimp is held within what the engine allows, as the
-    engine does.
+    solref: (time constant s, damping ratio), or (-stiffness 1/s^2, -damping 1/s), per
+    unit effective mass. timestep: s. shortest: the least time constant, s, that the
+    engine's refsafe lets through (0: any). clamped: whether solimp is held within what
+    the engine allows, as the engine does.
     """
 
     solref: tuple[float, float]
@@ -229,8 +229,8 @@ class SoftConstraint:
 
     @property
     def is_impulse(self) -> bool:
-        """True if one step takes the whole impact: damping that reverses the body, hardly any
-        spring.
+        """True if one step takes the whole impact: damping that reverses
+        the body, hardly any spring.
         """
         stiffness, damping = (-value for value in self.solref)
         return (

@@ -104,8 +104,8 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
 
 
 def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
-    """Off the plate only gravity acts on the ball: what else changes its momentum would pass for
-    contact.
+    """Off the plate only gravity acts on the ball: what else changes its
+    momentum would pass for contact.
 
     Raises SceneError where something else does.
     """

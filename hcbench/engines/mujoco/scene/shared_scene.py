@@ -27,8 +27,8 @@ PAIRS = "several pairs"
 IMPEDANCE = "impedance in float32"
 # A solimp of a higher power underflows in float32, which ends at 2^-149.
 _HIGHEST_POWER = 100.0
-# In forces of a contact: with so much adhesion MuJoCo Warp's e is wrong by 1e-4, with 50 times as
-# much by 0.06.
+# In forces of a contact: with so much adhesion MuJoCo Warp's e is wrong by 1e-4,
+# with 50 times as much by 0.06.
 _ADHESION = 1000.0
 # Of the first impedance float32 tells 1 - d to 2e-6, of the second to 1e-5.
 _KEPT = 0.9
@@ -64,11 +64,11 @@ def differences(
     geoms: Sequence[int] = (),
     rows: Rows = (),
 ) -> list[Suspect]:
-    """Suspect the settings of a model that an engine, or its numbers of so many bits, turns into
-    another contact.
+    """Suspect the settings of a model that an engine, or its numbers of so many
+    bits, turns into another contact.
 
-    geoms: whose <pair>s are looked at. rows: (solref, solimp) of the contact. By default all of the
-    model.
+    geoms: whose <pair>s are looked at. rows: (solref, solimp) of the
+    contact. By default all of the model.
     """
     asked = np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
     pairs = np.flatnonzero(asked | (not geoms))

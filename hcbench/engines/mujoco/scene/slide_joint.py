@@ -5,9 +5,9 @@ aside or turned: five of a free body's six velocities stay 0. On a slide joint t
 other one alone. MuJoCo computes body_invweight0 from all three directions; a slide joint changes
 it, so the free body's is restored.
 
-Where one row of constraint holds a ball, its force is one division, without Newton's line search
-over all balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same bits in any
-batch.
+Where one row of constraint holds a ball, its force is one division, without Newton's
+line search over all balls of a model: one sweep of Gauss and Seidel, the same to
+rounding, the same bits in any batch.
 """
 
 from typing import Any
@@ -24,8 +24,8 @@ Z = 2
 def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """Say whether the ball of a model, which at qpos0 just touches, cannot leave the vertical.
 
-    Expects one free joint, and contact through explicit <pair>s, tendon limits, or one pair of
-    geoms.
+    Expects one free joint, and contact through explicit <pair>s, tendon
+    limits, or one pair of geoms.
     """
     joint = model.jnt_bodyid[0]
     geoms = np.flatnonzero(model.geom_bodyid == joint)
@@ -42,8 +42,8 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
 
 
 def _solves_well(mujoco: Any, model: Any) -> bool:
-    """Say whether the solver may iterate until it converges: stopped early, it moves a free ball
-    otherwise.
+    """Say whether the solver may iterate until it converges: stopped early,
+    it moves a free ball otherwise.
     """
     option = model.opt
     usual = mujoco.MjOption()

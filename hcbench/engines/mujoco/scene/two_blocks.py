@@ -53,8 +53,8 @@ def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 
 
 def mjcf(blocks: TwoBlocks) -> str:
-    """Return the MJCF of the scene: contact as in the file, or pairs tuned to the law about a
-    speed.
+    """Return the MJCF of the scene: contact as in the file, or pairs tuned
+    to the law about a speed.
 
     The scene's `tuned.xml` is such a text.
     """

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Launch
 
-# Launches at once for each thread where each has a model of its own: more would take too much
-# memory.
+# Launches at once for each thread where each has a model of its own: more
+# would take too much memory.
 _ALONE = 32
 # Models in a simulation of one thread: reading it costs as much for one model as for all.
 _ROUNDS = 8
@@ -44,8 +44,8 @@ def _cores() -> int:
 
 @dataclass(frozen=True, slots=True)
 class Batching:
-    """Limits for balls that share models, memory and threads: they change the time of results,
-    never a bit of one.
+    """Limits for balls that share models, memory and threads: they change the time
+    of results, never a bit of one.
 
     few_rows, balls, balls_of_many_rows, balls_of_one_row: the most balls in a model by its
     contact's rows: the dense Jacobian of more costs more than sharing saves. saved, compiling: s
@@ -126,8 +126,8 @@ class BatchPool:
         free.append(workspace)
 
     def is_worth_batching(self, size: int, ball_steps: int) -> bool:
-        """Say whether so many steps, with those before them, are worth compiling a model of `size`
-        balls for.
+        """Say whether so many steps, with those before them, are worth
+        compiling a model of `size` balls for.
         """
         if self.max_batch == 1 or size == 1:
             return False
@@ -210,8 +210,7 @@ class MujocoSimulation(Simulation):
                 self._steps += seen.shape[2]
                 x, v, f = seen[:3]
                 return Record(x, v, f, seen[3:] if oblique else None, seen)
-            # MuJoCo gave up on a whole batch for the sake of one ball: from here on each is
-            # alone.
+            # MuJoCo gave up on a whole batch for the sake of one ball: from here on each is alone.
             self._alone = True
 
     def _next_batch(self, steps: int) -> BatchedModel:

@@ -1,8 +1,8 @@
 """PyBullet's bodies: how points of their links move, and the effective mass that a contact feels.
 
-Bullet's own calculateMassMatrix and calculateJacobian are not used: they are right neither for
-spherical joints nor for axes that are not unit vectors, and need link frames, which it returns in
-single precision.
+Bullet's own calculateMassMatrix and calculateJacobian are not used: they are right
+neither for spherical joints nor for axes that are not unit vectors, and need link frames,
+which it returns in single precision.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _ZERO = (0.0, 0.0, 0.0)
 _UNKNOWN = (math.nan, math.nan, math.nan)
 
-# How a unit force at a contact acts on a body: what it is along each degree of freedom, and M^-1
-# times that.
+# How a unit force at a contact acts on a body: what it is along each degree of
+# freedom, and M^-1 times that.
 Response = tuple[Sequence[float], Sequence[float]]
 
 
@@ -130,8 +130,8 @@ class BulletBody:
         return rotate(self.pose(joint)[1], self.joints[joint][AXIS])
 
     def response(self, link: int, point: Vector, direction: Vector) -> Response | None:
-        """Acceleration by a unit force at `point` along `direction`; None for a body that cannot
-        move.
+        """Acceleration by a unit force at `point` along `direction`; None
+        for a body that cannot move.
         """
         if self.kind == "fixed":
             return None
@@ -156,9 +156,9 @@ class BulletBody:
 class JointTree:
     """Jacobians and mass matrix of a body with joints.
 
-    Each degree of freedom is a twist, its angular velocity `w` and its velocity `v` at the world's
-    origin, of the links that it carries. The mass matrix is M = Σ m Jv^T Jv + Jw^T I Jw over the
-    links.
+    Each degree of freedom is a twist, its angular velocity `w` and its velocity `v` at
+    the world's origin, of the links that it carries. The mass matrix is M = Σ m Jv^T
+    Jv + Jw^T I Jw over the links.
     """
 
     def __init__(self, body: BulletBody) -> None:
@@ -166,8 +166,8 @@ class JointTree:
         self.outdated = True
         links = range(-1, len(body.joints))
         infos = [body.bullet.getDynamicsInfo(body.number, link) for link in links]
-        # (links, 6): the roots of m, m, m and the three of I, which scale a link's rows of the
-        # Jacobian.
+        # (links, 6): the roots of m, m, m and the three of I, which scale
+        # a link's rows of the Jacobian.
         masses = [(info[_MASS],) * 3 for info in infos]
         self._inertia = np.sqrt([(*mass, *info[_INERTIA]) for mass, info in zip(masses, infos, strict=True)])
         # Each joint's origin in its link's centre of mass frame, m.
@@ -214,8 +214,8 @@ class JointTree:
         crosses = np.array([((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)) for x, y, z in centres])
         matrix = body.bullet.module.getMatrixFromQuaternion
         rotations = np.array([matrix(quaternion) for quaternion in quaternions]).reshape(-1, 3, 3)
-        # Velocities of centres of mass and angular velocities about main axes: (links, freedoms,
-        # 6).
+        # Velocities of centres of mass and angular velocities about main
+        # axes: (links, freedoms, 6).
         jacobian = np.concatenate([self._v + self._w @ crosses, self._w @ rotations], axis=2)
         jacobian *= self._inertia[:, None]
         carried = jacobian * self._carries[:, :, None]
@@ -259,8 +259,8 @@ def _inverse(mass_matrix: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class ContactRow:
-    """Response of two bodies to a unit force on the first at a contact, and its opposite on the
-    second.
+    """Response of two bodies to a unit force on the first at a contact,
+    and its opposite on the second.
     """
 
     bodies: tuple[BulletBody, BulletBody]

@@ -1,5 +1,5 @@
-"""Suspects that may keep a pair in PyBullet from bouncing as asked. Most cannot be read back, so
-they are tried.
+"""Suspects that may keep a pair in PyBullet from bouncing as asked. Most cannot be
+read back, so they are tried.
 """
 
 from __future__ import annotations
@@ -224,8 +224,8 @@ def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
-    """Suspect Bullet's defaults that change a bounce; none of them can be read back, so they are
-    tried.
+    """Suspect Bullet's defaults that change a bounce; none of them can be
+    read back, so they are tried.
     """
     if c.slowest <= _THRESHOLD:
         yield Suspect(

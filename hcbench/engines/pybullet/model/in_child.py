@@ -1,8 +1,8 @@
 """Trials and launches beside the user's world, which stays as it is: in a forked copy of this process.
 
-Where a process cannot fork, or the world is another process's, they run in the world itself, which
-is then put back. restoreState alone would not do: a contact of the launch before survives it and
-acts in the next.
+Where a process cannot fork, or the world is another process's, they run in the world itself,
+which is then put back. restoreState alone would not do: a contact of the launch before
+survives it and acts in the next.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def _can_fork(bullet: BulletClient) -> bool:
 
 
 def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:
-    """Call `function()`, which moves bodies in the world, and return its result; the bodies are
-    back afterwards.
+    """Call `function()`, which moves bodies in the world, and return its result;
+    the bodies are back afterwards.
     """
     if _can_fork(bullet):
         return forked.run_forked(function)

@@ -104,8 +104,8 @@ def _parse(path: Path) -> ET.Element:
 def _check_number(
     path: Path, name: str, text: str | None, expected: str, is_good: Callable[[float], bool]
 ) -> None:
-    """Raise SceneError for a text that is not a number, or not one that is good. path, name: where
-    it is.
+    """Raise SceneError for a text that is not a number, or not one that is
+    good. path, name: where it is.
     """
     try:
         value = float(text or "")

@@ -43,8 +43,8 @@ class BodyPart:
 
     @property
     def variable(self) -> int | str:
-        """Variable for the body in a script: its file's name, numbered if several came from one; or
-        its id.
+        """Variable for the body in a script: its file's name, numbered if
+        several came from one; or its id.
         """
         stem, _, copy = self.name.partition(".")
         name = stem + "".join(f"_{number}" for number in re.findall(r" \((\d+)\)$", copy))

@@ -330,8 +330,8 @@ def _sliding_joints(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> 
 def _touch(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, mover: Mover, note: str = ""
 ) -> BulletPlacement:
-    """Move the one until the two just touch. UserError where they pass each other, or another part
-    is in the way.
+    """Move the one until the two just touch. UserError where they pass each other,
+    or another part is in the way.
     """
     mover.put(bullet, 0.0)
     size = _size(bullet, moving, other)

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Launch
 
-# A reported force was not applied if the momentum changed by less than this share of what it would
-# do.
+# A reported force was not applied if the momentum changed by less than
+# this share of what it would do.
 _STALE = 0.05
 # Distance within which PyBullet is asked for that of the two, m.
 _SEEN = 1.0
@@ -141,8 +141,8 @@ class LaunchInUserWorld(Simulation):
         return (x, before, force, *tangential)
 
     def _applied(self, force: float, before: float, after: float, x: float) -> float:
-        """The force that acted in the step, N: contacts out of reach still report that of an
-        earlier one.
+        """The force that acted in the step, N: contacts out of reach still
+        report that of an earlier one.
 
         force: reported, N. before, after: approach rates, m/s. x: penetration before the step, m.
         """

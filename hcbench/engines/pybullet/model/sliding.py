@@ -32,8 +32,8 @@ def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
 
 
 def surface_point(contacts: Sequence[Any]) -> list[float]:
-    """Mean point of the contacts on the moving body, m, without those that have slid apart, which
-    Bullet keeps.
+    """Mean point of the contacts on the moving body, m, without those that have
+    slid apart, which Bullet keeps.
     """
 
     def slid(contact: Any) -> float:
@@ -101,8 +101,8 @@ class BulletAlongPlate:
         return [float(x) for x in np.array(point) + self._position() - self._seen]
 
     def motion(self, point: Sequence[float], rate: float) -> Floats:
-        """Slip 2 m/s, spin 3 rad/s, no friction (2 zeros) and energy without that of the approach,
-        J; (8,).
+        """Slip 2 m/s, spin 3 rad/s, no friction (2 zeros) and energy without
+        that of the approach, J; (8,).
 
         point: of the contact, m. rate: of approach, m/s.
         """

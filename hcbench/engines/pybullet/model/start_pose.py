@@ -42,9 +42,9 @@ def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, 
 def set_pose(world: LoadedWorld, request: Request) -> None:
     """Set positions and switch motors off, where the request says so.
 
-    Of a joint, by its name or as "file/name": one number, m or rad. Of a free base, as `_free_base`
-    finds it: x y z, m, and a quaternion w x y z, if given. Raises UserError for other names and
-    counts.
+    Of a joint, by its name or as "file/name": one number, m or rad. Of a free base, as
+    `_free_base` finds it: x y z, m, and a quaternion w x y z, if given. Raises
+    UserError for other names and counts.
     """
     bullet = world.bullet
     joints = _named_joints(world)
@@ -65,8 +65,8 @@ def set_pose(world: LoadedWorld, request: Request) -> None:
 
 
 def _free_base(world: LoadedWorld, name: str) -> int | None:
-    """Find the body whose free base a file's name means; "base": that of the heaviest. None without
-    one.
+    """Find the body whose free base a file's name means; "base": that of
+    the heaviest. None without one.
     """
     bullet = world.bullet
     masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}

@@ -210,8 +210,8 @@ class PybulletModel(ModelUnderTest):
         return (e,) * len(speeds), f"restitution {first:g} x {second:g}"
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as `wanted`; none for a plug-in's
-        law.
+        """Return settings that may keep this pair from bouncing as
+        `wanted`; none for a plug-in's law.
         """
         if self.law is not None:
             return []
@@ -288,8 +288,8 @@ def _loaded(
 def model_settings(
     source: Any, requests: Sequence[Request], goal: RestitutionCurve, rebuild: Callable[[], Any] | None
 ) -> Iterator[ModelSetting]:
-    """Bullet's own restitution for the pairs, without what keeps it from happening; one setting, in
-    lines.
+    """Bullet's own restitution for the pairs, without what keeps it from
+    happening; one setting, in lines.
 
     Raises UserError for a live client, and for a part that would need two restitutions.
     """

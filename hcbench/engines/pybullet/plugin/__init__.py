@@ -6,8 +6,8 @@
     pybullet.stepSimulation()  # as always
 
 `add` loads the plug-in and sends it one line of text, as any script may; docs/reference/plugins.md
-has them. Force laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution`
-set e at any step.
+has them. Force laws are for steps that resolve the contact; `Restitution` and
+`ConstantRestitution` set e at any step.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ _SPEED = 0.508
 
 @functools.cache
 def library() -> Path:
-    """Return the library of the plug-in, compiled at the first call. CannotRun without a C
-    compiler.
+    """Return the library of the plug-in, compiled at the first call.
+    CannotRun without a C compiler.
     """
     return _compile.build(SOURCE, link=LINK)
 
@@ -53,8 +53,8 @@ def library() -> Path:
 def load(client: int = 0) -> int:
     """Load the plug-in into a client, unless it is loaded, and return its number there.
 
-    Raises SettingError for a client that is not connected, EngineFailed where it does not take the
-    plug-in.
+    Raises SettingError for a client that is not connected, EngineFailed where
+    it does not take the plug-in.
     """
     bullet = BulletClient(client)
     if not bullet.isConnected():
@@ -149,8 +149,8 @@ def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> flo
 
 @checked
 def remove(number: int, *, client: int = 0) -> None:
-    """End a law; Bullet's own contact of its pair acts again. SettingError if the client has no
-    such law.
+    """End a law; Bullet's own contact of its pair acts again. SettingError
+    if the client has no such law.
     """
     if BulletClient(client).executePluginCommand(load(client), "remove", [number]) < 0:
         raise SettingError(f"contact law {number}", "not in this client", "a number that `add` returned")
@@ -180,8 +180,8 @@ class Recorder:
     def record(self, bodies: Sequence[int], steps: int) -> Floats:
         """Position, velocity and angular velocity after each step, shape (steps, b, 3, 3).
 
-        Position in m, velocity in m/s and angular velocity in rad/s. Raises EngineFailed where a
-        body is gone.
+        Position in m, velocity in m/s and angular velocity in rad/s. Raises
+        EngineFailed where a body is gone.
         """
         ids = np.array(bodies, dtype=np.intc)
         seen = np.empty((steps, len(bodies), 3, 3))

@@ -24,33 +24,39 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.terms.impact import Floats
 
-# Onset of the second contact: over the largest penetration, and at least over a step's longest way.
-# The best of several is taken.
+# Onset of the second contact over the largest penetration.
 _FIRST = 0.03
+# Least onset of the second contact, over the longest way in a step.
 _FIRST_STEP = 0.43
+# Multiples of that onset that are tried: the best is taken.
 _FIRST_TRIED = (1.0, 1.16)
 # Most steps of the shortest contact that a fit takes: finer steps are fitted at so many.
 _STEPS_MOST = 250.0
-# Phases of a step at each speed: so many over the steps of the shortest contact, between two
-# bounds.
+# Phases of a step at each speed are so many over the steps of the shortest contact.
 _LAUNCHES = 320.0
+# Fewest and most phases.
 _PHASES_LEAST = 3
 _PHASES_MOST = 16
-# Impact speeds of the fit and of its check; loops, and points of a branch of each.
+# Impact speeds of the fit.
 _SPEEDS = 40
+# Impact speeds of its check, which lie between those of the fit.
 _OTHER_SPEEDS = 97
+# Loops of force over penetration that are fitted.
 _LOOPS = 12
+# Points of each of the two branches of a loop.
 _POINTS = 24
-# One unit of misfit in e is this share of the error of one e for all speeds, and at least the
-# second number. In a loop's force over its largest it is the third number of times as much.
+# One unit of misfit in e, as a share of the error of one e for all speeds.
 _SHARE = 0.015
+# Least unit of misfit in e.
 _LEAST = 1e-5
+# Units of misfit in a loop's force over its largest, in those of e.
 _FORCE_SHARE = 13.0
-# Powers of the misfit in e, one after another: a higher one minds the worst. Evaluations of each.
+# Powers of the misfit in e, one after another: a higher one minds the worst.
 _POWERS = (1, 2)
+# Evaluations with each power.
 _EVALUATIONS = 30
-# Relative change of a parameter for derivatives: wide, as e jumps where a contact starts a step
-# earlier.
+# Relative change of a parameter for derivatives: wide, as e jumps where a
+# contact starts a step earlier.
 _NUDGE = 1e-2
 # Least k and c of a start, over the median: no search revives a contact that does nothing.
 _FAINTEST = 0.1
@@ -106,8 +112,8 @@ class FittedImpacts:
         return np.concatenate([part._restitution(contacts) for part in parts], axis=1)
 
     def _restitution(self, contacts: Contacts) -> Floats:
-        """e of all impacts at once, (b, n): Bullet's steps, and speeds at the touch plane by what
-        flight conserves.
+        """e of all impacts at once, (b, n): Bullet's steps, and speeds at the touch
+        plane by what flight conserves.
         """
         h = self.h
         fall = self.h * self.g
@@ -159,8 +165,8 @@ class _Loops:
 
     @classmethod
     def of(cls, law: HuntCrossley, mass: float, speeds: Floats, h: float) -> _Loops:
-        """Loops of a law for a mass, kg, at impact speeds, m/s, with the rates that a step h, s,
-        ends with.
+        """Loops of a law for a mass, kg, at impact speeds, m/s, with the
+        rates that a step h, s, ends with.
         """
         angle = (np.arange(_POINTS) + 0.5) / _POINTS * np.pi / 2
         columns = []
@@ -201,8 +207,8 @@ class _Loops:
 
 @dataclass(frozen=True, slots=True)
 class _Misfit:
-    """Errors of contacts, in units of `unit`, of e: in e at launches, (n,), and in force over
-    loops.
+    """Errors of contacts, in units of `unit`, of e: in e at launches,
+    (n,), and in force over loops.
 
     Parameters are the logarithms of stiffnesses, dampings and distances between starts: 3 rows - 1.
     """

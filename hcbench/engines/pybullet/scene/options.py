@@ -102,8 +102,8 @@ def read_options(options: Mapping[str, Any]) -> PybulletOptions:
 
 
 def _check(keywords: Mapping[str, Any], part: str, types: Mapping[str, type], call: str) -> None:
-    """Raise SettingError for the first keyword that a call of PyBullet does not take, or would
-    ignore.
+    """Raise SettingError for the first keyword that a call of PyBullet
+    does not take, or would ignore.
     """
     for key, value in keywords.items():
         slot = f"pybullet option '{part}.{key}'"

@@ -1,9 +1,9 @@
 """Penetration, rate and force of balls in PyBullet, from their positions and velocities.
 
 Of several balls only the velocity is needed, as a query from Python costs as much as a step.
-Positions follow exactly, as Bullet moves a body by its new velocity times the step. Forces are what
-they do to the momentum, equal to Bullet's to rounding, where nothing else slows a ball; else they
-are read from Bullet.
+Positions follow exactly, as Bullet moves a body by its new velocity times the step. Forces are
+what they do to the momentum, equal to Bullet's to rounding, where nothing else slows a ball;
+else they are read from Bullet.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, F
 
 
 def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Floats) -> Floats:
-    """Motion along the plate in each step, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2 N, other
-    energy J.
+    """Motion along the plate in each step, (8, b, n): slip 2 m/s, spin 3 rad/s,
+    friction 2 N, other energy J.
 
     timestep: s. motion: velocity and spin before all steps and after each, (n + 1, b, 2, 3).
     deeper: unit vectors into the plate, (..., 3).

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
-    """Return the lines to paste into a script in which `pair` are the two bodies; see
-    `Engine.snippet`.
+    """Return the lines to paste into a script in which `pair` are the two
+    bodies; see `Engine.snippet`.
     """
     if not {"world", "ball", "plate", "law", "links"} & set(setting.options):
         return setting.options_text

@@ -82,8 +82,8 @@ class PybulletWorld(World):
 
     @cached_property
     def recorder(self) -> plugin.Recorder | None:
-        """Recorder of the compiled plug-in, which steps and reads the balls; None if a force must
-        be reported.
+        """Recorder of the compiled plug-in, which steps and reads the balls;
+        None if a force must be reported.
         """
         return None if self.reports_force else plugin.recorder(self.bullet)
 
@@ -98,8 +98,8 @@ class PybulletWorld(World):
             raise CannotShareError
         with foreign_errors("pybullet", self.bullet.error):
             self._add_balls(len(launches) - len(self.balls))
-            # Contacts are kept from step to step, and with them forces: remove those of the
-            # launches before.
+            # Contacts are kept from step to step, and with them forces: remove
+            # those of the launches before.
             for ball in self.balls:
                 _place(self.bullet, ball, np.array([0.0, 0.0, _FAR]))
                 self.bullet.resetBaseVelocity(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
@@ -126,8 +126,8 @@ class PybulletWorld(World):
         self.bullet.setCollisionFilterGroupMask(self.plate, -1, _PLATE, _PLATE | _BALLS)
 
     def _add_law(self, ball: int) -> None:
-        """Let the setting's law act between a ball and the plate; a setting without one changes
-        nothing.
+        """Let the setting's law act between a ball and the plate; a
+        setting without one changes nothing.
         """
         law = self.options.law
         if law is None:
@@ -163,8 +163,8 @@ class PybulletWorld(World):
             move()
             forces = [0.0] * len(self.balls)
             for contact in contacts():
-                # A contact out of reach was not solved for; it still says the force of when it last
-                # was.
+                # A contact out of reach was not solved for; it still says
+                # the force of when it last was.
                 if contact[8] <= reach:
                     ball = contact[2] if contact[1] == self.plate else contact[1]
                     forces[self.balls.index(ball)] += contact[9]
@@ -276,8 +276,8 @@ def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: Pybull
 
 
 def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ball: int) -> None:
-    """Give a ball the scene's mass (kg) and inertia (kg m²), its friction, and the setting's
-    keywords.
+    """Give a ball the scene's mass (kg) and inertia (kg m²), its friction,
+    and the setting's keywords.
     """
     # With friction the ball turns, and its inertia is not what Bullet makes of the sphere.
     if scene.friction:

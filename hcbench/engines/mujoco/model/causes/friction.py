@@ -56,9 +56,9 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
 
 
 def pyramidal_cone(model: Any, impacts: Sequence[Impact], friction: float) -> tuple[Impact, Suspect] | None:
-    """The impact in which friction is weakest although the body slides on, and the cone as what may
-    weaken it: along the diagonal of the pyramid friction is 29 % below Coulomb's. None where
-    nothing is short.
+    """The impact in which friction is weakest although the body slides on, and the cone
+    as what may weaken it: along the diagonal of the pyramid friction is 29 % below
+    Coulomb's. None where nothing is short.
     """
     if int(model.opt.cone) != int(backend().mjtCone.mjCONE_PYRAMIDAL) or not friction:
         return None

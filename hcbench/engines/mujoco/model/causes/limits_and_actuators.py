@@ -12,8 +12,7 @@ from hcbench.engines.mujoco.model.causes.context import Context
 from hcbench.engines.mujoco.model.speed_shares import ACTUATORS, EQUALITIES, LIMITS
 from hcbench.sim.model_under_test import Suspect
 
-# Share of the speed at touch, lost to or gained from other causes than the contact, that is
-# named.
+# Share of the speed at touch, lost to or gained from other causes than the contact, that is named.
 _NOTABLE = 0.005
 # Limits are looked for as deep as this times the largest penetration.
 _DEEPER = 1.5
