@@ -72,7 +72,7 @@ class LaunchGrid:
         return np.array(self.speeds)[speed], (phase + 0.5) / self.phases
 
     def launches(self, part: range) -> Launches:
-        """The launches that reach the grid's speeds (m/s) and phases at the touch.
+        """Launches that reach the speeds (m/s) and phases of the grid at the touch.
 
         part: numbers of the launches in the grid, counted over speeds, then angles, then phases.
         """

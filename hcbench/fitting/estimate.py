@@ -40,7 +40,7 @@ _SHARES = 41
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """The posterior of a law's parameters, on a grid.
+    """Posterior of a law's parameters, on a grid.
 
     parameters: (g, q), points of a grid.
     weight: (g,), their share; the shares add up to 1.

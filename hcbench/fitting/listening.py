@@ -305,7 +305,7 @@ class _Heard:
         return replace(self, places=places, numbers=numbers - numbers[0]).fitted()
 
     def picks(self) -> Picks:
-        """The train's touches: times in s from the start of the file, levels in dB."""
+        """Touches of the train: times in s from the start of the file, levels in dB."""
         times = self.timer.times(self.places)
         level = self.band.level[np.searchsorted(self.band.places, self.places)]
         scatter = alpha = None

@@ -63,7 +63,7 @@ class _Tensor:
     strides: Any
 
     def array(self) -> Floats:
-        """The numbers as an array of the tensor's shape, float64.
+        """Numbers of the tensor, as an array of its shape, float64.
 
         Raises ValueError for a shape and strides that lead outside the storage.
         """

@@ -171,7 +171,7 @@ def _run_group(world: World, launches: Launches, first: int, expected: int) -> t
 def _until_ended(
     world: World, simulation: Simulation, launches: Launches, first: int, expected: int
 ) -> tuple[Impacts, int]:
-    """The impacts of a simulation's launches, in order, and the steps that the longest took.
+    """Impacts of a simulation's launches, in order, and the steps that the longest took.
 
     first, expected: steps to take before anything is looked at, and probably in all; 0 where
     unknown. Launches that have ended are read and no longer looked at.

@@ -1,4 +1,4 @@
-"""The load on a contact of a user's model, and rows for it that need no search in the model."""
+"""Load on a contact of a user's model, and rows for it that need no search in the model."""
 
 from __future__ import annotations
 
