@@ -47,7 +47,7 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
 
 
 def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
-    """The drive of a user's function of (MjModel, MjData), which returns the
+    """A drive by a user's function of (MjModel, MjData), which returns the
     controls or sets them itself.
 
     Raises UserError for a function of other arguments and, while it drives, for controls of another
