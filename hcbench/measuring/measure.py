@@ -5,6 +5,7 @@ speed, and the causes of its errors.
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -143,8 +144,8 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
     """Call `work(job)`: for files in a worker, which may crash, hang or run out of memory; for
     objects here.
 
-    limit: s, after which it counts as hung; None: LIMIT_S, or the
-    engine's own where that is longer.
+    limit: s of the clock, after which it counts as hung; None: LIMIT_S of
+    processor time, or the engine's own where that is longer.
     """
     source = _as_files(job.source)
     if source is None:
@@ -157,11 +158,12 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
         engine = _engine_for(source, name)
         name = engine.name
         where = interpreter_of(engine)
-    if limit is None:
-        limit = max(LIMIT_S, getattr(engine, "limit", 0.0))
+    # A time that the user gives is one by the clock. The default leaves a busy machine more.
+    longest = limit or math.inf
+    limit = limit or max(LIMIT_S, getattr(engine, "limit", 0.0))
     try:
         job = dataclasses.replace(job, source=source, engine=name, beyond_bounds=admits_beyond_bounds())
-        answer: Answer = call(_in_worker, work, job, limit=limit, at=where)
+        answer: Answer = call(_in_worker, work, job, limit=limit, longest=longest, at=where)
         return answer
     except WorkerDied as death:
         got = f"{_label(source)}: the engine's process was lost: {death.got}"

@@ -9,6 +9,7 @@ A worker is a fresh interpreter, which does not run the user's main module again
 nothing again. Functions and values cross by pickle, functions by their module's name.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -44,17 +45,22 @@ Result = TypeVar("Result")
 
 
 def call(
-    function: Callable[..., Result], *args: Any, limit: float | None, at: Interpreter | None = None
+    function: Callable[..., Result],
+    *args: Any,
+    limit: float | None,
+    longest: float = math.inf,
+    at: Interpreter | None = None,
 ) -> Result:
     """Call `function(*args)` in a worker process and return its result.
 
-    limit: s, after which the worker counts as hung; None: never. at: the interpreter of another
-    environment. Raises what the function raises, and WorkerDied.
+    limit: s of its processor time, after which the worker counts as hung; None: never. longest: s
+    of the clock, likewise. at: the interpreter of another environment. Raises what the function
+    raises, and WorkerDied.
     """
     if _is_here(at):
         return function(*args)
     result: Result
-    (result,) = worker_of_thread().at(at).run(_yield_result, (function, *args), limit)
+    (result,) = worker_of_thread().at(at).run(_yield_result, (function, *args), limit, longest)
     return result
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import math
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -88,10 +90,14 @@ class Worker:
         return other
 
     def run(
-        self, function: Callable[..., Iterator[Result]], args: tuple[Any, ...], limit: float | None
+        self,
+        function: Callable[..., Iterator[Result]],
+        args: tuple[Any, ...],
+        limit: float | None,
+        longest: float = math.inf,
     ) -> list[Result]:
-        """Run the generator `function(*args)` in the worker and return all it
-        yields, each within `limit` s.
+        """Run the generator `function(*args)` in the worker and return all it yields, each within
+        `limit` s of its processor time, and within `longest` s of the clock.
 
         Raises what the function raises, and WorkerDied, with the results until then,
         where it crashed or took longer.
@@ -105,7 +111,7 @@ class Worker:
                     self._receive([], _START_S)
                     self._is_up = True
                 self._pipe.send_bytes(pickled((_working_directory(), function, args)))
-                error = self._receive(results, limit)
+                error = self._receive(results, limit, longest)
             except (EOFError, OSError) as error:
                 death = WorkerDied("engine", self._cause_of_death(error), "")
                 death.results = results
@@ -174,33 +180,41 @@ class Worker:
             **_inherit(end.fileno()),
         )
 
-    def _receive(self, results: list[Any], limit: float | None) -> Exception | None:
+    def _receive(
+        self, results: list[Any], limit: float | None, longest: float = math.inf
+    ) -> Exception | None:
         """Append what the worker sends to `results`, and return the error that ended it.
 
-        Raises TimeoutError after `limit` s without an answer.
+        Raises TimeoutError after `limit` s of its time, or `longest` s, without an answer.
         """
-        while self._answers(limit):
+        while self._answers(limit, longest):
             answer = self._pipe.recv()
             if isinstance(answer, CallEnd):
                 return answer.error
             results.append(answer)
-        raise TimeoutError(f"no answer within {limit:g} s")
+        raise TimeoutError(f"no answer within {min(limit or math.inf, longest):g} s")
 
-    def _answers(self, limit: float | None) -> bool:
-        """Wait for an answer; False if the process used `limit` s of processor time without one.
+    def _answers(self, limit: float | None, longest: float) -> bool:
+        """Wait for an answer; False if there is none after `longest` s, or after `limit` s of the
+        process' time.
 
-        On a busy machine the wait is longer by the clock. A process that
-        hardly runs at all counts as hung.
+        On a busy machine the wait for its time is longer by the clock. A process that hardly runs
+        at all counts as hung.
         """
         if limit is None or self._process is None:
             return self._pipe.poll(limit)
         begun = used = processor_seconds(self._process.pid)
         limit = min(limit, _LONGEST_S)
-        while not self._pipe.poll(limit):
+        end = time.monotonic() + longest
+        wait = min(limit, longest)
+        while not self._pipe.poll(wait):
             before = used
             used = processor_seconds(self._process.pid)
-            if used - before < _IDLE * limit or used - begun >= limit:
+            left = end - time.monotonic()
+            is_idle = used - before < _IDLE * wait
+            if is_idle or used - begun >= limit or left <= 0.0:
                 return False
+            wait = min(limit, left)
         return True
 
     def _cause_of_death(self, error: Exception) -> str:

@@ -164,6 +164,20 @@ def test_a_hang_costs_the_item_it_happened_on() -> None:
     assert time.monotonic() - began < 20, "each item has its own limit, however many there are"
 
 
+def burn(seconds: float) -> float:
+    """Keep a processor busy for some time of the clock."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        pass
+    return seconds
+
+
+def test_a_process_at_work_is_given_up_after_the_longest_time_of_the_clock() -> None:
+    with pytest.raises(EngineFailed, match=r"no answer within 0\.5 s"):
+        call(burn, 600.0, limit=600.0, longest=0.5)
+    assert call(burn, 0.1, limit=600.0, longest=60.0) == 0.1
+
+
 def test_what_always_crashes_is_given_up() -> None:
     found = map_surviving_crashes(halve, range(8), tuple(range(8)), lost=lost, limit=60)
     assert found[:3] == [f"{i}: crashed with SIGSEGV" for i in range(3)]

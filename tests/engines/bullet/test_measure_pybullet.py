@@ -136,6 +136,22 @@ def test_a_world_set_up_right_has_the_e_that_was_set(files: tuple[Path, Path], h
     assert found.spread < 1e-9
 
 
+@pytest.mark.parametrize(
+    ("shape", "pushes_one_point"),
+    [('<cylinder radius="0.05" length="0.1"/>', True), ('<box size="0.1 0.1 0.1"/>', False)],
+)
+def test_a_body_that_lands_on_its_face_is_read_at_the_middle_of_it(
+    tmp_path: Path, shape: str, pushes_one_point: bool
+) -> None:
+    body, plate = tmp_path / "body.urdf", tmp_path / "plate.urdf"
+    body.write_text(urdf("body", shape, 0.7, restitution(0.7)))
+    plate.write_text(urdf("plate", '<box size="4 4 2"/>', 0, restitution(1)))
+    measured = measure([body, plate], speeds=["2 m/s"], phases=[0.3], diagnose=False)
+    assert measured.facts.effective_mass == pytest.approx(0.7, rel=1e-6)
+    assert measured.facts.point == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
+    assert any("one point" in note for note in measured.facts.notes) == pushes_one_point
+
+
 def test_force_is_that_of_the_step_from_its_state(files: tuple[Path, Path]) -> None:
     built = setup(files, RIGHT_WORLD, RIGHT_BALL)
     (impact,) = measure(built, speeds=[1.0], phases=[0.3], diagnose=False).impacts

@@ -11,9 +11,7 @@ from hcbench.engines.pybullet.backend import (
     DISTANCE,
     LINK_A,
     LINK_B,
-    NORMAL,
     POINT_A,
-    POINT_B,
     BulletClient,
 )
 from hcbench.engines.pybullet.model.bodies import (
@@ -30,6 +28,8 @@ from hcbench.engines.pybullet.model.bodies import (
     SwingingLink,
     contact_row,
 )
+from hcbench.engines.pybullet.model.closest import REACH, Face, find_face, middle_of, nearest, normal_of
+from hcbench.engines.pybullet.model.in_child import run_aside
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
 from hcbench.engines.pybullet.vectors import vector
@@ -43,8 +43,6 @@ ABOVE: Vector = (0.0, 0.0, 1.0)
 LEAST_MOBILITY = 1e-9  # 1/kg
 # Part of an endless plane that counts, m.
 _BOUND = 1e3
-# Largest distance between the two at the start, m.
-_REACH = 1e4
 # Degrees of freedom of a free base, which come before those of the joints.
 _BASE_FREEDOMS = 6
 # Places in getJointInfo.
@@ -66,7 +64,8 @@ class BulletPlacement:
 
     first, second: the links that touch, the moving body first. normal: unit vector from the first
     to the second. point: where they touch, m. effective_mass: along the normal, kg. overlap: of the
-    two at the start, m. note: how they were brought together, where that was a choice.
+    two at the start, m. face: on which they meet, its middle is
+    then `point`; None for a point. note: how they were brought together, where that was a choice.
     """
 
     first: BodyPart
@@ -77,6 +76,7 @@ class BulletPlacement:
     point: Floats
     effective_mass: float
     overlap: float
+    face: Face | None
     note: str = ""
 
     def launch(self, bullet: BulletClient, speed: float, clearance: float) -> None:
@@ -137,7 +137,7 @@ def _free_base(bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Flo
     position, quaternion = bullet.getBasePositionAndOrientation(moving.body)
     start = np.array(position)
     if way is None:
-        way = _normal(nearest(bullet, moving, other))
+        way = normal_of(nearest(bullet, moving, other))
     else:
         start = _clear_start(bullet, moving, other, way, start)
     return FreeBase(moving.body, f"{moving.name!r} by its free base", start, quaternion, way)
@@ -203,7 +203,7 @@ def _clear_start(
         for other_corner in (other_low, other_high):
             behind = max(behind, float(direction @ (corner - other_corner)))
     size = float(np.linalg.norm(high - low))
-    return position - direction * (min(behind, _REACH) + 0.1 * size)
+    return position - direction * (min(behind, REACH) + 0.1 * size)
 
 
 def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
@@ -257,7 +257,7 @@ def _rates_towards(body: BulletBody, point: Any, chosen: Collection[int] | None)
     By joint, rad/s or m/s, of those chosen, else of all; None where they cannot move it.
     """
     link = int(point[LINK_A])
-    normal = vector(_normal(point))
+    normal = vector(normal_of(point))
     response = body.response(link, vector(np.array(point[POINT_A])), normal)
     if response is None:
         return None
@@ -288,23 +288,6 @@ def _within_limits(joint: Any, start: float, target: float) -> float:
     return target
 
 
-def nearest(bullet: BulletClient, first: BodyPart, second: BodyPart) -> Any:
-    """PyBullet's closest point of the two; UserError where they have nothing to touch with."""
-    points = bullet.getClosestPoints(first.body, second.body, _REACH, first.link, second.link)
-    if not points:
-        raise UserError(
-            "pair",
-            f"{first.name!r} and {second.name!r} never touch: one has no collision geometry",
-            "a <collision> element on both",
-        )
-    return min(points, key=lambda point: float(point[DISTANCE]))
-
-
-def _normal(point: Any) -> Floats:
-    """Unit normal of a contact point, from the first body to the second."""
-    return -np.array(point[NORMAL], dtype=float)
-
-
 def _size(bullet: BulletClient, *parts: BodyPart) -> float:
     """The smallest diagonal of bounding boxes, m."""
     boxes = [bullet.getAABB(part.body, max(part.link, -1)) for part in parts]
@@ -319,7 +302,7 @@ def _sliding_joints(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> 
         joint = body.joints[number]
         if joint[JOINT_TYPE] != PRISMATIC:
             continue
-        approach = float(np.array(body.joint_axis(number)) @ _normal(point))
+        approach = float(np.array(body.joint_axis(number)) @ normal_of(point))
         if abs(approach) >= LEAST_APPROACH:
             name = joint[JOINT_NAME].decode(errors="replace")
             text = f"{moving.name!r} by its joint {name!r}"
@@ -351,11 +334,15 @@ def _touch(
             "Give one by --from, or a pose by --qpos",
         )
     point = nearest(bullet, moving, other)
-    normal = _normal(point)
-    middle = (np.array(point[POINT_A]) + np.array(point[POINT_B])) / 2
+    normal = normal_of(point)
     first = BodyPart(moving.name, moving.body, int(point[LINK_A]))
     second = BodyPart(other.name, other.body, int(point[LINK_B]))
     _require_room(bullet, first, second)
+    face = None
+    # Two links of one body tilt together.
+    if moving.body != other.body:
+        face = run_aside(bullet, lambda: find_face(bullet, first, second, size))
+    middle = middle_of(point) if face is None else face.middle
     overlap = 0.0
     # Files that all stand at the origin overlap there, which says nothing.
     if not note:
@@ -369,6 +356,7 @@ def _touch(
         point=middle,
         effective_mass=_effective_mass(bullet, first, second, middle, normal),
         overlap=overlap,
+        face=face,
         note=note,
     )
 

@@ -110,10 +110,12 @@ class LaunchInUserWorld(Simulation):
         All NaN where the body's velocity is not finite after it.
         """
         along = None
+        point = self._contact_point()
         if self._along is not None:
-            along = self._along.motion(self._contact_point(), self._before)
+            along = self._along.motion(point, self._before)
         if self.law is not None:
-            self._x, self._point = self._gap()
+            self._x, nearest = self._gap()
+            self._point = nearest if self.place.face is None else point
         self.bullet.stepSimulation()
         contact = self._read()
         if contact is not None and self._along is not None and along is not None:
@@ -125,7 +127,8 @@ class LaunchInUserWorld(Simulation):
         elif contact is not None:
             self._x = contact.penetration
             force = contact.force
-            self._point = contact.point
+            # Bullet often pushes one point of a face, by how its search ended.
+            self._point = contact.point if self.place.face is None else point
         elif self._touched:
             self._x = min(self._x, 0.0)
         x = self._x

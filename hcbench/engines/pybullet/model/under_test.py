@@ -45,6 +45,8 @@ from hcbench.terms.impact import Impact, Launch
 _MASS = 0
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
 
+_ONE_POINT = "Bullet pushes one point of this face, which turns the body. Speeds are those of its middle."
+
 
 class PybulletModel(ModelUnderTest):
     """A PyBullet world with a pair in it.
@@ -169,6 +171,8 @@ class PybulletModel(ModelUnderTest):
         notes = overlap_notes(self.place.overlap)
         if self.place.note:
             notes = [self.place.note, *notes]
+        if self.place.face is not None and self.place.face.points == 1:
+            notes.append(_ONE_POINT)
         return Facts(
             engine="pybullet",
             version=BACKEND.version(),
