@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from hcbench.system.errors import UserError
-from hcbench.system.files import is_file, read_text
+from hcbench.system.errors import SceneError, UserError
+from hcbench.system.files import is_file, read_bytes
 
 Id = TypeVar("Id")
 
 EXPAND_XACRO = "Expand it first: xacro robot.urdf.xacro > robot.urdf"
+# An element of xacro: its namespace alone stays in a file that was expanded.
+_XACRO = "<xacro:"
+# The encoding that a file states in its first line.
+_ENCODING = re.compile(rb"""^<\?xml[^>]*\bencoding\s*=\s*["']([\w.-]+)["']""")
+_UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # Names that an error shows.
 _LISTED = 12
 
@@ -84,13 +90,65 @@ def named_folders(given: str | Mapping[str, str]) -> Packages:
     return tuple(pairs)
 
 
+def read_xml(path: Path) -> str:
+    """The text of a model file, in the encoding that the file states; UTF-8 where it states none.
+
+    Raises SceneError for other bytes.
+    """
+    content = read_bytes(path)
+    encoding = "utf-8-sig"
+    if content.startswith(_UTF16_MARKS):
+        encoding = "utf-16"
+    elif (stated := _ENCODING.match(content)) is not None and stated[1].lower() != b"utf-8":
+        encoding = stated[1].decode()
+    try:
+        return content.decode(encoding)
+    except (UnicodeError, LookupError) as error:
+        got = f"{path} is not text in {encoding.removesuffix('-sig')}: {error}"
+        expected = "XML in UTF-8, or in the encoding that its first line states"
+        raise SceneError("model", got, expected) from None
+
+
+def is_utf8(path: Path) -> bool:
+    """Say whether a file is text in UTF-8, which engines read themselves."""
+    try:
+        read_bytes(path).decode()
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def names_packages(urdf: str) -> bool:
+    """Say whether a URDF names files by their packages."""
+    return _NAMED.search(urdf) is not None
+
+
+def require_expanded(path: Path, text: str) -> None:
+    """Raise SceneError for a URDF that is still written in xacro."""
+    if _XACRO in text:
+        raise SceneError("model", f"{path} is written in xacro", "a URDF", EXPAND_XACRO)
+
+
+def require_packages(path: Path, packages: Packages) -> None:
+    """Raise SceneError for the first package of a URDF whose folder is not known, or lacks the file."""
+    folders = folders_of(path, packages)
+    for match in _NAMED.finditer(read_xml(path)):
+        name = match["name"]
+        if name not in folders:
+            got = f"{path}: no folder above it has the files of package {name!r}"
+            raise SceneError("model", got, "its folder", f"Give it by --package {name}=FOLDER")
+        if not is_file(folders[name] / match["rest"]):
+            got = f"{path}: {match[0]!r} is not in {folders[name]}"
+            raise SceneError("model", got, "a file of the package")
+
+
 def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
     """Folder of each package that a model file names: as given, else the nearest above the file
     that has what is named. Packages that are in neither are left out.
     """
     given = dict(packages)
     folders: dict[str, Path] = {}
-    for match in _NAMED.finditer(read_text(path)):
+    for match in _NAMED.finditer(read_xml(path)):
         name = match["name"]
         if name in given:
             folders[name] = Path(given[name])
@@ -116,4 +174,4 @@ def with_absolute_files(path: Path, packages: Packages) -> str:
         shown = name if file is None or not is_file(file) else str(file.resolve())
         return f"{match['before']}{match['quote']}{shown}{match['quote']}"
 
-    return _FILE.sub(absolute, read_text(path))
+    return _FILE.sub(absolute, read_xml(path))

@@ -23,7 +23,7 @@ from hcbench.workers.process import (
     use_own_worker,
     worker_of_thread,
 )
-from hcbench.workers.redirect import redirect_output
+from hcbench.workers.redirect import captured_output, redirect_output
 from hcbench.workers.serve import environment, in_worker, mark_as_worker
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "WorkerPool",
     "begin",
     "call",
+    "captured_output",
     "environment",
     "in_worker",
     "map_surviving_crashes",

@@ -1,8 +1,9 @@
-"""Discards the output of a worker process."""
+"""Discards or collects the output of a worker process."""
 
 import ctypes
 import os
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -21,13 +22,39 @@ def redirect_output() -> Iterator[None]:
 
     It concerns all threads, so it is for worker processes.
     """
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        with _redirected(null):
+            yield
+    finally:
+        os.close(null)
+
+
+@contextmanager
+def captured_output() -> Iterator[list[str]]:
+    """Collect the lines that are printed, also by C code; they are in the list after the block.
+
+    It concerns all threads, so it is for worker processes.
+    """
+    lines: list[str] = []
+    with tempfile.TemporaryFile() as file:
+        try:
+            with _redirected(file.fileno()):
+                yield lines
+        finally:
+            file.seek(0)
+            lines += file.read().decode(errors="replace").splitlines()
+
+
+@contextmanager
+def _redirected(target: int) -> Iterator[None]:
+    """Let standard output and standard error go to an open file."""
     sys.stdout.flush()
     sys.stderr.flush()
     copies = [(fd, os.dup(fd)) for fd in (1, 2)]
-    null = os.open(os.devnull, os.O_WRONLY)
     try:
         for fd, _ in copies:
-            os.dup2(null, fd)
+            os.dup2(target, fd)
         yield
     finally:
         sys.stdout.flush()
@@ -38,4 +65,3 @@ def redirect_output() -> Iterator[None]:
         for fd, copy in copies:
             os.dup2(copy, fd)
             os.close(copy)
-        os.close(null)

@@ -6,7 +6,7 @@ import pytest
 
 from hcbench.checking.text import checks_of
 from hcbench.measuring.measure import Job
-from hcbench.measuring.pairs import list_pairs
+from hcbench.measuring.pairs import list_pairs, pairs
 from hcbench.measuring.request import make_request
 from hcbench.sim.packages import folders_of, read_packages, with_absolute_files
 from hcbench.system.errors import UserError
@@ -79,3 +79,22 @@ def test_a_file_of_checks_names_packages_from_its_own_folder(robot: Path, tmp_pa
     checks.write_text(f"[[check]]\n{entry}")
     (check,) = checks_of(checks)
     assert check.request.packages == (("tools", str(tmp_path / "elsewhere")),)
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ('<mesh filename="package://gone/hand.stl"/>', "files of package 'gone'.* package gone=FOLDER"),
+        ('<mesh filename="model://gone/hand.stl"/>', "files of package 'gone'"),
+        ('<sphere radius="0.1"/>', "MuJoCo fixes its root link to the world.*engine pybullet"),
+        ("<xacro:ball/>", "written in xacro"),
+    ],
+)
+def test_a_urdf_that_mujoco_cannot_let_collide_says_what_to_do(
+    tmp_path: Path, shape: str, words: str
+) -> None:
+    ball = tmp_path / "ball.urdf"
+    ball.write_text(f"""<robot name="r" xmlns:xacro="x"><link name="ball"><collision><geometry>{shape}
+      </geometry></collision></link></robot>""")
+    with pytest.raises(UserError, match=words):
+        pairs(ball, engine="mujoco")

@@ -206,8 +206,16 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         from hcbench.engines.mujoco.model.list_pairs import list_pairs
         from hcbench.engines.mujoco.model.open import load as load_user_model
 
-        model, _, state = load_user_model(_one_file(source), request)
-        return list_pairs(model, request, state)
+        file = _one_file(source)
+        model, _, state = load_user_model(file, request)
+        found = list_pairs(model, request, state)
+        if not found and str(file).lower().endswith(".urdf"):
+            got = (
+                "no two parts of this URDF can meet: MuJoCo fixes its root link to the world, without a floor"
+            )
+            advice = "Measure it with --engine pybullet, or save it as MJCF and add a freejoint"
+            raise UserError("model", got, "two parts that collide, one of which moves", advice)
+        return found
 
     def model_settings(
         self,

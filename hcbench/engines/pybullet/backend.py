@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
-from contextlib import chdir
+from contextlib import chdir, nullcontext
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from hcbench.sim.backend import Backend
 from hcbench.system.errors import EngineFailed, SceneError
+from hcbench.workers import captured_output, in_worker
 
 BACKEND = Backend(
     "pybullet",
@@ -24,6 +26,8 @@ BACKEND = Backend(
 UNCLIPPED = 1e9
 # MAX_PHYSICS_CLIENTS of Bullet.
 _MOST_CLIENTS = 1024
+# Bullet's line of code before each of its messages.
+_SOURCE_LINE = re.compile(r"b3(?:Error|Warning|Printf)\[[^\]]*\]:")
 # Places in a point of getContactPoints and getClosestPoints, of body A and body B.
 LINK_A = 3
 LINK_B = 4
@@ -76,14 +80,19 @@ class BulletClient:
         """
         loaders = {".urdf": self.loadURDF, ".sdf": self.loadSDF}
         load = loaders.get(path.suffix.lower(), self.loadMJCF)
+        printed: list[str] = []
         try:
             # Bullet looks for meshes in the working directory first, and for
             # package:// above the whole path.
             file = path.resolve()
-            with chdir(file.parent):
+            # In a user's own process, what others print is not ours to take.
+            quiet = captured_output() if in_worker() else nullcontext(printed)
+            with chdir(file.parent), quiet as printed:
                 bodies = load(str(file), **options)
         except self.error as error:
-            raise SceneError(slot, f"{path}: {error}", "a file that PyBullet loads") from None
+            reason = _SOURCE_LINE.sub(" ", " ".join(printed))
+            got = f"{path}: {error} {reason}".strip()
+            raise SceneError(slot, got, "a file that PyBullet loads") from None
         return [bodies] if isinstance(bodies, int) else list(bodies)
 
     def bodies(self) -> list[int]:

@@ -10,6 +10,7 @@ import pytest
 from free_flight import speed_at_plane
 
 from hcbench.measuring import measure
+from hcbench.measuring.pairs import pairs
 from hcbench.system.errors import SceneError, UserError
 from hcbench.terms.impact import Status
 from hcbench.workers import call
@@ -30,6 +31,17 @@ def urdf(name: str, shape: str, mass: float, extra: str = "", joints: str = "") 
 
 def restitution(e: float) -> str:
     return f'<contact><restitution value="{e}"/></contact>'
+
+
+def chain(kind: str, *joints: tuple[str, str]) -> str:
+    """A robot of joints, each between a parent and a child."""
+    names = dict.fromkeys(name for ends in joints for name in ends)
+    links = "".join(f'<link name="{name}"/>' for name in names)
+    between = "".join(
+        f'<joint name="{number}" type="{kind}"><parent link="{parent}"/><child link="{child}"/></joint>'
+        for number, (parent, child) in enumerate(joints)
+    )
+    return f'<robot name="r">{links}{between}</robot>'
 
 
 SPHERE = f'<sphere radius="{RADIUS}"/>'
@@ -276,7 +288,21 @@ def test_a_restitution_in_another_simulators_tag_is_reported(files: tuple[Path, 
         (urdf("ball", SPHERE, -1), "mass: '-1"),
         (urdf("ball", SPHERE, float("nan")), "mass: 'nan'"),
         (urdf("ball", '<mesh filename="gone.obj"/>', 1), "gone.obj"),
-        ('<robot name="r"><link name="a"/><link name="a"/></robot>', "PyBullet loads|collision"),
+        (urdf("ball", '<sphere radius="five"/>', 1), "sphere: radius 'five'; expected a number above 0"),
+        (urdf("ball", '<sphere radius="-0.05"/>', 1), "sphere: radius '-0.05'"),
+        (urdf("ball", '<cylinder radius="0.1" length="0"/>', 1), "cylinder: length '0'"),
+        (urdf("ball", '<box size="0.1 0.1"/>', 1), "box: size '0.1 0.1'; expected 3 numbers above 0"),
+        ('<robot name="r"><link name="a"/><link name="a"/></robot>', "'a' more than once"),
+        ('<robot name="r"><link name="a"/><link name=""/></robot>', "number 2 has no name"),
+        ('<robot name="r"><link name="a"/><link name="b"/></robot>', "2 root links: 'a', 'b'"),
+        (chain("fixed", ("a", "b"), ("b", "a")), "links in a circle: 'a', 'b'"),
+        (chain("fixed", ("a", "a")), "links in a circle: 'a'"),
+        (chain("fixed", ("a", "b"), ("c", "b")), "'b' is the child of 'a' and of 'c'"),
+        (chain("fixed", ("a", "b")).replace('child link="b"', 'child link="z"'), "child link 'z' is not in"),
+        (chain("glued", ("a", "b")), "type 'glued'; expected one of: revolute"),
+        (urdf("ball", '<mesh filename="package://arms/hand.stl"/>', 1), "package arms=FOLDER"),
+        # Bullet's own reason, which it prints.
+        (urdf("ball", "<cone/>", 1), "Unknown geometry type: cone Could not parse"),
         (
             urdf("ball", SPHERE, 1).replace("<collision>", "<!--").replace("</collision>", "-->"),
             "no collision",
@@ -289,6 +315,21 @@ def test_a_bad_file_is_one_clear_line(files: tuple[Path, Path], text: str, words
     with pytest.raises(UserError, match=words) as caught:
         measure(files)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
+def test_a_urdf_is_read_in_the_encoding_that_it_states(files: tuple[Path, Path], encoding: str) -> None:
+    text = files[0].read_text().replace("ball_link", "kügelchen").partition("?>")[2]
+    files[0].write_text(f'<?xml version="1.0" encoding="{encoding}"?>{text}', encoding=encoding)
+    (impact,) = measure(files, "kügelchen,plate_link", speeds=[1.0], phases=[0.3], diagnose=False).impacts
+    assert impact.status == Status.PARTED
+
+
+def test_bytes_that_are_no_text_are_a_mistake_of_the_user(files: tuple[Path, Path]) -> None:
+    files[0].write_bytes(bytes(range(128, 256)))
+    for engine in ("pybullet", "mujoco"):
+        with pytest.raises(UserError, match=r"not XML|not text in utf-8"):
+            pairs(files[0], engine=engine)
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,16 @@ from typing import TYPE_CHECKING, Any
 from hcbench.engines.mujoco import plugin
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.plausible import require_plausible_model
-from hcbench.sim.packages import with_absolute_files
+from hcbench.sim.packages import (
+    is_utf8,
+    names_packages,
+    read_xml,
+    require_expanded,
+    require_packages,
+    with_absolute_files,
+)
 from hcbench.system.errors import EngineFailed, SceneError
-from hcbench.system.files import read_bytes, read_text, require_small_archive
+from hcbench.system.files import read_bytes, require_small_archive
 from hcbench.system.memory import memory_limit
 
 if TYPE_CHECKING:
@@ -102,14 +109,30 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
         raise SceneError(
             "model", f"{path} has a byte that is not UTF-8", "a name in UTF-8", "Rename the file"
         )
-    if path.suffix.lower() == ".urdf" and "package://" in (text := read_text(path)):
-        text = _keep_folders(with_absolute_files(path, packages))
-        return _compiled(partial(mujoco.MjModel.from_xml_string, text), str(path))
+    if path.suffix.lower() == ".urdf":
+        text = read_xml(path)
+        require_expanded(path, text)
+        # MuJoCo knows no packages, and its names must be UTF-8.
+        if names_packages(text) or not is_utf8(path):
+            return _from_urdf(mujoco, path, packages)
     if path.suffix.lower() == ".mjz":
         return _compiled(partial(_unzipped, mujoco, path), str(path))
     if path.suffix.lower() == ".mjb":
         return _compiled(partial(_from_binary, mujoco, path), str(path))
     return _compiled(partial(mujoco.MjModel.from_xml_path, str(path)), str(path))
+
+
+def _from_urdf(mujoco: Any, path: Path, packages: Packages) -> Any:
+    """The model of a URDF whose text is not MuJoCo's, or that names files by their packages.
+
+    Raises SceneError with the package that has no folder, or with MuJoCo's reason.
+    """
+    text = _keep_folders(with_absolute_files(path, packages))
+    try:
+        return _compiled(partial(mujoco.MjModel.from_xml_string, text), str(path))
+    except SceneError:
+        require_packages(path, packages)
+        raise
 
 
 def _from_binary(mujoco: Any, path: Path) -> Any:

@@ -8,9 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hcbench.sim.packages import EXPAND_XACRO
+from hcbench.engines.pybullet.model.urdf import check_urdf
+from hcbench.sim.packages import read_xml, require_expanded
 from hcbench.system.errors import SceneError
-from hcbench.system.files import is_file, read_text
+from hcbench.system.files import is_file
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 
     from hcbench.terms.scene import Scene
 
-# An element of xacro: its namespace alone stays in a file that was expanded.
-_XACRO = "<xacro:"
 _RADIUS_TOLERANCE = 1e-9  # m
 # First tag of a file, by its suffix.
 _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
@@ -66,8 +65,13 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
     expected = _ROOTS.get(path.suffix.lower(), root.tag)
     if root.tag != expected:
         raise SceneError("model", f"{path} begins with <{root.tag[:40]}>", f"<{expected}>")
-    if _XACRO in read_text(path):
-        raise SceneError("model", f"{path} is written in xacro", "a URDF", EXPAND_XACRO)
+    text = read_xml(path)
+    require_expanded(path, text)
+    if "<!ENTITY" in text:
+        got = f"{path} has entities (<!ENTITY), which Bullet does not expand"
+        raise SceneError("model", got, "numbers and names in full")
+    if root.tag == "robot":
+        check_urdf(path, root)
     for mass in root.iter("mass"):
         text = mass.get("value") or mass.text or ""
         _check_number(path, "mass", text, "0 kg (fixed) or more", lambda mass: 0 <= mass < math.inf)

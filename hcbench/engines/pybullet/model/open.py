@@ -12,7 +12,7 @@ from typing import Any
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
 from hcbench.engines.pybullet.model.model_file import check_user_model
-from hcbench.sim.packages import Packages, with_absolute_files
+from hcbench.sim.packages import Packages, is_utf8, require_packages, with_absolute_files
 from hcbench.system.errors import SceneError, UserError
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
@@ -93,13 +93,21 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
 
 
 def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
-    """Bodies of a file; of one that names files by packages that were given, of a copy with their folders."""
-    if path.suffix.lower() != ".urdf" or not packages:
+    """Bodies of a file. Of a URDF that names files by packages that were given, or that is not in
+    UTF-8, of a copy. Raises SceneError with the package that has no folder, or with Bullet's reason.
+    """
+    if path.suffix.lower() != ".urdf":
         return bullet.load_model(path)
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / path.name
-        copy.write_text(with_absolute_files(path, packages), encoding="utf-8")
-        return bullet.load_model(copy)
+    try:
+        if not packages and is_utf8(path):
+            return bullet.load_model(path)
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / path.name
+            copy.write_text(with_absolute_files(path, packages), encoding="utf-8")
+            return bullet.load_model(copy)
+    except SceneError:
+        require_packages(path, packages)
+        raise
 
 
 def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
