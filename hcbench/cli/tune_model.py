@@ -11,7 +11,7 @@ from hcbench.cli.console import print_json
 from hcbench.cli.terminal import show, show_code, status
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed
-from hcbench.system.text import sanitized, time_step
+from hcbench.system.text import as_bound, sanitized, time_step
 
 if TYPE_CHECKING:
     from hcbench.tuning.tuned_model import TunedModel, TunedPair
@@ -44,7 +44,7 @@ def tune_model(
         if tuned.gains:
             show(f"\nnext:\n  {_next_line(tuned, limit, write_model, value, given)}")
     if not tuned.gains:
-        raise _nothing_gained(tuned)
+        raise _nothing_gained(tuned, limit)
     if tuned.max_e > MOST_E:
         got = f"e up to {tuned.max_e:.4g} with {tuned.name!r}: it gains energy"
         raise LimitPassed("restitution", got, "1 at most", _cure(tuned))
@@ -74,8 +74,12 @@ def _next_line(
     return " ".join(["hcbench check", *words, f"--max-error {limit:g}"])
 
 
-def _nothing_gained(tuned: TunedModel) -> LimitPassed:
-    return LimitPassed("restitution", tuned.no_gain, "a gain", f"Nothing is written. {_cure(tuned)}")
+def _nothing_gained(tuned: TunedModel, limit: float) -> LimitPassed:
+    from hcbench.tuning.tuned_model import AS_IT_IS
+
+    stays = tuned.name == AS_IT_IS and tuned.max_error <= limit
+    advice = "" if stays else f" {_cure(tuned)}"
+    return LimitPassed("restitution", tuned.no_gain, "a gain", f"Nothing is written.{advice}")
 
 
 def _cure(tuned: TunedModel) -> str:
@@ -161,7 +165,8 @@ def _print(tuned: TunedModel, limit: float) -> None:
         attitude = f", on its {pair.attitude}" if pair.attitude else ""
         show(f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg")
         show(f"contact {facts.meeting}; moved by {facts.moved}")
-        show(f"largest error of e: {pair.max_error:.2g} from {low:.2g} to {high:.2g} m/s, tuned, any phase")
+        band = f"from {low:.2g} to {high:.2g} m/s"
+        show(f"largest error of e: {as_bound(pair.max_error)} {band}, tuned, in {pair.launches} launches")
         show("at touch:")
         for point in pair.curve:
             least_most = f"{point.lowest:.4f} ... {point.highest:.4f}"

@@ -200,14 +200,16 @@ class Texts:
 class ModelSetting:
     """A setting for pairs in their own model, to be tried there.
 
-    open: the model with the setting, for the launches of a request. texts: of it, with
-    what was promised of each pair.
+    open: the model with the setting, for the launches of a request.
+    texts: of it, with what was promised of each pair.
+    slides: true where friction may change e of bodies that slide, so that oblique launches judge it.
     """
 
     name: str
     notes: tuple[str, ...]
     open: Callable[[Request], ModelUnderTest]
     texts: Callable[[Sequence[Promise], Output], Texts]
+    slides: bool = False
 
 
 class ModelUnderTest(World):

@@ -7,6 +7,7 @@ import io
 import math
 import unicodedata
 from collections.abc import Mapping, Sequence
+from decimal import ROUND_CEILING, Context
 from typing import Any
 
 _LONGEST = 200
@@ -69,6 +70,12 @@ def two_digits(error: float) -> str:
     """An error as every line, page and figure prints it: "0.028", "2.1e-5", "1e-7"."""
     digits = 2 if error >= 1e-5 else 1
     return f"{error:.{digits}g}".replace("e-0", "e-")
+
+
+def as_bound(error: float) -> str:
+    """An error that others shall not exceed: two digits, rounded up."""
+    up = Context(prec=2, rounding=ROUND_CEILING)
+    return f"{float(up.create_decimal(f'{error:.4g}')):.2g}"
 
 
 def shortest(value: float) -> str:

@@ -13,9 +13,11 @@ from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.standing import Standing
 from hcbench.system.notebook import Shown
-from hcbench.system.text import joined_names
+from hcbench.system.text import as_bound, joined_names
 from hcbench.tuning.tune import MAX_ERROR
 
+# Name of the setting that changes nothing.
+AS_IT_IS = "as it is"
 # Key of the count of contact points in `Facts.settings`.
 _POINTS = "points of contact"
 # Pairs that are printed, at most.
@@ -32,19 +34,30 @@ class TunedPair:
     attitude: of the body, such as "edge"; "" where it has but one.
     taken: how much of the speed at touch, at most, joints and servos take between the contact's
     last force and the touch plane; below 0 where they add to it.
+    launches: how many there were: those of the curve, then others at speeds and phases that fill
+    band and step evenly, and about the worst of all.
+    beyond, highest: the largest error of e, and the largest e, in those others.
     """
 
     facts: Facts
     curve: Curve
     attitude: str = ""
     taken: float = 0.0
+    launches: int = 0
+    beyond: float = 0.0
+    highest: float = 0.0
 
     @property
     def max_error(self) -> float:
-        """The largest error of e in any phase; infinite where an impact has no e."""
+        """The largest error of e in any launch; infinite where an impact has no e."""
         if any(point.failed for point in self.curve):
             return math.inf
-        return max(abs(point.worst_phase) for point in self.curve)
+        return max(self.beyond, *(abs(point.worst_phase) for point in self.curve))
+
+    @property
+    def max_e(self) -> float:
+        """The largest e in any launch."""
+        return max(self.highest, *(point.highest for point in self.curve))
 
     @property
     def band(self) -> tuple[float, float]:
@@ -78,7 +91,7 @@ class TunedModel(Shown):
         yield f"{self.pairs[0].facts.model}: {self.name}"
         for pair in self.pairs[:_SHOWN]:
             low, high = pair.band
-            within = f"e within {pair.max_error:.2g} from {low:.3g} to {high:.3g} m/s"
+            within = f"e within {as_bound(pair.max_error)} from {low:.3g} to {high:.3g} m/s"
             yield f"{' on '.join(pair.facts.pair)}{f', {pair.attitude}' if pair.attitude else ''}: {within}"
         if self.gains:
             yield f"to paste: .text, {len(self.text.splitlines())} lines"
@@ -110,7 +123,7 @@ class TunedModel(Shown):
     @property
     def max_e(self) -> float:
         """The largest e of all pairs in any phase."""
-        return max(point.highest for pair in self.pairs for point in pair.curve)
+        return max(pair.max_e for pair in self.pairs)
 
     @property
     def worse(self) -> list[str]:
@@ -120,6 +133,8 @@ class TunedModel(Shown):
     @property
     def gains(self) -> bool:
         """True if e is near enough to the target, or nearer than in the model as it was."""
+        if self.name == AS_IT_IS:
+            return False
         return self.max_error <= max(self.enough, _GAINS * largest_error(self.untuned))
 
     @property
@@ -127,6 +142,9 @@ class TunedModel(Shown):
         """Errors of e that leave nothing to write, as a phrase; "" where the setting gains."""
         if self.gains:
             return ""
+        if self.name == AS_IT_IS:
+            within = f"e within {as_bound(self.max_error)}"
+            return f"the model as it is has {within}, nearer than with any setting that was found"
         before = largest_error(self.untuned)
         found = f"{self.max_error:.2g} with the best setting that was found"
         return f"e is wrong by {before:.2g} in the model as it is, by {found}"

@@ -22,12 +22,14 @@ if TYPE_CHECKING:
     Rows = tuple[ConstraintRow, ...]
     Band = tuple[float, float]
 
+# Name of the row that turns a body back in one step.
+ONE_STEP = "one step"
 # Steps of a spring and damper in contact under RK4.
 _RK4_STEPS = 8
 # K h² of a contact that stops a body: it pushes out what is inside, and no more.
 _STOP = 0.005
 # A target e below this is met by a stop.
-_NO_BOUNCE = 0.02
+NO_BOUNCE = 0.02
 # No spring and damper is made for a smaller e.
 _LEAST_E = 1e-3
 
@@ -64,25 +66,35 @@ def estimated_mobility(model: object, first: int, second: int) -> float:
 
 def row_choices(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Iterator[tuple[str, Rows]]:
     """(name, rows), the simplest first: a stop or one step, a spring and damper of one e, two rows
-    whose e depends on speed as the target does, gravity included. adhesive: whether they may pull.
+    whose e depends on speed as the target does, gravity included, and the same two without pulling.
+    adhesive: whether they may pull.
     """
     h = load.timestep
     constant = goal.best_constant(*band)
-    if constant < _NO_BOUNCE:
+    if constant < NO_BOUNCE:
         stop = ConstraintRow.direct(_STOP / h**2, 1.0 / h, STIFF_SOLIMP)
         yield "stop", (stop,)
     elif not load.slides and not load.rk4:
-        # A spring so soft that it hardly changes e, but lifts what lies too deep.
-        spring = min(1e4, 1e-3 / h**2)
-        one_step = ConstraintRow.direct(spring, (1.0 + constant) / h, STIFF_SOLIMP)
-        yield "one step", (one_step,)
+        yield ONE_STEP, one_step(constant, h)
     steps = _RK4_STEPS if load.rk4 else half_period_steps(load.points)
     yield f"spring of {steps} steps", (_spring(constant, steps, load),)
     e = goal.at(np.geomspace(*band, 50))
-    if e.min() > _NO_BOUNCE and e.max() < 1.0:
+    if e.min() > NO_BOUNCE and e.max() < 1.0:
         # Two digits: two feet whose loads differ by rounding share one fit.
         strength = float(f"{load.strength:.2g}")
-        yield "spring and damper", _fitted(goal, band, replace(load, strength=strength), adhesive)
+        rounded = replace(load, strength=strength)
+        # The fit of rows that pull may end farther from the target than that of rows that do not.
+        for pulls in (True, False) if adhesive else (False,):
+            yield "spring and damper", _fitted(goal, band, rounded, pulls)
+
+
+def one_step(e: float, timestep: float) -> Rows:
+    """A row that turns a body back in one step (s), as `check` advises.
+
+    Its spring hardly changes e, but lifts a body that lies too deep.
+    """
+    spring = min(1e4, 1e-3 / timestep**2)
+    return (ConstraintRow.direct(spring, (1.0 + e) / timestep, STIFF_SOLIMP),)
 
 
 def _spring(e: float, steps: int, load: Load) -> ConstraintRow:

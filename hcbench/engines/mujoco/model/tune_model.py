@@ -13,7 +13,7 @@ from hcbench.engines.mujoco.model.attitudes import attitudes
 from hcbench.engines.mujoco.model.bodies import can_meet, explicit_pairs, integrator_name
 from hcbench.engines.mujoco.model.list_pairs import contact_in_force, find_pair
 from hcbench.engines.mujoco.model.open import load
-from hcbench.engines.mujoco.model.row_choices import Load, row_choices
+from hcbench.engines.mujoco.model.row_choices import NO_BOUNCE, ONE_STEP, Load, one_step, row_choices
 from hcbench.engines.mujoco.model.row_search import RowSearch, starting_rows
 from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.engines.mujoco.model.under_test import MujocoModel
@@ -83,6 +83,12 @@ def model_settings(
         for like, (_, rows) in zip(leaders, choice, strict=True):
             rows_of[like] = rows
         yield setting(name, rows_of)
+    # Friction changes the e of a row of one step where the two slide, by how much the launches say.
+    constant = goal.best_constant(*pairs[0].band)
+    if most_choices is None and constant >= NO_BOUNCE and not any(pair.load.rk4 for pair in pairs):
+        rows_of = {pair.like: one_step(constant, pair.load.timestep) for pair in pairs}
+        if any(pair.load.slides for pair in pairs):
+            yield replace(setting(ONE_STEP, rows_of), slides=True)
     if all(math.isfinite(pair.place.gap) for pair in pairs):
         yield setting("stiff spring and damper", _searched(source, pairs, goal, was, adhesive))
 
