@@ -164,7 +164,7 @@ def _tuned(job: Job) -> TunedModel:
         error = _tried(setting, alike, wanted, job.max_error)
         if setting.slides and all(error < tried.error for tried in tries):
             lift = _lift(setting.open, alike)
-            # What the model as it is does as well is no reason against it.
+            # A change that the model as it is has, too, does not count.
             if lift > max(job.max_error, WORSE * _lift(as_it_was, alike)):
                 error = max(error, lift)
         after = engine.standing(source, setting, requests)
