@@ -13,7 +13,7 @@ from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.checking.outcome import Outcome, Report, Verdict, judge_landings, judge_touchdowns
 from hcbench.laws.restitution import Reading, Restitution
 from hcbench.measuring.curve import Curve, CurvePoint, curve_of, curve_of_columns, worst_of
-from hcbench.measuring.landing import land_job
+from hcbench.measuring.landing import land_job, unresolved
 from hcbench.measuring.measure import Job, measure_job
 from hcbench.measuring.measurement import TOLERANCE, Measurement
 from hcbench.measuring.trajectory import touchdowns_job
@@ -69,6 +69,8 @@ def _judge_limits(check: Check) -> Outcome:
     if check.drops is not None:
         landings = land_job(job, check.drops, check.limit)
         verdict, message = judge_landings(landings, check.limits)
+        if reasons := unresolved(landings):
+            verdict, message = Verdict.FAILED, reasons[0]
     else:
         motion = touchdowns_job(job, check.trajectory, check.limit)
         verdict, message = judge_touchdowns(motion, check.limits)

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from hcbench.measuring.measure import Job, run_job, source_of
-from hcbench.measuring.measurement import TOLERANCE
+from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE
 from hcbench.measuring.python_file import is_python, python_function
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.capabilities import LandsRobots
@@ -29,10 +29,15 @@ from hcbench.terms.options import (
     Quantity,
 )
 from hcbench.terms.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LANDING_TIME, record
+from hcbench.terms.resolution import STEPS_BY_CHANCE
 
 HEIGHTS = "1:20:5 cm"
 # Highest drop that `land` simulates, m.
 _HIGHEST = 100.0
+# A step (s) is too long for a fall of fewer than ten.
+_SHARE_OF_FALL = 0.1
+# Fewer steps in contact do not resolve it.
+_ENOUGH_STEPS = 20
 # Printed in place of a contact time if the body stays on the floor until the end of the window.
 _STAYS = "stays"
 _HEADER = (
@@ -130,7 +135,48 @@ def _landed(drops: DropPlan, job: Job) -> Landings:
         raise UserError("engine", engine.title, "an engine in which hcbench drops robots", "Give MJCF")
     if isinstance(drops.controller, str) and is_python(drops.controller):
         drops = dataclasses.replace(drops, controller=python_function(drops.controller))
-    return engine.land(source, job.request, drops, rebuild)
+    landings = engine.land(source, job.request, drops, rebuild)
+    notes = (*landings.notes, *unresolved(landings), *_few_steps(landings))
+    return dataclasses.replace(landings, notes=notes)
+
+
+def unresolved(landings: Landings) -> list[str]:
+    """Sentences on a step that is too long for the fall or the contact, with the step to take.
+
+    With such a step, no number of the landings holds.
+    """
+    h = landings.timestep
+    found = []
+    shortest = min(math.sqrt(2.0 * drop.height / landings.gravity) for drop in landings.drops)
+    if h > _SHARE_OF_FALL * shortest:
+        off = f"its speed may be wrong by {landings.gravity * h:.2g} m/s"
+        evidence = f"a fall lasts {shortest / h:.2g} steps, and {off}"
+        fix = f"a step of {_SHARE_OF_FALL * shortest:.1g} s"
+        found.append(f"The step is too long for the fall: {evidence}. Use {fix} or less.")
+    gains = [drop for drop in landings.drops if drop.restitution > 1.0 + NOTABLE_GAIN]
+    if coarse := [drop for drop in gains if _steps(drop, h) < _ENOUGH_STEPS]:
+        worst = max(coarse, key=lambda drop: drop.restitution)
+        steps = _steps(worst, h)
+        evidence = f"e up to {worst.restitution:.4g} with {steps:.0f} steps in contact"
+        fix = f"a step of {h * min(0.05, steps / 200):.1g} s"
+        found.append(f"The contact adds energy: the step does not resolve it: {evidence}. Use {fix}.")
+    return found
+
+
+def _few_steps(landings: Landings) -> list[str]:
+    """A sentence on drops in which few steps are in contact; none where `unresolved` says more."""
+    h = landings.timestep
+    fewest = min(_steps(drop, h) for drop in landings.drops)
+    if unresolved(landings) or fewest > STEPS_BY_CHANCE:
+        return []
+    words = "Too few steps in contact: e depends on where in a step the contact starts, by chance"
+    evidence = f"{fewest:.0f} steps in contact at {time_step(h)} s; {_ENOUGH_STEPS} or more are needed"
+    return [f"{words}: {evidence}. Use a step of {h * fewest / 60:.1g} s."]
+
+
+def _steps(drop: Landing, timestep: float) -> float:
+    """Steps, of some s, of the longest first contact of a foot; infinite where impulses act."""
+    return drop.contact / timestep if math.isnan(drop.impulse) else math.inf
 
 
 def as_record(landings: Landings) -> dict[str, Any]:

@@ -219,3 +219,22 @@ def test_check_holds_landings_and_motions_to_limits(
 def test_limits_that_cannot_be_meant_are_refused(fields: dict[str, Any], words: str) -> None:
     with pytest.raises(UserError, match=words):
         check(CheckSpec(model="robot.xml", **fields))
+
+
+@pytest.mark.parametrize(
+    ("step", "note", "fails"),
+    [
+        ("2 ms", "", False),
+        ("5 ms", "Too few steps in contact", False),
+        ("20 ms", "The step is too long for the fall", True),
+        ("100 ms", "The contact adds energy: the step does not resolve it: e up to", True),
+    ],
+)
+def test_a_step_that_does_not_resolve_a_landing_is_named(step: str, note: str, fails: bool) -> None:
+    """An e of 2.88 had exit code 0."""
+    model = str(Path(__file__).parents[2] / "examples" / "quadruped.xml")
+    landings = hcbench.land(model, heights="5 cm", timestep=step)
+    assert any(note in each for each in landings.notes) or (not note and not landings.notes)
+    assert all("Use a step of" in each for each in landings.notes)
+    report = hcbench.check(model, require="e < 5", heights="5 cm", timestep=step)
+    assert report.exit_code == int(fails)
