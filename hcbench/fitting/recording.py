@@ -141,6 +141,9 @@ class _Wav:
             except ValueError:
                 # Samples of 24 bits cannot be mapped into memory.
                 self.rate, samples = wavfile.read(path)
+            except UnboundLocalError:
+                # SciPy's own, where a chunk is missing.
+                raise ValueError("it lacks its format or its samples") from None
         self._samples = samples[:, None] if samples.ndim == 1 else samples
         self._file: tuple[Path, int, np.dtype[Any]] | None = None
         if isinstance(samples, np.memmap):

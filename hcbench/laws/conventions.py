@@ -241,7 +241,7 @@ def _needed(slot: str, value: float | None, unit: str) -> float:
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
     """α in s/m of the law that has this e at this speed (m/s)."""
     if speed is None:
-        raise UserError("speed", "none", "the speed at which that restitution is meant", "e alone fixes no α")
+        raise UserError("speed", "none", "the impact speed at which e is to hold", "e alone fixes no α")
     require("restitution", e, 0.0 < e <= 1.0, "0 < e <= 1")
     return (1.0 - e) / speed if reading == "linear" else float(closed_form.alpha_of(e, speed))
 

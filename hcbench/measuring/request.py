@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from typing import Any, Unpack
 
@@ -16,6 +17,8 @@ from hcbench.terms.options import BodyPair, LaunchOptions, Quantity
 
 MAX_PHASES = 1000
 LONGEST_LIMIT_S = 1e6
+# Three numbers with blanks alone between them.
+_THREE_NUMBERS = re.compile(r"\s*[-+\d.e]+\s+[-+\d.e]+\s+[-+\d.e]+.*")
 
 
 @checked
@@ -142,6 +145,8 @@ def _gravity(gravity: Any) -> Vector:
     """Gravity, m/s²: three numbers, or one along -z."""
     if isinstance(gravity, str) and "," in gravity:
         gravity = gravity.split(",")
+    if isinstance(gravity, str) and _THREE_NUMBERS.fullmatch(gravity):
+        raise QuantityError("gravity", repr(gravity), "commas between the three: '0, 0, -9.81'")
     if isinstance(gravity, str) or not isinstance(gravity, Iterable):
         down = units.parse(gravity, "acceleration", "gravity")
         if not down >= 0:

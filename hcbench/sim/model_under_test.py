@@ -172,12 +172,13 @@ class Output:
     """Destination of a setting that is to be written into a model.
 
     folder: of the model; None: that of the source. include: the name of a file of its own
-    for its lines; "" for none. version: of the engine that has to load it, such as (3,
+    for its lines; "" for none. engine, version: that have to load it, such as (3,
     5); () for the installed one.
     """
 
     folder: Path | None = None
     include: str = ""
+    engine: str = ""
     version: tuple[int, ...] = ()
 
 

@@ -82,6 +82,15 @@ def is_file(path: str | Path) -> bool:
         return False
 
 
+def why_no_file(path: Path) -> str:
+    """The reason why a path cannot be read as a file, after its name."""
+    if path.is_dir():
+        return "is a folder"
+    if path.is_symlink():
+        return "is a link that leads to no file"
+    return "is not a file that can be read again" if path.exists() else "is not there"
+
+
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """A file of at most `most` bytes; OSError for a longer one,
     regardless of the size that it states.

@@ -80,7 +80,11 @@ def require_bounds(
         if math.isfinite(value) and is_within:
             continue
         least = "0" if low == SMALLEST else f"{low:g}"
-        got = f"{value:.6g} {unit}".strip()
+        shown = f"{value:.6g}"
+        if shown in (f"{low:g}", f"{high:g}"):
+            # Beyond the bound by less than six digits show.
+            shown = repr(float(value))
+        got = f"{shown} {unit}".strip()
         expected = f"{least} ... {high:g} {unit}".strip()
         advice = "" if _beyond.get() else "--beyond-bounds admits it, if it is meant"
         raise QuantityError(slot, got, expected, advice)

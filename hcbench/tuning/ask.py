@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     Points = Sequence[tuple[float, float]]
 
 _GRAVITY = 9.81  # m/s²
-_VERSION = re.compile(r"[a-z-]+@(\d+(?:\.\d+)*)")
+_VERSION = re.compile(r"([a-z0-9_-]+)@(\d+(?:\.\d+)*)")
 
 
 @checked
@@ -330,18 +330,20 @@ def _output(model: Path | None, include: Path | None, version: str | None) -> Ou
 
     version: "ENGINE@3.5".
     """
+    engine = ""
     numbers: tuple[int, ...] = ()
     if version:
         match = _VERSION.fullmatch(version)
         if match is None:
             raise UserError("for", repr(version), "an engine and its version, as ENGINE@3.5")
-        numbers = tuple(int(part) for part in match[1].split("."))
+        engine = match[1]
+        numbers = tuple(int(part) for part in match[2].split("."))
     folder = None if model is None else model.absolute().parent
     name = ""
     if include is not None:
         # A model names the file that it includes as seen from its own folder.
         name = os.path.relpath(include.absolute(), folder or include.absolute().parent)
-    return Output(folder, name, numbers)
+    return Output(folder, name, engine, numbers)
 
 
 def names_of(pair: BodyPair | None) -> Pair:

@@ -40,6 +40,7 @@ from hcbench.tuning.tune import MAX_ERROR
 from hcbench.tuning.tuned_model import AS_IT_IS, TunedModel, TunedPair, largest_error
 
 if TYPE_CHECKING:
+    from hcbench.sim.engine import Engine
     from hcbench.terms.setting import Setting
 
 
@@ -141,6 +142,22 @@ class _Try:
     pairs: tuple[TunedPair, ...] | None = None
 
 
+def _require_known_version(engine: Engine, output: Output) -> None:
+    """Refuse to write for another engine than the model's, or for a version that hcbench was never
+    tried with.
+    """
+    if not output.version or engine.backend is None:
+        return
+    name = registry.base_name(engine.name)
+    version = ".".join(str(part) for part in output.version)
+    got = f"{output.engine}@{version}"
+    if output.engine != name:
+        raise UserError("for", repr(got), f"a version of {name}, which opens this model")
+    if engine.backend.untried(version):
+        known = f"{name}@{engine.backend.oldest} ... {name}@{engine.backend.newest}"
+        raise UserError("for", repr(got), known)
+
+
 def _tuned(job: Job) -> TunedModel:
     """Try the engine's settings, the simplest first; return the first
     that will do, or else the nearest.
@@ -151,6 +168,7 @@ def _tuned(job: Job) -> TunedModel:
     if not isinstance(engine, TunesModels):
         expected = "an engine that tunes models of users"
         raise UserError("engine", repr(engine.name), expected, f"{source!r}")
+    _require_known_version(engine, job.output)
 
     def as_it_was(request: Request) -> ModelUnderTest:
         return engine.open(rebuild() if rebuild else source, request, rebuild)

@@ -53,6 +53,7 @@ def test_all_kinds_of_wav_are_read(tmp_path: Path, capsys: pytest.CaptureFixture
             b"\0\0\0 ftypM4A \xff\xfe",
             r"hcbench\[sound\].*ffmpeg -i drop.m4a|cannot be read",
         ),
+        ("drop.wav", b"RIFF\4\0\0\0WAVE", "lacks its format or its samples"),
         ("drop.wav", b"RIFF\0\0\0\0WAVEjunk", "cannot be read as WAV"),
         ("data.zip", b"PK\3\4\xff\xfe", "Unpack"),
         ("data.bin", b"\xff\xfe\0\1", "neither UTF-8 text nor a WAV"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,10 @@ import pytest
 
 import hcbench as hb
 from hcbench.cli import run
-from hcbench.system.errors import SceneError, UserError
+from hcbench.measuring import measure
+from hcbench.measuring.request import make_request
+from hcbench.system.errors import HcbenchError, QuantityError, SceneError, UserError
+from hcbench.terms.bounds import beyond_bounds
 
 MODEL = """<mujoco><option timestep="1e-3" gravity="0 0 -9.81"/><worldbody>
 <geom name="plate" type="plane" size="1 1 1" solref="{solref}"/><body name="ball" pos="0 0 1"><freejoint/>
@@ -89,3 +93,24 @@ def test_a_binary_model_whose_sizes_ask_for_gigabytes_is_refused(tmp_path: Path)
             hb.pairs(path)
         said.add(str(refused.value).partition(": ")[2].partition(": ")[2])
     assert any("more memory than the file has numbers for" in words for words in said)
+
+
+def test_a_part_beyond_all_bounds_leaves_no_log_of_the_engines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "far.xml").write_text(
+        '<mujoco><worldbody><geom name="floor" type="plane" size="2 2 .1"/><body name="ball" pos="0 0 1">'
+        '<freejoint/><geom name="ball" size=".05" pos="1e20 0 0"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(UserError, match=r"position of a geom: 1e\+20 m; expected 0 ... 10000 m"):
+        measure("far.xml", "ball,floor", speeds=[1.0], phases=1)
+    with beyond_bounds(), suppress(HcbenchError):
+        measure("far.xml", "ball,floor", speeds=[1.0], phases=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["far.xml"]
+
+
+def test_gravity_of_three_numbers_needs_commas() -> None:
+    with pytest.raises(QuantityError, match=r"commas between the three: '0, 0, -9\.81'"):
+        make_request(gravity="0 0 -9.81")
+    assert make_request(gravity="0, 0, -9.81").gravity == (0.0, 0.0, -9.81)

@@ -15,7 +15,7 @@ from hcbench.measuring.measure import measure
 from hcbench.system.errors import HcbenchError, QuantityError, StudyError, UserError
 from hcbench.system.text import time_step
 from hcbench.terms import units
-from hcbench.terms.bounds import BOUNDS, beyond_bounds
+from hcbench.terms.bounds import BOUNDS, beyond_bounds, require_bounds
 
 GOOD = (Path(__file__).parents[2] / "examples" / "good.xml").read_text(encoding="utf-8")
 MODEL = """<mujoco><option timestep="{timestep}" gravity="0 0 {gravity}"/><worldbody>
@@ -134,3 +134,8 @@ def test_a_step_is_written_as_a_fraction(text: str, step: float) -> None:
     assert time_step(1e-3) == "0.001"
     with pytest.raises(HcbenchError):
         units.parse("1/0 s", "timestep")
+
+
+def test_a_number_just_beyond_its_bound_is_shown_in_full() -> None:
+    with pytest.raises(QuantityError, match=r"mass: 1000000000.5 kg; expected 1e-12 ... 1e\+09 kg"):
+        require_bounds("mass", [1e9 + 0.5], "mass", "kg")

@@ -165,3 +165,23 @@ def test_lines_for_an_older_mujoco_have_no_adhesion(
     record = tuned(tmp_path / "ball.xml", capsys, *wanted, "--for", "mujoco@3.5")
     assert "adhesion" not in record["paste"]
     assert record["max_error"] < 0.12
+
+
+@pytest.mark.parametrize(
+    ("version", "words"),
+    [
+        ("pybullet@3.2.7", "expected a version of mujoco, which opens this model"),
+        ("mujoco@1.0", "expected mujoco@3.3 ... mujoco@"),
+        ("mujoco@99", "expected mujoco@3.3 ... mujoco@"),
+    ],
+)
+def test_lines_are_written_for_a_known_version_of_the_models_engine(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], version: str, words: str
+) -> None:
+    (tmp_path / "ball.xml").write_text(
+        '<mujoco><worldbody><geom name="floor" type="plane" size="5 5 .1"/>'
+        '<body name="ball" pos="0 0 1"><freejoint/><geom name="ball" size=".1"/></body></worldbody></mujoco>'
+    )
+    options = ["--pair", "ball,floor", "--restitution", "0.5", "--for", version]
+    assert run(["tune", str(tmp_path / "ball.xml"), *options]) == 2
+    assert words in capsys.readouterr().err

@@ -6,6 +6,7 @@ from typing import Any
 
 from hcbench.sim.backend import Backend
 from hcbench.system.errors import EngineFailed, EngineMissing, foreign_errors
+from hcbench.workers import in_worker
 
 BACKEND = Backend("mujoco", "mujoco", "3.3", "4.0", "pip install mujoco", instead="mujoco-core")
 # What older versions lack: the class ("": the module) and the attribute that show it, and
@@ -75,6 +76,13 @@ def captured_warnings() -> Iterator[list[str]]:
             yield collected
     finally:
         mujoco.set_mju_user_warning(before)
+
+
+def keep_no_log() -> None:
+    """Let MuJoCo write no MUJOCO_LOG.TXT into the user's folder from this worker process."""
+    mujoco = backend()
+    if in_worker() and mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(lambda _: None)
 
 
 def plugin_warnings(warned: Iterable[str]) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco import plugin
-from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.backend import backend, captured_warnings, keep_no_log
 from hcbench.engines.mujoco.model.plausible import require_plausible_model
 from hcbench.sim.packages import (
     is_utf8,
@@ -21,7 +21,7 @@ from hcbench.sim.packages import (
     with_absolute_files,
 )
 from hcbench.system.errors import EngineFailed, SceneError
-from hcbench.system.files import read_bytes, require_small_archive
+from hcbench.system.files import read_bytes, require_small_archive, why_no_file
 from hcbench.system.memory import memory_limit
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
     live = live_state(source)
     if live is not None:
         source, state = live
+    keep_no_log()
     with captured_warnings() as warnings:
         if isinstance(source, mujoco.MjModel):
             label = "MjModel"
@@ -102,8 +103,7 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
     Raises SceneError for what is not there or does not compile.
     """
     if not path.is_file():
-        what = "is a folder" if path.is_dir() else "is not there"
-        raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
+        raise SceneError("model", f"{path} {why_no_file(path)}", f"a model file: {', '.join(SUFFIXES)}")
     # Python stands a surrogate for each byte of a name that it cannot decode.
     if any("\udc80" <= letter <= "\udcff" for letter in str(path)):
         raise SceneError(

@@ -43,6 +43,9 @@ def require_plausible_model(model: Any, label: str) -> None:
     _require_metres(label, float(np.linalg.norm(model.opt.gravity)))
     require_bounds(f"{label}: gravity", model.opt.gravity.tolist(), "acceleration", "m/s^2")
     require_bounds(f"{label}: mass", model.body_mass.tolist(), "mass", "kg", smallest=0.0)
+    for kind in ("body", "geom", "site"):
+        positions = getattr(model, f"{kind}_pos").ravel().tolist()
+        require_bounds(f"{label}: position of a {kind}", positions, "position", "m")
     kinds = backend().mjtGeom
     flat = np.isin(model.geom_type, [int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD)])
     require_bounds(f"{label}: size", model.geom_size[~flat].ravel().tolist(), "length", "m", smallest=0.0)

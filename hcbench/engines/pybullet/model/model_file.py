@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from hcbench.engines.pybullet.model.urdf import check_urdf
 from hcbench.sim.packages import read_xml, require_expanded
 from hcbench.system.errors import SceneError
-from hcbench.system.files import is_file
+from hcbench.system.files import is_file, why_no_file
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
@@ -59,8 +59,7 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
     the first (tag, e) outside <link><contact>, where other simulators have theirs.
     """
     if not path.is_file():
-        got = f"{path} is a folder" if path.is_dir() else f"{path} is not there"
-        raise SceneError("model", got, "a URDF, SDF or MJCF file")
+        raise SceneError("model", f"{path} {why_no_file(path)}", "a URDF, SDF or MJCF file")
     root = _parse(path)
     expected = _ROOTS.get(path.suffix.lower(), root.tag)
     if root.tag != expected:
