@@ -160,12 +160,12 @@ def test_a_missing_engine_names_its_install_command_and_exits_3(
     versions_here.cache_clear()
 
 
-def test_an_unwritable_folder_exits_3_and_leaves_nothing(
+def test_a_folder_below_a_file_is_the_users_mistake_and_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "study.toml").write_text(STUDY + RUN, encoding="utf-8")
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
-    assert run(["report", str(tmp_path), "--out", str(tmp_path / "file" / "out")]) == 3
+    assert run(["report", str(tmp_path), "--out", str(tmp_path / "file" / "out")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "study.toml"]
 

@@ -148,9 +148,9 @@ def test_models_are_measured_checked_and_tuned_there(
 ) -> None:
     places = []
 
-    def call(*args: Any, limit: float, at: Interpreter) -> Any:
+    def call(*args: Any, at: Interpreter, **limits: float) -> Any:
         places.append(at.python)
-        return workers.call(*args, limit=limit, at=at)
+        return workers.call(*args, at=at, **limits)
 
     monkeypatch.setattr(import_module("hcbench.measuring.measure"), "call", call)
     asked = [str(MODEL), "--pair", "ball,plate", "--engine", "mujoco@3.9", "--speeds", "0.5 m/s"]
