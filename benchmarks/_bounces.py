@@ -1,7 +1,8 @@
-"""Bounces in the plain engines, of settings pasted as `tune` hands them out; no code of hcbench's reads them.
+"""Bounces in the plain engines, of settings pasted as `tune` hands them out;
+no code of hcbench's reads them.
 
-e is the ratio of the speeds at the plane of touch, by what a semi-implicit Euler step keeps in free flight:
-going up (v - g h/2)² + 2 g z, going down the same with v + g h/2.
+e is the ratio of the speeds at the plane of touch, by what a semi-implicit Euler step keeps in free
+flight: going up (v - g h/2)² + 2 g z, going down the same with v + g h/2.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ class Bounce(NamedTuple):
     friction: float
 
 
-def mujoco_model(paste: str, radius: float = 0.0508, shape: str = "sphere", friction: float = 0.0) -> Any:
+def mujoco_model(
+    paste: str, radius: float = 0.0508, shape: str = "sphere", friction: float = 0.0
+) -> Any:
     """A free ball or box that just touches a plate, with a setting's text pasted in."""
     lines = [line for line in paste.splitlines() if line.startswith(("<option", "<pair"))]
     option, pairs = lines[0], "".join(line for line in lines if line.startswith("<pair"))
@@ -37,7 +40,9 @@ def mujoco_model(paste: str, radius: float = 0.0508, shape: str = "sphere", fric
     )
 
 
-def bounce(model: Any, speed: float, phase: float, slip: float = 0.0, friction: float = 0.0) -> Bounce:
+def bounce(
+    model: Any, speed: float, phase: float, slip: float = 0.0, friction: float = 0.0
+) -> Bounce:
     """One touch of a sphere at this speed (m/s), phase of the step and slip (m/s)."""
     data, h, radius = mujoco.MjData(model), model.opt.timestep, model.geom_size[1, 0]
     t = (1 + phase) * h
@@ -72,7 +77,9 @@ def rest(model: Any, drop: float, seconds: float = 6.0) -> tuple[float, float]:
 
 
 def box(model: Any, tilt: float, slip: float, seconds: float = 10.0) -> tuple[float, float]:
-    """A box dropped at 1 m/s from 10 cm: (largest energy over the first, drift in its second half, m)."""
+    """A box dropped at 1 m/s from 10 cm: (largest energy over the
+    first, drift in its second half, m).
+    """
     data, h, half = mujoco.MjData(model), model.opt.timestep, model.geom_size[1, 0]
     data.qpos[2] += 0.1 + 0.5 * half * tilt
     data.qpos[3:6] = math.cos(tilt / 2), 0.8 * math.sin(tilt / 2), 0.6 * math.sin(tilt / 2)

@@ -26,10 +26,13 @@ from hcbench.workers import mark_as_worker
 Record = list[tuple[float, float, float]]
 
 
-def in_mujoco(xml: str, launches: Sequence[Launch], timestep: float, length: int | None = None) -> int:
+def in_mujoco(
+    xml: str, launches: Sequence[Launch], timestep: float, length: int | None = None
+) -> int:
     """Depth, rate and force of each step of each launch; how many steps that is.
 
-    As MuJoCo's documentation shows: mj_step, data.contact, mj_contactForce. length: steps, or until parted.
+    As MuJoCo's documentation shows: mj_step, data.contact, mj_contactForce.
+    length: steps, or until parted.
     """
     model = mujoco.MjModel.from_xml_string(xml)
     data, force, steps = mujoco.MjData(model), np.zeros(6), 0
@@ -52,7 +55,9 @@ def in_mujoco(xml: str, launches: Sequence[Launch], timestep: float, length: int
 
 
 def in_mujoco_barely(xml: str, launches: Sequence[Launch], timestep: float) -> int:
-    """The same, but for force and depth: mj_step and the velocity, nothing else that can be left out."""
+    """The same, but for force and depth: mj_step and the velocity,
+    nothing else that can be left out.
+    """
     model = mujoco.MjModel.from_xml_string(xml)
     data, steps = mujoco.MjData(model), 0
     start = model.qpos0[2]
@@ -79,7 +84,15 @@ def _library() -> Any:
         "void bare(const mjModel* m, mjData* d, int n) { for (int i = 0; i < n; i++) mj_step(m, d); }\n"
     )
     shared = next(home.glob("libmujoco.so*"))
-    command = [compiler, "-O3", "-shared", "-fPIC", f"-I{home}/include", str(folder / "bare.c"), str(shared)]
+    command = [
+        compiler,
+        "-O3",
+        "-shared",
+        "-fPIC",
+        f"-I{home}/include",
+        str(folder / "bare.c"),
+        str(shared),
+    ]
     subprocess.run([*command, "-o", str(folder / "bare.so")], check=True)
     library = ctypes.CDLL(str(folder / "bare.so"))
     library.bare.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
@@ -89,7 +102,9 @@ def _library() -> Any:
 def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) -> Any:
     """`for (...) mj_step(m, d)` over all of these balls in one model, ready to be run."""
     library, data, whole = _library(), mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
-    heights, speeds = (slice(2, None, 7), slice(2, None, 6)) if model.nq > model.nv else (slice(None),) * 2
+    heights, speeds = (
+        (slice(2, None, 7), slice(2, None, 6)) if model.nq > model.nv else (slice(None),) * 2
+    )
     data.qpos[heights] = model.qpos0[heights] + [launch.clearance(timestep) for launch in launches]
     data.qvel[speeds] = [-launch.speed for launch in launches]
     start = np.empty(mujoco.mj_stateSize(model, whole))
@@ -115,10 +130,15 @@ def users_robot(timestep: float, legs: int = 10) -> str:
     """MJCF of a trunk of 6 degrees of freedom, and ten legs of six joints with springs and damping."""
     hinge = '<joint type="hinge" axis="{0}" damping=".5" armature=".01" stiffness="20"/>'
     axes = ["0 1 0", "1 0 0"] * 3
-    parts = [hinge.format(axis) + '<geom type="capsule" fromto="0 0 0 0 0 .08" size=".02"/>' for axis in axes]
+    parts = [
+        hinge.format(axis) + '<geom type="capsule" fromto="0 0 0 0 0 .08" size=".02"/>'
+        for axis in axes
+    ]
     leg = '<body pos="0 0 .1">'.join(parts) + "</body>" * (len(parts) - 1)
     turns = np.linspace(0.0, 2.0 * np.pi, legs, endpoint=False)
-    bodies = "".join(f'<body pos="{0.3 * np.cos(a)} {0.3 * np.sin(a)} .1">{leg}</body>' for a in turns)
+    bodies = "".join(
+        f'<body pos="{0.3 * np.cos(a)} {0.3 * np.sin(a)} .1">{leg}</body>' for a in turns
+    )
     return (
         f'<mujoco><option timestep="{timestep}"/><default><geom contype="0"/></default><worldbody>'
         '<geom name="plate" type="plane" size="3 3 .1" contype="1"/><body name="ball" pos="0 0 .5">'
@@ -127,10 +147,15 @@ def users_robot(timestep: float, legs: int = 10) -> str:
 
 
 def in_pybullet(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> int:
-    """Depth, rate and force of each step of each launch, until it has parted; how many steps that is."""
+    """Depth, rate and force of each step of each launch, until it has
+    parted; how many steps that is.
+    """
     mark_as_worker()  # this process is the benchmark's own
     world = PybulletWorld(
-        scene, setting.timestep, read_options(setting.options), max(launch.speed for launch in launches)
+        scene,
+        setting.timestep,
+        read_options(setting.options),
+        max(launch.speed for launch in launches),
     )
     bullet, ball, plate = world.bullet, world.balls[0], world.plate
     radius, steps = world.deepest, 0

@@ -1,4 +1,6 @@
-"""Cost of a step under the plug-ins, over the engine's own contact: many contacts, and robots that settle."""
+"""Cost of a step under the plug-ins, over the engine's own contact: many
+contacts, and robots that settle.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,9 @@ def _stepper(xml: str, prepare: Prepare, steps: int) -> Callable[[], float]:
 
 def _world(bodies: str, plugin: str, pairs: list[str], rest: str = "", h: float = 2e-3) -> str:
     instances = "".join(f'<instance name="i{i}">{pair}</instance>' for i, pair in enumerate(pairs))
-    extension = f'<extension><plugin plugin="{plugin}">{instances}</plugin></extension>' if pairs else ""
+    extension = (
+        f'<extension><plugin plugin="{plugin}">{instances}</plugin></extension>' if pairs else ""
+    )
     return (
         f'<mujoco><option timestep="{h}"/><size memory="200M"/>{extension}<worldbody>'
         f'<geom name="floor" type="plane" size="50 50 1" friction=".8"/>{bodies}</worldbody>{rest}</mujoco>'
@@ -109,7 +113,10 @@ def _robot() -> str:
                 ' armature=".01"/><geom type="capsule" fromto="0 0 0 0 0 -.06" size=".02" mass=".5"'
                 ' contype="0" conaffinity="0"/>'
             )
-        legs += f'<geom name="f{leg}" type="sphere" size=".03" pos="0 0 -.07" mass=".2"/>' + "</body>" * 6
+        legs += (
+            f'<geom name="f{leg}" type="sphere" size=".03" pos="0 0 -.07" mass=".2"/>'
+            + "</body>" * 6
+        )
     trunk = '<geom type="box" size=".3 .15 .05" mass="12"/>'
     return f'<body name="trunk" pos="0 0 .4499"><freejoint/>{trunk}{legs}</body>'
 
@@ -119,7 +126,9 @@ def _humanoids() -> Iterator[tuple[str, str, list[tuple[str, str]]]]:
     found = find_spec("gymnasium")
     if found is None or found.origin is None:
         return
-    text = (Path(found.origin).parent / "envs/mujoco/assets/humanoid.xml").read_text(encoding="utf-8")
+    text = (Path(found.origin).parent / "envs/mujoco/assets/humanoid.xml").read_text(
+        encoding="utf-8"
+    )
     feet = [(foot, "floor") for foot in ("right_foot", "left_foot")]
     yield "gymnasium's humanoid, PGS", text, feet
     yield "gymnasium's humanoid, Newton", text.replace('solver="PGS"', ""), feet
@@ -141,7 +150,9 @@ def _settle(models: list[Any], rounds: int) -> list[float]:
 
 
 def robots_settle(rounds: int) -> Iterator[tuple[str, float, float]]:
-    """Rows (name, must, ratio): robots dropped on their feet, by integrator; what RK4 costs over Euler."""
+    """Rows (name, must, ratio): robots dropped on their feet, by
+    integrator; what RK4 costs over Euler.
+    """
     in_mujoco.load()
     known = [
         ("README's quadruped", *ROBOTS["quadruped"]),
@@ -224,17 +235,35 @@ def in_mujoco_steps(rounds: int) -> Iterator[tuple[str, float, float]]:
         pairs = [_pair(one, two) + ALPHA for i, one in enumerate(names) for two in names[i + 1 :]]
         texts = _world(_balls(balls, 3), "", []), _world(_balls(balls, 3), RESTITUTION, pairs)
         a, b = _least([_stepper(one, _falling(0.3), 1) for one in texts], rounds)
-        yield f"mujoco restitution, a pile of {contacts}: {1e6 * b:.0f} us a step, over native", 5.0, b / a
+        yield (
+            f"mujoco restitution, a pile of {contacts}: {1e6 * b:.0f} us a step, over native",
+            5.0,
+            b / a,
+        )
     feet = [_pair(f"l{leg}5") + ALPHA for leg in range(4)]
-    servos = [f'<position joint="j{leg}{k}" kp="400" kv="5"/>' for leg in range(4) for k in range(6)]
+    servos = [
+        f'<position joint="j{leg}{k}" kp="400" kv="5"/>' for leg in range(4) for k in range(6)
+    ]
     actuators = f"<actuator>{''.join(servos)}</actuator>"
     texts = _world(_robot(), "", [], actuators), _world(_robot(), RESTITUTION, feet, actuators)
     a, b = _least([_stepper(one, _falling(0, 300), 100) for one in texts], rounds)
-    yield f"mujoco restitution, a robot stands on four feet: {1e6 * b:.1f} us a step, over native", 1.5, b / a
+    yield (
+        f"mujoco restitution, a robot stands on four feet: {1e6 * b:.1f} us a step, over native",
+        1.5,
+        b / a,
+    )
     a, b = _least([_stepper(one, _falling(1.0), 1) for one in texts], 9 * rounds)
-    yield f"mujoco restitution, the step in which its feet land: {1e6 * b:.1f} us, over native", 1.5, b / a
+    yield (
+        f"mujoco restitution, the step in which its feet land: {1e6 * b:.1f} us, over native",
+        1.5,
+        b / a,
+    )
     a, b = _least([_stepper(one, _falling(1.0), 30) for one in texts], rounds)
-    yield f"mujoco restitution, the robot lands, 30 steps: {1e6 * b:.1f} us a step, over native", 1.5, b / a
+    yield (
+        f"mujoco restitution, the robot lands, 30 steps: {1e6 * b:.1f} us a step, over native",
+        1.5,
+        b / a,
+    )
 
 
 def _bullet(count: int, kind: str, law: str | None, h: float, speed: float) -> Callable[[], float]:
@@ -242,7 +271,9 @@ def _bullet(count: int, kind: str, law: str | None, h: float, speed: float) -> C
     own = {"physicsClientId": client}
     pybullet.setTimeStep(h, **own)
     pybullet.setGravity(0, 0, 0 if speed else -9.81, **own)
-    floor = pybullet.createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE, **own), **own)
+    floor = pybullet.createMultiBody(
+        0, pybullet.createCollisionShape(pybullet.GEOM_PLANE, **own), **own
+    )
     size = {"radius": 0.05} if kind == "spheres" else {"halfExtents": [0.05] * 3}
     shape = pybullet.GEOM_SPHERE if kind == "spheres" else pybullet.GEOM_BOX
     made = pybullet.createCollisionShape(shape, **size, **own)
@@ -282,4 +313,8 @@ def in_bullet_steps(rounds: int) -> Iterator[tuple[str, float, float]]:
         ):
             pair = [_bullet(count, kind, one, h, speed) for one in (None, law)]
             a, b = _least(pair, rounds)
-            yield f"pybullet {what}, {count}: {1e6 * b:.1f} us a step, over stepSimulation", 2.0, b / a
+            yield (
+                f"pybullet {what}, {count}: {1e6 * b:.1f} us a step, over stepSimulation",
+                2.0,
+                b / a,
+            )

@@ -16,7 +16,9 @@ SPEEDS, PHASES = np.geomspace(0.1, 3.0, 6), (0.15, 0.4, 0.65, 0.9)
 # log10 stiffness, log10 damping, d0, dwidth, log10 width, midpoint, power
 LOW = np.array([2.0, 0.0, 1e-4, 0.05, -4.0, 0.1, 1.0])
 HIGH = np.array([6.0, 4.0, 0.9999, 0.9999, -1.0, 0.9, 5.0])
-START = np.array([5.0, 2.0, 0.9, 0.95, -3.0, 0.5, 2.0])  # a spring-damper with MuJoCo's default solimp
+START = np.array(
+    [5.0, 2.0, 0.9, 0.95, -3.0, 0.5, 2.0]
+)  # a spring-damper with MuJoCo's default solimp
 
 
 class OutOfTimeError(Exception):
@@ -49,7 +51,9 @@ class StepLoop:
             raise OutOfTimeError
         self.calls += 1
         model = mujoco_model(paste(x, self.timestep))
-        off = np.array([bounce(model, v, p).e - float(self.wanted.at(v)) for v in SPEEDS for p in PHASES])
+        off = np.array(
+            [bounce(model, v, p).e - float(self.wanted.at(v)) for v in SPEEDS for p in PHASES]
+        )
         if np.abs(off).max() < self.best[0]:
             self.best = (float(np.abs(off).max()), np.array(x))
         return off
@@ -57,7 +61,9 @@ class StepLoop:
 
 def by_evolution(loop: StepLoop) -> None:
     bounds = list(zip(LOW, HIGH, strict=True))
-    differential_evolution(lambda x: np.abs(loop(x)).max(), bounds, seed=1, x0=START, popsize=10, tol=0)
+    differential_evolution(
+        lambda x: np.abs(loop(x)).max(), bounds, seed=1, x0=START, popsize=10, tol=0
+    )
 
 
 def by_sysid(loop: StepLoop) -> None:
@@ -73,7 +79,9 @@ def by_sysid(loop: StepLoop) -> None:
     sysid.optimize(parameters, residual, optimizer="mujoco", verbose=False)
 
 
-def searched(method: Callable[[StepLoop], None], wanted: Any, timestep: float, budget: float) -> StepLoop:
+def searched(
+    method: Callable[[StepLoop], None], wanted: Any, timestep: float, budget: float
+) -> StepLoop:
     """The loop after a search of so many seconds, with what it has found."""
     loop = StepLoop(wanted, timestep, time.perf_counter() + budget)
     with suppress(OutOfTimeError):

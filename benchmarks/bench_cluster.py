@@ -1,9 +1,10 @@
-"""A sweep on a Dask cluster of this machine beside hcbench's own processes: processor time an impact.
+"""A sweep on a Dask cluster of this machine beside hcbench's own
+processes: processor time an impact.
 
     python benchmarks/bench_cluster.py [IMPACTS]
 
-Scheduler and two workers are processes of their own, reached by tcp://. Both sweeps run in turns, and
-write the same bytes. Prints a row of benchmarks/README.md for each step.
+Scheduler and two workers are processes of their own, reached by tcp://. Both sweeps run in turns,
+and write the same bytes. Prints a row of benchmarks/README.md for each step.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ WORKER = "from distributed.cli.dask_worker import main; main()"
 def running(code: str, *words: str) -> Iterator[subprocess.Popen[bytes]]:
     """A Python process, until the block ends."""
     quiet = subprocess.DEVNULL
-    with subprocess.Popen([sys.executable, "-c", code, *words], stdout=quiet, stderr=quiet) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *words], stdout=quiet, stderr=quiet
+    ) as process:
         try:
             yield process
         finally:
@@ -111,7 +114,10 @@ def main(impacts: int) -> None:
         where = folder / "scheduler.json"
         words = ("--scheduler-file", str(where), "--no-dashboard")
         one = (*words, "--nthreads", "1", "--no-nanny", "--local-directory", str(folder))
-        codes = [(SCHEDULER, "--host", "127.0.0.1", "--port", "0", *words), *[(WORKER, *one)] * JOBS]
+        codes = [
+            (SCHEDULER, "--host", "127.0.0.1", "--port", "0", *words),
+            *[(WORKER, *one)] * JOBS,
+        ]
         processes = [stack.enter_context(running(*code)).pid for code in codes]
         while not where.is_file() or not (about := where.read_text()):
             time.sleep(0.1)

@@ -1,4 +1,6 @@
-"""Waiting times of a user: imports, help, the default report, one tune, a sweep on one job and on two."""
+"""Waiting times of a user: imports, help, the default report, one tune,
+a sweep on one job and on two.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ def processor(*command: str) -> float:
     before = os.times()
     subprocess.run(command, check=True, capture_output=True)
     after = os.times()
-    return after.children_user + after.children_system - before.children_user - before.children_system
+    return (
+        after.children_user + after.children_system - before.children_user - before.children_system
+    )
 
 
 def test_import(beside: Any) -> None:
@@ -51,7 +55,9 @@ def test_import(beside: Any) -> None:
 
 
 def test_help(beside: Any) -> None:
-    beside("hcbench --help", {"hcbench": lambda: took(HCBENCH, "--help")}, must="0.5 s", aim="0.2 s")
+    beside(
+        "hcbench --help", {"hcbench": lambda: took(HCBENCH, "--help")}, must="0.5 s", aim="0.2 s"
+    )
 
 
 @pytest.mark.parametrize(
@@ -62,15 +68,27 @@ def test_help(beside: Any) -> None:
         ("the default study, --quick", ["--quick"], "5 s", "4 s"),
     ],
 )
-def test_a_report(beside: Any, tmp_path: Path, study: str, words: list[str], must: str, aim: str) -> None:
+def test_a_report(
+    beside: Any, tmp_path: Path, study: str, words: list[str], must: str, aim: str
+) -> None:
     command = [HCBENCH, "report", *words, "--out", str(tmp_path / "report")]
-    beside(f"hcbench report, {study}", {"hcbench": lambda: took(*command)}, rounds=2, must=must, aim=aim)
+    beside(
+        f"hcbench report, {study}",
+        {"hcbench": lambda: took(*command)},
+        rounds=2,
+        must=must,
+        aim=aim,
+    )
 
 
 def test_a_tune(beside: Any) -> None:
     beside(
         "hcbench tune mujoco",
-        {"hcbench": lambda: took(HCBENCH, "tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-5")},
+        {
+            "hcbench": lambda: took(
+                HCBENCH, "tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-5"
+            )
+        },
         rounds=2,
         must="1.5 s",
         aim="1 s",
@@ -93,7 +111,9 @@ MEASURED = (MODEL, "--pair", "ball,plate", "--speeds", "0.1, 0.3 m/s")
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_processor_time_of_a_command(beside: Any, words: tuple[str, ...], must: str, aim: str) -> None:
+def test_processor_time_of_a_command(
+    beside: Any, words: tuple[str, ...], must: str, aim: str
+) -> None:
     """Processor time of a command and its workers; most of it is imports."""
     what = f"hcbench {words[0]}, processor time"
     beside(what, {"hcbench": lambda: processor(HCBENCH, *words)}, rounds=3, must=must, aim=aim)
@@ -128,7 +148,9 @@ IMPACTS = int(os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"))
 
 
 def peak_alone(what: str, impacts: int, folder: Path) -> float:
-    """Peak memory in MiB of a sweep into a folder, or of the report of the sweep there, by two jobs."""
+    """Peak memory in MiB of a sweep into a folder, or of the report
+    of the sweep there, by two jobs.
+    """
     command = (sys.executable, __file__, what, str(impacts), str(folder))
     return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
@@ -194,10 +216,14 @@ def memory() -> float:
     """Memory of this process and its children, MiB."""
     total = 0
     for entry in Path("/proc").iterdir():
-        if entry.name.isdigit() and (entry.name == str(os.getpid()) or parent(entry) == os.getpid()):
+        if entry.name.isdigit() and (
+            entry.name == str(os.getpid()) or parent(entry) == os.getpid()
+        ):
             with suppress(OSError):  # ended meanwhile
                 lines = (entry / "smaps_rollup").read_text().splitlines()
-                total += next((int(line.split()[1]) for line in lines if line.startswith("Pss:")), 0)
+                total += next(
+                    (int(line.split()[1]) for line in lines if line.startswith("Pss:")), 0
+                )
     return total / 1024
 
 

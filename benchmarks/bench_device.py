@@ -2,7 +2,8 @@
 
     python benchmarks/bench_device.py --device gpu --launches 1000000
 
-It needs `hcbench engines add mjx mujoco-warp`. Each row is the second of two rounds: the first one compiles.
+It needs `hcbench engines add mjx mujoco-warp`. Each row is the second of two
+rounds: the first one compiles.
 """
 
 from __future__ import annotations
@@ -88,7 +89,9 @@ def hcbench(setting: Setting, sent: Launches) -> tuple[float, float, float, floa
 
 
 def user(setting: Setting, count: int, device: str, steps: int) -> tuple[float, float, float]:
-    """Seconds by the clock and of processors, and mean e, of a loop over mjx.step that keeps each rate."""
+    """Seconds by the clock and of processors, and mean e, of a loop over
+    mjx.step that keeps each rate.
+    """
     engine = registry.engine("mjx")
     assert isinstance(engine, RemoteEngine), "hcbench engines add mjx"
     given = {
@@ -96,7 +99,9 @@ def user(setting: Setting, count: int, device: str, steps: int) -> tuple[float, 
         "speeds": (SLOWEST, FASTEST), "radius": SCENE.touch_radius, "timestep": setting.timestep,
     }  # fmt: skip
     command = [str(engine.environment.executable), "-c", USER]
-    done = subprocess.run(command, input=json.dumps(given) + "\n", capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        command, input=json.dumps(given) + "\n", capture_output=True, text=True, check=True
+    )
     wall, cpu, e = json.loads(done.stdout.splitlines()[-1])
     return wall, cpu, e
 
@@ -123,14 +128,24 @@ def main() -> None:
                 impacts = registry.engine(engine).run_columns(SCENE, setting, sent[:1000])
                 longest = int((impacts.start + impacts.samples).max()) + 1
                 wall, cpu, e = user(setting, asked.launches, asked.device, longest)
-                row(asked.launches, f"a loop over mjx.step, {name}, {asked.device}", wall, cpu, "", e)
+                row(
+                    asked.launches,
+                    f"a loop over mjx.step, {name}, {asked.device}",
+                    wall,
+                    cpu,
+                    "",
+                    e,
+                )
         few = sent[:: max(1, asked.launches // 20_000)]
         wall, cpu, memory, e = hcbench(registry.recipe(f"mujoco.{recipe}")(target(timestep)), few)
         row(len(few), f"mujoco, {name}, one core", wall, cpu, f"{memory:.0f}", e)
 
 
 def row(count: int, who: str, wall: float, cpu: float, memory: str, e: float) -> None:
-    print(f"| {count} | {who} | {count / wall:.3g} | {count / cpu:.3g} | {memory} | {e:.5f} |", flush=True)
+    print(
+        f"| {count} | {who} | {count / wall:.3g} | {count / cpu:.3g} | {memory} | {e:.5f} |",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

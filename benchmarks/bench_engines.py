@@ -1,4 +1,6 @@
-"""Engines through hcbench beside the loop a user would write, and beside a bare loop in C over mj_step."""
+"""Engines through hcbench beside the loop a user would write, and beside
+a bare loop in C over mj_step.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,11 @@ INCH = 0.0254
 
 def launches(count: int) -> list[Launch]:
     """1 ... 20 in/s at four phases each."""
-    return [Launch(float(v), (i + 0.5) / 4) for v in np.linspace(1, 20, count // 4) * INCH for i in range(4)]
+    return [
+        Launch(float(v), (i + 0.5) / 4)
+        for v in np.linspace(1, 20, count // 4) * INCH
+        for i in range(4)
+    ]
 
 
 def made(recipe: str) -> Setting:
@@ -49,10 +55,21 @@ def made(recipe: str) -> Setting:
 
 @pytest.mark.parametrize(
     ("recipe", "count", "must", "aim"),
-    [("spring-damper", 80, "20", "30"), ("spring-damper", 640, "28", "40"), ("staggered", 80, "", "")],
+    [
+        ("spring-damper", 80, "20", "30"),
+        ("spring-damper", 640, "28", "40"),
+        ("staggered", 80, "", ""),
+    ],
 )
-def test_mujoco_over_a_users_loop(beside: Any, recipe: str, count: int, must: str, aim: str) -> None:
-    setting, eighty, many, engine = made(f"mujoco.{recipe}"), launches(80), launches(count), MujocoEngine()
+def test_mujoco_over_a_users_loop(
+    beside: Any, recipe: str, count: int, must: str, aim: str
+) -> None:
+    setting, eighty, many, engine = (
+        made(f"mujoco.{recipe}"),
+        launches(80),
+        launches(count),
+        MujocoEngine(),
+    )
     xml = model_xml(SCENE, setting)
     hertz = float(closed_form.duration(HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass, 1 * INCH))
     enough, turns = round(1.5 * hertz / STEP), 800 // count
@@ -64,7 +81,9 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str, count: int, must: st
     loops = {
         "a user's loop, until the ball has left": lambda: in_mujoco(xml, eighty, STEP),
         "a user's loop, 1.5 Hertz contacts long": lambda: in_mujoco(xml, eighty, STEP, enough),
-        "mj_step in Python, nothing read but when it has left": lambda: in_mujoco_barely(xml, eighty, STEP),
+        "mj_step in Python, nothing read but when it has left": lambda: in_mujoco_barely(
+            xml, eighty, STEP
+        ),
     }
     beside(
         f"MuJoCo, {recipe}, {count} launches at 1 µs, all cores",
@@ -77,8 +96,12 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str, count: int, must: st
 
 
 @pytest.mark.parametrize("recipe", ["spring-damper", "staggered"])
-def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Per ball-step of one core. The same balls: in the models that hcbench puts them in, and all in one."""
+def test_mujoco_over_a_bare_c_loop(
+    beside: Any, recipe: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Per ball-step of one core. The same balls: in the models that
+    hcbench puts them in, and all in one.
+    """
     monkeypatch.setattr(serve, "_is_worker", True)  # one thread
     mujoco_engine.cached_pool.cache_clear()
     setting, many, engine = made(f"mujoco.{recipe}"), launches(480), MujocoEngine()
@@ -162,7 +185,9 @@ def in_pybullet_alone(setting: Setting, eighty: list[Launch]) -> None:
 def test_a_users_model_over_mj_step(
     beside: Any, what: str, text: Any, timestep: float, must: str, aim: str
 ) -> None:
-    """CPU time per step of launches at eight speeds and four phases, and of the same steps of mj_step."""
+    """CPU time per step of launches at eight speeds and four phases,
+    and of the same steps of mj_step.
+    """
     model = mujoco.MjModel.from_xml_string(text(timestep))
     opened = MujocoEngine().open(model, make_request("ball,plate", phases=4))
     launches = Launches.of(opened.request.launches())

@@ -2,7 +2,8 @@
 
     python benchmarks/bench_fit.py [--trials 500] [--recordings 20] [--only times|sound|laws|...]
 
-Drops of 0.3 ... 1 m. Each row is printed as it is done; about forty minutes of one core at 500 trials a cell.
+Drops of 0.3 ... 1 m. Each row is printed as it is done; about forty minutes of
+one core at 500 trials a cell.
 """
 
 from __future__ import annotations
@@ -85,7 +86,10 @@ def times(alpha: float, timing: float, scatter: float, most: int = 25) -> Make:
 
 
 def heights(alpha: float) -> Make:
-    law, setup = synth.hunt_crossley(alpha), MeasurementSetup(gravity=EXACT.gravity, height=Known(0.3, 1e-6))
+    law, setup = (
+        synth.hunt_crossley(alpha),
+        MeasurementSetup(gravity=EXACT.gravity, height=Known(0.3, 1e-6)),
+    )
     return lambda rng: Heights("h", setup, synth.bounce_heights(law, 0.3, 1e-3, 0.0, rng))
 
 
@@ -142,7 +146,9 @@ def sound(recordings: int) -> None:
 def of_sound(truth: Sequence[float], intervals: Sequence[list[float]]) -> str:
     low, middle, high = np.array(intervals).T
     off, held = np.abs(middle / truth - 1), (low <= truth) & (truth <= high)
-    return f"{100 * np.median(off):.2f} %; {100 * off.max():.2f} %; {held.mean():.3f} of {len(held)}"
+    return (
+        f"{100 * np.median(off):.2f} %; {100 * off.max():.2f} %; {held.mean():.3f} of {len(held)}"
+    )
 
 
 def laws(timing: float, scatter: float, most: int, trials: int) -> str:
@@ -163,7 +169,9 @@ def laws(timing: float, scatter: float, most: int, trials: int) -> str:
     return f"decided {decided}, left open {left}, wrong {wrong} of {count}; likeliest right {likeliest}"
 
 
-def bounces(law: synth.Law, scatter: float, timing: float, count: int, rng: np.random.Generator) -> Dataset:
+def bounces(
+    law: synth.Law, scatter: float, timing: float, count: int, rng: np.random.Generator
+) -> Dataset:
     """Times of this many touches after a drop of 0.3 to 1 m."""
     speed, times_ = float(np.sqrt(2 * synth.GRAVITY * rng.uniform(0.3, 1.0))), [0.0]
     for _ in range(count - 1):
@@ -173,7 +181,9 @@ def bounces(law: synth.Law, scatter: float, timing: float, count: int, rng: np.r
 
 
 def answers(what: str, must: str, alpha: float, make: Make, n: int) -> None:
-    """Statistics of n data sets: how many have an α, how often its interval holds, which laws are chosen."""
+    """Statistics of n data sets: how many have an α, how often its
+    interval holds, which laws are chosen.
+    """
     rng, held, chosen, none = np.random.default_rng(30), 0, 0, 0
     off: list[float] = []
     for _ in range(n):
@@ -183,7 +193,9 @@ def answers(what: str, must: str, alpha: float, make: Make, n: int) -> None:
         if fitted.alpha is not None:
             held += fitted.alpha.low <= alpha <= fitted.alpha.high
             off.append(fitted.alpha.value / alpha - 1)
-    share = f"{held / len(off):.3f} of {len(off)}, bias {100 * np.mean(off):+.1f} %" if off else "no α"
+    share = (
+        f"{held / len(off):.3f} of {len(off)}, bias {100 * np.mean(off):+.1f} %" if off else "no α"
+    )
     row(what, must, f"{share}; law chosen {chosen}, none of these {none} of {n}")
 
 
@@ -196,8 +208,17 @@ def doubt(n: int) -> None:
         what = f"e0 {e0:g}, α {alpha:g}, {100 * scatter:g} %, {1e3 * timing:g} ms, {count} touches"
         law = synth.hunt_crossley(alpha, e0)
         answers(what, "0.93", alpha, partial(bounces, law, scatter, timing, count), n)
-    for scatter, outliers in ((0.05, 0.0), (0.2, 0.0), (0.35, 0.0), (0.5, 0.0), (0.05, 0.05), (0.2, 0.05)):
-        what = f"40 pairs, e scatters by {100 * scatter:g} %" + ("; 5 % outliers" if outliers else "")
+    for scatter, outliers in (
+        (0.05, 0.0),
+        (0.2, 0.0),
+        (0.35, 0.0),
+        (0.5, 0.0),
+        (0.05, 0.05),
+        (0.2, 0.05),
+    ):
+        what = f"40 pairs, e scatters by {100 * scatter:g} %" + (
+            "; 5 % outliers" if outliers else ""
+        )
         answers(what, "0.93", 0.5, partial(scattered_pairs, scatter, outliers), n)
     for what, law in {"adhesion": adhesion, "e rises by 0.1 a decade": rising}.items():
         must = "none of these, or an interval that holds"
@@ -227,7 +248,9 @@ def to_rest(law: synth.Law, rng: np.random.Generator) -> Dataset:
 
 def scattered_pairs(scatter: float, outliers: float, rng: np.random.Generator) -> Dataset:
     law, v = synth.hunt_crossley(0.5), rng.uniform(0.2, 3.0, 40)
-    share = np.where(rng.random(40) < outliers, rng.uniform(0.1, 0.5, 40), 1 + scatter * rng.normal(size=40))
+    share = np.where(
+        rng.random(40) < outliers, rng.uniform(0.1, 0.5, 40), 1 + scatter * rng.normal(size=40)
+    )
     e = np.clip(np.array([law(s) for s in v]) * share, 0, 1.15)
     return SpeedPairs("p", EXACT, v, e, np.zeros(40), np.zeros(40))
 
@@ -240,8 +263,14 @@ def drops(n: int) -> None:
         alphas = 0.2 * np.exp(0.04 * rng.normal(size=10))
         alpha = fit([bounces(synth.hunt_crossley(a), 0.003, 1e-4, 14, rng) for a in alphas]).alpha
         held += alpha is not None and alpha.low <= 0.2 <= alpha.high
-        four = [bounces(synth.hunt_crossley(a), 0.003, 1e-4, 14, rng) for a in (0.15, 0.15, 0.15, 0.3)]
-        four = [TouchTimes(f"{i}", EXACT, s.times) for i, s in enumerate(four) if isinstance(s, TouchTimes)]
+        four = [
+            bounces(synth.hunt_crossley(a), 0.003, 1e-4, 14, rng) for a in (0.15, 0.15, 0.15, 0.3)
+        ]
+        four = [
+            TouchTimes(f"{i}", EXACT, s.times)
+            for i, s in enumerate(four)
+            if isinstance(s, TouchTimes)
+        ]
         warnings = [w for w in fit(four).warnings if "does not go with" in w]
         named += any(w.startswith("3 ") for w in warnings)
         false += any(not w.startswith("3 ") for w in warnings)
@@ -319,7 +348,13 @@ def all_times(asked: argparse.Namespace) -> None:
     )
     cell("timing only, 50 µs, α 0.2", "rms 0.05 %", 0.2, times(0.2, 5e-5, 0.0), n)
     for alpha, rms in ((0.05, 0.6), (0.3, 1.0), (1.0, 3.0)):
-        cell(f"heights ± 1 mm from 0.3 m, α {alpha:g}", f"rms {rms:g} %", alpha, heights(alpha), 4 * n)
+        cell(
+            f"heights ± 1 mm from 0.3 m, α {alpha:g}",
+            f"rms {rms:g} %",
+            alpha,
+            heights(alpha),
+            4 * n,
+        )
     for alpha in (0.05, 0.3, 1.0):
         cell(
             f"pairs, 20, scatter 0.005, v to 1 %, α {alpha:g}",

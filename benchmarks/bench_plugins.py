@@ -2,12 +2,13 @@
 
     python benchmarks/bench_plugins.py [--quick] [--costs]
 
-One line a claim: what must be, what was measured. e: worst error over the paper's four α, 1 ... 20 in/s, 8
-phases of touch, sphere on plane and in the cup; under gravity of the speeds at the touch plane. Energy, as
-flight keeps it: its largest rise above the start, as a share of the start, over 10 s at
-1, 2 and 5 ms, less what steps from the same states win with contact off. Costs: CPU time, in turns with
-MuJoCo's own contact, a spring-damper (rollouts on one thread), and with a bare stepSimulation of PyBullet's.
---costs measures steps with many contacts and robots alone, and writes their table into README.md.
+One line a claim: what must be, what was measured. e: worst error over the paper's four α, 1 ...
+20 in/s, 8 phases of touch, sphere on plane and in the cup; under gravity of the speeds at the
+touch plane. Energy, as flight keeps it: its largest rise above the start, as a share of the
+start, over 10 s at 1, 2 and 5 ms, less what steps from the same states win with contact off.
+Costs: CPU time, in turns with MuJoCo's own contact, a spring-damper (rollouts on one thread), and
+with a bare stepSimulation of PyBullet's. --costs measures steps with many contacts and robots
+alone, and writes their table into README.md.
 """
 
 from __future__ import annotations
@@ -68,7 +69,9 @@ def e_of_recipes(engine: str, quick: bool) -> Iterator[Claim]:
                     law = HuntCrossley(scene.stiffness, alpha / INCH, scene.exponent)
                     target = Target(law, scene.mass, h, INCH, 20 * INCH)
                     setting = registry.recipe(f"{engine}.{recipe}")(target)
-                    worst = max(worst, evaluate(registry.engine(engine), scene, setting, target).max_error)
+                    worst = max(
+                        worst, evaluate(registry.engine(engine), scene, setting, target).max_error
+                    )
             yield f"{engine}.{recipe}: error of e at {h:g} s", must, worst
 
 
@@ -94,13 +97,18 @@ def e_of_drops(engine: str) -> Iterator[Claim]:
 def oblique_impacts(count: int) -> Iterator[Claim]:
     """Random oblique, spinning, off-centre and box-corner impacts, in both cones."""
     kinds: dict[str, Any] = {
-        f"mujoco restitution, {cone}": partial(oblique, cone=cone) for cone in ("pyramidal", "elliptic")
+        f"mujoco restitution, {cone}": partial(oblique, cone=cone)
+        for cone in ("pyramidal", "elliptic")
     }
     for who, one in {**kinds, "pybullet restitution": bullet_scenes.oblique}.items():
         seen = np.array([one(seed) for seed in range(count)])
         what = f"{who}, {int((seen[:, 0] > 0).sum())} oblique impacts"
         yield f"{what}: error of e", "1e-6", float(seen[:, 0].max())
-        yield f"{what}: friction beyond its cone, N s", "1e-9", float((seen[:, 1] - seen[:, 2]).max())
+        yield (
+            f"{what}: friction beyond its cone, N s",
+            "1e-9",
+            float((seen[:, 1] - seen[:, 2]).max()),
+        )
 
 
 def energies(engine: str, quick: bool) -> Iterator[Claim]:
@@ -122,7 +130,9 @@ def energies(engine: str, quick: bool) -> Iterator[Claim]:
     if engine == "mujoco":
         held: list[dict[str, bool]] = [{}, {"limited": True}, {"geared": True}]
         kinds["chains, free, limited and geared"] = [
-            partial(scenes.chain, seed, integrator="implicit", **one) for seed in range(2) for one in held
+            partial(scenes.chain, seed, integrator="implicit", **one)
+            for seed in range(2)
+            for one in held
         ]
     won = scenes.rise if engine == "mujoco" else bullet_scenes.rise
     for name, several in kinds.items():
@@ -224,7 +234,11 @@ def costs_in_bullet(rounds: int) -> Iterator[Claim]:
     ):
         ratio = statistics.median(a / b for a, b in zip(taken[name], taken["bare"], strict=True))
         took = 1e6 * statistics.median(taken[name])
-        yield f"pybullet {name}, {laws[name][0]:g} s: {took:.2f} us a step, over the bare step", must, ratio
+        yield (
+            f"pybullet {name}, {laws[name][0]:g} s: {took:.2f} us a step, over the bare step",
+            must,
+            ratio,
+        )
 
 
 def costs_of_many(rounds: int) -> Iterator[Claim]:
@@ -239,7 +253,9 @@ def write_costs(claims: list[Claim]) -> None:
     rows = ["| what | must | is |", "|---|---|---|"]
     for what, must, measured in claims:
         limit = "" if must == "inf" else must
-        rows.append(f"| {what} | {limit} | {measured:.2g}{FALLS_SHORT if measured > float(must) else ''} |")
+        rows.append(
+            f"| {what} | {limit} | {measured:.2g}{FALLS_SHORT if measured > float(must) else ''} |"
+        )
     before, _, rest = README.read_text(encoding="utf-8").partition(BEGIN)
     table = "\n".join([BEGIN, "", *rows, "", END])
     README.write_text(before + table + rest.partition(END)[2], encoding="utf-8")
@@ -250,7 +266,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="fewer α, 1 s instead of 10 s")
-    parser.add_argument("--costs", action="store_true", help="only what steps cost; writes README.md")
+    parser.add_argument(
+        "--costs", action="store_true", help="only what steps cost; writes README.md"
+    )
     given = parser.parse_args()
     quick = given.quick
     print(f"mujoco {mujoco.__version__}, pybullet {registry.engine('pybullet').version()}")

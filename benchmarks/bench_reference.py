@@ -34,10 +34,19 @@ def by_ode(speed: float, points: int | None = None) -> Any:
 
     parted.terminal = True  # type: ignore[attr-defined]
     times = (
-        None if points is None else np.linspace(0.0, float(closed_form.duration(LAW, MASS, speed)), points)
+        None
+        if points is None
+        else np.linspace(0.0, float(closed_form.duration(LAW, MASS, speed)), points)
     )
     return solve_ivp(
-        motion, (0.0, 1e-2), (0.0, speed), "DOP853", times, events=parted, rtol=1e-12, atol=(1e-18, 1e-13)
+        motion,
+        (0.0, 1e-2),
+        (0.0, speed),
+        "DOP853",
+        times,
+        events=parted,
+        rtol=1e-12,
+        atol=(1e-18, 1e-13),
     )
 
 

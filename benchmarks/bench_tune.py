@@ -1,8 +1,10 @@
-"""Promises of `hcbench tune` at the steps of robots, judged in the plain engines: must beside measured.
+"""Promises of `hcbench tune` at the steps of robots, judged in the plain
+engines: must beside measured.
 
-    python benchmarks/bench_tune.py                      # the table: gravity, friction, rest; a minute
-    pip install "mujoco[sysid]"                          # for the second row of
-    python benchmarks/bench_tune.py --searches SECONDS   # recipes beside mujoco.sysid and SciPy, same target
+    python benchmarks/bench_tune.py                      # the table: gravity, friction,
+    rest; a minute pip install "mujoco[sysid]"                          # for the second
+    row of python benchmarks/bench_tune.py --searches SECONDS   # recipes beside
+    mujoco.sysid and SciPy, same target
 
 Settings are pasted into models of their own and stepped by loops that share no code with hcbench
 (`_bounces.py`), at 150 random speeds, phases and slips that no fit saw, under gravity.
@@ -82,7 +84,10 @@ def max_errors(model: Any, case: Case) -> tuple[float, float]:
     """Errors of e and of friction's impulse, at random launches over the case's band."""
     mu, launches = case.target.friction, at_random(*case.band)
     bounces = [bounce(model, v, phase, slip if mu else 0.0, mu) for v, phase, slip in launches]
-    off = [abs(b.e - float(case.target.curve.at(v))) for b, (v, *_) in zip(bounces, launches, strict=True)]
+    off = [
+        abs(b.e - float(case.target.curve.at(v)))
+        for b, (v, *_) in zip(bounces, launches, strict=True)
+    ]
     return max(off), max(b.friction for b in bounces)
 
 
@@ -98,7 +103,15 @@ def case(
     law = HuntCrossley(SCENE.stiffness, alpha, SCENE.exponent)
     reading = "points" if points else "law"
     wanted = Target(
-        law, SCENE.mass, timestep, *band, reading, points, gravity=G, friction=friction, corners=corners
+        law,
+        SCENE.mass,
+        timestep,
+        *band,
+        reading,
+        points,
+        gravity=G,
+        friction=friction,
+        corners=corners,
     )
     return Case(wanted, recipe)
 
@@ -108,9 +121,17 @@ def falling() -> Iterator[Row]:
         at = f"MuJoCo native e(v), {1e3 * h:g} ms, 0.1 ... 3 m/s, α 0.315 s/m"
         yield at, f"{most}", f"{case(timestep=h).largest_errors()[0]:.4f}"
         e, friction = case(timestep=h, friction=MU).largest_errors()
-        yield f"{at}, μ 0.5, slip to 3 m/s: e; friction", f"{sliding}; 0.05", f"{e:.4f}; {friction:.4f}"
+        yield (
+            f"{at}, μ 0.5, slip to 3 m/s: e; friction",
+            f"{sliding}; 0.05",
+            f"{e:.4f}; {friction:.4f}",
+        )
     for alpha, most in ((0.05, 0.042), (0.1, 0.0215), (0.165, 0.0261), (0.3, 0.031)):
-        yield f"the same at 2 ms, α {alpha} s/m", f"{most}", f"{case(alpha).largest_errors()[0]:.4f}"
+        yield (
+            f"the same at 2 ms, α {alpha} s/m",
+            f"{most}",
+            f"{case(alpha).largest_errors()[0]:.4f}",
+        )
     e = case(points=RUBBER).largest_errors()[0]
     yield "the same through five --points of rubber", "0.0276", f"{e:.4f}"
     e = case(band=(0.0254, 0.508)).largest_errors()[0]
@@ -145,7 +166,9 @@ def constant() -> Iterator[Row]:
     setting = tune("pybullet", target, SCENE, "restitution").setting
     bounces = pybullet_bounces(snippet(setting, "plane"), at_random(*BAND), MU)
     e, friction = max(abs(b.e - 0.9) for b in bounces), max(b.friction for b in bounces)
-    what = "PyBullet restitution, 1/240 s, μ 0.5, read by the speed the step starts with: e; friction"
+    what = (
+        "PyBullet restitution, 1/240 s, μ 0.5, read by the speed the step starts with: e; friction"
+    )
     yield what, "1e-6", f"{e:.1e}; {friction:.1e}"
 
 
@@ -175,7 +198,9 @@ def searches(budget: float) -> None:
         except SettingError as refused:
             print(f"| hcbench {name} | - | - | {refused} |")
             continue
-        print(f"| hcbench {name} | {time.process_time() - start:.2f} | - | {error:.3f} |", flush=True)
+        print(
+            f"| hcbench {name} | {time.process_time() - start:.2f} | - | {error:.3f} |", flush=True
+        )
     for title, method in methods().items():
         loop = searched(method, wanted.curve, wanted.timestep, budget)
         error = max_errors(mujoco_model(paste(loop.best[1], wanted.timestep)), case())[0]
@@ -184,7 +209,9 @@ def searches(budget: float) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--searches", type=float, metavar="SECONDS", help="for each search")
     budget = parser.parse_args().searches
     if budget:

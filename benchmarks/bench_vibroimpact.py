@@ -2,8 +2,8 @@
 
     python benchmarks/bench_vibroimpact.py [--quick]
 
-Beside it SciPy's solve_ivp with events on a few of the same runs, scaled to all of them: what one would
-write.
+Beside it SciPy's solve_ivp with events on a few of the same runs, scaled to all
+of them: what one would write.
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ def picture(values: int, cycles: int, jobs: int) -> float:
 def plain(cycles: int) -> float:
     """Wall time of one run with solve_ivp, restarted at every touch and parting, s."""
     start = time.perf_counter()
-    with np.errstate(all="ignore"):  # its trial steps shoot far into the blocks before they are rejected
+    with np.errstate(
+        all="ignore"
+    ):  # its trial steps shoot far into the blocks before they are rejected
         for f in (70.0, 90.0, 110.0):
             _plain_run(f, cycles)
     return (time.perf_counter() - start) / 3.0

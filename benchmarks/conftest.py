@@ -1,4 +1,6 @@
-"""Fixtures of the benchmarks: candidates measured in turns, so that a slower machine slows all alike."""
+"""Fixtures of the benchmarks: candidates measured in turns, so that a
+slower machine slows all alike.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,8 @@ Beside = Callable[..., dict[str, float]]  # `measure`, below
 def beside(benchmark: Any) -> Beside:
     """Measures candidates side by side: seconds each, the least of all rounds, for one of `per`.
 
-    The last candidate is hcbench; the ratios are the others' times over its. must, aim: what the first ratio
-    should be.
+    The last candidate is hcbench; the ratios are the others' times over its. must, aim:
+    what the first ratio should be.
     """
 
     def measure(
@@ -58,4 +60,6 @@ def pytest_benchmark_update_machine_info(config: Any, machine_info: dict[str, An
     machine_info["cores"] = len(os.sched_getaffinity(0))
     machine_info["load"] = os.getloadavg()[0]
     machine_info["hcbench"] = hcbench.__version__
-    machine_info["engines"] = {name: registry.engine(name).version() for name in ("mujoco", "pybullet")}
+    machine_info["engines"] = {
+        name: registry.engine(name).version() for name in ("mujoco", "pybullet")
+    }

@@ -1,10 +1,11 @@
-"""Memory and time of a process that runs a sweep of any size: no engine runs, and parts are done at once.
+"""Memory and time of a process that runs a sweep of any size: no engine
+runs, and parts are done at once.
 
     python benchmarks/simulated_sweep.py [IMPACTS]
 
-First IMPACTS without files: processor time a part, files in a folder, memory, and the time of a summary. Then
-some parts whose bytes come from worker processes and are written to disk: processor time a part, and how many
-cores of engines keep this process busy.
+First IMPACTS without files: processor time a part, files in a folder, memory, and the time of a
+summary. Then some parts whose bytes come from worker processes and are written to disk: processor
+time a part, and how many cores of engines keep this process busy.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ NUMBERS = {"parted": 1, "rested": 0, "failed": 0, "max_error_law": 0.5, "max_err
 
 
 class Counted(Files):
-    """Files of which only the number in each folder is kept. reads: how often anything was looked at."""
+    """Files of which only the number in each folder is kept. reads:
+    how often anything was looked at.
+    """
 
     def __init__(self) -> None:
         self.where, self.counts, self.reads = "nowhere", Counter[str](), 0
@@ -65,7 +68,12 @@ class Done(Executor):
 def part_without_engine(shard: Shard, *_: Any) -> ShardFiles:
     """Bytes as long as a part's, and what it adds to the summary."""
     key = run_key(shard.grid.scene, shard.grid.setting, shard.grid.alphas[0])
-    line: Summary = {**key, **NUMBERS, "impacts": len(shard), "sum_square_error_law": 1.0 / len(shard)}
+    line: Summary = {
+        **key,
+        **NUMBERS,
+        "impacts": len(shard),
+        "sum_square_error_law": 1.0 / len(shard),
+    }
     return ShardFiles(shard.number, bytes(BYTES_AN_IMPACT * len(shard)), b"", [line])
 
 
@@ -113,7 +121,9 @@ def main(impacts: int) -> None:
         engines = 1e-6 * microseconds * plan.impacts
         minutes = max(len(plan) * part, engines / CORES) / 60
         limit = engines / len(plan) / part
-        print(f"{step}: {limit:.0f} cores keep this process busy; {CORES} cores take {minutes:.2g} min")
+        print(
+            f"{step}: {limit:.0f} cores keep this process busy; {CORES} cores take {minutes:.2g} min"
+        )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""e of slow impacts under gravity with the restitution plug-in of MuJoCo: docs/explanation/slow_impacts.svg.
+"""e of slow impacts under gravity with the restitution plug-in of MuJoCo:
+docs/explanation/slow_impacts.svg.
 
     python benchmarks/slow_impacts.py
 
-A ball falls on a plate at 2 ms, with 200 random starts of the step for each impact speed. e is of the speeds
-at the touch plane; 0 where the ball stays down.
+A ball falls on a plate at 2 ms, with 200 random starts of the step for each impact speed. e is of
+the speeds at the touch plane; 0 where the ball stays down.
 """
 
 from pathlib import Path
@@ -50,7 +51,9 @@ def main() -> None:
     law = closed_form.restitution(ALPHA, ratios * G * H)
     mpl.rcParams["svg.hashsalt"] = "hcbench"
     figure, axes = plt.subplots(figsize=(6, 3.2), layout="constrained")
-    axes.fill_between(ratios, seen.min(axis=1), seen.max(axis=1), alpha=0.3, label="all starts of a step")
+    axes.fill_between(
+        ratios, seen.min(axis=1), seen.max(axis=1), alpha=0.3, label="all starts of a step"
+    )
     axes.plot(ratios, seen.mean(axis=1), label="mean")
     axes.plot(ratios, law, "k--", label="the law")
     axes.axvline(1.6, color="grey", lw=0.8)
@@ -59,7 +62,9 @@ def main() -> None:
     path = Path(__file__).parents[1] / "docs" / "explanation" / "slow_impacts.svg"
     figure.savefig(path, metadata={"Date": None})
     for r, row, e in zip(ratios, seen, law, strict=True):
-        print(f"{r:.2f} g h: e {row.min():.3f} ... {row.max():.3f}, mean {row.mean():.3f}; the law {e:.4f}")
+        print(
+            f"{r:.2f} g h: e {row.min():.3f} ... {row.max():.3f}, mean {row.mean():.3f}; the law {e:.4f}"
+        )
 
 
 if __name__ == "__main__":

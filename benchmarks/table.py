@@ -34,7 +34,9 @@ def rows(results: dict[str, Any]) -> list[str]:
     for one in results["benchmarks"]:
         info = one["extra_info"]
         own = (
-            info["seconds"]["hcbench"] if "hcbench" in info["seconds"] else list(info["seconds"].values())[-1]
+            info["seconds"]["hcbench"]
+            if "hcbench" in info["seconds"]
+            else list(info["seconds"].values())[-1]
         )
         for i, (name, value) in enumerate(info["seconds"].items()):
             last = i == len(info["seconds"]) - 1
@@ -48,7 +50,9 @@ def rows(results: dict[str, Any]) -> list[str]:
 
 
 def history(results: dict[str, Any]) -> pd.DataFrame:
-    """A row a candidate: when, of which commit and where it was measured, what it took, and its ratio."""
+    """A row a candidate: when, of which commit and where it was
+    measured, what it took, and its ratio.
+    """
     machine = results["machine_info"]
     run = {
         "date": results["datetime"][:10],

@@ -62,7 +62,9 @@ def measure() -> None:
                     rows.setdefault((row["engine"], row["setting"], report), []).append(row)
     keys = sorted({key[:2] for key in rows if "@" not in key[0]})
     curves = [
-        curve for key in keys if (curve := _from_tables(*key, [rows.get((*key, r), []) for r in REPORTS]))
+        curve
+        for key in keys
+        if (curve := _from_tables(*key, [rows.get((*key, r), []) for r in REPORTS]))
     ]
     known = {(curve["engine"], curve["setting"]) for curve in curves}
     curves += [curve for key in _recipes() if key not in known and (curve := _measured(*key))]
@@ -76,18 +78,23 @@ def _recipes() -> Iterator[tuple[str, str]]:
     for engine in registry.names():
         if registry.is_there(engine):
             yield from (
-                (engine, r.name) for r in registry.engine(engine).recipes() if r.name not in PUBLISHED
+                (engine, r.name)
+                for r in registry.engine(engine).recipes()
+                if r.name not in PUBLISHED
             )
 
 
-def _from_tables(engine: str, setting: str, tables: list[list[dict[str, str]]]) -> dict[str, Any] | None:
+def _from_tables(
+    engine: str, setting: str, tables: list[list[dict[str, str]]]
+) -> dict[str, Any] | None:
     columns = ("speed_m_per_s", "speed_in_m_per_s", "restitution", "samples", "penetration_max_m")
     curves = []
     for (gravity, step), rows in product(CONDITIONS, tables):
         impacts = [
             (*(_float(row[name]) for name in columns), row["status"])
             for row in rows
-            if float(row["gravity_m_per_s2"]) == gravity and math.isclose(float(row["timestep_s"]), step)
+            if float(row["gravity_m_per_s2"]) == gravity
+            and math.isclose(float(row["timestep_s"]), step)
         ]
         if impacts:
             curves.append(_curve(engine, setting, gravity, step, impacts))
@@ -111,9 +118,13 @@ def _measured(engine: str, setting: str) -> dict[str, Any] | None:
     curves: list[dict[str, Any]] = []
     for gravity, step in CONDITIONS:
         try:
-            scene, target = make_target(timestep=step, alpha=ALPHA, gravity=gravity, scene="steel-plane")
+            scene, target = make_target(
+                timestep=step, alpha=ALPHA, gravity=gravity, scene="steel-plane"
+            )
             scene = replace(scene, gravity=gravity)
-            if steps_per_contact(target) < (recipe.steps_min_with_gravity if gravity else recipe.steps_min):
+            if steps_per_contact(target) < (
+                recipe.steps_min_with_gravity if gravity else recipe.steps_min
+            ):
                 continue
             launches = [
                 Launch.touching(float(v), phase, step, gravity)
@@ -124,7 +135,14 @@ def _measured(engine: str, setting: str) -> dict[str, Any] | None:
         except HcbenchError:
             continue
         seen = [
-            (i.launch.speed, i.speed_in, i.restitution, i.samples, i.penetration_max, i.status.value)
+            (
+                i.launch.speed,
+                i.speed_in,
+                i.restitution,
+                i.samples,
+                i.penetration_max,
+                i.status.value,
+            )
             for i in impacts
         ]
         curves.append(_curve(engine, setting, gravity, step, seen))
@@ -133,10 +151,14 @@ def _measured(engine: str, setting: str) -> dict[str, Any] | None:
     return _shown(curves)
 
 
-def _curve(engine: str, setting: str, gravity: float, step: float, impacts: list[Any]) -> dict[str, Any]:
+def _curve(
+    engine: str, setting: str, gravity: float, step: float, impacts: list[Any]
+) -> dict[str, Any]:
     """[impact speed, mean e, lowest, highest] of each launch speed, and the cost; e = 0 of what rests."""
     points = []
-    bounced = sorted((i for i in impacts if i[-1] in ("parted", "rested") and i[1] > 0), key=lambda i: i[1])
+    bounced = sorted(
+        (i for i in impacts if i[-1] in ("parted", "rested") and i[1] > 0), key=lambda i: i[1]
+    )
     while bounced:
         near = [i for i in bounced if i[1] <= NEAR * bounced[0][1]]
         bounced = bounced[len(near) :]
@@ -198,14 +220,23 @@ def _card(title: str, recipe: Any, curve: dict[str, Any] | None) -> str:
         lines += [f"- **Error of e**: {_error(curve)} from {low:.3g} to {high:.3g} m/s, {where}."]
     else:
         lost = curve is not None and curve["failed"]
-        lines += [f"- **Error of e**: {'no impact came back' if lost else 'no report has an e of it'}."]
+        lines += [
+            f"- **Error of e**: {'no impact came back' if lost else 'no report has an e of it'}."
+        ]
     if curve and curve["steps"]:
         steps = " ... ".join(f"{n}" for n in dict.fromkeys(curve["steps"]))
         unit = "step" if steps == "1" else "steps"
-        depth = "" if curve["penetration_m"] is None else f", up to {_length(curve['penetration_m'])} deep"
+        depth = (
+            ""
+            if curve["penetration_m"] is None
+            else f", up to {_length(curve['penetration_m'])} deep"
+        )
         lines += [f"- **Cost**: contacts of {steps} {unit}{depth}."]
     if recipe.notes:
-        lines += ["- **When and how**:", *(line for note in recipe.notes for line in _wrapped(note, "  - "))]
+        lines += [
+            "- **When and how**:",
+            *(line for note in recipe.notes for line in _wrapped(note, "  - ")),
+        ]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -216,7 +247,9 @@ def _wrapped(text: str, bullet: str = "") -> list[str]:
 
 def _worst(curve: dict[str, Any]) -> float:
     """The largest error of e; infinite where nothing bounced nor came to rest."""
-    law = [(float(closed_form.restitution(v, ALPHA)), low, high) for v, _, low, high in curve["points"]]
+    law = [
+        (float(closed_form.restitution(v, ALPHA)), low, high) for v, _, low, high in curve["points"]
+    ]
     return max((max(abs(low - e), abs(high - e)) for e, low, high in law), default=math.inf)
 
 
@@ -260,25 +293,35 @@ def picture(curve: dict[str, Any]) -> str:
         y = HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (min(e, top) - bottom) / (top - bottom)
         return f"{x:.1f}", f"{y:.1f}"
 
-    law = [at(v, float(closed_form.restitution(v, ALPHA))) for v in np.linspace(0, 1.04 * fastest, 40)]
+    law = [
+        at(v, float(closed_form.restitution(v, ALPHA))) for v in np.linspace(0, 1.04 * fastest, 40)
+    ]
     apart = 0.1 if top - bottom < 0.5 else 0.2
     grid = [bottom + apart * i for i in range(round((top - bottom) / apart) + 1)]
     step = 0.1 if fastest < 0.7 else 0.2
     speeds = [step * i for i in range(int(1.04 * fastest / step) + 1)]
     right, floor = str(WIDTH - RIGHT), str(HEIGHT - BOTTOM)
     lines = [f'<path d="M{LEFT} {at(0, e)[1]}H{right}" stroke="#d5d9dd"/>' for e in grid]
-    lines += [f'<text x="{LEFT - 6}" y="{at(0, e)[1]}" dy="4" text-anchor="end">{e:.1f}</text>' for e in grid]
     lines += [
-        f'<text x="{at(v, bottom)[0]}" y="{HEIGHT - 24}" text-anchor="middle">{v:.1f}</text>' for v in speeds
+        f'<text x="{LEFT - 6}" y="{at(0, e)[1]}" dy="4" text-anchor="end">{e:.1f}</text>'
+        for e in grid
+    ]
+    lines += [
+        f'<text x="{at(v, bottom)[0]}" y="{HEIGHT - 24}" text-anchor="middle">{v:.1f}</text>'
+        for v in speeds
     ]
     lines.append(f'<path d="M{LEFT} {floor}H{right}" stroke="#59636e"/>')
-    lines.append(f'<path d="M{"L".join(" ".join(p) for p in law)}" stroke="#1f2328" stroke-width="1.6"/>')
+    lines.append(
+        f'<path d="M{"L".join(" ".join(p) for p in law)}" stroke="#1f2328" stroke-width="1.6"/>'
+    )
     for v, e, low, high in points:
         (x, y), below, above = at(v, e), at(v, low)[1], at(v, high)[1]
         lines.append(f'<path d="M{x} {below}V{above}" stroke="#0b62c4" stroke-width="2"/>')
         lines.append(f'<circle cx="{x}" cy="{y}" r="4" fill="#0b62c4"/>')
     middle = (LEFT + WIDTH - RIGHT) // 2
-    lines.append(f'<text x="{middle}" y="{HEIGHT - 7}" text-anchor="middle">impact speed, m/s</text>')
+    lines.append(
+        f'<text x="{middle}" y="{HEIGHT - 7}" text-anchor="middle">impact speed, m/s</text>'
+    )
     lines.append(f'<text x="13" y="{TOP + 60}" text-anchor="middle">e</text>')
     size = f'viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {size}'

@@ -75,7 +75,9 @@ def _cell(cell: dict[str, Any]) -> str:
         shown = "".join(data[kind])
         if kind == "image/svg+xml":
             shown = shown[shown.index("<svg") :]
-        parts.append(f"```text\n{shown}\n```" if kind == "text/plain" else f"```{{raw}} html\n{shown}\n```")
+        parts.append(
+            f"```text\n{shown}\n```" if kind == "text/plain" else f"```{{raw}} html\n{shown}\n```"
+        )
     return "\n\n".join(parts)
 
 

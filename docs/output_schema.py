@@ -89,7 +89,9 @@ def of_class(kind: type, optional: tuple[str, ...] = ()) -> Any:
     """The record of a dataclass of the code."""
     hints = typing.get_type_hints(kind)
     fields = {f.name: _json_type(hints[f.name]) for f in dataclasses.fields(kind)}
-    return record(kind.__name__, {k: NotRequired[v] if k in optional else v for k, v in fields.items()})
+    return record(
+        kind.__name__, {k: NotRequired[v] if k in optional else v for k, v in fields.items()}
+    )
 
 
 def _json_type(hint: Any) -> Any:
@@ -111,7 +113,9 @@ def _json_type(hint: Any) -> Any:
 MEANING = tomllib.loads(Path(__file__).with_name("field_meanings.toml").read_text(encoding="utf-8"))
 
 POINT = record("CurvePoint", of_fields(*CURVE_POINT))
-ONE_IMPACT = record("Impact", {**of_fields(*IMPACT), "tangential": NotRequired[of_class(Tangential)]})
+ONE_IMPACT = record(
+    "Impact", {**of_fields(*IMPACT), "tangential": NotRequired[of_class(Tangential)]}
+)
 ONE_LOOP = record("Loop", of_fields(SPEED, PHASE, *LOOP))
 MEASURE = record(
     "Measurement",
@@ -197,7 +201,9 @@ CHOICE = record(
         "needs": Texts,
     },
 )
-REST_OF_BODY = record("RestOfBody", {"rests": bool, **{f.name: Number for f in dataclasses.fields(Rest)}})
+REST_OF_BODY = record(
+    "RestOfBody", {"rests": bool, **{f.name: Number for f in dataclasses.fields(Rest)}}
+)
 TUNE = record(
     "Tune",
     {
@@ -238,7 +244,13 @@ TUNED_PAIR = record(
 )
 STANDING = dict.fromkeys(
     (
-        *("penetration_m", "drift_m_per_s", "hold_m_per_s", "vibration_m_per_s", "solver_iterations"),
+        *(
+            "penetration_m",
+            "drift_m_per_s",
+            "hold_m_per_s",
+            "vibration_m_per_s",
+            "solver_iterations",
+        ),
         *("step_time_s", "force_noise"),
     ),
     Number,
@@ -296,7 +308,9 @@ FIT = record(
         "noise": NotRequired[
             list[record("Noise", {"file": Text, "value": Number, "unit": Text, "given": bool})]
         ],
-        "drops": NotRequired[list[record("Drop", {"file": Text, "doubts": Texts, "alpha": ESTIMATE | None})]],
+        "drops": NotRequired[
+            list[record("Drop", {"file": Text, "doubts": Texts, "alpha": ESTIMATE | None})]
+        ],
         "between_drops": NotRequired[Number],
         "warnings": NotRequired[Texts],
         "budget": NotRequired[of_class(Budget)],
@@ -436,7 +450,9 @@ def fields() -> str:
             for key, each in about["properties"].items()
         ]
         title = f"## `{name}`" if name.startswith("hcbench ") else f"### {name}"
-        parts.append("\n".join([title, "", "| field | type | meaning |", "|---|---|---|", *rows, ""]))
+        parts.append(
+            "\n".join([title, "", "| field | type | meaning |", "|---|---|---|", *rows, ""])
+        )
     return "\n" + "\n".join(parts) + "\n"
 
 
@@ -453,7 +469,9 @@ def csv_columns() -> str:
     parts = []
     for files, columns in every.items():
         rows = [f"| `{each.key}` | {each.description} |" for each in columns]
-        parts.append("\n".join([f"Of {files}:", "", "| column | meaning |", "|---|---|", *rows, ""]))
+        parts.append(
+            "\n".join([f"Of {files}:", "", "| column | meaning |", "|---|---|", *rows, ""])
+        )
     return "\n" + "\n".join(parts) + "\n"
 
 

@@ -30,7 +30,9 @@ PAGES = {
     "Measured impacts": "reports/reality/index.html",
     "The paper": "reports/paper/index.html",
 }
-BAR = '<div style="padding:.5rem 1.25rem;font:.9rem/1.5 system-ui,sans-serif"><b>hcbench</b>{}</div>'
+BAR = (
+    '<div style="padding:.5rem 1.25rem;font:.9rem/1.5 system-ui,sans-serif"><b>hcbench</b>{}</div>'
+)
 LINK = ' &nbsp; <a target="_top" style="color:inherit;white-space:nowrap" href="{}">{}</a>'
 REDIRECT = f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>hcbench</title>
@@ -82,7 +84,9 @@ def build(html: Path, out: Path) -> list[str]:
         if (REPORTS.parent / page).is_file():
             _copy(page, out)
     pages = {name: page for name, page in PAGES.items() if (out / page).is_file()}
-    texts = {p.relative_to(out).as_posix(): p.read_text(encoding="utf-8") for p in out.rglob("*.html")}
+    texts = {
+        p.relative_to(out).as_posix(): p.read_text(encoding="utf-8") for p in out.rglob("*.html")
+    }
     for name, text in texts.items():
         texts[name] = _with_bar(name, text, pages) if name != "index.html" else text
         (out / name).write_text(texts[name], encoding="utf-8")
@@ -93,7 +97,10 @@ def _copy(page: str, out: Path) -> None:
     """A page of the repository, and the files in its folder that it links to."""
     source = REPORTS.parent / page
     linked = [target(page, link) for link in Page(source.read_text(encoding="utf-8")).links]
-    for name in {page, *(to[0] for to in linked if to and to[0].startswith(posixpath.dirname(page)))}:
+    for name in {
+        page,
+        *(to[0] for to in linked if to and to[0].startswith(posixpath.dirname(page))),
+    }:
         if (REPORTS.parent / name).is_file():
             (out / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(REPORTS.parent / name, out / name)
@@ -102,14 +109,19 @@ def _copy(page: str, out: Path) -> None:
 def _with_bar(name: str, text: str, pages: dict[str, str]) -> str:
     """A page with links to the others at its top."""
     links = (
-        LINK.format(posixpath.relpath(to, posixpath.dirname(name)), title) for title, to in pages.items()
+        LINK.format(posixpath.relpath(to, posixpath.dirname(name)), title)
+        for title, to in pages.items()
     )
     return re.sub(r"<body[^>]*>", lambda body: body[0] + BAR.format("".join(links)), text, count=1)
 
 
 def _wrong(pages: dict[str, Page], out: Path) -> list[str]:
     """Links that lead nowhere, and requests to other hosts."""
-    wrong = [f"{name} asks another host for {url}" for name, page in pages.items() for url in page.requests]
+    wrong = [
+        f"{name} asks another host for {url}"
+        for name, page in pages.items()
+        for url in page.requests
+    ]
     for name, page in pages.items():
         for link in page.links:
             linked = target(name, link)
@@ -120,7 +132,10 @@ def _wrong(pages: dict[str, Page], out: Path) -> list[str]:
                 wrong.append(f"{name} links to {link}, which is not in the site")
             # A fragment with "=" is a choice that the page's script reads.
             elif (
-                anchor and "=" not in anchor and file in pages and unquote(anchor) not in pages[file].anchors
+                anchor
+                and "=" not in anchor
+                and file in pages
+                and unquote(anchor) not in pages[file].anchors
             ):
                 wrong.append(f"{name} links to {link}, which has no such anchor")
     return wrong

@@ -51,7 +51,9 @@ _EXPECTED = (
     "expected .matches(e), .follows(alpha=...) or (pairs=...), .equals(baseline), .rests(max_depth=...) "
     "or (max_vibration=...), or .measured()"
 )
-_MARKER = f"restitution({'=..., '.join(_KEYS)}=...): defaults of the restitution fixture for this test"
+_MARKER = (
+    f"restitution({'=..., '.join(_KEYS)}=...): defaults of the restitution fixture for this test"
+)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -65,7 +67,9 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", _MARKER)
     # pytest-xdist declares this marker itself; `hcbench.testing` sets it for its tests.
     if not config.pluginmanager.hasplugin("xdist"):
-        config.addinivalue_line("markers", "xdist_group(name): tests that run in one process of pytest-xdist")
+        config.addinivalue_line(
+            "markers", "xdist_group(name): tests that run in one process of pytest-xdist"
+        )
 
 
 @pytest.fixture
@@ -81,7 +85,9 @@ def restitution(request: pytest.FixtureRequest) -> Iterator[RestitutionFixture]:
     # The nearest marker is applied last and wins.
     for marker in reversed(list(request.node.iter_markers("restitution"))):
         if marker.args:
-            pytest.fail("@pytest.mark.restitution: positional arguments; expected keywords", pytrace=False)
+            pytest.fail(
+                "@pytest.mark.restitution: positional arguments; expected keywords", pytrace=False
+            )
         _require_known("@pytest.mark.restitution", marker.kwargs)
         defaults.update(marker.kwargs)
     folder = request.path.parent
@@ -174,7 +180,10 @@ class ModelBounce:
     ) -> Measurement:
         """Assert most of the penetration ("1 mm") and of the vibration ("1e-4 m/s", rms) at rest."""
         asked = {"max_depth": max_depth, "max_vibration": max_vibration}
-        limits = {name: self._options.get(name) if value is None else value for name, value in asked.items()}
+        limits = {
+            name: self._options.get(name) if value is None else value
+            for name, value in asked.items()
+        }
         self._require_target("rests", *limits.values())
         return self._hold(None, **limits)
 
@@ -188,7 +197,9 @@ class ModelBounce:
         if all(target is None for target in targets):
             # This failure says enough: the next check need not complain that nothing was measured.
             self.is_measured = True
-            pytest.fail(f"restitution({self.name!r}).{verb}(): no target; {_EXPECTED}", pytrace=False)
+            pytest.fail(
+                f"restitution({self.name!r}).{verb}(): no target; {_EXPECTED}", pytrace=False
+            )
 
     def _hold(self, max_error: float | None = None, **against: Any) -> Measurement:
         __tracebackhide__ = True
@@ -233,4 +244,6 @@ def _require_known(slot: str, options: Mapping[str, Any]) -> None:
 
 def _name(model: Any) -> str:
     parts = model if isinstance(model, list | tuple) else [model]
-    return " + ".join(Path(p).name if isinstance(p, str | Path) else type(p).__name__ for p in parts)
+    return " + ".join(
+        Path(p).name if isinstance(p, str | Path) else type(p).__name__ for p in parts
+    )

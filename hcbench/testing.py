@@ -166,7 +166,9 @@ class EngineConformance:
         ]
 
     @_claim(lambda cls, recipe, scene: not _fits(cls, recipe, scene))
-    def test_a_form_of_scene_that_the_recipe_is_not_for_is_refused(self, recipe: str, scene: str) -> None:
+    def test_a_form_of_scene_that_the_recipe_is_not_for_is_refused(
+        self, recipe: str, scene: str
+    ) -> None:
         """The error names the form."""
         forms = registry.recipe(recipe).forms
         suited = next(name for name in scene_names() if _scene(name).form in forms)
@@ -176,7 +178,9 @@ class EngineConformance:
             engine.run(_scene(scene), setting_for(recipe, suited), LAUNCHES)
 
     @_claim(_fits, lambda _, recipe, __: recipe.ends is not None)
-    def test_where_nothing_bounces_launches_end_as_the_recipe_says(self, recipe: str, scene: str) -> None:
+    def test_where_nothing_bounces_launches_end_as_the_recipe_says(
+        self, recipe: str, scene: str
+    ) -> None:
         """Each launch ends with the status and the reason that the recipe names."""
         impacts = impacts_for(recipe, scene)
         assert {i.status for i in impacts} == {registry.recipe(recipe).ends}
@@ -199,13 +203,19 @@ class EngineConformance:
         """Nothing slows the body before it touches."""
         exact = max(1e-9, rounding(recipe))
         loss = max(exact, self.stock_damping if registry.recipe(recipe).role is Role.STOCK else 0.0)
-        assert all(1 - loss < i.speed_in / i.launch.speed < 1 + exact for i in impacts_for(recipe, scene))
+        assert all(
+            1 - loss < i.speed_in / i.launch.speed < 1 + exact for i in impacts_for(recipe, scene)
+        )
 
     @_claim(_bounces, _is_set, lambda _, recipe, __: not recipe.one_step)
     def test_what_the_loop_loses_is_what_the_body_loses(self, recipe: str, scene: str) -> None:
         """The area of force over penetration is the kinetic energy lost."""
         mass = _scene(scene).mass
-        resolved = [(i, i.loop) for i in impacts_for(recipe, scene) if i.loop is not None and i.samples >= 50]
+        resolved = [
+            (i, i.loop)
+            for i in impacts_for(recipe, scene)
+            if i.loop is not None and i.samples >= 50
+        ]
         if not resolved:
             pytest.skip("its loops are not resolved")
         for impact, loop in resolved:
@@ -240,8 +250,12 @@ class EngineConformance:
             assert other.loop is not None
             assert np.array_equal(one.loop.force, other.loop.force)
 
-    @_claim(_bounces, lambda cls, recipe, _: recipe.role is not Role.STOCK or cls.stock_damping <= 1e-9)
-    def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(self, recipe: str, scene: str) -> None:
+    @_claim(
+        _bounces, lambda cls, recipe, _: recipe.role is not Role.STOCK or cls.stock_damping <= 1e-9
+    )
+    def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(
+        self, recipe: str, scene: str
+    ) -> None:
         """v² = 2 g h: exactly at the touch plane, else to what a step adds."""
         setting = setting_for(recipe, scene)
         engine = registry.engine(setting.engine)
@@ -284,7 +298,9 @@ class EngineConformance:
                 off = 1e-4 if made_by.native else 1e-7
             assert np.abs(e - law).max() < off
 
-    @_claim(_bounces, lambda cls, *_: isinstance(adapter_of(registry.engine(cls.engine)), SteppedEngine))
+    @_claim(
+        _bounces, lambda cls, *_: isinstance(adapter_of(registry.engine(cls.engine)), SteppedEngine)
+    )
     def test_chunks_of_steps_join_without_a_seam(self, recipe: str, scene: str) -> None:
         """A simulation advanced in pieces records what it does in one."""
         setting = setting_for(recipe, scene)
@@ -327,7 +343,9 @@ def _record_in(
         for group in groups:
             with closing(world.release(group)) as simulation:
                 records = [simulation.advance(steps) for steps in parts]
-            of_groups.append(np.concatenate([(r.penetration, r.rate, r.force) for r in records], axis=2))
+            of_groups.append(
+                np.concatenate([(r.penetration, r.rate, r.force) for r in records], axis=2)
+            )
     return np.concatenate(of_groups, axis=1)
 
 

@@ -22,12 +22,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-settings.register_profile("same", derandomize=True, deadline=None)  # examples do not change from run to run
+settings.register_profile(
+    "same", derandomize=True, deadline=None
+)  # examples do not change from run to run
 settings.register_profile("random", max_examples=1000, deadline=None)  # `make test-random`
 settings.load_profile("same")
 
 collect_ignore = ["outside"]  # run on its own, as its author would
-_MUJOCO_HAS = (("adhesion", "MjModel", "pair_adhesion"), ("spec_plugins", "MjSpec", "activate_plugin"))
+_MUJOCO_HAS = (
+    ("adhesion", "MjModel", "pair_adhesion"),
+    ("spec_plugins", "MjSpec", "activate_plugin"),
+)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -37,11 +42,16 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ["HCBENCH_DATA"] = os.environ.get("HCBENCH_ENGINES") or os.devnull
     config.addinivalue_line("markers", "slow: half a minute; -m 'not slow' leaves it out")
     config.addinivalue_line(
-        "markers", "needs_engine(name): an engine that must be installed; by default the test's parameter"
+        "markers",
+        "needs_engine(name): an engine that must be installed; by default the test's parameter",
     )
-    config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
+    config.addinivalue_line(
+        "markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later"
+    )
     config.addinivalue_line("markers", "locked_engines: pages show what the locked versions print")
-    config.addinivalue_line("markers", "spec_plugins: needs plug-ins in an MjSpec, later than MuJoCo 3.3.0")
+    config.addinivalue_line(
+        "markers", "spec_plugins: needs plug-ins in an MjSpec, later than MuJoCo 3.3.0"
+    )
 
 
 def pytest_report_header() -> list[str]:
@@ -54,12 +64,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if not _has_locked_engines():
         for item in items:
             if item.get_closest_marker("locked_engines"):
-                item.add_marker(pytest.mark.skip(reason="pages show what the locked versions print"))
+                item.add_marker(
+                    pytest.mark.skip(reason="pages show what the locked versions print")
+                )
     for marker, kind, name in _MUJOCO_HAS:
         asking = [item for item in items if item.get_closest_marker(marker)]
         if asking and not hasattr(getattr(mujoco := pytest.importorskip("mujoco"), kind), name):
             for item in asking:
-                item.add_marker(pytest.mark.skip(reason=f"MuJoCo {mujoco.__version__} has no {kind}.{name}"))
+                item.add_marker(
+                    pytest.mark.skip(reason=f"MuJoCo {mujoco.__version__} has no {kind}.{name}")
+                )
 
 
 def _has_locked_engines() -> bool:
@@ -86,16 +100,20 @@ def _leave_out_missing_engines(config: pytest.Config, items: list[pytest.Item]) 
             left_out.append(item)
         else:
             missing.add(engine)
-            item.add_marker(pytest.mark.skip(reason=f"{engine} is not installed: none of its tests are run"))
+            item.add_marker(
+                pytest.mark.skip(reason=f"{engine} is not installed: none of its tests are run")
+            )
             kept.append(item)
     items[:] = kept
     config.hook.pytest_deselected(items=left_out)
 
 
 def _needed_engine(item: pytest.Item) -> str:
-    """The engine that a marker `needs_engine` names, or else the parameter `engine`, `name` or `recipe`.
+    """The engine that a marker `needs_engine` names, or else the
+    parameter `engine`, `name` or `recipe`.
 
-    PyBullet, which has wheels for one Python alone, is also needed by a test with it among its parameters.
+    PyBullet, which has wheels for one Python alone, is also needed by a
+    test with it among its parameters.
     """
     marker = item.get_closest_marker("needs_engine")
     if marker is None:
@@ -124,6 +142,8 @@ def nothing_kept() -> Iterator[None]:
 
 @pytest.fixture
 def with_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A folder for compiled plug-ins that outlives a process; a user without a home has none by default."""
+    """A folder for compiled plug-ins that outlives a process; a user
+    without a home has none by default.
+    """
     if not os.access(Path.home(), os.W_OK):
         monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path / "cache"))

@@ -1,4 +1,6 @@
-"""pymunk, an engine in two dimensions: python hcbench_cases.py pymunk_adapter.py. Its y is z of the cases."""
+"""pymunk, an engine in two dimensions: python hcbench_cases.py
+pymunk_adapter.py. Its y is z of the cases.
+"""
 
 import pymunk
 
@@ -42,7 +44,8 @@ class PymunkBodies:
 
     def state(self):
         return [
-            [*self._at(b.position), *self._at(b.velocity), 0, -b.angular_velocity, 0] for b in self.moving
+            [*self._at(b.position), *self._at(b.velocity), 0, -b.angular_velocity, 0]
+            for b in self.moving
         ]
 
     @staticmethod

@@ -25,7 +25,9 @@ def drop() -> World:
 
 
 def wall() -> World:
-    """bulletphysics/bullet3 issue 3094, "Sticky walls": a ball that is thrown at a wall and stays there."""
+    """bulletphysics/bullet3 issue 3094, "Sticky walls": a ball that is
+    thrown at a wall and stays there.
+    """
     return _wall(settled=False)
 
 
@@ -48,11 +50,15 @@ def _wall(settled: bool) -> World:
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 1, 1], physicsClientId=c)
     ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.2, physicsClientId=c)
     ids = [
-        p.createMultiBody(m, shape, basePosition=at, useMaximalCoordinates=settled, physicsClientId=c)
+        p.createMultiBody(
+            m, shape, basePosition=at, useMaximalCoordinates=settled, physicsClientId=c
+        )
         for m, shape, at in ((0, box, [1.1, 0, 0]), (1, ball, [0, 0, 0]))
     ]
     for body in ids:
-        p.changeDynamics(body, -1, restitution=1, linearDamping=0, angularDamping=0, physicsClientId=c)
+        p.changeDynamics(
+            body, -1, restitution=1, linearDamping=0, angularDamping=0, physicsClientId=c
+        )
         if settled:
             p.changeDynamics(body, -1, contactProcessingThreshold=0, physicsClientId=c)
     return World(c, ids[1], ids[0])

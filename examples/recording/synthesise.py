@@ -1,6 +1,7 @@
 """Synthetic measurements of a bouncing ball, by code that shares nothing with `hcbench fit`.
 
-The law by root finding, flights by their formulas or by an ODE, scatter of each e, noise of measuring.
+The law by root finding, flights by their formulas or by an ODE, scatter
+of each e, noise of measuring.
 """
 
 from __future__ import annotations
@@ -20,14 +21,18 @@ GRAVITY = 9.80665
 
 
 def hunt_crossley(alpha: float, e0: float = 1.0) -> Law:
-    """e over speed (m/s) of eq. (16): the root of d (1 + e) = ln(1 + d) - ln(1 - d e), d = (3/2) alpha v."""
+    """e over speed (m/s) of eq. (16): the root of d (1 + e) = ln(1 + d) -
+    ln(1 - d e), d = (3/2) alpha v.
+    """
 
     def e(speed: float) -> float:
         d = 1.5 * alpha * speed
         if d < 1e-6:
             return e0 * (1.0 - 2.0 / 3.0 * d)
         most = min(1.0, 1.0 / d) * (1.0 - 1e-15)
-        return e0 * float(brentq(lambda e: d * (1 + e) - math.log1p(d) + math.log1p(-d * e), 1e-12, most))
+        return e0 * float(
+            brentq(lambda e: d * (1 + e) - math.log1p(d) + math.log1p(-d * e), 1e-12, most)
+        )
 
     return e
 
@@ -55,10 +60,11 @@ def flights(
     fly: Callable[[float], tuple[float, float]] | None = None,
     first: float | None = None,
 ) -> Iterator[tuple[float, float, float]]:
-    """(touch speed, rebound speed, time aloft) of one bounce after the other, from a drop height in m.
+    """(touch speed, rebound speed, time aloft) of one bounce after the
+    other, from a drop height in m.
 
-    fly: the time aloft and the next touch speed of a launch speed; a vacuum's where it is None. first: the
-    speed of the first touch, where it is not a vacuum's.
+    fly: the time aloft and the next touch speed of a launch speed; a vacuum's where it is None.
+    first: the speed of the first touch, where it is not a vacuum's.
     """
     speed = math.sqrt(2 * GRAVITY * drop) if first is None else first
     while True:
@@ -108,13 +114,17 @@ def flight_in_air(
         return float(y[0]) if t > 0 else 1.0
 
     floor.terminal, floor.direction = True, -1.0  # type: ignore[attr-defined]
-    done = solve_ivp(rate, (0, 10), [0.0, launch], events=floor, rtol=1e-10, atol=1e-12, max_step=0.02)
+    done = solve_ivp(
+        rate, (0, 10), [0.0, launch], events=floor, rtol=1e-10, atol=1e-12, max_step=0.02
+    )
     return float(done.t_events[0][0]), float(-done.y_events[0][0][1])
 
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Sound of a plate. click: length of a first pulse at 1 m/s, s. modes: (Hz, s, share of the click)."""
+    """Sound of a plate. click: length of a first pulse at 1 m/s, s.
+    modes: (Hz, s, share of the click).
+    """
 
     click: float
     modes: tuple[tuple[float, float, float], ...]
@@ -124,9 +134,13 @@ class Surface:
 SURFACES = {
     "stone": Surface(8e-5, ((5200.0, 3e-3, 0.5), (9100.0, 4e-3, 0.4), (13700.0, 3e-3, 0.2)), 0.2),
     "wood": Surface(3e-4, ((900.0, 12e-3, 0.8), (2300.0, 8e-3, 0.5), (4700.0, 5e-3, 0.4)), 0.3),
-    "tile": Surface(1.2e-4, ((3100.0, 10e-3, 0.5), (6800.0, 15e-3, 0.4), (11200.0, 6e-3, 0.3)), 0.3),
+    "tile": Surface(
+        1.2e-4, ((3100.0, 10e-3, 0.5), (6800.0, 15e-3, 0.4), (11200.0, 6e-3, 0.3)), 0.3
+    ),
     "plate": Surface(
-        6e-5, ((2100.0, 80e-3, 0.5), (4900.0, 50e-3, 0.5), (8300.0, 30e-3, 0.4), (12900.0, 20e-3, 0.3)), 0.15
+        6e-5,
+        ((2100.0, 80e-3, 0.5), (4900.0, 50e-3, 0.5), (8300.0, 30e-3, 0.4), (12900.0, 20e-3, 0.3)),
+        0.15,
     ),
 }
 
@@ -147,7 +161,8 @@ def recording(
     rng: np.random.Generator,
     rate: int = 44100,
 ) -> np.ndarray:
-    """Sound of touches at times (s) and speeds (m/s): -1 ... 1, from time 0 to half a second after the last.
+    """Sound of touches at times (s) and speeds (m/s): -1 ... 1, from time 0
+    to half a second after the last.
 
     decibels: peak of the first click over the rms of the noise.
     """
@@ -155,7 +170,8 @@ def recording(
     sound = np.zeros(len(clock))
     echoes = [(0, 1.0)]
     echoes += [
-        (round(rng.uniform(1e-3, 30e-3) * rate), surface.echo * rng.uniform(0.2, 1.0)) for _ in range(6)
+        (round(rng.uniform(1e-3, 30e-3) * rate), surface.echo * rng.uniform(0.2, 1.0))
+        for _ in range(6)
     ]
     for time, speed in zip(times, speeds, strict=True):
         begin = np.searchsorted(clock, time)
@@ -184,7 +200,9 @@ def drop_recording(
     shortest: float = 0.03,
     seconds: float = 5.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(sound, times of its touches) of a ball let go from a height in m, until flights are `shortest` s."""
+    """(sound, times of its touches) of a ball let go from a height in m,
+    until flights are `shortest` s.
+    """
     times, speeds = [rng.uniform(0.4, 0.8)], []
     for speed, _, aloft in flights(law, drop, scatter, rng):
         speeds.append(speed)
@@ -220,7 +238,9 @@ def track(
 
 
 def main() -> None:
-    """Write the recording of the example: alpha 0.3 s/m, from 40 cm on a tile, e scattered by 0.4 %."""
+    """Write the recording of the example: alpha 0.3 s/m, from 40 cm
+    on a tile, e scattered by 0.4 %.
+    """
     sound, _ = drop_recording(hunt_crossley(0.3), 0.4, 4e-3, "tile", 40.0, np.random.default_rng(3))
     wavfile.write(sys.argv[1], 44100, np.round(32767 * sound).astype(np.int16))
 

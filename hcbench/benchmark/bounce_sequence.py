@@ -201,6 +201,10 @@ def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float, encode: 
         ]
         tables.append(dict(zip(TRAIN_COLUMNS, columns, strict=True)))
         if seen.rest is not None:
-            lies = {"followed_s": drop.duration, "depth_m": seen.rest.depth, "motion_m": seen.rest.motion}
+            lies = {
+                "followed_s": drop.duration,
+                "depth_m": seen.rest.depth,
+                "motion_m": seen.rest.motion,
+            }
             rests.append({**key, **lies})
     return encode(tables, TRAIN_COLUMNS, {RESTS: json.dumps(rests).encode()})

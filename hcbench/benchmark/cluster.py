@@ -39,7 +39,9 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     try:
         from distributed import Client
     except ImportError:
-        raise CannotRun("scheduler", "Dask is not installed", "its package", f"Try: {_INSTALL}") from None
+        raise CannotRun(
+            "scheduler", "Dask is not installed", "its package", f"Try: {_INSTALL}"
+        ) from None
     try:
         if not _ADDRESS.fullmatch(address):
             raise ValueError("not an address with a port")
@@ -59,7 +61,9 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             if client.status == "running":
                 raise
             got = f"{address} went away, and did not come back within {_CONNECT_S:g} s"
-            raise CannotRun("scheduler", got, "one that lasts as long as the sweep", GO_ON) from None
+            raise CannotRun(
+                "scheduler", got, "one that lasts as long as the sweep", GO_ON
+            ) from None
         finally:
             client.close()
 

@@ -39,7 +39,9 @@ def require_parquet() -> None:
         raise CannotRun("sweep", got, "the package that writes Parquet", advice)
 
 
-def arrays(tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]) -> bytes:
+def arrays(
+    tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
+) -> bytes:
     """Tables below one another, as NumPy's bytes. A column has values, or
     one text or float for all rows.
     """
@@ -126,7 +128,9 @@ def _parquet_column(values: Any, length: int, kind: Any) -> Any:
     words, places = _by_number(values, length)
     texts = [text.encode() for text in words.tolist()]
     offsets = np.cumsum([0, *map(len, texts)], dtype=np.int32)
-    once = pa.StringArray.from_buffers(len(texts), pa.py_buffer(offsets), pa.py_buffer(b"".join(texts)))
+    once = pa.StringArray.from_buffers(
+        len(texts), pa.py_buffer(offsets), pa.py_buffer(b"".join(texts))
+    )
     numbers = pa.Array.from_buffers(pa.int32(), len(places), [None, pa.py_buffer(places)])
     return pa.DictionaryArray.from_arrays(numbers, once)
 

@@ -71,7 +71,9 @@ class Files:
             entries = self._system.ls(self._path(folder), detail=True, refresh=True)
         except (FileNotFoundError, NotADirectoryError):
             return []
-        chosen = [entry["name"] for entry in entries if (entry["type"] == "directory") is directories]
+        chosen = [
+            entry["name"] for entry in entries if (entry["type"] == "directory") is directories
+        ]
         return sorted(name.rstrip("/").rpartition("/")[2] for name in chosen)
 
     def read(self, name: str) -> bytes:
@@ -189,8 +191,12 @@ def open_files(where: str) -> Files:
     try:
         system, root = url_to_fs(where)
     except (ImportError, ValueError) as error:
-        raise UserError("folder", f"{where}: {error}", "a path, or an URL that fsspec opens") from None
-    local = "file" in (system.protocol if isinstance(system.protocol, tuple) else (system.protocol,))
+        raise UserError(
+            "folder", f"{where}: {error}", "a path, or an URL that fsspec opens"
+        ) from None
+    local = "file" in (
+        system.protocol if isinstance(system.protocol, tuple) else (system.protocol,)
+    )
     return (LocalFiles if local else Files)(system, root, where)
 
 

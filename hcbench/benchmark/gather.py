@@ -142,7 +142,9 @@ class _Gathering:
                 continue
             here = head_on & (speeds == speed) & (phases == phase)
             for i in np.flatnonzero(here).tolist():
-                measured: dict[str, Any] = {field.name: float(columns[field.key][i]) for field in MEASURED}
+                measured: dict[str, Any] = {
+                    field.name: float(columns[field.key][i]) for field in MEASURED
+                }
                 yield Impact(
                     launch=Launch(speed, phase),
                     status=Status(columns["status"][i]),

@@ -83,7 +83,8 @@ class LaunchGrid:
             phase,
             self.setting.timestep,
             self.scene.normal_gravity,
-            slip=speed * np.array([Launch.at_angle(each, 1.0).slip[0] for each in self.angles])[angle],
+            slip=speed
+            * np.array([Launch.at_angle(each, 1.0).slip[0] for each in self.angles])[angle],
             spin=self.spin,
             steps_most=math.inf if self.dropped else 2.0,
             share=self.share,

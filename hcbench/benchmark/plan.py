@@ -124,7 +124,9 @@ class Plan:
             "kind": "hcbench sweep",
             "study": self.study.described(),
             "settings": self.records,
-            "versions": {k: v for inputs in self.inputs.values() for k, v in inputs.versions.items()},
+            "versions": {
+                k: v for inputs in self.inputs.values() for k, v in inputs.versions.items()
+            },
             "files": {name: inputs.digests for name, inputs in self.inputs.items()},
             "impacts": self.impacts,
             "parts": len(self),
@@ -228,7 +230,9 @@ def _require_device(device: str, name: str) -> None:
     engine = registry.engine(name)
     if device not in engine.devices:
         able = [other for other in registry.names() if device in registry.adapter(other).devices]
-        raise UserError("--device", f"{device!r} for {name}", f"a study of {' and '.join(able)} alone")
+        raise UserError(
+            "--device", f"{device!r} for {name}", f"a study of {' and '.join(able)} alone"
+        )
     engine.require_device(device)
 
 

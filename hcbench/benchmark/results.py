@@ -70,7 +70,9 @@ class ImpactTable:
     """Impacts by setting, α and step, of which only so much is in memory as pages show."""
 
     def __init__(
-        self, folded: Mapping[Key, Folded], read: Callable[[Collection[Key]], Iterable[pd.DataFrame]]
+        self,
+        folded: Mapping[Key, Folded],
+        read: Callable[[Collection[Key]], Iterable[pd.DataFrame]],
     ) -> None:
         """Results that are read when they are needed.
 
@@ -113,7 +115,9 @@ class ImpactTable:
 
     def only(self, keys: Collection[Key]) -> ImpactTable:
         """The table of some keys."""
-        return ImpactTable({key: one for key, one in self.folded.items() if key in keys}, self._read)
+        return ImpactTable(
+            {key: one for key, one in self.folded.items() if key in keys}, self._read
+        )
 
     def without_rows(self) -> ImpactTable:
         """The table without its rows, which is small to send."""
@@ -215,7 +219,9 @@ class Results(Drawn):
                 )
             impacts, *tables = (read_table(folder / f"{name}.csv") for name in TABLES)
         except (OSError, ValueError) as error:
-            raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
+            raise UserError(
+                "results", f"{folder}: {error}", "a folder that `hcbench report` wrote"
+            ) from None
         validate(ResultTable, summary, UserError, f"{folder}/summary.json: {{}}")
         made = summary["study"], summary["settings"], summary["versions"]
         table = ImpactTable.of(impacts, summary["study"])
@@ -245,7 +251,9 @@ def read_table(path: Path) -> pd.DataFrame:
     )
     # An empty number is NaN, but an empty reason is an empty text and
     # an empty claim "not resolved".
-    table: pd.DataFrame = pd.read_csv(path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"), **exact)
+    table: pd.DataFrame = pd.read_csv(
+        path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"), **exact
+    )
     if "reason" in table:
         table["reason"] = table["reason"].fillna("")
     for claim in CLAIMS:

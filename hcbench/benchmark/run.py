@@ -87,7 +87,9 @@ class Workers:
 
 
 @checked
-def run_study(study: Study, jobs: Jobs = 1, progress: Callable[[int, int], None] | None = None) -> Results:
+def run_study(
+    study: Study, jobs: Jobs = 1, progress: Callable[[int, int], None] | None = None
+) -> Results:
     """Run all of a study and score it.
 
     progress: called with (impacts done, impacts in all) while it runs.
@@ -203,7 +205,10 @@ def run_plan(
     if plan.study.train_height is not None and store.bounces() is None:
         drops = plan_drops(plan, workers.mapper)
         order = {id(drop): i for i, drop in enumerate(drops)}
-        seen = {order[id(drop)]: end for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts)}
+        seen = {
+            order[id(drop)]: end
+            for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts)
+        }
         ends = [seen[i] for i in range(len(drops))]
         dropped = list(zip(drops, ends, strict=True))
         store.write_bounces(bounce_table(dropped, plan.study.main_alpha, encode))
@@ -221,7 +226,10 @@ def run_plan(
 
 
 def _imap_unordered(
-    workers: Workers, function: Callable[[Job, Timeouts], Result], jobs: Iterable[Job], timeouts: Timeouts
+    workers: Workers,
+    function: Callable[[Job, Timeouts], Result],
+    jobs: Iterable[Job],
+    timeouts: Timeouts,
 ) -> Iterator[tuple[Job, Result]]:
     """(job, its result), the first to finish first. Few are handed out
     ahead; what failed is tried again.
@@ -234,11 +242,15 @@ def _imap_unordered(
             running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
         except RuntimeError as error:
             # The executor is broken, or shut down.
-            raise CannotRun("executor", str(error), "one that takes work", workers.advice) from error
+            raise CannotRun(
+                "executor", str(error), "one that takes work", workers.advice
+            ) from error
 
     try:
         while True:
-            while len(running) < _AHEAD * workers.width() and (task := list(islice(waiting, together))):
+            while len(running) < _AHEAD * workers.width() and (
+                task := list(islice(waiting, together))
+            ):
                 submit(task, 1)
             if not running:
                 return

@@ -94,7 +94,9 @@ class Store:
         if isinstance(versions, dict):
             by = sanitized(versions.get("hcbench"))
         advice = f"hcbench {by} wrote it: finish it with that one, or sweep into a new folder"
-        raise UserError("folder", f"{self.where}: {DESCRIPTION} has {got}", f"schema {SCHEMA}", advice)
+        raise UserError(
+            "folder", f"{self.where}: {DESCRIPTION} has {got}", f"schema {SCHEMA}", advice
+        )
 
     def create_or_verify(self, plan: Plan, resume: bool) -> None:
         """Make the folder that of a plan, or see that it is. UserError for any other."""

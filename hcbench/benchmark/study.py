@@ -172,7 +172,9 @@ def find_study(name: str) -> Path:
                 return candidate
     built_in = sorted({name_of(p) for folder in _BUILT_IN for p in folder.glob("**/*.toml")})
     raise StudyError(
-        "study", f"{name!r} was not found", f"a study.toml, its folder, or one of: {', '.join(built_in)}"
+        "study",
+        f"{name!r} was not found",
+        f"a study.toml, its folder, or one of: {', '.join(built_in)}",
     )
 
 
@@ -195,7 +197,9 @@ def load_study(path: str | Path) -> Study:
     return study_from(content, str(path), path.parent)
 
 
-def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | None = None) -> Study:
+def study_from(
+    content: Mapping[str, Any], where: str = "study", folder: Path | None = None
+) -> Study:
     """A Study from a study file's content; `folder` is where relative scene paths start."""
     file = validate(StudyFile, content, StudyError, f"{where}: {{}}")
     scene = load_scene(file.scene, folder)
@@ -204,10 +208,14 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     if main_alpha is None:
         main_alpha = file.alphas[len(file.alphas) // 2]
     if main_alpha not in file.alphas:
-        raise StudyError(f"{where}: main_alpha", f"{main_alpha:.6g} s/m", "one of the study's alphas")
+        raise StudyError(
+            f"{where}: main_alpha", f"{main_alpha:.6g} s/m", "one of the study's alphas"
+        )
     step_speed = file.step_speed or file.speeds[len(file.speeds) // 2]
     if not any(math.isclose(step_speed, speed) for speed in (*file.speeds, *file.loop_speeds)):
-        raise StudyError(f"{where}: step_speed", f"{step_speed:.6g} m/s", "one of the study's speeds")
+        raise StudyError(
+            f"{where}: step_speed", f"{step_speed:.6g} m/s", "one of the study's speeds"
+        )
     tables: dict[str, RunTable] = {}
     for number, table in enumerate(file.run, 1):
         line = f"{where}: run {number}"
@@ -252,7 +260,9 @@ def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> Non
         raise StudyError(f"{where}: train_height", got, f"up to {_MOST_STEPS:g} steps")
 
 
-def _runs(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Iterator[Run]:
+def _runs(
+    table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None
+) -> Iterator[Run]:
     """One run, or one a step over its own band of speeds."""
     run = _run(table, where, file, scene, folder)
     if table.default_band is None:
@@ -282,7 +292,9 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
     try:
         own = dataclasses.replace(own, off_axis=table.off_axis, **_stated(table))
     except SceneError as error:
-        raise StudyError(f"{where}: {error.slot}", error.got, error.expected, error.advice) from None
+        raise StudyError(
+            f"{where}: {error.slot}", error.got, error.expected, error.advice
+        ) from None
     speeds = table.speeds or file.speeds
     if table.heights is not None:
         expected = 'heights alone, with gravity = "9.81 m/s^2"'

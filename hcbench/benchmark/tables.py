@@ -28,7 +28,15 @@ if TYPE_CHECKING:
 _LOOPS = "hcbench.loops"
 # Key of what a shard adds to the summary.
 _SUMMARY = "hcbench.summary"
-SUMMARY = ("impacts", "parted", "rested", "failed", "max_error_law", "rms_error_law", "max_error_linear")
+SUMMARY = (
+    "impacts",
+    "parted",
+    "rested",
+    "failed",
+    "max_error_law",
+    "rms_error_law",
+    "max_error_linear",
+)
 _COUNTS = ("impacts", "parted", "rested", "failed")
 _MOST = ("max_error_law", "max_error_linear")
 _SQUARES = "sum_square_error_law"
@@ -183,7 +191,12 @@ def _line(total: Summary) -> Summary:
     line = {name: total[name] for name in _COUNTS}
     good = line["parted"] + line["rested"]
     if not good:
-        return {**line, "max_error_law": math.nan, "rms_error_law": math.nan, "max_error_linear": math.nan}
+        return {
+            **line,
+            "max_error_law": math.nan,
+            "rms_error_law": math.nan,
+            "max_error_linear": math.nan,
+        }
     line["rms_error_law"] = math.sqrt(total[_SQUARES] / _SMALLEST / good)
     for name in _MOST:
         line[name] = total[name]

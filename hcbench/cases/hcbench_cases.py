@@ -1,20 +1,23 @@
 """Bounces that a physics engine should get right: runs the cases, judges the states, writes JUnit.
 
-One file of Python's standard library, to be copied beside hcbench-cases-1.json into an engine's own tests:
+One file of Python's standard library, to be copied beside
+hcbench-cases-1.json into an engine's own tests:
 
     python hcbench_cases.py my_adapter.py --expected known.json --junit cases.xml
 
-An adapter is a file with ENGINES: a list of classes, or functions without arguments, that make an engine. It
-has `name`, `version`, and `combine`: how the restitutions of two bodies become one ("product", "average",
-"maximum", "minimum", "geometric", or None without a rule). It has `make(world)`, `step()`, and `state()`,
-the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body that moves, in SI units and the world's frame.
-It raises NotImplementedError for what the engine cannot do.
-An engine that steps many worlds at once also has `start()`: `make` adds a world, `start` starts all that were
-added since, of as many steps of one length and the same shapes, and `state` lists the states of each.
+An adapter is a file with ENGINES: a list of classes, or functions without arguments, that make an
+engine. It has `name`, `version`, and `combine`: how the restitutions of two bodies become one
+("product", "average", "maximum", "minimum", "geometric", or None without a rule). It has
+`make(world)`, `step()`, and `state()`, the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body
+that moves, in SI units and the world's frame. It raises NotImplementedError for what the engine
+cannot do. An engine that steps many worlds at once also has `start()`: `make` adds a world,
+`start` starts all that were added since, of as many steps of one length and the same shapes, and
+`state` lists the states of each.
 
-MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of charge, to any
-person obtaining a copy, to use, copy, modify, merge, publish, distribute, sublicense and sell it, if this
-notice stays in all copies or substantial portions. It is provided "as is", without warranty of any kind.
+MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of
+charge, to any person obtaining a copy, to use, copy, modify, merge, publish, distribute,
+sublicense and sell it, if this notice stays in all copies or substantial portions. It is
+provided "as is", without warranty of any kind.
 """
 
 from __future__ import annotations
@@ -75,7 +78,9 @@ def _batch_key(each: Json) -> str:
 
 
 def _run(engine: Any, runs: list[Json]) -> list[tuple[Json, Json]]:
-    """Each run with {"states": ...}, {"unsupported": why} or {"error": why}; many runs make a batch."""
+    """Each run with {"states": ...}, {"unsupported": why} or
+    {"error": why}; many runs make a batch.
+    """
     results = [(each, Json()) for each in runs]
     try:
         made = _make_worlds(engine, results)
@@ -83,7 +88,9 @@ def _run(engine: Any, runs: list[Json]) -> list[tuple[Json, Json]]:
             _step_worlds(engine, made)
     except Exception as error:  # an engine's own error ends its runs alone
         failed = {"error": f"{type(error).__name__}: {error}"}
-        results = [(each, result if "unsupported" in result else failed) for each, result in results]
+        results = [
+            (each, result if "unsupported" in result else failed) for each, result in results
+        ]
     return results
 
 
@@ -142,7 +149,8 @@ def restitution(each: Json, states: States) -> float:
     squares = {}  # speed at the plane, squared, m²/s²
     for step, height in z.items():
         if step - 1 in z and step + 1 in z:
-            # Central differences mean the same in every integrator; the energy takes them to the plane.
+            # Central differences mean the same in every integrator; the
+            # energy takes them to the plane.
             speed = (z[step + 1] - z[step - 1]) / (2 * timestep)
             squares[step] = speed**2 - 2 * gravity_z * (height - touch)
     turned = math.inf  # the first step after which the ball is higher
@@ -176,7 +184,9 @@ def drift(each: Json, states: States) -> float:
 
 
 def vibration(each: Json, states: States) -> float:
-    """Standard deviation of the velocity in the last recorded steps, m/s, of the body that shakes most."""
+    """Standard deviation of the velocity in the last recorded steps,
+    m/s, of the body that shakes most.
+    """
     last = _last(each, states)
     shaking = []
     for body in range(1, len(last[0])):  # a state's first entry is the step
@@ -186,7 +196,9 @@ def vibration(each: Json, states: States) -> float:
 
 
 def force_noise(each: Json, states: States) -> float:
-    """Standard deviation of the contact's force over the weight, from the velocity in the last steps."""
+    """Standard deviation of the contact's force over the weight, from
+    the velocity in the last steps.
+    """
     upward = [body[_VZ] for _, body, *_ in _last(each, states)]  # m/s
     *_, gravity_z = each["world"]["gravity"]
     gained = -each["world"]["timestep"] * gravity_z  # speed of a step of free fall, m/s
@@ -224,14 +236,16 @@ def _last(each: Json, states: States) -> States:
 
 
 _READ = (restitution, height_share, drift, vibration, force_noise, depth, velocity, spin)
-QUANTITIES: dict[str, Callable[[Json, States], Any]] = {function.__name__: function for function in _READ}
+QUANTITIES: dict[str, Callable[[Json, States], Any]] = {
+    function.__name__: function for function in _READ
+}
 
 
 def judge(results: Json, cases: Json) -> list[Json]:
     """A verdict on each case: {case, title, verdict, why, worst}.
 
-    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity what was measured, what is true, and
-    the number of the run that is farthest off.
+    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity what was measured, what is
+    true, and the number of the run that is farthest off.
     """
     done, combine = results["runs"], results["engine"]["combine"]
     return [_judge(case, done.get(case["id"], []), combine) for case in cases["cases"]]
@@ -239,7 +253,13 @@ def judge(results: Json, cases: Json) -> list[Json]:
 
 def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
     """The verdict on one case. done: the results of its runs, in order."""
-    verdict = {"case": case["id"], "title": case["title"], "verdict": "pass", "why": "", "worst": {}}
+    verdict = {
+        "case": case["id"],
+        "title": case["title"],
+        "verdict": "pass",
+        "why": "",
+        "worst": {},
+    }
     limits = {name: limit["value"] for name, limit in case["tolerance"].items()}
     off = dict.fromkeys(limits, -1.0)  # largest error so far
     try:
@@ -248,7 +268,11 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
                 ((word, why),) = result.items()  # "unsupported" or "error"
                 return {**verdict, "verdict": word, "why": str(why)}
             if not _is_finite(result["states"]):
-                return {**verdict, "verdict": "fail", "why": f"a state is not finite (run {number})"}
+                return {
+                    **verdict,
+                    "verdict": "fail",
+                    "why": f"a state is not finite (run {number})",
+                }
             for name, measured, true in _compared(each, result["states"], combine):
                 error = abs(measured - true)
                 if not error <= off[name]:  # written so that NaN is the worst
@@ -257,7 +281,11 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
     except NotImplementedError as error:
         return {**verdict, "verdict": "unsupported", "why": str(error)}
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        return {**verdict, "verdict": "error", "why": f"cannot be read: {type(error).__name__} {error}"}
+        return {
+            **verdict,
+            "verdict": "error",
+            "why": f"cannot be read: {type(error).__name__} {error}",
+        }
     missed = []
     for name, (measured, true, number) in verdict["worst"].items():
         if not off[name] <= limits[name]:
@@ -274,8 +302,12 @@ def _is_finite(states: States) -> bool:
     return True
 
 
-def _compared(each: Json, states: States, combine: str | None) -> Iterator[tuple[str, float, float]]:
-    """(name, measured, true) of each number that a run expects; several for a quantity of each body."""
+def _compared(
+    each: Json, states: States, combine: str | None
+) -> Iterator[tuple[str, float, float]]:
+    """(name, measured, true) of each number that a run expects;
+    several for a quantity of each body.
+    """
     materials = each["world"].get("materials")
     if materials and combine is None:
         raise NotImplementedError("no rule for two restitutions is stated")
@@ -292,10 +324,16 @@ def _compared(each: Json, states: States, combine: str | None) -> Iterator[tuple
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", in words). expected: {case: reason} of failures that are known."""
+    """("passed", "failure" or "skipped", in words). expected: {case:
+    reason} of failures that are known.
+    """
     known = expected.get(verdict["case"])
     if verdict["verdict"] == "pass":
-        return ("failure", f"passes, though it is expected to fail: {known}") if known else ("passed", "")
+        return (
+            ("failure", f"passes, though it is expected to fail: {known}")
+            if known
+            else ("passed", "")
+        )
     if known or verdict["verdict"] == "unsupported":
         return "skipped", known or verdict["why"]
     return "failure", f"{verdict['verdict']}: {verdict['why']}"
@@ -306,7 +344,9 @@ def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
     root = ElementTree.Element("testsuite", name=f"hcbench-cases {engine}")
     for verdict in verdicts:
         name = f"{verdict['case']} {verdict['title']}"
-        part = ElementTree.SubElement(root, "testcase", classname=f"hcbench-cases.{engine}", name=name)
+        part = ElementTree.SubElement(
+            root, "testcase", classname=f"hcbench-cases.{engine}", name=name
+        )
         kind, text = outcome(verdict, expected)
         if kind != "passed":
             ElementTree.SubElement(part, kind, message=text)
@@ -318,7 +358,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Run the bounce cases of hcbench in an engine.")
     parser.add_argument("adapter", type=Path, help="file with a list ENGINES")
     parser.add_argument("--cases", type=Path, default=CASES)
-    parser.add_argument("--expected", type=Path, help="JSON file {engine: {case: reason}} of known failures")
+    parser.add_argument(
+        "--expected", type=Path, help="JSON file {engine: {case: reason}} of known failures"
+    )
     parser.add_argument("--out", type=Path, help="file for the results, a JSON list")
     parser.add_argument("--junit", type=Path, help="file for JUnit's XML")
     asked = parser.parse_args()
@@ -338,7 +380,10 @@ def main() -> int:
         for verdict in verdicts:
             kind, text = outcome(verdict, expected)
             failures += kind == "failure"
-            print(f"{engine.name} {verdict['case']} {kind}  {verdict['title']}  {text}", file=sys.stderr)
+            print(
+                f"{engine.name} {verdict['case']} {kind}  {verdict['title']}  {text}",
+                file=sys.stderr,
+            )
     if asked.out:
         asked.out.write_text(json.dumps(all_results, separators=(",", ":")) + "\n", "utf-8")
     if asked.junit:

@@ -48,26 +48,50 @@ def ball(position: Sequence[float], velocity: Sequence[float] = (0, 0, 0), **mor
 
 
 def box(
-    half: Sequence[float], position: Sequence[float], velocity: Sequence[float] = (0, 0, 0), **more: Any
+    half: Sequence[float],
+    position: Sequence[float],
+    velocity: Sequence[float] = (0, 0, 0),
+    **more: Any,
 ) -> Json:
     """A solid box of the density of water, its edges along the axes."""
     mass = 8000.0 * math.prod(half)
-    body = {"shape": "box", "half": [*half], "mass": mass, "position": [*position], "velocity": [*velocity]}
+    body = {
+        "shape": "box",
+        "half": [*half],
+        "mass": mass,
+        "position": [*position],
+        "velocity": [*velocity],
+    }
     return {**body, "spin": [0.0, 0.0, 0.0], **more}
 
 
 def world(
-    timestep: float, bodies: Sequence[Json], e: float, gravity: Sequence[float] | float = 0.0, **more: Any
+    timestep: float,
+    bodies: Sequence[Json],
+    e: float,
+    gravity: Sequence[float] | float = 0.0,
+    **more: Any,
 ) -> Json:
     """Bodies over a floor, the half-space z < 0. e and friction are those of every pair."""
     pull = [0.0, 0.0, -gravity] if isinstance(gravity, float) else [*gravity]
-    common = {"timestep": timestep, "gravity": pull, "floor": True, "restitution": e, "friction": 0.0}
+    common = {
+        "timestep": timestep,
+        "gravity": pull,
+        "floor": True,
+        "restitution": e,
+        "friction": 0.0,
+    }
     return {**common, **more, "bodies": [*bodies]}
 
 
 def run(world: Json, steps: int, record: Sequence[Sequence[int]], **expected: Any) -> Json:
     """One simulation. record: the first and last of the steps after which the state is kept."""
-    return {"world": world, "steps": steps, "record": [list(each) for each in record], "expected": expected}
+    return {
+        "world": world,
+        "steps": steps,
+        "record": [list(each) for each in record],
+        "expected": expected,
+    }
 
 
 def launch(h: float, v: float, phase: float, e: float, **more: Any) -> Json:
@@ -90,14 +114,18 @@ def case(
     def register(runs: Callable[[], Iterator[Json]]) -> Callable[[], Iterator[Json]]:
         title = (runs.__doc__ or "").rstrip(".")
         number = f"C{len(_CASES) + 1:02d}"
-        _CASES.append(({"id": number, "title": title, "source": source, "tolerance": tolerance}, runs))
+        _CASES.append(
+            ({"id": number, "title": title, "source": source, "tolerance": tolerance}, runs)
+        )
         return runs
 
     return register
 
 
 def fall(h: float, v: float, phase: float, e: float) -> Json:
-    """A ball under gravity that meets the floor at v, by the positions of semi-implicit Euler's steps."""
+    """A ball under gravity that meets the floor at v, by the positions
+    of semi-implicit Euler's steps.
+    """
     time = (CLEAR + phase) * h
     gap = v * time - GRAVITY * time**2 / 2 + GRAVITY * h * time / 2
     start = ball((0, 0, RADIUS + gap), (0, 0, GRAVITY * time - v))
@@ -135,7 +163,10 @@ def hundred_bounces() -> Iterator[Json]:
     last = round(100 * period)
     start = ball((0, 0, RADIUS + height))
     yield run(
-        world(h, [start], 1.0, GRAVITY), last, [(0, 0), (last - round(1.2 * period), last)], height_share=1.0
+        world(h, [start], 1.0, GRAVITY),
+        last,
+        [(0, 0), (last - round(1.2 * period), last)],
+        height_share=1.0,
     )
 
 
@@ -152,7 +183,8 @@ def rest_on_a_slope() -> Iterator[Json]:
 def after_sliding_or_sticking(
     v: Sequence[float], rim: float, e: float, friction: float
 ) -> tuple[list[float], list[float]]:
-    """Velocity and surface speed by spin after a rigid ball's impact on a floor, Coulomb's friction.
+    """Velocity and surface speed by spin after a rigid ball's impact
+    on a floor, Coulomb's friction.
 
     v: of its centre, (x, 0, z < 0). rim: surface speed by spin about y. Friction's impulse is μ
     times the normal one, or 2/7 of the slip, which it then stops (Walton 1993, eqs. 4 ... 6).
@@ -175,7 +207,13 @@ def oblique() -> Iterator[Json]:
 
 
 def oblique_run(
-    h: float, v: Sequence[float], rim: float, e: float, friction: float, radius: float, **out: list[float]
+    h: float,
+    v: Sequence[float],
+    rim: float,
+    e: float,
+    friction: float,
+    radius: float,
+    **out: list[float],
 ) -> Json:
     """A ball that meets the floor at an angle.
 
@@ -183,17 +221,24 @@ def oblique_run(
     velocity and surface speed by spin after, m/s.
     """
     speed = math.hypot(*v)
-    start = ball((0, 0, radius - (CLEAR + 0.4) * v[2] * h), v, radius=radius, spin=[0.0, rim / radius, 0.0])
+    start = ball(
+        (0, 0, radius - (CLEAR + 0.4) * v[2] * h), v, radius=radius, spin=[0.0, rim / radius, 0.0]
+    )
     last = 3 + round(AFTER / h / 5)
     expected = {}
     for name, values in out.items():
         expected[name] = [x / speed for x in values]
-    return run(world(h, [start], e, friction=friction), last, [(0, 2), (last - 2, last)], **expected)
+    return run(
+        world(h, [start], e, friction=friction), last, [(0, 2), (last - 2, last)], **expected
+    )
 
 
 @case(
     "Kharaz, Gorham & Salman 2001, Powder Technology 120, 281",
-    velocity={"value": 0.03, "reason": "The points are read off a figure; rigid bodies lie within 0.011"},
+    velocity={
+        "value": 0.03,
+        "reason": "The points are read off a figure; rigid bodies lie within 0.011",
+    },
 )
 def alumina_on_glass() -> Iterator[Json]:
     """Alumina meets glass as it was measured."""
@@ -210,7 +255,10 @@ def two_balls() -> Iterator[Json]:
     """A ball hits one at rest."""
     for h, (m1, m2), quarter in product((1 / 240, 1 / 1000), ((1, 1), (1, 3), (3, 1)), range(4)):
         gap = (CLEAR + quarter / 4) * h
-        bodies = [ball((0, 0, 0), (1, 0, 0), mass=float(m1)), ball((2 * RADIUS + gap, 0, 0), mass=float(m2))]
+        bodies = [
+            ball((0, 0, 0), (1, 0, 0), mass=float(m1)),
+            ball((2 * RADIUS + gap, 0, 0), mass=float(m2)),
+        ]
         e = 0.9
         last = 3 + round(AFTER / h)
         out = [(m1 - e * m2) / (m1 + m2), 0.0, 0.0, (1 + e) * m1 / (m1 + m2), 0.0, 0.0]
@@ -256,7 +304,9 @@ def any_mass() -> Iterator[Json]:
         yield launch(1 / 240, 1.0, quarter / 4, 0.5, body={"mass": mass})
 
 
-@case("Rigid bodies; mujoco_warp 1430", depth={"value": 0.01, "reason": "1 % of the edge can be seen"})
+@case(
+    "Rigid bodies; mujoco_warp 1430", depth={"value": 0.01, "reason": "1 % of the edge can be seen"}
+)
 def depth_over_size() -> Iterator[Json]:
     """Boxes of any size rest on the floor, not in it."""
     for half in (0.01, 0.05, 0.25, 1.0):
@@ -289,7 +339,9 @@ def cradle() -> Iterator[Json]:
 
 
 @case(
-    "Closed form: 5/7 of the speed is left, by angular momentum about the floor", velocity=CLOSE, spin=CLOSE
+    "Closed form: 5/7 of the speed is left, by angular momentum about the floor",
+    velocity=CLOSE,
+    spin=CLOSE,
 )
 def rolling() -> Iterator[Json]:
     """A ball slides, then rolls, and rolls on."""
@@ -303,7 +355,9 @@ def text() -> str:
     """Return the content of the file: a run a line."""
     cases = []
     for about, runs in _CASES:
-        lines = ",\n".join(json.dumps(run, separators=(",", ":"), ensure_ascii=False) for run in runs())
+        lines = ",\n".join(
+            json.dumps(run, separators=(",", ":"), ensure_ascii=False) for run in runs()
+        )
         cases.append(f'{json.dumps(about, ensure_ascii=False)[:-1]}, "runs": [\n{lines}]}}')
     head = json.dumps({"set": "hcbench-cases-1", "status": "draft", "units": "SI"})
     return f'{head[:-1]}, "cases": [\n' + ",\n".join(cases) + "]}\n"

@@ -1,4 +1,6 @@
-"""Runs the cases in engines that have an adapter, each in a process, beside hcbench or in its environment."""
+"""Runs the cases in engines that have an adapter, each in a process, beside
+hcbench or in its environment.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,9 @@ def run_engines(
     """
     for name in names:
         if name.partition("@")[0] not in adapters():
-            raise UserError("engine", f"{name!r} has no adapter of cases", f"one of: {', '.join(adapters())}")
+            raise UserError(
+                "engine", f"{name!r} has no adapter of cases", f"one of: {', '.join(adapters())}"
+            )
         registry.require(name)
     paths = {name: adapters()[name.partition("@")[0]] for name in names}
     every = [(name, number) for name in names for number in range(_variants(paths[name]))]

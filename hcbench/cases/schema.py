@@ -76,7 +76,9 @@ class CaseVerdict(TypedDict):
     case: Annotated[CaseId, _field("", "Id of the case, which never changes")]
     title: Annotated[str, _field("", "What the case asks of an engine")]
     verdict: Annotated[Word, _field("", "What the case came to")]
-    why: Annotated[str, _field("", "The worst run of each quantity that fails, or why there is none")]
+    why: Annotated[
+        str, _field("", "The worst run of each quantity that fails, or why there is none")
+    ]
     worst: Annotated[
         dict[str, tuple[float, float, int]],
         _field(
@@ -100,7 +102,8 @@ class CasesScore(TypedDict):
         ),
     ]
     threshold: Annotated[
-        float, _field("m/s", "Highest impact speed under gravity that did not bounce; 0 where all did")
+        float,
+        _field("m/s", "Highest impact speed under gravity that did not bounce; 0 where all did"),
     ]
     cpu_s: Annotated[float, _field("s", "CPU time of all runs")]
     verdicts: Annotated[list[CaseVerdict], _field("", "A verdict on each case")]
@@ -130,7 +133,9 @@ def validated(content: Any, kind: Literal["results", "scores"], source: str) -> 
             got = f"{place}[{first['loc'][row]}] is {state!r:.80}"
             expected = "[step, 9 numbers of a body, ...], each 9 in a list of their own"
             raise UserError(source, got, expected, HELP) from None
-        raise UserError(source, f"{place}: {first['msg']}", f"the {kind} of an engine", HELP) from None
+        raise UserError(
+            source, f"{place}: {first['msg']}", f"the {kind} of an engine", HELP
+        ) from None
 
 
 def schema() -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""Judges results of cases, of any engine in any language: verdicts, how far e is obeyed, regressions."""
+"""Judges results of cases, of any engine in any language: verdicts,
+how far e is obeyed, regressions.
+"""
 
 from __future__ import annotations
 
@@ -87,8 +89,12 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
     try:
         obeyed, threshold = _obedience(results["runs"], cases, verdicts)
     except (ArithmeticError, ValueError) as error:
-        raise UserError(source, f"a ball at rest before an impact: {error}", "states of the cases") from None
-    printable = [{**verdict, "why": sanitized(verdict["why"], _LONGEST_WHY)} for verdict in verdicts]
+        raise UserError(
+            source, f"a ball at rest before an impact: {error}", "states of the cases"
+        ) from None
+    printable = [
+        {**verdict, "why": sanitized(verdict["why"], _LONGEST_WHY)} for verdict in verdicts
+    ]
     engine = results["engine"]
     return EngineScore(
         engine=sanitized(engine["name"]),
@@ -115,7 +121,9 @@ def _require_runs(case: Json, done: Sequence[Json], source: str) -> None:
 
 
 def _require_states(each: Json, states: Sequence[Sequence[Any]], slot: str) -> None:
-    """Raise UserError for states after other steps, or of more or fewer bodies, than a run asks for."""
+    """Raise UserError for states after other steps, or of more or
+    fewer bodies, than a run asks for.
+    """
     wanted: list[int] = []
     for first, last in each["record"]:
         wanted.extend(range(first, last + 1))
@@ -136,12 +144,17 @@ def read_scores(path: Path, only: Sequence[str] = ()) -> list[EngineScore]:
     try:
         content = parse_json(read_text(path))
     except OSError as error:
-        raise UserError(str(path), error.strerror or "cannot be read", "a JSON file of results") from None
+        raise UserError(
+            str(path), error.strerror or "cannot be read", "a JSON file of results"
+        ) from None
     except ValueError:
         raise UserError(str(path), "not JSON", "a JSON file of results") from None
     if not content:
         raise UserError(str(path), "nothing in it", "the results of an engine, or a list of them")
-    return [score(each, str(path), only) for each in (content if isinstance(content, list) else [content])]
+    return [
+        score(each, str(path), only)
+        for each in (content if isinstance(content, list) else [content])
+    ]
 
 
 def measured() -> list[EngineScore]:
@@ -160,10 +173,11 @@ def measured() -> list[EngineScore]:
 
 
 def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
-    """A row of words for each engine: name, version, a verdict by the id of each case, how many passed.
+    """A row of words for each engine: name, version, a verdict by the id
+    of each case, how many passed.
 
-    scores: those of `measured` where None. restitution: "obeyed", "threshold", "mixed", "ignored"
-    or "".
+    scores: those of `measured` where None. restitution: "obeyed",
+    "threshold", "mixed", "ignored" or "".
     """
     if scores is None:
         scores = measured()
@@ -246,7 +260,9 @@ def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_CaseBounce]:
 
 
 def regressions(scores: Sequence[EngineScore]) -> list[str]:
-    """A line for each case that passed in a version of an engine and fails in the next one given, or back."""
+    """A line for each case that passed in a version of an engine and fails
+    in the next one given, or back.
+    """
     lines = []
     last = dict[str, EngineScore]()
     for now in scores:

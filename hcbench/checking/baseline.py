@@ -118,9 +118,14 @@ def write_baseline(path: Path, measured: Mapping[str, Measurement], force: bool 
 
 def _record(measurement: Measurement) -> dict[str, Any]:
     facts = measurement.facts
-    impacts = [BaselineImpact.model_validate(record(BASELINE_IMPACT, i)) for i in measurement.impacts]
+    impacts = [
+        BaselineImpact.model_validate(record(BASELINE_IMPACT, i)) for i in measurement.impacts
+    ]
     return Baseline(
-        engine=facts.engine, version=facts.version, timestep_s=facts.timestep, impacts=tuple(impacts)
+        engine=facts.engine,
+        version=facts.version,
+        timestep_s=facts.timestep,
+        impacts=tuple(impacts),
     ).model_dump(exclude_defaults=True, by_alias=True)
 
 

@@ -71,7 +71,9 @@ def check(
     return report
 
 
-def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress, measure_only: bool) -> Report:
+def _run(
+    spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress, measure_only: bool
+) -> Report:
     models = spec.models or (DEFAULT_FILE,)
     source = Path(models[0])
     is_toml = source.suffix.lower() == ".toml"
@@ -100,7 +102,10 @@ def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
 def _listed(path: Path, spec: CheckSpec) -> list[Check]:
     """The checks of a file; a limit or baseline given with the file holds for all of them."""
     _require_only(
-        spec, {"baseline", "max_error", "limit"}, f"given with {path}", "it in the file, for each check"
+        spec,
+        {"baseline", "max_error", "limit"},
+        f"given with {path}",
+        "it in the file, for each check",
     )
     options = spec.options
     changes: dict[str, float | None] = {}

@@ -6,7 +6,14 @@ from matplotlib.axes import Axes
 
 from hcbench.checking.outcome import Outcome, Report
 from hcbench.reporting.page import png_bytes
-from hcbench.reporting.plot_style import LAW, LIMIT, MEASURED, figure_defaults, new_figure, speed_axis
+from hcbench.reporting.plot_style import (
+    LAW,
+    LIMIT,
+    MEASURED,
+    figure_defaults,
+    new_figure,
+    speed_axis,
+)
 from hcbench.system.text import sanitized
 
 

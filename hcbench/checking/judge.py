@@ -34,7 +34,9 @@ _NO_END = (Status.CRASHED, Status.UNFINISHED)
 _REST_UNITS = {"penetration": (1e-3, "mm"), "vibration": (1.0, "m/s")}
 
 
-def run_checks(checks: Sequence[Check], progress: Callable[[int, int], None] | None = None) -> Report:
+def run_checks(
+    checks: Sequence[Check], progress: Callable[[int, int], None] | None = None
+) -> Report:
     """Run all checks; the others still run after one fails.
 
     progress: called with (done, in all).
@@ -159,7 +161,9 @@ def _wanted_of_baseline(baseline: Baseline, engine: str) -> Callable[[Impact], f
     return wanted
 
 
-def _verdict(check: Check, measurement: Measurement, rows: Sequence[CurvePoint]) -> tuple[Verdict, str]:
+def _verdict(
+    check: Check, measurement: Measurement, rows: Sequence[CurvePoint]
+) -> tuple[Verdict, str]:
     """The verdict on the bounce alone, and the sentence that says why."""
     endless = [impact for impact in measurement.failed if impact.status in _NO_END]
     if endless and not measurement.measured:
@@ -182,7 +186,9 @@ def _verdict(check: Check, measurement: Measurement, rows: Sequence[CurvePoint])
     return Verdict.FAILED, "nothing was measured that could be held against it"
 
 
-def _with_rest(check: Check, measurement: Measurement, verdict: Verdict, message: str) -> tuple[Verdict, str]:
+def _with_rest(
+    check: Check, measurement: Measurement, verdict: Verdict, message: str
+) -> tuple[Verdict, str]:
     """A verdict on the bounce, and on the pair at rest where that has limits."""
     if check.rest is None or verdict is Verdict.COULD_NOT_RUN:
         return verdict, message
@@ -228,7 +234,9 @@ def _changes(check: Check, measurement: Measurement) -> str:
     if baseline.version != facts.version:
         changes.append(f"{facts.engine} was {baseline.version}, is {facts.version}")
     if baseline.timestep_s != facts.timestep:
-        changes.append(f"the step was {time_step(baseline.timestep_s)} s, is {time_step(facts.timestep)} s")
+        changes.append(
+            f"the step was {time_step(baseline.timestep_s)} s, is {time_step(facts.timestep)} s"
+        )
     if not changes:
         return ""
     return f" ({'; '.join(changes)})"
@@ -240,7 +248,9 @@ def judge_results(results: Results, max_error: float, reading: Reading = "law") 
     reading: "law" for e of eq. (16), "linear" for 1 - α v.
     """
     keys = results.table.folded
-    return Report(tuple(_judge_run(key, results.table.rows([key]), max_error, reading) for key in keys))
+    return Report(
+        tuple(_judge_run(key, results.table.rows([key]), max_error, reading) for key in keys)
+    )
 
 
 def _conditions(run: Mapping[str, Any]) -> str:

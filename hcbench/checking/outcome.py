@@ -97,7 +97,9 @@ class Report(Shown):
         """
         for outcome in self.outcomes:
             if outcome.exit_code == self.exit_code != 0:
-                raise _ERRORS[outcome.verdict](outcome.name, outcome.message, outcome.against or "a result")
+                raise _ERRORS[outcome.verdict](
+                    outcome.name, outcome.message, outcome.against or "a result"
+                )
 
     @property
     def exit_code(self) -> int:

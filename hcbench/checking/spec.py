@@ -26,7 +26,14 @@ from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.fields import FileTable, mistake
-from hcbench.terms.options import LAUNCHES, OPTIONS, CheckOptions, LaunchOptions, Quantity, SharedOptions
+from hcbench.terms.options import (
+    LAUNCHES,
+    OPTIONS,
+    CheckOptions,
+    LaunchOptions,
+    Quantity,
+    SharedOptions,
+)
 
 if TYPE_CHECKING:
     from hcbench.checking.baseline import Baseline
@@ -77,7 +84,8 @@ class SharedSpec(_SharedTable):
     """Options that several checks may share, as `SharedOptions` states them."""
 
     model_config = ConfigDict(
-        alias_generator=lambda name: OPTIONS[name].flag if name in OPTIONS else name, populate_by_name=True
+        alias_generator=lambda name: OPTIONS[name].flag if name in OPTIONS else name,
+        populate_by_name=True,
     )
 
     @property
@@ -144,7 +152,9 @@ class Check:
     @property
     def has_target(self) -> bool:
         """True if the check has a target."""
-        return bool(self.limits) or any(t is not None for t in (self.wanted, self.baseline, self.rest))
+        return bool(self.limits) or any(
+            t is not None for t in (self.wanted, self.baseline, self.rest)
+        )
 
     @property
     def against(self) -> str:
@@ -235,7 +245,9 @@ def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
         if is_of_motion:
             of_limits.append("trajectory")
         if of_limits:
-            raise UserError(of_limits[0], "given without limits", "--require 'e < 0.3, slip < 5 mm' too")
+            raise UserError(
+                of_limits[0], "given without limits", "--require 'e < 0.3, slip < 5 mm' too"
+            )
         return (), None
     if is_of_motion and given:
         first = next(iter(given))
@@ -252,7 +264,9 @@ def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) ->
     for name, value in given.items():
         has = getattr(written, name, None)
         if value is not None and has != getattr(request, name, None):
-            raise UserError(name, f"other launches than the baseline's, which has {has}", "those, or none")
+            raise UserError(
+                name, f"other launches than the baseline's, which has {has}", "those, or none"
+            )
     return written
 
 

@@ -32,7 +32,17 @@ _MARKS = {
 }
 # Decimals of e.
 _DECIMALS = 4
-_HEADER = ("launch m/s", "deg", "impact m/s", "e", "lowest", "highest", "target", "error", "worst phase")
+_HEADER = (
+    "launch m/s",
+    "deg",
+    "impact m/s",
+    "e",
+    "lowest",
+    "highest",
+    "target",
+    "error",
+    "worst phase",
+)
 
 
 def as_text(report: Report) -> str:
@@ -116,12 +126,18 @@ def as_markdown(report: Report) -> str:
     for outcome in report.outcomes:
         if outcome.verdict in (Verdict.PASSED, Verdict.MEASURED) or outcome.measurement is None:
             continue
-        lines += ["", f"<details><summary>{_safe(outcome.name)}: the curve and the cause</summary>", ""]
+        lines += [
+            "",
+            f"<details><summary>{_safe(outcome.name)}: the curve and the cause</summary>",
+            "",
+        ]
         header, rows = _table(outcome)
         lines += [f"| {' | '.join(header)} |", "|" + "---:|" * len(header)]
         lines += [f"| {' | '.join(cells)} |" for cells in rows]
         for cause in (*outcome.measurement.causes, *outcome.measurement.rest_causes):
-            words = f"**{_safe(cause.title)}** Found: {_safe(cause.evidence)}. Fix: {_safe(cause.fix)}"
+            words = (
+                f"**{_safe(cause.title)}** Found: {_safe(cause.evidence)}. Fix: {_safe(cause.fix)}"
+            )
             lines += ["", f"- {words}"]
         lines += ["", _safe(outcome.measurement.remedy), "", "</details>"]
     return "\n".join(lines) + "\n"
@@ -137,7 +153,9 @@ def as_junit(report: Report) -> str:
     suite = ET.SubElement(suites, "testsuite", {"name": "hcbench", **counts})
     for outcome in outcomes:
         case = ET.SubElement(
-            suite, "testcase", {"classname": "hcbench.check", "name": sanitized(outcome.name), "time": "0"}
+            suite,
+            "testcase",
+            {"classname": "hcbench.check", "name": sanitized(outcome.name), "time": "0"},
         )
         if outcome.verdict is Verdict.FAILED:
             body = ET.SubElement(case, "failure", {"message": sanitized(outcome.message)})
@@ -145,7 +163,9 @@ def as_junit(report: Report) -> str:
             body = ET.SubElement(case, "system-out")
         else:
             body = ET.SubElement(
-                case, "error", {"message": sanitized(outcome.message), "type": outcome.verdict.value}
+                case,
+                "error",
+                {"message": sanitized(outcome.message), "type": outcome.verdict.value},
             )
         body.text = outcome_text(outcome)
     ET.indent(suites)
@@ -169,7 +189,9 @@ def find_table(path: Path) -> dict[str, Any] | None:
     has [[check]]; None without one.
     """
     content = read_toml(path, UserError, "checks")
-    table = content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
+    table = (
+        content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
+    )
     if table is None and "check" in content:
         table = content
     return table
@@ -189,11 +211,15 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
     checks = [plan(_complete(entry, table, path.parent, baseline)) for entry in table.check]
     name, count = Counter(check.name for check in checks).most_common(1)[0]
     if count > 1:
-        raise UserError("checks", f"{path}: two checks are called {sanitized(name)!r}", "a name for each")
+        raise UserError(
+            "checks", f"{path}: two checks are called {sanitized(name)!r}", "a name for each"
+        )
     return checks
 
 
-def _complete(entry: CheckSpec, table: CheckTable, folder: Path, baseline: Path | None) -> CheckSpec:
+def _complete(
+    entry: CheckSpec, table: CheckTable, folder: Path, baseline: Path | None
+) -> CheckSpec:
     """An entry with what the table says for all of them, and with paths from its folder."""
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")

@@ -47,7 +47,9 @@ _INTERRUPTED_CODE = 130
 _LONGEST = 80
 
 
-@group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=START)
+@group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=START
+)
 @click.version_option(package_name="hcbench", message="hcbench %(version)s")
 def app() -> None:
     """Measure how physics engines really bounce, against the Hunt-Crossley law.
@@ -117,7 +119,9 @@ def _run(arguments: list[str]) -> int:
         return UserError.exit_code
     except click.ClickException as error:
         hint = _hint(error)
-        return _fail(UserError.exit_code, sanitized(error.format_message(), LONGEST - len(hint) - 3) + hint)
+        return _fail(
+            UserError.exit_code, sanitized(error.format_message(), LONGEST - len(hint) - 3) + hint
+        )
     except (KeyboardInterrupt, click.Abort) as error:
         return _fail(_INTERRUPTED_CODE, str(error) or _INTERRUPTED)
     except BrokenPipeError:
@@ -145,7 +149,8 @@ def _fail_on(error: OSError) -> int:
     name = str(error.filename or "a file")
     mistake = error.errno == errno.ENAMETOOLONG
     return _fail(
-        UserError.exit_code if mistake else 3, f"{sanitized(name, _LONGEST)}: {error.strerror or error}"
+        UserError.exit_code if mistake else 3,
+        f"{sanitized(name, _LONGEST)}: {error.strerror or error}",
     )
 
 

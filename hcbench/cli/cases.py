@@ -86,7 +86,9 @@ def run_cases(
 @_case_option
 @click.option("--markdown", is_flag=True, help="Print a Markdown table.")
 @as_json
-def score_cases(results: tuple[Path, ...], only: tuple[str, ...], markdown: bool, as_json: bool) -> None:
+def score_cases(
+    results: tuple[Path, ...], only: tuple[str, ...], markdown: bool, as_json: bool
+) -> None:
     """Judge files of results, from any engine in any language.
 
     Exit 0 also where cases fail: the verdicts are the result. `hcbench cases run` exits 1.
@@ -166,19 +168,27 @@ def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
 
     try:
         known = parse_json(read_text(path))
-        return {str(engine): {str(k): str(v) for k, v in each.items()} for engine, each in known.items()}
+        return {
+            str(engine): {str(k): str(v) for k, v in each.items()} for engine, each in known.items()
+        }
     except (OSError, ValueError, AttributeError) as error:
-        raise UserError("--expected", f"{path}: {error}", "a JSON file {engine: {case: reason}}") from None
+        raise UserError(
+            "--expected", f"{path}: {error}", "a JSON file {engine: {case: reason}}"
+        ) from None
 
 
 def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> str:
     from hcbench.cases.hcbench_cases import junit
 
-    suites = [junit(list(each.verdicts), each.name, dict(known.get(each.engine, {}))) for each in scores]
+    suites = [
+        junit(list(each.verdicts), each.name, dict(known.get(each.engine, {}))) for each in scores
+    ]
     return f"<testsuites>{''.join(suites)}</testsuites>\n"
 
 
-def _require_expected(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> None:
+def _require_expected(
+    scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]
+) -> None:
     from hcbench.cases.hcbench_cases import outcome
 
     for each in scores:

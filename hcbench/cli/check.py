@@ -123,7 +123,9 @@ def measure(
         show(f"\nnext:\n  {_next_line(measurement, models, python, options)}")
 
 
-def _next_line(measurement: Measurement, models: tuple[str, ...], python: str | None, options: Any) -> str:
+def _next_line(
+    measurement: Measurement, models: tuple[str, ...], python: str | None, options: Any
+) -> str:
     """The command to type next: `tune` where the target is missed, else `check`."""
     from hcbench.measuring.measurement import TOLERANCE
     from hcbench.sim import registry
@@ -173,7 +175,9 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     with status("listing the pairs"):
         pairs = [pair for pair in list_pairs(job, limit) if pair.touching]
     if not pairs:
-        advice = "`hcbench pairs` lists what can meet; name one by --pair, or start from another --key"
+        advice = (
+            "`hcbench pairs` lists what can meet; name one by --pair, or start from another --key"
+        )
         raise UserError("all", "no two parts touch at the start", "a pose in which some do", advice)
     records: list[object] = []
     for pair in pairs:

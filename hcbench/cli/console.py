@@ -44,7 +44,9 @@ def options(
             option = OPTIONS[name]
             is_file = option.takes == "FILE"
             add = click.option(
-                f"--{option.flag}/--no-{option.flag}" if option.default is True else f"--{option.flag}",
+                f"--{option.flag}/--no-{option.flag}"
+                if option.default is True
+                else f"--{option.flag}",
                 name,
                 cls=cls,
                 type=PathType(path_type=Path, dir_okay=False) if is_file else _choice(option),
@@ -90,7 +92,12 @@ class QuantityType(click.types.StringParamType):
     """
 
     def __init__(
-        self, quantity: str, *, several: bool = False, positive: bool = False, least: float = -math.inf
+        self,
+        quantity: str,
+        *,
+        several: bool = False,
+        positive: bool = False,
+        least: float = -math.inf,
     ) -> None:
         self.quantity = quantity
         self.several = several
@@ -120,7 +127,9 @@ class UncertainType(click.types.StringParamType):
         """Read the text as (value, standard uncertainty); QuantityError names the option."""
         from hcbench.terms import units
 
-        return units.parse_uncertain(value, self.quantity, param.opts[0] if param else "", above=self.above)
+        return units.parse_uncertain(
+            value, self.quantity, param.opts[0] if param else "", above=self.above
+        )
 
 
 EXPONENT = QuantityType("exponent")
@@ -145,7 +154,12 @@ def beyond_bounds_option() -> click.Option:
 
     words = "Accept numbers that look like wrong units to hcbench."
     return click.Option(
-        ["--beyond-bounds"], is_flag=True, is_eager=True, expose_value=False, callback=admit, help=words
+        ["--beyond-bounds"],
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=admit,
+        help=words,
     )
 
 

@@ -24,7 +24,9 @@ class _NewtonType(click.types.StringParamType):
         return read_newton(value, param.opts[0] if param else "newton")
 
 
-def spring_options(option: Callable[..., Any] = click.option) -> Callable[[Callable[..., Any]], Any]:
+def spring_options(
+    option: Callable[..., Any] = click.option,
+) -> Callable[[Callable[..., Any]], Any]:
     """Gives a command --adams and --newton."""
     adams = option(
         "--adams",

@@ -25,9 +25,13 @@ if TYPE_CHECKING:
 @click.option("--solref", help="solref of a soft constraint, two numbers such as '-2.7e8 -815'.")
 @spring_options()
 @click.option("--mass", type=MASS, help="Effective mass, for --adams and --newton.")
-@click.option("--speed", type=SPEED, help="Impact speed to match, for engines with one e for all speeds.")
 @click.option(
-    "--contact-time", type=TIME, help="Duration of the contact, for solref's spring, such as '0.2 ms'."
+    "--speed", type=SPEED, help="Impact speed to match, for engines with one e for all speeds."
+)
+@click.option(
+    "--contact-time",
+    type=TIME,
+    help="Duration of the contact, for solref's spring, such as '0.2 ms'.",
 )
 @click.option("--timestep", type=TIME, help="Time step, for a solref that bounces in one step.")
 @options("target")
@@ -53,14 +57,18 @@ def _lines(contact: Conversion) -> Iterator[str]:
 
     yield f"α = {contact.alpha:.10g} s/m = {contact.alpha * units.INCH:.10g} s/in"
     if contact.speed is not None:
-        truth = f"e of the law {contact.restitution:.10g}, 1 - α v {contact.restitution_linear:.10g}"
+        truth = (
+            f"e of the law {contact.restitution:.10g}, 1 - α v {contact.restitution_linear:.10g}"
+        )
         yield f"at {contact.speed:.6g} m/s: {truth}"
     yield ""
     system = max(len(row.system) for row in contact.rows)
     parameter = max(len(row.parameter) for row in contact.rows)
     text = max(len(row.text) for row in contact.rows)
     for row in contact.rows:
-        line = f"{row.system:<{system}}  {row.parameter:<{parameter}}  {row.text:<{text}} {row.unit}"
+        line = (
+            f"{row.system:<{system}}  {row.parameter:<{parameter}}  {row.text:<{text}} {row.unit}"
+        )
         yield line.rstrip()
         if row.note:
             yield f"    {row.note}"

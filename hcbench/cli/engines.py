@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from hcbench.environments.store import Environment
 
 
-_recipes = click.option("--recipes", "-v", is_flag=True, help="Also list each engine's recipes and folder.")
+_recipes = click.option(
+    "--recipes", "-v", is_flag=True, help="Also list each engine's recipes and folder."
+)
 
 
 @group(invoke_without_command=True)
@@ -67,7 +69,9 @@ def remove(names: tuple[str, ...]) -> None:
         matching = [e for e in store.environments() if name in (e.name, e.engine)]
         if len(matching) != 1:
             there = ", ".join(e.name for e in matching or store.environments()) or "none"
-            raise UserError("engine", f"{name!r}", f"an engine in an environment of its own: {there}")
+            raise UserError(
+                "engine", f"{name!r}", f"an engine in an environment of its own: {there}"
+            )
         store.remove(matching[0])
         print(f"removed: {matching[0].name}")
 
@@ -101,7 +105,14 @@ def _list(recipes: bool, as_json: bool) -> None:
 
 def _record(name: str, about: dict[str, Any]) -> dict[str, Any]:
     known: dict[str, Any]
-    known = {"version": "", "install": "", "settings": {}, "python": "", "size_bytes": None, "where": ""}
+    known = {
+        "version": "",
+        "install": "",
+        "settings": {},
+        "python": "",
+        "size_bytes": None,
+        "where": "",
+    }
     return {"name": name, **known, **about}
 
 
@@ -119,9 +130,16 @@ def _beside(name: str) -> dict[str, Any]:
 
     if version := registry.version_beside(name):
         size, where = install.files_of(name)
-        return {"version": version, "python": platform.python_version(), "size_bytes": size, "where": where}
+        return {
+            "version": version,
+            "python": platform.python_version(),
+            "size_bytes": size,
+            "where": where,
+        }
     backend = registry.adapter(name).backend
-    return {"install": f"{install.add_commands([name])[0]}, or: {backend.command if backend else ''}"}
+    return {
+        "install": f"{install.add_commands([name])[0]}, or: {backend.command if backend else ''}"
+    }
 
 
 def _elsewhere(made: Environment) -> dict[str, Any]:

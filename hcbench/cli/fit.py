@@ -48,19 +48,27 @@ class _FilesAfterAgainst(Command):
 @command(cls=_FilesAfterAgainst)
 @click.argument("files", nargs=-1, type=PathType(path_type=Path))
 @click.option(
-    "--as", "kind", help="Kind of data, in place of what the header says: times, heights, pairs, ..."
+    "--as",
+    "kind",
+    help="Kind of data, in place of what the header says: times, heights, pairs, ...",
 )
 @click.option("--height", type=UncertainType("length"), help="Height of release: '30 +- 0.1 cm'.")
 @click.option("--gravity", help="g, such as '9.81 m/s^2'.  [default: 9.80665 +- 0.02 m/s^2]")
-@click.option("--mass", type=UncertainType("mass"), help="Mass of the ball, for air drag or for forces.")
-@click.option("--diameter", type=UncertainType("length"), help="Diameter of the ball, for air drag.")
+@click.option(
+    "--mass", type=UncertainType("mass"), help="Mass of the ball, for air drag or for forces."
+)
+@click.option(
+    "--diameter", type=UncertainType("length"), help="Diameter of the ball, for air drag."
+)
 @click.option(
     "--drag-coefficient",
     type=UncertainType("number"),
     help="Drag coefficient.  [default: 0.47 +- 0.05, a sphere]",
 )
 @click.option(
-    "--contact-time", type=UncertainType("timestep"), help="Duration of the first impact.  [default: 0]"
+    "--contact-time",
+    type=UncertainType("timestep"),
+    help="Duration of the first impact.  [default: 0]",
 )
 @click.option(
     "--timing",
@@ -71,18 +79,27 @@ class _FilesAfterAgainst(Command):
 @click.option("--exponent", type=QuantityType("exponent"), help="n of the law, for forces.")
 @click.option("--touches", help="Touches of a recording to use: '2:14', train 'B', or 'B2:14'.")
 @click.option(
-    "--against", multiple=True, type=PathType(path_type=Path), help="Files of another material to compare."
+    "--against",
+    multiple=True,
+    type=PathType(path_type=Path),
+    help="Files of another material to compare.",
 )
-@click.option("--from", "begin", type=QuantityType("time"), help="Begin of the part to read: '12 s'.")
+@click.option(
+    "--from", "begin", type=QuantityType("time"), help="Begin of the part to read: '12 s'."
+)
 @click.option(
     "--to", "end", type=QuantityType("time", positive=True), help="End of the part to read: '18 s'."
 )
 @click.option("--engine", help="Engine in which to make a scene that bounces as the recording did.")
-@click.option("--timestep", type=QuantityType("timestep", positive=True), help="Step of that scene.")
+@click.option(
+    "--timestep", type=QuantityType("timestep", positive=True), help="Step of that scene."
+)
 @output_option("--write-scene", help="Write that scene.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")
-@output_option("--write-points", help="Write e over speed, for `tune --points` and `check --pairs`.")
+@output_option(
+    "--write-points", help="Write e over speed, for `tune --points` and `check --pairs`."
+)
 @force_option
 @as_json
 def fit(
@@ -133,7 +150,9 @@ def fit(
     with status("tuning a scene"):
         scene = None if engine is None or timestep is None else result.scene(engine, timestep)
     lines = [] if as_json and page is None else _next(result, engine, scene, write_scene)
-    _write(result, scene, lines, force, page=page, write_points=write_points, write_scene=write_scene)
+    _write(
+        result, scene, lines, force, page=page, write_points=write_points, write_scene=write_scene
+    )
     (_print_json if as_json else _print)(result, scene, lines)
 
 
@@ -182,7 +201,9 @@ def _fit_force(
     return True
 
 
-def _next(result: FitResult, engine: str | None, scene: Replay | None, write_scene: Path | None) -> list[str]:
+def _next(
+    result: FitResult, engine: str | None, scene: Replay | None, write_scene: Path | None
+) -> list[str]:
     from hcbench.fitting.next_lines import next_lines
 
     written = None if scene is None or write_scene is None else (scene, str(write_scene))

@@ -42,7 +42,16 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
     "tune": {
         "Conditions": ("timestep", "speeds", "gravity"),
         "Of an ENGINE": (
-            *("plugin", "settings", "constant", "recipe", "integrator", "certify", "friction", "corners"),
+            *(
+                "plugin",
+                "settings",
+                "constant",
+                "recipe",
+                "integrator",
+                "certify",
+                "friction",
+                "corners",
+            ),
             *("scene", "mass", "stiffness", "exponent", "write-scene"),
         ),
         "Of a MODEL": (
@@ -62,7 +71,13 @@ _TAKES = {
     **dict.fromkeys(("recipe", "integrator", "scene", "engine"), "NAME"),
     **{"pair": "PAIR", "points": "POINTS", "max-error": "NUMBER"},
     **{"as": "KIND", "touches": "RANGE", "for": "ENGINE@VERSION", "solref": "'A B'"},
-    **{"sets": "NAMES", "size": "'X Y Z'", "inertia": "NUMBERS", "scheduler": "ADDRESS", "python": "VERSION"},
+    **{
+        "sets": "NAMES",
+        "size": "'X Y Z'",
+        "inertia": "NUMBERS",
+        "scheduler": "ADDRESS",
+        "python": "VERSION",
+    },
 }
 # Documentation page and examples of each command; a test parses the examples.
 _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
@@ -84,7 +99,10 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     "land": ("howto/land", ['robot.xml --heights "5, 10, 20 cm"']),
     "check": (
         "howto/check",
-        ['my.xml --pair ball,plate --alpha "0.3 s/m" --max-error 0.05', "pyproject.toml --junit out.xml"],
+        [
+            'my.xml --pair ball,plate --alpha "0.3 s/m" --max-error 0.05',
+            "pyproject.toml --junit out.xml",
+        ],
     ),
     "convert": ("howto/tune", ['--alpha "0.3 s/m" --speed "0.5 m/s"', '--drake "0.45 s/m"']),
     "report": ("reference/report", ["--quick", "my/study.toml --out my/report --jobs 2", "field"]),
@@ -121,7 +139,10 @@ class Command(click.Command):
         titles = ["Target", *groups, "Options"]
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
         for parameter in self.get_params(ctx):
-            if isinstance(parameter, click.Option) and (record := parameter.get_help_record(ctx)) is not None:
+            if (
+                isinstance(parameter, click.Option)
+                and (record := parameter.get_help_record(ctx)) is not None
+            ):
                 flag = parameter.opts[0].lstrip("-")
                 title = next((title for title, flags in groups.items() if flag in flags), "Options")
                 sections[title].append(record)

@@ -49,12 +49,17 @@ def land(
     request = make_request(None, **pose)  # type: ignore[arg-type]
     seconds = read_limit(limit)
     with status("dropping the robot"):
-        robots = [land_job(Job(s, engine, request, None, TOLERANCE, False), drops, seconds) for s in sources]
+        robots = [
+            land_job(Job(s, engine, request, None, TOLERANCE, False), drops, seconds)
+            for s in sources
+        ]
     if page is not None:
         from hcbench.reporting.measurement_page import landing_page
 
         write_output(page, landing_page(robots), "--page", force)
     if as_json:
-        print_json(as_record(robots[0]) if len(robots) == 1 else [as_record(robot) for robot in robots])
+        print_json(
+            as_record(robots[0]) if len(robots) == 1 else [as_record(robot) for robot in robots]
+        )
     else:
         show(as_text(robots).rstrip())

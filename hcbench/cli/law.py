@@ -21,7 +21,9 @@ _several = partial(click.option, multiple=True, required=True)
 
 @command()
 @_several("--alpha", type=ALPHAS, help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable.")
-@_several("--speed", type=SPEEDS, help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.")
+@_several(
+    "--speed", type=SPEEDS, help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable."
+)
 @click.option("--mass", type=MASS, default="1 lb", show_default=True, help="Effective mass.")
 @click.option(
     "--stiffness",
@@ -57,14 +59,26 @@ def law(
     if as_json:
         print_json([dataclasses.asdict(row) for row in rows])
         return
-    header = ("α s/m", "v_i m/s", "e of the law", "1 - α v_i", "x_m m", "F_max N", "t s", "ΔE J", "τ_max Pa")
+    header = (
+        "α s/m",
+        "v_i m/s",
+        "e of the law",
+        "1 - α v_i",
+        "x_m m",
+        "F_max N",
+        "t s",
+        "ΔE J",
+        "τ_max Pa",
+    )
     values = []
     for row in rows:
         numbers = dataclasses.astuple(row)[: len(header)]
         values.append(tuple("-" if number is None else f"{number:.5g}" for number in numbers))
     show("\n".join(table(header, values)))
     if stiffness is None:
-        print(f"x_m ... τ_max: of a steel ball, k = {PAPER_STIFFNESS} (--stiffness), {mass:.4g} kg (--mass)")
+        print(
+            f"x_m ... τ_max: of a steel ball, k = {PAPER_STIFFNESS} (--stiffness), {mass:.4g} kg (--mass)"
+        )
     warnings: dict[str, None] = {}
     for row in rows:
         warnings |= dict.fromkeys(row.warnings)

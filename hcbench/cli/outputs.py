@@ -44,7 +44,9 @@ def output_option(name: str, **settings: Any) -> Callable[..., Any]:
     return click.option(name, type=_OutputType(path_type=Path), **settings)
 
 
-force_option = click.option("--force", is_flag=True, help="Replace output files that hcbench did not write.")
+force_option = click.option(
+    "--force", is_flag=True, help="Replace output files that hcbench did not write."
+)
 
 
 def require_outputs(context: click.Context) -> None:

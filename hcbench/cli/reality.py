@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 NAME = "reality"
 _OPTIONS = (
-    click.option("--sets", help="Of the study `reality`: some of its data sets, such as cube,ellipse."),
+    click.option(
+        "--sets", help="Of the study `reality`: some of its data sets, such as cube,ellipse."
+    ),
     click.option(
         "--data",
         type=PathType(path_type=Path, file_okay=False, exists=True),
@@ -44,8 +46,12 @@ _OPTIONS = (
         type=PathType(path_type=Path, dir_okay=False, exists=True),
         help="With --poses: an MJCF file whose first box is the body, in place of --size and --mass.",
     ),
-    click.option("--inertia", help="With --poses: one or three moments, kg m².  [default: of a solid box]"),
-    click.option("--identify", is_flag=True, help="Of the study `reality`: search the parameters again."),
+    click.option(
+        "--inertia", help="With --poses: one or three moments, kg m².  [default: of a solid box]"
+    ),
+    click.option(
+        "--identify", is_flag=True, help="Of the study `reality`: search the parameters again."
+    ),
 )
 
 
@@ -78,7 +84,9 @@ def _report_own(
 
     size, mass, inertia, model = given
     if model is None and (size is None or mass is None):
-        raise UserError("--size" if size is None else "--mass", "not given", "the box's, or --model")
+        raise UserError(
+            "--size" if size is None else "--mass", "not given", "the box's, or --model"
+        )
     with WorkerPool(jobs) as pool:
         pool.begin("importlib", "import_module", "hcbench.reality.study")
         from hcbench.reality.build import build_own
@@ -87,7 +95,9 @@ def _report_own(
         if model is not None:
             body = box_of(model)
         else:
-            body = box(_numbers("--size", size or ""), mass or 0.0, _numbers("--inertia", inertia or ""))
+            body = box(
+                _numbers("--size", size or ""), mass or 0.0, _numbers("--inertia", inertia or "")
+            )
         with progress("settings") as tick:
             own = judge(read(paths, body), pool, identify, tick)
     folder = out or Path("reports") / paths[0].stem
@@ -115,7 +125,9 @@ def report_reality(
     from hcbench.workers import WorkerPool
 
     if poses:
-        require_none({"sets": sets, "data": data, "part": part is not None}, f"`{NAME}` without --poses")
+        require_none(
+            {"sets": sets, "data": data, "part": part is not None}, f"`{NAME}` without --poses"
+        )
         body = (size, mass, inertia, model)
         return _report_own(poses, body, identify, out, jobs)
     require_none({"size": size, "mass": mass, "inertia": inertia, "model": model}, "--poses")
@@ -131,7 +143,9 @@ def report_reality(
             return build(run(request, pool, tick), folder)
 
 
-def _request(sets: str | None, data: Path | None, part: int | None, identify: bool) -> RealityRequest:
+def _request(
+    sets: str | None, data: Path | None, part: int | None, identify: bool
+) -> RealityRequest:
     from hcbench.reality import sources
     from hcbench.reality.cells import SETS, require_sets
     from hcbench.reality.study import RealityRequest
@@ -150,7 +164,9 @@ def _request(sets: str | None, data: Path | None, part: int | None, identify: bo
                 file=sys.stderr,
             )
     if part == 4 and "cube" in chosen and folders["cube"] is None:
-        raise UserError("--part", "4, which is not shipped", "--data with the folder of DAIRLab/contact-nets")
+        raise UserError(
+            "--part", "4, which is not shipped", "--data with the folder of DAIRLab/contact-nets"
+        )
     known = [name for name in chosen if folders[name] is not None or not sources.missing(name)]
     return RealityRequest(known, folders, part, identify)
 

@@ -28,9 +28,13 @@ def _warn(line: str) -> None:
 @command()
 @click.argument("study", default="steel-1lb", type=PathType())
 @click.option(
-    "--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/NAME, or NAME-quick]"
+    "--out",
+    type=PathType(path_type=Path),
+    help="Folder to write to.  [default: reports/NAME, or NAME-quick]",
 )
-@click.option("--quick", is_flag=True, help="Preview with one α and fewer speeds, phases and steps.")
+@click.option(
+    "--quick", is_flag=True, help="Preview with one α and fewer speeds, phases and steps."
+)
 @jobs_option
 @device_option
 @reality_options
@@ -65,10 +69,14 @@ def report(
 )
 @jobs_option
 @click.option(
-    "--resume", is_flag=True, help="Continue the sweep in the folder; finished parts are not run again."
+    "--resume",
+    is_flag=True,
+    help="Continue the sweep in the folder; finished parts are not run again.",
 )
 @device_option
-@click.option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:8786, to run on its workers.")
+@click.option(
+    "--scheduler", help="Address of a Dask scheduler, tcp://HOST:8786, to run on its workers."
+)
 def sweep(
     study: str, out: str | None, jobs: int, resume: bool, device: str | None, scheduler: str | None
 ) -> None:
@@ -93,7 +101,10 @@ def sweep(
 
         done = run(plan, folder, jobs=jobs, resume=resume, scheduler=scheduler, progress=report)
     for number in done.damaged:
-        print(f"part {number} was cut short or edited: put aside in _damaged and run again", file=sys.stderr)
+        print(
+            f"part {number} was cut short or edited: put aside in _damaged and run again",
+            file=sys.stderr,
+        )
     print(folder)
 
 

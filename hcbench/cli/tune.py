@@ -41,16 +41,21 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @command()
 @click.argument("engine", metavar="ENGINE|MODEL")
 @click.option(
-    "--alpha", type=UncertainType("alpha"), help="α of e = 1 - α v: '0.008 s/in' or '0.31 +- 0.004 s/m'."
+    "--alpha",
+    type=UncertainType("alpha"),
+    help="α of e = 1 - α v: '0.008 s/in' or '0.31 +- 0.004 s/m'.",
 )
 @click.option("--restitution", type=RESTITUTION, help="One e for all speeds, in place of --alpha.")
 @click.option(
-    "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
+    "--points",
+    help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file.",
 )
 @spring_options()
 @click.option("--timestep", type=STEP, help="Time step, such as '1 ms'.  [a model: its own]")
 @click.option(
-    "--speeds", type=SPEEDS, help="Band of impact speeds.  [default: 1:20 in/s, or that of --points]"
+    "--speeds",
+    type=SPEEDS,
+    help="Band of impact speeds.  [default: 1:20 in/s, or that of --points]",
 )
 @options("target")
 @click.option(
@@ -71,12 +76,18 @@ _engine_option = partial(click.option, cls=_EngineOption)
     help="Choose the recipe by e, by the force loop, or by both.",
 )
 @_engine_option(
-    "--recipe", default="auto", show_default=True, help="Recipe to use; `hcbench engines` lists them."
+    "--recipe",
+    default="auto",
+    show_default=True,
+    help="Recipe to use; `hcbench engines` lists them.",
 )
 @_engine_option(
-    "--integrator", help="Integrator, such as RK4, where an engine has several.  [default: the recipe's]"
+    "--integrator",
+    help="Integrator, such as RK4, where an engine has several.  [default: the recipe's]",
 )
-@_engine_option("--scene", default="steel-plane", show_default=True, help="A scene's name or folder.")
+@_engine_option(
+    "--scene", default="steel-plane", show_default=True, help="A scene's name or folder."
+)
 @_engine_option("--mass", type=MASS, help="Effective mass.  [default: the scene's]")
 @_engine_option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
 @_engine_option("--exponent", type=EXPONENT, help="n of the law.  [default: the scene's]")
@@ -90,16 +101,24 @@ _engine_option = partial(click.option, cls=_EngineOption)
     show_default=True,
     help="Contact points that land together; 4 for the face of a box.",
 )
-@output_option("--write-scene", cls=_EngineOption, help="Write a file that runs in the plain engine.")
+@output_option(
+    "--write-scene", cls=_EngineOption, help="Write a file that runs in the plain engine."
+)
 @click.option(
     "--pair",
     multiple=True,
     help="Two names, first the one that moves: of your bodies or geoms. A model: repeatable.",
 )
 @_engine_option("--plugin", "kind", flag_value="exact", help="Print the exact plug-in.")
-@_engine_option("--settings", "kind", flag_value="settings", help="Print settings of the engine's own.")
-@_engine_option("--constant", "kind", flag_value="constant", help="Print the best one e for all speeds.")
-@_engine_option("--certify", is_flag=True, help="Run the whole gate on it in the plain engine: a minute.")
+@_engine_option(
+    "--settings", "kind", flag_value="settings", help="Print settings of the engine's own."
+)
+@_engine_option(
+    "--constant", "kind", flag_value="constant", help="Print the best one e for all speeds."
+)
+@_engine_option(
+    "--certify", is_flag=True, help="Run the whole gate on it in the plain engine: a minute."
+)
 @options("key", "qpos", "state", "coming_from", "actuators", cls=_ModelOption)
 @click.option(
     "--strict",
@@ -114,7 +133,9 @@ _engine_option = partial(click.option, cls=_EngineOption)
     help="ENGINE@VERSION that has to load what is written.  [default: the installed one]",
 )
 @output_option("--write-model", cls=_ModelOption, help="Write the model with the setting in it.")
-@output_option("--write-include", cls=_ModelOption, help="Write the lines to a file that a model includes.")
+@output_option(
+    "--write-include", cls=_ModelOption, help="Write the lines to a file that a model includes."
+)
 @force_option
 @as_json
 def tune(engine: str, points: str | None, max_error: float | None, **options: Any) -> None:

@@ -105,15 +105,21 @@ def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
     best = answer.best
     if answer.asked is not None and not answer.is_as_asked:
         got = f"no setting passes; the next is {best.line}"
-        raise LimitPassed(_FLAGS[answer.asked], got, "a setting that follows the target and gains no energy")
+        raise LimitPassed(
+            _FLAGS[answer.asked], got, "a setting that follows the target and gains no energy"
+        )
     if best.tuned is not None and best.tuned.flaws:
         got = f"{best.setting.name!r}: {best.tuned.flaws}"
-        raise LimitPassed("--recipe", got, "a setting that gains no energy and rests", answer.remedy)
+        raise LimitPassed(
+            "--recipe", got, "a setting that gains no energy and rests", answer.remedy
+        )
     if not best.max_error <= max_error:
         got = f"{best.max_error:.3g} with {best.setting.name!r}"
         raise LimitPassed("max-error", got, f"{max_error:g} or less", answer.remedy)
     if gate is not None and not gate.sphere:
-        raise LimitPassed("--certify", f"{best.setting.name!r} {gate.warning}", "a setting that passes")
+        raise LimitPassed(
+            "--certify", f"{best.setting.name!r} {gate.warning}", "a setting that passes"
+        )
 
 
 def _gate(answer: Answer) -> Passivity:
@@ -253,7 +259,9 @@ def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) 
             "max_error_by_model": interrupt.error,
         }
         head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": progress_made}
-        print_json({**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text})
+        print_json(
+            {**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text}
+        )
         return
     error = f"{interrupt.error:.2g} by the search's own model; not simulated yet"
     show(f"{'setting':<20}  {best.engine} {best.name}, the best so far: {interrupt}")

@@ -56,7 +56,11 @@ def tune_model(
 
 
 def _next_line(
-    tuned: TunedModel, limit: float, written: Path | None, alpha: float | None, given: dict[str, Any]
+    tuned: TunedModel,
+    limit: float,
+    written: Path | None,
+    alpha: float | None,
+    given: dict[str, Any],
 ) -> str:
     """The command that holds the first pair to the limit, in CI too; that
     measures it where it is beyond.
@@ -67,7 +71,12 @@ def _next_line(
     if given.get("restitution") is not None:
         asked = [f"--restitution {given['restitution']:g}"]
     model = "tuned.xml" if written is None else quote(str(written))
-    words = [model, f"--pair {quote(given['pair'][0])}", *asked, f'--speeds "{low:.3g}:{high:.3g}:5 m/s"']
+    words = [
+        model,
+        f"--pair {quote(given['pair'][0])}",
+        *asked,
+        f'--speeds "{low:.3g}:{high:.3g}:5 m/s"',
+    ]
     # A limit that is the setting's own error would be a gate that cannot fail.
     if tuned.max_error > limit:
         return " ".join(["hcbench measure", *words])
@@ -92,7 +101,8 @@ def _cure(tuned: TunedModel) -> str:
     if not isinstance(registry.engine(facts.engine), HasPlugin):
         return f"Try {step}"
     plugin = (
-        f"`hcbench tune {facts.engine} --plugin` prints the plug-in, which sets e after each contact exactly"
+        f"`hcbench tune {facts.engine} --plugin` prints the plug-in, "
+        "which sets e after each contact exactly"
     )
     return f"{plugin}; or try {step}"
 
@@ -163,10 +173,14 @@ def _print(tuned: TunedModel, limit: float) -> None:
         facts = pair.facts
         low, high = pair.band
         attitude = f", on its {pair.attitude}" if pair.attitude else ""
-        show(f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg")
+        show(
+            f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg"
+        )
         show(f"contact {facts.meeting}; moved by {facts.moved}")
         band = f"from {low:.2g} to {high:.2g} m/s"
-        show(f"largest error of e: {as_bound(pair.max_error)} {band}, tuned, in {pair.launches} launches")
+        show(
+            f"largest error of e: {as_bound(pair.max_error)} {band}, tuned, in {pair.launches} launches"
+        )
         show("at touch:")
         for point in pair.curve:
             least_most = f"{point.lowest:.4f} ... {point.highest:.4f}"

@@ -1,4 +1,6 @@
-"""Makes an environment with uv: beside its place first, then by a rename, so that none is there half-made."""
+"""Makes an environment with uv: beside its place first, then by a rename,
+so that none is there half-made.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,13 @@ from hcbench.system.files import scratch_folder
 _END_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 # Lowest Python that hcbench runs on.
 LOWEST_PYTHON = (3, 11)
-_NO_NETWORK = re.compile(r"(?i)failed to fetch|error sending request|dns error|network (is|was) |timed? ?out")
+_NO_NETWORK = re.compile(
+    r"(?i)failed to fetch|error sending request|dns error|network (is|was) |timed? ?out"
+)
 _NO_WHEEL = re.compile(r"(?i)no (usable )?wheels|wheels are required|only found wheels")
-_NO_VERSION = re.compile(r"(?i)there (is|are) no versions? of|was not found in the package registry")
+_NO_VERSION = re.compile(
+    r"(?i)there (is|are) no versions? of|was not found in the package registry"
+)
 
 
 def add(
@@ -38,10 +44,14 @@ def add(
 ) -> Environment:
     """Install an engine into an environment of its own, in place of one of the same version.
 
-    package: whose version is the engine's. requirements: what to install, as pip writes it. python:
-    a version or a path, of an installed interpreter. trial: uses the environment; what it raises
-    ends all. progress: called with (steps done, steps in all). Raises UserError for a version or a
-    Python that is not to be had, CannotRun and OutputError; then nothing is left of it.
+    package: whose version is the engine's.
+    requirements: what to install, as pip writes it.
+    python: a version or a path, of an installed interpreter.
+    trial: uses the environment; what it raises ends all.
+    progress: called with (steps done, steps in all).
+
+    Raises UserError for a version or a Python that is not to be had, CannotRun and OutputError;
+    then nothing is left of it.
     """
     home = store.home()
     try:
@@ -57,26 +67,34 @@ def add(
             progress(2, 3)
             version = _version_in(folder, package)
             size = _size(folder)
-            made = Environment(engine, version, version_of_python, size, tuple(requirements), folder)
+            made = Environment(
+                engine, version, version_of_python, size, tuple(requirements), folder
+            )
             made.write()
             trial(made)
             placed = replace(made, folder=home / made.name)
             store.replace(folder, placed, scratch)
             progress(3, 3)
     except OSError as error:
-        raise OutputError("engines", f"{home}: {error.strerror or error}", "a folder that takes it") from None
+        raise OutputError(
+            "engines", f"{home}: {error.strerror or error}", "a folder that takes it"
+        ) from None
     return placed
 
 
 def interpreters() -> list[str]:
-    """Versions of the Pythons on this machine: those that uv finds, pyenv's, and this one; newest first."""
+    """Versions of the Pythons on this machine: those that uv finds,
+    pyenv's, and this one; newest first.
+    """
     done = _run_uv(["python", "list", "--only-installed"], Path.cwd())
     versions = {*re.findall(r"(?m)^cpython-(\d+\.\d+\.\d+)\S*\s", done.stdout), *_known_pythons()}
     return sorted(versions, key=_numbers, reverse=True)
 
 
 def _known_pythons() -> dict[str, str]:
-    """Version to path of the Python of this process, and of pyenv's, whose shims hide all but one from uv."""
+    """Version to path of the Python of this process, and of pyenv's, whose
+    shims hide all but one from uv.
+    """
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
     known = {}
     for path in pyenv.glob("3.*/bin/python"):
@@ -105,7 +123,9 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def _make(folder: Path, python: str) -> None:
-    """Make an empty environment in a folder. python: a version or a path.
+    """Make an empty environment in a folder.
+
+    python: a version or a path.
 
     Raises UserError for a Python that is not on this machine, or is too old.
     """
@@ -114,7 +134,8 @@ def _make(folder: Path, python: str) -> None:
     if done.returncode:
         text = _one_line(done.stderr)
         if re.search(
-            r"(?i)no interpreter found|not found|could not find|failed to inspect|invalid version", text
+            r"(?i)no interpreter found|not found|could not find|failed to inspect|invalid version",
+            text,
         ):
             there = ", ".join(interpreters()) or "none"
             got = f"{python!r} is not on this machine"
@@ -123,7 +144,9 @@ def _make(folder: Path, python: str) -> None:
         raise _explained(text, f"an environment with Python {python}", folder.parent)
     if tuple(map(int, _python_version(folder).split(".")[:2])) < LOWEST_PYTHON:
         lowest = ".".join(map(str, LOWEST_PYTHON))
-        raise UserError("python", f"{python!r}, which is {_python_version(folder)}", f"{lowest} or later")
+        raise UserError(
+            "python", f"{python!r}, which is {_python_version(folder)}", f"{lowest} or later"
+        )
 
 
 def _uv(*arguments: str, folder: Path, about: str) -> None:
@@ -191,12 +214,16 @@ def _explained(text: str, about: str, folder: Path) -> HcbenchError:
         return CannotRun("package index", f"cannot be reached for {about}: {reason}", "a network")
     if _NO_VERSION.search(text) and not _NO_WHEEL.search(text):
         got = _first(
-            r"(?i)there (?:is|are) no versions? of \S+|\S+ was not found in the package registry", text
+            r"(?i)there (?:is|are) no versions? of \S+|\S+ was not found in the package registry",
+            text,
         )
         return UserError("engine", f"{about}: {got}", "a version that the package index has")
     if _NO_WHEEL.search(text):
         return UserError(
-            "engine", f"{about}: no wheel of it", "a version or a Python that has one", "Try --python"
+            "engine",
+            f"{about}: no wheel of it",
+            "a version or a Python that has one",
+            "Try --python",
         )
     return CannotRun("uv", f"{about}: {text}", "")
 
@@ -208,7 +235,9 @@ def _first(pattern: str, text: str) -> str:
 
 def _python_version(folder: Path) -> str:
     """Version of the Python that an environment was made with."""
-    match = re.search(r"(?m)^version_info = (\S+)", (folder / "pyvenv.cfg").read_text(encoding="utf-8"))
+    match = re.search(
+        r"(?m)^version_info = (\S+)", (folder / "pyvenv.cfg").read_text(encoding="utf-8")
+    )
     assert match is not None, "uv says which"
     return match[1]
 

@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from hcbench.system.errors import OutputError
-from hcbench.system.files import json_text, parse_json, read_text, scratch_folder, user_folder, write_text
+from hcbench.system.files import (
+    json_text,
+    parse_json,
+    read_text,
+    scratch_folder,
+    user_folder,
+    write_text,
+)
 
 RECORD = "hcbench-engine.json"
 # Version of the record: one of another hcbench is not read.
@@ -21,8 +28,11 @@ _SCHEMA = 1
 class Environment:
     """One engine in one version, installed in an environment of its own.
 
-    version: of the engine's package. python: the interpreter's version. size: bytes of its files.
-    requirements: what was asked for, as pip writes it. folder: where it is.
+    version: of the engine's package.
+    python: the interpreter's version.
+    size: bytes of its files.
+    requirements: what was asked for, as pip writes it.
+    folder: where it is.
     """
 
     engine: str
@@ -111,11 +121,17 @@ def _read(folder: Path) -> Environment:
         requirements=tuple(map(str, record["requirements"])),
         folder=folder,
     )
-    if folder.name != environment.name or not f"{environment.name}{environment.python}".isprintable():
+    if (
+        folder.name != environment.name
+        or not f"{environment.name}{environment.python}".isprintable()
+    ):
         raise ValueError("not in its place")
     return environment
 
 
 def _order(version: str) -> list[tuple[int, str]]:
     """Sorts 3.9 before 3.10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.findall(r"\d+|[a-z]+", version)]
+    return [
+        (int(part), "") if part.isdigit() else (-1, part)
+        for part in re.findall(r"\d+|[a-z]+", version)
+    ]

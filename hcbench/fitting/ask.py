@@ -149,7 +149,9 @@ def fit_force(
     setup = read_setup(mass=mass, speed=speed, height=height, gravity=gravity, exponent=exponent)
     fitted = read_force(Path(file), setup, kind)
     if fitted is None:
-        raise UserError("file", f"{file}, no forces", "force over time, or over penetration and rate")
+        raise UserError(
+            "file", f"{file}, no forces", "force over time, or over penetration and rate"
+        )
     return fitted
 
 

@@ -235,7 +235,8 @@ class _Search:
         sd = np.hypot(1.5 * np.hypot(_SCATTER, 2.5 * _TIMING / flight_before), _RISE_SD * rise)
         away = e - e_before - _RISE * rise
         smooth = np.logaddexp(
-            math.log(1.0 - _WILD) + _ln_normal(away, sd), math.log(_WILD) + _ln_normal(away, _WILDER * sd)
+            math.log(1.0 - _WILD) + _ln_normal(away, sd),
+            math.log(_WILD) + _ln_normal(away, _WILDER * sd),
         )
         return np.asarray(np.where(is_first, 0.0, smooth) - np.log(flight_before))
 
@@ -247,7 +248,9 @@ class _Search:
         after = self.times > self.times[i] + _INSIDE_FROM
         limit = np.maximum(self.level[i], self.level[to]) - _INSIDE
         counted = (
-            after & (self.times < self.times[to][:, None] - self.shortest) & (self.level > limit[:, None])
+            after
+            & (self.times < self.times[to][:, None] - self.shortest)
+            & (self.level > limit[:, None])
         )
         return np.asarray(np.minimum(counted.sum(axis=1), _MOST_INSIDE), dtype=float)
 
@@ -294,7 +297,8 @@ def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
     """ln of the odds of a touch against clutter by the change of level, dB: loudness goes as speed."""
     away = (change - 20.0 * np.log10(np.maximum(e, 0.05)) * (2.0 if gap else 1.0)) / _LOUDNESS
     return np.asarray(
-        math.log(_LOUDEST / (_LOUDNESS * math.sqrt(2.0 * math.pi))) - 0.5 * np.minimum(away**2, _CUT)
+        math.log(_LOUDEST / (_LOUDNESS * math.sqrt(2.0 * math.pi)))
+        - 0.5 * np.minimum(away**2, _CUT)
     )
 
 

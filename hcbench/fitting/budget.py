@@ -86,7 +86,9 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
     """δ of the law's parameters when the setup changes to each of `setups`: shape (c, q)."""
     q = len(fit.parameters)
     total = np.zeros((q, q + 1 + len(setups)))
-    for s, own, latent, model, noise in zip(sets, fit.own, fit.latent, fit.models, fit.noise, strict=True):
+    for s, own, latent, model, noise in zip(
+        sets, fit.own, fit.latent, fit.models, fit.noise, strict=True
+    ):
         shifted = [s.with_setup(setup).linearise(fit.curve, own, latent) for setup in setups]
         # The shapes also hold without any setup, where the lists are empty.
         residuals = np.array([other.residual - model.residual for other in shifted])

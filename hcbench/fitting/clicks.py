@@ -116,7 +116,9 @@ class Timer:
         pieces = [self._piece(self._onset_of(int(p))) for p in places]
         shifts = np.zeros(len(pieces))
         for _ in range(3):
-            self.template = np.mean([_shifted(p, s) for p, s in zip(pieces, shifts, strict=True)], axis=0)
+            self.template = np.mean(
+                [_shifted(p, s) for p, s in zip(pieces, shifts, strict=True)], axis=0
+            )
             shifts = np.array([_shift_to(self.template, p, self._reach) for p in pieces])
             shifts -= np.median(shifts)
 

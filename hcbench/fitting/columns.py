@@ -35,17 +35,41 @@ _NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "interval": (
         "time",
-        ("interval", "intervals", "dt", "Δt", "δt", "time between bounces", "flight time", "flight"),
+        (
+            "interval",
+            "intervals",
+            "dt",
+            "Δt",
+            "δt",
+            "time between bounces",
+            "flight time",
+            "flight",
+        ),
     ),
     "height": (
         "position",
         ("height", "h", "y", "z", "position", "bounce height", "hoehe", "höhe", "hauteur"),
     ),
-    "height_in": ("position", ("drop height", "drop", "h_drop", "h_in", "h0", "height in", "release height")),
-    "height_out": ("position", ("rebound height", "rebound", "h_rebound", "h_out", "h1", "height out")),
+    "height_in": (
+        "position",
+        ("drop height", "drop", "h_drop", "h_in", "h0", "height in", "release height"),
+    ),
+    "height_out": (
+        "position",
+        ("rebound height", "rebound", "h_rebound", "h_out", "h1", "height out"),
+    ),
     "speed": (
         "speed",
-        ("speed", "v", "v_n", "vn", "impact speed", "approach speed", "impact velocity", "velocity"),
+        (
+            "speed",
+            "v",
+            "v_n",
+            "vn",
+            "impact speed",
+            "approach speed",
+            "impact velocity",
+            "velocity",
+        ),
     ),
     "speed_in": (
         "speed",
@@ -161,9 +185,33 @@ _BESIDE = frozenset(
     "y velocity",
     "velocity x",
 }
-_BEFORE = ("u_", "u ", "sigma_", "sigma ", "sd_", "sd ", "uncertainty of ", "uncertainty ", "±", "d_")
-_AFTER = ("_uncertainty", " uncertainty", "_error", " error", "_sd", " sd", "_sigma", " sigma", "_u", "_std")
-EXPECTED_COLUMNS = "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
+_BEFORE = (
+    "u_",
+    "u ",
+    "sigma_",
+    "sigma ",
+    "sd_",
+    "sd ",
+    "uncertainty of ",
+    "uncertainty ",
+    "±",
+    "d_",
+)
+_AFTER = (
+    "_uncertainty",
+    " uncertainty",
+    "_error",
+    " error",
+    "_sd",
+    " sd",
+    "_sigma",
+    " sigma",
+    "_u",
+    "_std",
+)
+EXPECTED_COLUMNS = (
+    "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +263,9 @@ def columns_of(table: Table) -> DataColumns:
             got = f"a column {name!r}"
             raise UserError(table.name, got, EXPECTED_COLUMNS, "Leave other columns out")
         if role in places:
-            raise UserError(table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one")
+            raise UserError(
+                table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one"
+            )
         places[role] = i
     return DataColumns(table, places)
 

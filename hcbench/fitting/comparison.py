@@ -73,7 +73,9 @@ def as_text(comparison: Comparison) -> str:
     """Verdict and ratio of a comparison, for a terminal."""
     lines = [f"against {', '.join(comparison.files)}", f"  {comparison.line}"]
     if comparison.few_drops:
-        lines.append("  With three drops or more of each, the difference from drop to drop is known better.")
+        lines.append(
+            "  With three drops or more of each, the difference from drop to drop is known better."
+        )
     return "\n" + "\n".join(lines) + "\n"
 
 

@@ -195,7 +195,9 @@ class TouchTimes(Dataset):
 
     @property
     def _which(self) -> Indices:
-        return np.arange(len(self.times)) if self.numbers is None else self.numbers - self.numbers[0]
+        return (
+            np.arange(len(self.times)) if self.numbers is None else self.numbers - self.numbers[0]
+        )
 
     def _launches(self) -> Floats:
         """Launch of every flight; of two that an unheard touch joins, half of both."""
@@ -222,7 +224,9 @@ class TouchTimes(Dataset):
         """Own parameters to start from."""
         height = self.setup.height
         first = (
-            float(self._launches()[0]) if height is None else self.setup.ballistics.dropped(height.value)[0]
+            float(self._launches()[0])
+            if height is None
+            else self.setup.ballistics.dropped(height.value)[0]
         )
         return np.array([self.times[0], math.log(first)])
 
@@ -242,7 +246,9 @@ class TouchTimes(Dataset):
         # Hertz: a contact lasts as v^(-1/5).
         contact = self.setup.contact_time.value * (train.launch / train.launch[0]) ** -0.2
         times = own[0] + np.concatenate([[0.0], np.cumsum(aloft[:, 0] + contact)])
-        by = np.concatenate([np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)])
+        by = np.concatenate(
+            [np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)]
+        )
         times = times[self._which]
         by = by[self._which]
         q = curve.count
@@ -288,7 +294,9 @@ class TouchTimes(Dataset):
         return [heard.get(i, f"touch {i + 1}, unheard") for i in range(first, last)]
 
 
-def pairs_of_launches(launches: Floats, setup: MeasurementSetup, drop: float | None) -> tuple[Floats, Floats]:
+def pairs_of_launches(
+    launches: Floats, setup: MeasurementSetup, drop: float | None
+) -> tuple[Floats, Floats]:
     """Impact speeds and e of flights with these launch speeds, all m/s.
 
     drop: m, where let go, if known.

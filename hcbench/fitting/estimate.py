@@ -109,7 +109,10 @@ class LawFit:
 
 
 def fit_law(
-    law: CandidateLaw, sets: Sequence[Dataset], reference: float, width: Sequence[Floats] | None = None
+    law: CandidateLaw,
+    sets: Sequence[Dataset],
+    reference: float,
+    width: Sequence[Floats] | None = None,
 ) -> LawFit:
     """Fit one law by Newton steps, and the noise by a grid between them.
 
@@ -139,7 +142,9 @@ def fit_law(
         decrement = float(move @ hessian @ move)
         if decrement < 1e-6 and step > 2:
             break
-        for k, (r, n, own_move, wide) in enumerate(zip(reduced, noise, own_moves, width, strict=True)):
+        for k, (r, n, own_move, wide) in enumerate(
+            zip(reduced, noise, own_moves, width, strict=True)
+        ):
             drawn = wide * r.latent(scatter, n, own_move, move)
             latent[k] = latent[k] + share * (drawn - latent[k])
             own[k] = own[k] + share * own_move
@@ -251,7 +256,11 @@ def _posterior(
 
 
 def _line(
-    parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: NoiseLikelihood
+    parameters: Floats,
+    centre: Floats,
+    hessian: Floats,
+    spread: Floats | None,
+    fine: NoiseLikelihood,
 ) -> tuple[Floats, float, Floats]:
     """An even grid over the one parameter of a law: points (g, 1), ln of the cell's width, and a
     mask (g,).
@@ -267,7 +276,11 @@ def _line(
 
 
 def _shares(
-    parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: NoiseLikelihood
+    parameters: Floats,
+    centre: Floats,
+    hessian: Floats,
+    spread: Floats | None,
+    fine: NoiseLikelihood,
 ) -> tuple[Floats, Floats, Floats]:
     """A grid over ψ = ln e at the reference speed and the share f of it that goes with α, even in
     both.
@@ -337,7 +350,9 @@ def widened(estimate: Estimate, factor: float) -> Estimate:
     return Estimate(value, factor * estimate.uncertainty, max(0.0, low), high)
 
 
-def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = ODDS_TO_DROP) -> Estimate:
+def alpha_of(
+    plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = ODDS_TO_DROP
+) -> Estimate:
     """α of eq. (16), s/m, where a constant loss e0 may be present.
 
     The interval reaches from the lower to the upper end of both laws' 95 % intervals, as long as
@@ -358,7 +373,9 @@ def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = OD
     # Posterior share of the law with e0, by Bayes' rule.
     share = 1.0 / (1.0 + math.exp(lead) / _PRIOR_OF_E0)
     values = np.concatenate([fit.values("alpha") for fit in kept])
-    weight = np.concatenate([(1.0 - share) * plain.posterior.weight, share * lossy.posterior.weight])
+    weight = np.concatenate(
+        [(1.0 - share) * plain.posterior.weight, share * lossy.posterior.weight]
+    )
     both = _estimate(values, weight, inputs, 0.0, math.inf)
     low = min(estimate.low for estimate in estimates)
     high = max(estimate.high for estimate in estimates)
@@ -382,4 +399,6 @@ def _estimate(values: Floats, weight: Floats, inputs: float, least: float, most:
     mean = float(values @ weight)
     sd = math.sqrt(float((values - mean) ** 2 @ weight))
     down, up = (math.hypot(side, SIGMAS_95 * inputs) for side in (middle - low, high - middle))
-    return Estimate(middle, math.hypot(sd, inputs), max(least, middle - down), min(most, middle + up))
+    return Estimate(
+        middle, math.hypot(sd, inputs), max(least, middle - down), min(most, middle + up)
+    )

@@ -78,7 +78,9 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
     fits = {name: fit_law(law, sets, reference) for name, law in LAWS.items()}
     evidence = [one.log_evidence for one in fits.values()]
     if not all(map(math.isfinite, evidence)):
-        raise UserError(sets[0].name, "no law comes near the data", "bounces of one ball on one plate")
+        raise UserError(
+            sets[0].name, "no law comes near the data", "bounces of one ball on one plate"
+        )
     best = max(fits.values(), key=lambda one: one.log_evidence)
     flags = tuple(flagged_touches(best, sets))
     if not any(flag.what == "bounced off" for flag in flags):
@@ -154,7 +156,9 @@ def _require_loss(sets: Sequence[Dataset], whole: _Fitted) -> None:
     if whole.fits["constant"].beyond > _GAINS:
         got = "the bounces gain energy: e comes out above 1"
         expected = "bounces that lose some"
-        raise UserError(sets[0].name, got, expected, "Look at --gravity, --height and the units of the file")
+        raise UserError(
+            sets[0].name, got, expected, "Look at --gravity, --height and the units of the file"
+        )
 
 
 def _lack(each: Sequence[_Fitted]) -> LackOfFit:
@@ -334,7 +338,9 @@ def _lost(e: Estimate) -> Estimate:
 
 def _odd_one(name: str, off: float) -> str:
     side = "above" if off > 0 else "below"
-    return f"{name} does not go with the other files: {abs(off):.1f} standard deviations {side} them"
+    return (
+        f"{name} does not go with the other files: {abs(off):.1f} standard deviations {side} them"
+    )
 
 
 def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
@@ -343,9 +349,13 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
         if one.impacts:
             shown = ", ".join(one.impacts[:_SHOWN])
             more = f" and {len(one.impacts) - _SHOWN} more" if len(one.impacts) > _SHOWN else ""
-            warnings.append(f"these impacts scatter far more than the others and count little: {shown}{more}")
+            warnings.append(
+                f"these impacts scatter far more than the others and count little: {shown}{more}"
+            )
         if len(each) > 1 and (doubts := list(one.sets[0].doubts(one.likeliest))):
             warnings.append(f"{one.sets[0].name} is left out: {doubts[0]}")
     if whole.likeliest.scatter > 0.9 * MOST_SCATTER:
-        warnings.append(f"e scatters by {100 * MOST_SCATTER:.0f} % or more, the end of what is tried")
+        warnings.append(
+            f"e scatters by {100 * MOST_SCATTER:.0f} % or more, the end of what is tried"
+        )
     return warnings

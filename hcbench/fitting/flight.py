@@ -79,7 +79,9 @@ class Ballistics:
         falling = np.maximum(time - up, 0.0)
         angle = math.atan(u) - g * rising / v
         fallen = g * falling / v
-        height = v * v / g * (np.log(np.cos(angle) * math.sqrt(1.0 + u * u)) - np.log(np.cosh(fallen)))
+        height = (
+            v * v / g * (np.log(np.cos(angle) * math.sqrt(1.0 + u * u)) - np.log(np.cosh(fallen)))
+        )
         slope = np.where(time < up, -np.tan(angle), np.tanh(fallen))
         return height, v / g * (u + slope) / (1.0 + u * u), -v * slope
 

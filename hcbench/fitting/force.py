@@ -117,7 +117,9 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     u_e = math.hypot(of_inputs, u_impulse / (mass * speed))
     if not 0.0 < e < 1.0:
         got = f"the impulse {impulse:.4g} N s is {impulse / (mass * speed):.3g} times m v"
-        raise UserError(name, got, "1 ... 2 times", "Look at mass, speed, units and the sign of the force")
+        raise UserError(
+            name, got, "1 ... 2 times", "Look at mass, speed, units and the sign of the force"
+        )
     lasts = float(np.ptp(time[inside]))
     top = float(force.max())
     start_n = setup.exponent or 1.5
@@ -126,9 +128,14 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
 
     def residual(p: Floats) -> Floats:
         n = setup.exponent or float(p[3])
-        law = HuntCrossley(math.exp(p[0]), max(dissipation_of(min(p[1], -1e-6)) / (1.5 * speed), 0.0), n)
+        law = HuntCrossley(
+            math.exp(p[0]), max(dissipation_of(min(p[1], -1e-6)) / (1.5 * speed), 0.0), n
+        )
         loop = closed_form.loop(law, mass, speed, 161)
-        return np.asarray(force - np.interp(time, loop.time + p[2], loop.force, left=0.0, right=0.0)) / top
+        return (
+            np.asarray(force - np.interp(time, loop.time + p[2], loop.force, left=0.0, right=0.0))
+            / top
+        )
 
     start = [math.log(start_k), math.log(e), float(time[inside][0]) - 0.05 * lasts, start_n]
     varied = 3 if setup.exponent else 4
@@ -148,7 +155,17 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     misfit = float(np.sqrt(np.mean(done.fun[inside] ** 2)))
     n = setup.exponent or float(done.x[3])
     return ForceFit(
-        name, "force", math.exp(done.x[0]), n, alpha, covariance, e, u_e, (speed, speed), misfit, by_shape
+        name,
+        "force",
+        math.exp(done.x[0]),
+        n,
+        alpha,
+        covariance,
+        e,
+        u_e,
+        (speed, speed),
+        misfit,
+        by_shape,
     )
 
 
@@ -163,7 +180,9 @@ def _approach(name: str, setup: MeasurementSetup) -> tuple[float, float, float, 
     if setup.speed is not None:
         return mass, u_mass, setup.speed.value, setup.speed.uncertainty
     if setup.height is None:
-        raise UserError("speed", f"not given for {name}", "--speed of the approach, or --height of a drop")
+        raise UserError(
+            "speed", f"not given for {name}", "--speed of the approach, or --height of a drop"
+        )
     speed, slope = setup.ballistics.dropped(setup.height.value)
     return mass, u_mass, speed, slope * setup.height.uncertainty
 
@@ -213,7 +232,9 @@ def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
         raise UserError(name, "no push in the force", "one impact")
     quiet = np.concatenate([force[: loud[0]], force[loud[-1] + 1 :]])
     if len(quiet) < 5 or 2 * (loud[-1] - loud[0]) > len(force):
-        raise UserError(name, "no quiet about the push", "as long a quiet as the push, for the zero")
+        raise UserError(
+            name, "no quiet about the push", "as long a quiet as the push, for the zero"
+        )
     force = force - float(np.median(quiet))
     inside = (np.arange(len(force)) >= loud[0]) & (np.arange(len(force)) <= loud[-1])
     if inside.sum() < _LEAST_POINTS:
@@ -230,7 +251,9 @@ def _stiffness_for(top: float, mass: float, speed: float, n: float) -> float:
     return float(top ** (n + 1) / ((n + 1) * mass * speed**2 / 2.0) ** n)
 
 
-def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, exponent: float | None) -> ForceFit:
+def fit_loop(
+    name: str, penetration: Floats, rate: Floats, force: Floats, exponent: float | None
+) -> ForceFit:
     """F = k x^n (1 + (3/2) α ẋ) through points of any number of
     impacts. Raises UserError for too few.
 
@@ -244,7 +267,9 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
     has_both = bool((v > 0).any() and (v < 0).any())
     if len(x) < _LEAST_POINTS or not has_both:
         got = f"{len(x)} points in contact, {int((v > 0).sum())} of them on approach"
-        raise UserError(name, got, f"{_LEAST_POINTS} or more, on approach (rate above 0) and on rebound")
+        raise UserError(
+            name, got, f"{_LEAST_POINTS} or more, on approach (rate above 0) and on rebound"
+        )
     top = float(f.max())
     depth = float(x.max())
 
@@ -269,7 +294,9 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
     covariance = turn @ _covariance(done, order) @ turn.T
     if alpha < -_SIGMAS_BELOW * math.sqrt(covariance[2, 2]):
         got = f"α {alpha:.3g} s/m: the force is larger on rebound than on approach"
-        raise UserError(name, got, "0 s/m or more", "Look at the sign of the rate: above 0 on approach")
+        raise UserError(
+            name, got, "0 s/m or more", "Look at the sign of the rate: above 0 on approach"
+        )
     return ForceFit(
         file=name,
         kind="loop",

@@ -94,6 +94,8 @@ def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine
     stiffness = f'--stiffness "{force_fit.stiffness:.5g}" --exponent {force_fit.exponent:.5g}'
     tuned = f'--alpha "{alpha} s/m" {stiffness}'
     return (
-        "\n".join([*lines, "", "next:", f"  hcbench tune {engine} {tuned} --timestep 1e-5 --match both"])
+        "\n".join(
+            [*lines, "", "next:", f"  hcbench tune {engine} {tuned} --timestep 1e-5 --match both"]
+        )
         + "\n"
     )

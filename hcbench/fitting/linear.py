@@ -105,7 +105,10 @@ class Reduced:
         p, q = self.own, self.law
         normal, _ = self.grams(np.array(scatter), np.array(noise))
         # Weights of the residual in the slope by δ_law, with own parameters eliminated.
-        to_law = np.concatenate([-np.linalg.solve(normal[:p, :p], normal[:p, p : p + q]), np.eye(q)]) @ gain
+        to_law = (
+            np.concatenate([-np.linalg.solve(normal[:p, :p], normal[:p, p : p + q]), np.eye(q)])
+            @ gain
+        )
         along = self.columns[:, : p + q] @ to_law
         variance = scatter**2 * self.size**2 + noise**2
         across = float(to_law @ self.rest[: p + q, : p + q] @ to_law) / noise**2
@@ -134,7 +137,9 @@ class Reduced:
         return np.asarray(np.linalg.solve(normal[:p, :p], right))
 
 
-def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | None = None) -> Reduced:
+def reduce(
+    model: LinearModel, more: Floats | None = None, offsets: Floats | None = None
+) -> Reduced:
     """The model along the eigenvectors of D Dᵀ.
 
     more: (n, c), further right-hand sides; offsets: (c, p), what they
@@ -142,13 +147,17 @@ def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | Non
     """
     p = model.by_own.shape[1]
     q = model.by_law.shape[1]
-    blocks = [model.by_own, model.by_law, model.residual[:, None]] + ([] if more is None else [more])
+    blocks = [model.by_own, model.by_law, model.residual[:, None]] + (
+        [] if more is None else [more]
+    )
     columns = np.concatenate(blocks, axis=1) / model.shape[:, None]
     vectors, size, turn = _directions(model.by_scatter / model.shape[:, None])
     along = vectors.T @ columns
     across = columns - vectors @ along
     prior = np.zeros((columns.shape[1],) * 2)
-    constant = -float(np.log(model.shape).sum()) - 0.5 * (len(columns) - p) * math.log(2.0 * math.pi)
+    constant = -float(np.log(model.shape).sum()) - 0.5 * (len(columns) - p) * math.log(
+        2.0 * math.pi
+    )
     for i, (mean, sd) in enumerate(model.prior):
         if math.isfinite(sd):
             row = np.zeros(columns.shape[1])
@@ -159,7 +168,9 @@ def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | Non
             prior += np.outer(row, row)
             constant -= math.log(sd)
     rest = across.T @ across
-    return Reduced(size, along, rest, len(columns) - size.size, turn, prior, constant, p, q, len(columns))
+    return Reduced(
+        size, along, rest, len(columns) - size.size, turn, prior, constant, p, q, len(columns)
+    )
 
 
 def _directions(by_scatter: Floats) -> tuple[Floats, Floats, Floats]:

@@ -119,12 +119,15 @@ def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
     for band in bands(recording):
         times = band.places / band.rate
         trains += [
-            (band, train) for train in likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
+            (band, train)
+            for train in likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
         ]
     kept: list[tuple[FrequencyBand, Train]] = []
     for band, train in sorted(trains, key=lambda one: -one[1].score):
         times = band.places[train.clicks] / band.rate
-        if len(kept) < _MOST and not any(_is_same(times, b.places[t.clicks] / b.rate) for b, t in kept):
+        if len(kept) < _MOST and not any(
+            _is_same(times, b.places[t.clicks] / b.rate) for b, t in kept
+        ):
             kept.append((band, train))
     return [one for one in kept if one[1].score >= _HALF * kept[0][1].score]
 
@@ -151,7 +154,9 @@ class _Heard:
     begin: float
 
     @classmethod
-    def of(cls, band: FrequencyBand, train: Train, setup: MeasurementSetup, recording: Recording) -> _Heard:
+    def of(
+        cls, band: FrequencyBand, train: Train, setup: MeasurementSetup, recording: Recording
+    ) -> _Heard:
         """A train of a recording with its law fitted; without a fit if it has too few touches.
 
         The reference speed, m/s, lies in the middle of the impact speeds.
@@ -193,7 +198,9 @@ class _Heard:
         """Evidence of the likelier law: e0 alone would bend to a
         reflection in place of the first touch.
         """
-        return -math.inf if self.fit is None else max(self.fit.log_evidence, self.plain().log_evidence)
+        return (
+            -math.inf if self.fit is None else max(self.fit.log_evidence, self.plain().log_evidence)
+        )
 
     @property
     def scatter(self) -> float:
@@ -247,7 +254,9 @@ class _Heard:
         off = np.abs(self.fit.measured_off()[0])
         worst = np.argsort(-off)[:2].tolist()
         names = data.rows()
-        flagged = [names.index(f.touch) for f in flagged_touches(self.fit, [data]) if f.touch in names]
+        flagged = [
+            names.index(f.touch) for f in flagged_touches(self.fit, [data]) if f.touch in names
+        ]
         return list(dict.fromkeys([0, 1, *flagged, *worst]))
 
     def swapped(self) -> _Heard | None:
@@ -291,7 +300,9 @@ class _Heard:
         own = float(level[np.searchsorted(clicks, place)])
         after = self.places[k - 1] if k else -1
         before = self.places[k + 1] if k + 1 < len(self.places) else len(self.band.sound)
-        near = (np.abs(clicks - place) < _NEAR * self.band.rate) & (clicks > after) & (clicks < before)
+        near = (
+            (np.abs(clicks - place) < _NEAR * self.band.rate) & (clicks > after) & (clicks < before)
+        )
         near &= (level > own - _QUIETER) & (clicks != place)
         for other, loud in zip(clicks[near], level[near], strict=True):
             yield int(other), bool(other < place and loud > own - _NOT_MUCH_QUIETER)
@@ -313,5 +324,11 @@ class _Heard:
             scatter = self.fit.scatter
             alpha = alpha_of(self.plain(), self.fit)
         return Picks(
-            self.begin + times, self.numbers, level, self.band.frequency, self.train.score, scatter, alpha
+            self.begin + times,
+            self.numbers,
+            level,
+            self.band.frequency,
+            self.train.score,
+            scatter,
+            alpha,
         )

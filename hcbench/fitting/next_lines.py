@@ -60,7 +60,9 @@ def next_lines(
         engine = replayed.setting.engine
     else:
         file = "scene.xml" if _reads_xml(engine) else "scene.py"
-        lines.append(f"  hcbench tune {engine} {what} --timestep 1e-3 {speeds} --write-scene {file}")
+        lines.append(
+            f"  hcbench tune {engine} {what} --timestep 1e-3 {speeds} --write-scene {file}"
+        )
     if _reads_xml(engine):
         lines.append(
             f"  hcbench check {shlex.quote(file)} --pair {_PAIR} {check} {speeds} --max-error {limit:.2g}"

@@ -63,7 +63,9 @@ class NoiseGrid:
     def weights(self, sets: Sequence[Dataset]) -> tuple[Floats, list[Floats]]:
         """ln of prior mass of each value: of s_e, and of s_m a data set."""
         each = [
-            np.zeros(1) if s.known_noise is not None else noise_prior(grid, s.noise_scale) + _log_cell(grid)
+            np.zeros(1)
+            if s.known_noise is not None
+            else noise_prior(grid, s.noise_scale) + _log_cell(grid)
             for grid, s in zip(self.log_noise, sets, strict=True)
         ]
         return scatter_prior(self.log_scatter) + _log_cell(self.log_scatter), each
@@ -127,7 +129,9 @@ class NoiseLikelihood:
         return np.asarray(logsumexp(total, axis=0)), total
 
 
-def surface(reduced: Sequence[Reduced], sets: Sequence[Dataset], grid: NoiseGrid) -> NoiseLikelihood:
+def surface(
+    reduced: Sequence[Reduced], sets: Sequence[Dataset], grid: NoiseGrid
+) -> NoiseLikelihood:
     """The likelihood over a grid; right-hand sides after the residual are left out."""
     outer, offset = [], []
     for one, log_noise in zip(reduced, grid.log_noise, strict=True):
@@ -170,6 +174,7 @@ def best_noise(surface: NoiseLikelihood, delta: Floats) -> tuple[float, list[flo
     total = surface.prior_scatter + sum(logsumexp(part, axis=1) for part in per_set)
     k = int(np.argmax(total))
     noise = [
-        float(np.exp(g[int(np.argmax(p[k]))])) for g, p in zip(surface.grid.log_noise, per_set, strict=True)
+        float(np.exp(g[int(np.argmax(p[k]))]))
+        for g, p in zip(surface.grid.log_noise, per_set, strict=True)
     ]
     return float(np.exp(surface.grid.log_scatter[k])), noise

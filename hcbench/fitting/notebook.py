@@ -24,7 +24,9 @@ def as_html(result: FitResult) -> str:
         for fit, odds in zip(result.fits, result.odds, strict=True)
     )
     head = "<thead><tr><th>law</th><th>e</th><th>odds</th></tr></thead>"
-    notes = "".join(f"<p>check: {escape(flag.file)}, {escape(flag.touch)}</p>" for flag in result.flags)
+    notes = "".join(
+        f"<p>check: {escape(flag.file)}, {escape(flag.touch)}</p>" for flag in result.flags
+    )
     return f"<table>{facts}</table><table>{head}{laws}</table>{notes}"
 
 

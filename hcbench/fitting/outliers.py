@@ -35,11 +35,17 @@ def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float)
     for _ in range(_ROUNDS):
         fit = fit_law(law, sets, reference, widths)
         widths = [
-            np.sqrt((_FREEDOM + ((old / wide) ** 2 + variance) * wide**2 / fit.scatter**2) / (_FREEDOM + 1.0))
+            np.sqrt(
+                (_FREEDOM + ((old / wide) ** 2 + variance) * wide**2 / fit.scatter**2)
+                / (_FREEDOM + 1.0)
+            )
             for old, wide, variance in zip(
                 fit.latent,
                 fit.width,
-                (r.latent_variance(fit.scatter, n) for r, n in zip(fit.reduced, fit.noise, strict=True)),
+                (
+                    r.latent_variance(fit.scatter, n)
+                    for r, n in zip(fit.reduced, fit.noise, strict=True)
+                ),
                 strict=True,
             )
         ]

@@ -61,7 +61,9 @@ class Picks:
     def taken(self, touches: range) -> Picks:
         """The picks of these touches of the list, counted from 1."""
         kept = np.isin(np.arange(1, len(self.times) + 1), touches)
-        return replace(self, times=self.times[kept], numbers=self.numbers[kept], level=self.level[kept])
+        return replace(
+            self, times=self.times[kept], numbers=self.numbers[kept], level=self.level[kept]
+        )
 
 
 def rivals(heard: Sequence[Picks]) -> list[Picks]:
@@ -88,7 +90,9 @@ def reservation_of(heard: Sequence[Picks]) -> str:
     return f"the touches are likely, not surely, the ball's ({odds}): look at --page, then take --touches A"
 
 
-def doubts_of(heard: Sequence[Picks], scatter: float, fastest: float, height_given: bool) -> list[str]:
+def doubts_of(
+    heard: Sequence[Picks], scatter: float, fastest: float, height_given: bool
+) -> list[str]:
     """Reasons to doubt that the first train is the ball's; with any, the fit gives no number.
 
     scatter: of e, 1.
@@ -100,9 +104,13 @@ def doubts_of(heard: Sequence[Picks], scatter: float, fastest: float, height_giv
     if len(best.times) < _LEAST_TOUCHES:
         reasons.append(f"only {len(best.times)} touches are heard, and {_LEAST_TOUCHES} are needed")
     if scatter > _MOST_SCATTER:
-        reasons.append(f"e varies by {100 * scatter:.2g} % from bounce to bounce, a ball's by 0.1 to 2 %")
+        reasons.append(
+            f"e varies by {100 * scatter:.2g} % from bounce to bounce, a ball's by 0.1 to 2 %"
+        )
     if fastest > _MOST_SPEED and not height_given:
-        reasons.append(f"the first impact would be at {fastest:.2g} m/s; give --height for a fall that high")
+        reasons.append(
+            f"the first impact would be at {fastest:.2g} m/s; give --height for a fall that high"
+        )
     if rivals(heard):
         reasons.append("another train of clicks gives another α")
     return reasons

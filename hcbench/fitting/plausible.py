@@ -30,7 +30,9 @@ def require_a_ball(name: str, setup: MeasurementSetup, times: Floats) -> None:
     ratio = float(np.median(flights[1:] / flights[:-1]))
     if ratio > _MOST_E:
         got = f"intervals that shrink by a factor of {ratio:.4f} each, {flights[0]:.4g} s"
-        raise UserError(name, got, f"below {_MOST_E:g}, as of a ball", "A clock keeps its intervals")
+        raise UserError(
+            name, got, f"below {_MOST_E:g}, as of a ball", "A clock keeps its intervals"
+        )
     if setup.height is None:
         return
     speed = setup.ballistics.dropped(setup.height.value)[0]
@@ -57,5 +59,8 @@ def require_different(files: tuple[Path, ...]) -> None:
         if (other := seen.setdefault(content, path)) is not path:
             got = f"{path} has the same content as {other}"
             raise UserError(
-                "files", got, "each file once", "Counting one file twice would understate the uncertainty"
+                "files",
+                got,
+                "each file once",
+                "Counting one file twice would understate the uncertainty",
             )

@@ -155,7 +155,9 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
         with computed(columns.table.name):
             return fit_loop(columns.table.name, x, v, force, setup.exponent)
     if "time" not in columns.places:
-        raise UserError(columns.table.name, "force without time, or penetration and rate", EXPECTED_COLUMNS)
+        raise UserError(
+            columns.table.name, "force without time, or penetration and rate", EXPECTED_COLUMNS
+        )
     time = columns.get("time")
     columns.require("time", np.concatenate([[True], np.diff(time) > 0]), "times that rise")
     with computed(columns.table.name):
@@ -178,7 +180,9 @@ def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
         raise too_few_touches(recording.name, len(picks.times), least)
     require_a_ball(recording.name, setup, picks.times)
     in_question = tuple(heard) if part.train is None else ()
-    return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording, in_question)
+    return TouchTimes(
+        recording.name, setup, picks.times, picks.numbers, picks, recording, in_question
+    )
 
 
 def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
@@ -186,7 +190,9 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     if "interval" in columns.places:
         intervals = columns.get("interval")
         columns.require("interval", intervals > 0, "above 0")
-        return _touch_times(columns.table.name, setup, np.concatenate([[0.0], np.cumsum(intervals)]))
+        return _touch_times(
+            columns.table.name, setup, np.concatenate([[0.0], np.cumsum(intervals)])
+        )
     times = columns.get("time")
     columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
     return _touch_times(columns.table.name, setup, times)
@@ -242,7 +248,11 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     heights = columns.get("height")
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
-    if setup.height is not None and len(heights) and abs(heights[0] / setup.height.value - 1.0) < 1e-6:
+    if (
+        setup.height is not None
+        and len(heights)
+        and abs(heights[0] / setup.height.value - 1.0) < 1e-6
+    ):
         # The first row is the height of the drop itself: it comes before the first bounce.
         heights = heights[1:]
     columns.require(
@@ -297,7 +307,9 @@ def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     before = columns.get("height_in")
     after = columns.get("height_out")
     columns.require("height_in", before > 0, "above 0")
-    columns.require("height_out", (after >= 0) & (after <= before), "from 0 to the height of the drop")
+    columns.require(
+        "height_out", (after >= 0) & (after <= before), "from 0 to the height of the drop"
+    )
     v_in = np.array([setup.ballistics.dropped(h)[0] for h in before])
     v_out = np.sqrt(2.0 * setup.ballistics.gravity * after)
     nothing = np.zeros(len(before))
@@ -312,7 +324,9 @@ def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
     """
     if len(pairs.speed) > _MOST_PAIRS:
         got = f"{len(pairs.speed)} impacts"
-        raise UserError(pairs.name, got, f"up to {_MOST_PAIRS}", "Average those of nearly one speed")
+        raise UserError(
+            pairs.name, got, f"up to {_MOST_PAIRS}", "Average those of nearly one speed"
+        )
     if len(pairs.speed) < 3:
         got = f"{len(pairs.speed)} impacts"
         raise UserError(pairs.name, got, "3 or more", "Fewer say nothing of how far to trust them")
@@ -331,7 +345,9 @@ def _track(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     heights = columns.get("height")
     columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
     if len(times) < _LEAST_SAMPLES:
-        raise UserError(columns.table.name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track")
+        raise UserError(
+            columns.table.name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track"
+        )
     return track_of(columns.table.name, setup, times, upright(times, heights, setup))
 
 

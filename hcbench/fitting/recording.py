@@ -189,7 +189,8 @@ class _Compressed:
             import av
         except ImportError:
             advice = (
-                f"Install the reader: pip install av, or convert it: ffmpeg -i {self.name} {path.stem}.wav"
+                "Install the reader: pip install av, "
+                f"or convert it: ffmpeg -i {self.name} {path.stem}.wav"
             )
             raise UserError(
                 self.name, f"a {path.suffix.lower()} file", "PyAV, which reads it", advice

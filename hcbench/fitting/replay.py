@@ -102,7 +102,9 @@ def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto"
     best: Replay | None = None
     for name in names:
         tuned = tune(engine, target, load_scene(_SCENE), name)
-        now = Replay(tuned, recorded, _simulated(tuned.scene, tuned.setting, result, recorded), tuned.setting)
+        now = Replay(
+            tuned, recorded, _simulated(tuned.scene, tuned.setting, result, recorded), tuned.setting
+        )
         if tuned.recipe.name in _PLUGINS:
             now = _made_up(now, result)
         if best is None or now.error < best.error:
@@ -143,7 +145,10 @@ def _made_up(scene: Replay, result: FitResult) -> Replay:
         before, alpha = now, law.alpha
         if not slope < 0.0 or now.error == math.inf:
             break
-        step = float(np.clip(-now.lateness / slope, -_SECANT * alpha, _SECANT * alpha)) or _SECANT * alpha
+        step = (
+            float(np.clip(-now.lateness / slope, -_SECANT * alpha, _SECANT * alpha))
+            or _SECANT * alpha
+        )
     return best
 
 
@@ -171,7 +176,9 @@ def _target(result: FitResult, timestep: float) -> Target:
     timestep: s. The scene keeps its own mass and stiffness. Raises UserError without a law.
     """
     if result.law is None:
-        raise UserError("--engine", "no law is certain", "a law to tune to, such as --law hunt-crossley")
+        raise UserError(
+            "--engine", "no law is certain", "a law to tune to, such as --law hunt-crossley"
+        )
     scene = load_scene(_SCENE)
     low, high = result.speeds
     gravity = result.sets[0].setup.gravity.value
@@ -243,7 +250,10 @@ def replay_text(scene: Replay) -> str:
         for i, (a, b) in enumerate(zip(scene.recorded, scene.simulated, strict=False))
     ]
     setting = scene.setting
-    lines = ["", f"scene     {setting.engine}, {scene.tuned.recipe.name}, step {setting.timestep:g} s"]
+    lines = [
+        "",
+        f"scene     {setting.engine}, {scene.tuned.recipe.name}, step {setting.timestep:g} s",
+    ]
     lines += table(("touch", "recorded, s", "scene, s", "late, ms"), rows)
     span = 1e3 * float(scene.recorded[-1])
     if missing:

@@ -6,7 +6,12 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from hcbench.fitting.flight import DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY, Ballistics, in_air
+from hcbench.fitting.flight import (
+    DRAG_COEFFICIENT,
+    DRAG_COEFFICIENT_UNCERTAINTY,
+    Ballistics,
+    in_air,
+)
 from hcbench.laws.require import require
 from hcbench.system.errors import UserError
 from hcbench.terms import units
@@ -79,7 +84,9 @@ class MeasurementSetup:
         if self.diameter is not None and self.mass is None:
             raise UserError("diameter", "given without --mass", "both, for the drag of the air")
         if self.has_air and not 0 < self.ballistics.drag < float("inf"):
-            raise UserError("mass", "lighter than the air that the ball displaces", "a heavier ball")
+            raise UserError(
+                "mass", "lighter than the air that the ball displaces", "a heavier ball"
+            )
 
     @property
     def drop(self) -> float | None:
@@ -96,7 +103,9 @@ class MeasurementSetup:
         """The flight of the ball."""
         if self.mass is None or self.diameter is None:
             return Ballistics(self.gravity.value)
-        return in_air(self.gravity.value, self.mass.value, self.diameter.value, self.drag_coefficient.value)
+        return in_air(
+            self.gravity.value, self.mass.value, self.diameter.value, self.drag_coefficient.value
+        )
 
     def perturbed(self) -> Iterator[tuple[str, float, MeasurementSetup]]:
         """Each uncertain input: its name, standard uncertainty, and the
@@ -154,7 +163,9 @@ def read_setup(**given: Unpack[SetupOptions]) -> MeasurementSetup:
             if isinstance(value, tuple) and len(value) == 2
             else units.parse_uncertain(value, _QUANTITY[name], name)
         )
-        known[name] = Known(number, uncertainty or (HEIGHT_UNCERTAINTY if name == "height" else 0.0))
+        known[name] = Known(
+            number, uncertainty or (HEIGHT_UNCERTAINTY if name == "height" else 0.0)
+        )
     return MeasurementSetup(**known)
 
 

@@ -85,9 +85,15 @@ class Table:
             if values[i] and not _SMALLEST <= abs(values[i] * scale) <= 1.0 / _SMALLEST:
                 where = f"{self.name}, line {line}"
                 got = f"{cell.strip()} under {name!r}"
-                raise UserError(where, got, f"0, or {_SMALLEST:g} ... {1 / _SMALLEST:g} in SI units")
+                raise UserError(
+                    where, got, f"0, or {_SMALLEST:g} ... {1 / _SMALLEST:g} in SI units"
+                )
         require_bounds(
-            f"{self.name}: {name}", (values * scale).tolist(), quantity, units.QUANTITIES[quantity].unit, 0.0
+            f"{self.name}: {name}",
+            (values * scale).tolist(),
+            quantity,
+            units.QUANTITIES[quantity].unit,
+            0.0,
         )
         return values * scale
 
@@ -104,7 +110,9 @@ def computed(name: str) -> Iterator[None]:
     except (ArithmeticError, ValueError) as error:
         # ValueError is the base of NumPy's LinAlgError.
         got = "numbers that lead to no finite result"
-        raise UserError(name, got, "bounces of one ball on one plate", "Look at the units") from error
+        raise UserError(
+            name, got, "bounces of one ball on one plate", "Look at the units"
+        ) from error
 
 
 def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
@@ -221,7 +229,9 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
     if not any(separator in text for text in texts):
         texts = _without_blanks(texts)
         separator = _separator(texts)
-    rows = [_cells(name, number, text, separator) for number, text in zip(numbers, texts, strict=True)]
+    rows = [
+        _cells(name, number, text, separator) for number, text in zip(numbers, texts, strict=True)
+    ]
     joined = joined_header(rows)
     if joined is not None:
         begin, header = joined
@@ -238,14 +248,18 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
     )
     if all(math.isfinite(table.number(cell)) for cell in header if cell.strip()):
         advice = "Begin the file with a line like: time [s]"
-        raise UserError(name, f"begins with the numbers {texts[0].strip()!r:.60}", "a header", advice)
+        raise UserError(
+            name, f"begins with the numbers {texts[0].strip()!r:.60}", "a header", advice
+        )
     if not table.cells:
         raise UserError(name, "has a header and no rows", "rows of numbers")
     width = len(header)
     for row, line in zip(table.cells, table.lines, strict=True):
         beyond = row[width:]
         if any(cell.strip() for cell in beyond):
-            raise UserError(f"{name}, line {line}", f"{len(row)} cells", f"{width}, as the header has")
+            raise UserError(
+                f"{name}, line {line}", f"{len(row)} cells", f"{width}, as the header has"
+            )
     _require_one_meaning(table)
     return plain(table)
 
@@ -317,7 +331,11 @@ def _without_blanks(texts: list[str]) -> list[str]:
     header, *rows = texts
     cells = [row.split() for row in rows]
     widths = {len(row) for row in cells}
-    if len(widths) != 1 or widths == {1} or not all(_looks_numeric(cell) for row in cells for cell in row):
+    if (
+        len(widths) != 1
+        or widths == {1}
+        or not all(_looks_numeric(cell) for row in cells for cell in row)
+    ):
         return texts
     # A unit in brackets belongs to the name before it.
     for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])"):
@@ -465,7 +483,9 @@ def joined_header(rows: list[tuple[str, ...]]) -> tuple[int, tuple[str, ...]] | 
             continue
         names = rows[0]
         below = [cell.strip().strip("()[]").lower() for cell in rows[count - 1]]
-        has_units = all(_is_unit(cell) or cell in NO_UNIT for cell in below) and any(map(_is_unit, below))
+        has_units = all(_is_unit(cell) or cell in NO_UNIT for cell in below) and any(
+            map(_is_unit, below)
+        )
         if has_units and not any(_looks_numeric(cell) for cell in names):
             pairs = zip(names, below, strict=True)
             return count, tuple(f"{name.strip()} [{unit}]" for name, unit in pairs)

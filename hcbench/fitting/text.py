@@ -29,7 +29,9 @@ def with_uncertainty(value: float, uncertainty: float) -> str:
     if not uncertainty > 0 or not math.isfinite(uncertainty):
         return f"{value:.6g} +- 0"
     if uncertainty > 1e4:
-        digits = max(2, math.floor(math.log10(abs(value))) - math.floor(math.log10(uncertainty)) + 2)
+        digits = max(
+            2, math.floor(math.log10(abs(value))) - math.floor(math.log10(uncertainty)) + 2
+        )
         return f"{value:.{digits - 1}e} +- {uncertainty:.1e}"
     digits = max(0, 1 - math.floor(math.log10(uncertainty)))
     return f"{value:.{digits}f} +- {uncertainty:.{digits}f}"
@@ -56,7 +58,12 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
     # The band widens by the uncertainty of g, height and other inputs, and by the differences of
     # drops.
     wider = _wider(result)
-    return speeds, middle, middle - wider * (middle - low), np.minimum(middle + wider * (high - middle), 1.0)
+    return (
+        speeds,
+        middle,
+        middle - wider * (middle - low),
+        np.minimum(middle + wider * (high - middle), 1.0),
+    )
 
 
 def _band_of(fit: LawFit, speeds: Floats) -> Floats:
@@ -148,7 +155,9 @@ def _law_row(result: FitResult) -> str:
     if result.reservation:
         return f"undecided: {result.reservation}"
     if result.lack.may_stick and result.fits[0].law.name == WITH_E0:
-        return "undecided: a constant loss e0 or bodies that stick; the interval of α holds for both"
+        return (
+            "undecided: a constant loss e0 or bodies that stick; the interval of α holds for both"
+        )
     return "undecided: several laws fit (see below)"
 
 
@@ -225,7 +234,9 @@ def _budget(result: FitResult) -> list[str]:
         change = f"{budget.left_out:+.2g}{unit}"
         lines.append(f"left out: contacts; 0.1 ms each would change {name} by {change}")
     if any(s.needs_gravity for s in result.sets) and not result.sets[0].setup.has_air:
-        lines.append("left out: the air, which --mass and --diameter take in; table tennis balls need it")
+        lines.append(
+            "left out: the air, which --mass and --diameter take in; table tennis balls need it"
+        )
     return lines
 
 
@@ -237,7 +248,9 @@ def as_record(result: FitResult) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "kind": "hcbench fit",
-        "files": [{"name": s.name, "kind": s.kind, "impacts": len(s.pairs()[0])} for s in result.sets],
+        "files": [
+            {"name": s.name, "kind": s.kind, "impacts": len(s.pairs()[0])} for s in result.sets
+        ],
         "law": result.law,
         "law_asked": result.asked,
         "doubts": list(result.doubts),

@@ -113,7 +113,9 @@ class Track(Dataset):
         touch_by = np.concatenate(
             [np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)]
         )
-        which = np.clip(np.searchsorted(touch, self.times, side="right") - 1, -1, len(train.launch) - 1)
+        which = np.clip(
+            np.searchsorted(touch, self.times, side="right") - 1, -1, len(train.launch) - 1
+        )
         path = np.empty(len(self.times))
         by = np.zeros((len(self.times), train.by.shape[1]))
         velocity = np.empty(len(self.times))
@@ -123,7 +125,9 @@ class Track(Dataset):
                 path[at], by[at, 0], velocity[at] = ball.fall(first, own[1] - self.times[at])
                 by[at, 0] *= first
             else:
-                path[at], slope, velocity[at] = ball.path(train.launch[j], self.times[at] - touch[j])
+                path[at], slope, velocity[at] = ball.path(
+                    train.launch[j], self.times[at] - touch[j]
+                )
                 by[at] = slope[:, None] * train.by[j] - velocity[at, None] * touch_by[j]
         is_known = self.setup.height is not None
         prior = [
@@ -199,7 +203,9 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     return Track(name, setup, times[kept], heights[kept], np.array(touches), floor, drop)
 
 
-def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, lows: Indices) -> None:
+def _require_scale(
+    name: str, ball: Ballistics, times: Floats, heights: Floats, lows: Indices
+) -> None:
     """Raise UserError where the flights between touches fall with
     quite another g than the one given.
 
@@ -230,11 +236,15 @@ def _require_scale(name: str, ball: Ballistics, times: Floats, heights: Floats, 
     share = measured / expected
     if abs(share - 1.0) > _GROSS:
         got = f"its flights fall with {share:.2g} times the g given"
-        advice = "Look at the unit of heights and at the frame rate: of a slow-motion film, the camera's"
+        advice = (
+            "Look at the unit of heights and at the frame rate: of a slow-motion film, the camera's"
+        )
         raise UserError(name, got, f"{1 - _GROSS:g} ... {1 + _GROSS:g} times", advice)
 
 
-def _of_flights(lows: Indices, times: Floats, raised: Floats, frame: float, gravity: float) -> Indices:
+def _of_flights(
+    lows: Indices, times: Floats, raised: Floats, frame: float, gravity: float
+) -> Indices:
     """The lowest frames up to the first that no free flight of its
     height leads to: the rest is noise.
 

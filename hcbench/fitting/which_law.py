@@ -136,7 +136,9 @@ class _PowerCurve(FittedCurve):
         if self.level == 0.0 and e > 1.0:
             return 0.0, 0.0, (0.0,)
         at_reference = self.level + self.factor * self.reference**self.power
-        by_parameter = at_reference / e * (speed / self.reference) ** self.power if self.power else 1.0
+        by_parameter = (
+            at_reference / e * (speed / self.reference) ** self.power if self.power else 1.0
+        )
         return math.log(e), self.power * moving / e, (by_parameter,)
 
 
@@ -271,7 +273,9 @@ class LossyHuntCrossleyLaw(CandidateLaw):
 
     def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
-        return _HuntCrossleyCurve(dissipation_of(parameters[0]) / reference, reference, parameters[1])
+        return _HuntCrossleyCurve(
+            dissipation_of(parameters[0]) / reference, reference, parameters[1]
+        )
 
     def describe(self, parameters: tuple[float, ...], reference: float) -> dict[str, float]:
         """α in s/m, e0, e, or C in its own unit."""
@@ -281,5 +285,11 @@ class LossyHuntCrossleyLaw(CandidateLaw):
 
 LAWS: dict[str, CandidateLaw] = {
     law.name: law
-    for law in (HuntCrossleyLaw(), LossyHuntCrossleyLaw(), ConstantLaw(), ViscoelasticLaw(), PlasticLaw())
+    for law in (
+        HuntCrossleyLaw(),
+        LossyHuntCrossleyLaw(),
+        ConstantLaw(),
+        ViscoelasticLaw(),
+        PlasticLaw(),
+    )
 }

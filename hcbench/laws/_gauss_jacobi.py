@@ -23,7 +23,9 @@ def gauss_jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
     # The first row is 0/0 where a + b is 0 or -1; the next lines replace it.
     with np.errstate(divide="ignore", invalid="ignore"):
         middle = (b * b - a * a) / (total * (total + 2.0))
-        beside = 4.0 * k * (k + a) * (k + b) * (k + a + b) / (total**2 * (total + 1.0) * (total - 1.0))
+        beside = (
+            4.0 * k * (k + a) * (k + b) * (k + a + b) / (total**2 * (total + 1.0) * (total - 1.0))
+        )
     middle[0] = (b - a) / (a + b + 2.0)
     beside[0] = 0.0
     beside[1:2] = 4.0 * (1.0 + a) * (1.0 + b) / ((a + b + 2.0) ** 2 * (a + b + 3.0))

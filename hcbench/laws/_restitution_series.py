@@ -82,7 +82,9 @@ def _series(d: Floats, top: float) -> Floats:
     return b1
 
 
-def _in_chunks(near: Callable[[Floats, float], Floats], far: Callable[[Floats], Floats], d: Floats) -> Floats:
+def _in_chunks(
+    near: Callable[[Floats, float], Floats], far: Callable[[Floats], Floats], d: Floats
+) -> Floats:
     """Evaluate a function of d piece by piece, same shape as d, with the branch that each d needs.
 
     near: the series up to a largest d, LOW or TOP.
@@ -154,6 +156,8 @@ def inverse_restitution(e: Floats) -> Floats:
         # With u = d e: du/dd = d (1 - u) / ((1 + d) u). Its difference
         # to e loses digits at small d.
         u_rate = (1.0 - d * now) / ((1.0 + d) * now)
-        slope = np.where(d < 1e-3, -2.0 / 3.0 + 8.0 / 9.0 * d, (u_rate - now) / np.maximum(d, 1e-300))
+        slope = np.where(
+            d < 1e-3, -2.0 / 3.0 + 8.0 / 9.0 * d, (u_rate - now) / np.maximum(d, 1e-300)
+        )
         d = np.maximum(d - error / slope, 0.0)
     return np.where(e > 1.0 / TOP, d, 1.0 / e)

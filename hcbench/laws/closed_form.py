@@ -21,7 +21,11 @@ from numpy.typing import NDArray
 
 from hcbench.laws._gauss_jacobi import gauss_jacobi
 from hcbench.laws._phase_path import g_ratio, largest_force_rate, rate_ratio
-from hcbench.laws._restitution_series import inverse_restitution, one_minus_restitution, restitution_of
+from hcbench.laws._restitution_series import (
+    inverse_restitution,
+    one_minus_restitution,
+    restitution_of,
+)
 from hcbench.laws.force import HuntCrossley
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats, Loop
@@ -41,7 +45,9 @@ def _positive(slot: str, value: Floats | float, unit: str) -> Floats:
     return _refuse(slot, values, ~(values > 0), unit, f"above 0 {unit}")
 
 
-def _refuse(slot: str, values: Floats, wrong: NDArray[np.bool_], unit: str, expected: str) -> Floats:
+def _refuse(
+    slot: str, values: Floats, wrong: NDArray[np.bool_], unit: str, expected: str
+) -> Floats:
     if wrong.any():
         raise UserError(slot, f"{float(values[wrong].flat[0])!r} {unit}", expected)
     return values
@@ -64,7 +70,9 @@ def restitution(alpha: Floats | float, speed: Floats | float) -> Floats:
 
 def restitution_linear(alpha: Floats | float, speed: Floats | float) -> Floats:
     """e = 1 - α v_i, eq. (2); alpha in s/m and speed in m/s broadcast. Negative above v_i = 1/α."""
-    return np.asarray(1.0 - np.asarray(alpha, dtype=np.float64) * np.asarray(speed, dtype=np.float64))
+    return np.asarray(
+        1.0 - np.asarray(alpha, dtype=np.float64) * np.asarray(speed, dtype=np.float64)
+    )
 
 
 def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
@@ -179,7 +187,9 @@ def _elastic_at_one(stiffness: float, exponent: float, mass: float) -> float:
 def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:
     """T0 = 2 x_m / ((n + 1) v_i sqrt(G)), s."""
     root = np.sqrt(g_ratio(np.asarray(law.dissipation * speed)))
-    return np.asarray(2.0 * penetration_max(law, mass, speed) / ((law.exponent + 1.0) * speed * root))
+    return np.asarray(
+        2.0 * penetration_max(law, mass, speed) / ((law.exponent + 1.0) * speed * root)
+    )
 
 
 def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop:

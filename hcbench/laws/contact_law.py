@@ -49,8 +49,15 @@ class Friction:
         if self.dynamic == _AS_STATIC:
             object.__setattr__(self, "dynamic", self.static)
         require("dynamic friction", self.dynamic, 0 <= self.dynamic < math.inf, "0 or more")
-        require("static friction", self.static, self.dynamic <= self.static < math.inf, "dynamic or more")
-        require("slip_speed", self.slip_speed, 0 < self.slip_speed < math.inf, "a speed above 0 m/s")
+        require(
+            "static friction",
+            self.static,
+            self.dynamic <= self.static < math.inf,
+            "dynamic or more",
+        )
+        require(
+            "slip_speed", self.slip_speed, 0 < self.slip_speed < math.inf, "a speed above 0 m/s"
+        )
 
     def coefficient(self, slip: float) -> float:
         """μ at a slip speed in m/s."""
@@ -99,7 +106,9 @@ def law_of(options: Mapping[str, Any]) -> Law:
     "exponent": 1.5} and {"kind": "restitution", "law": "flores", "restitution": e} a law of
     `laws.published`, asked for e.
     """
-    require("option 'law'", options, hasattr(options, "items"), 'a table such as {"kind": "force", ...}')
+    require(
+        "option 'law'", options, hasattr(options, "items"), 'a table such as {"kind": "force", ...}'
+    )
     given = dict(options)
     kind = given.pop("kind", None)
     require("option 'law.kind'", kind, kind in ("force", "restitution"), "'force' or 'restitution'")
@@ -129,7 +138,9 @@ def _published_law(kind: str, given: dict[str, Any]) -> Law:
     return ConstantRestitution(TouchSpeedLaw(law_named(name), any_stiffness, **numbers).delivered)
 
 
-def _numbers(given: dict[str, Any], required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
+def _numbers(
+    given: dict[str, Any], required: Sequence[str], optional: Sequence[str] = ()
+) -> dict[str, Any]:
     return read_numbers(given, tuple(required), tuple(optional), SettingError, "option 'law.{}'")
 
 

@@ -120,7 +120,9 @@ class Conversion(Shown):
         yield f"α = {self.alpha:.6g} s/m"
         if self.speed is not None:
             yield f"at {self.speed:.6g} m/s: e of the law {self.restitution:.6g}"
-        yield from (f"{row.system} {row.parameter}: {row.text} {row.unit}".rstrip() for row in self.rows)
+        yield from (
+            f"{row.system} {row.parameter}: {row.text} {row.unit}".rstrip() for row in self.rows
+        )
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         return (asdict(row) | {"value": row.text} for row in self.rows)
@@ -167,11 +169,19 @@ def contact_of(
     Raises UserError for numbers without meaning and for none or several of the first seven.
     """
     dissipations = {"alpha": alpha, "drake": drake, "simbody": simbody}
-    given = {**dissipations, "restitution": restitution, "solref": solref, "adams": adams, "newton": newton}
+    given = {
+        **dissipations,
+        "restitution": restitution,
+        "solref": solref,
+        "adams": adams,
+        "newton": newton,
+    }
     names = [name for name, value in given.items() if value is not None]
     if len(names) != 1:
         raise UserError(
-            "convert", f"got {' and '.join(names) or 'nothing'}", f"exactly one of {', '.join(given)}"
+            "convert",
+            f"got {' and '.join(names) or 'nothing'}",
+            f"exactly one of {', '.join(given)}",
         )
     require("reading", reading, reading in ("law", "linear"), "law or linear")
     for slot, value, unit in (
@@ -195,7 +205,12 @@ def contact_of(
         assert e is not None
         alpha = _alpha_of(e, speed, reading)
     if speed is not None:
-        require("alpha", alpha, math.isfinite(alpha * speed), "α v that is a number: a smaller α or speed")
+        require(
+            "alpha",
+            alpha,
+            math.isfinite(alpha * speed),
+            "α v that is a number: a smaller α or speed",
+        )
     return OneContact(alpha, speed, contact_time, timestep, reading)
 
 
@@ -234,14 +249,18 @@ def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversio
 
 def _needed(slot: str, value: float | None, unit: str) -> float:
     if value is None:
-        raise UserError(slot, "none", f"a number in {unit}", "The restitution of this contact depends on it")
+        raise UserError(
+            slot, "none", f"a number in {unit}", "The restitution of this contact depends on it"
+        )
     return value
 
 
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
     """α in s/m of the law that has this e at this speed (m/s)."""
     if speed is None:
-        raise UserError("speed", "none", "the impact speed at which e is to hold", "e alone fixes no α")
+        raise UserError(
+            "speed", "none", "the impact speed at which e is to hold", "e alone fixes no α"
+        )
     require("restitution", e, 0.0 < e <= 1.0, "0 < e <= 1")
     return (1.0 - e) / speed if reading == "linear" else float(closed_form.alpha_of(e, speed))
 
@@ -254,7 +273,9 @@ def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) 
     require("solref", solref, all(map(math.isfinite, solref)), "two finite numbers")
     if first == 0.0 and second < 0.0:
         if timestep is None:
-            raise UserError("timestep", "none", "the step: solref '0 -D' bounces in one step, e = D h - 1")
+            raise UserError(
+                "timestep", "none", "the step: solref '0 -D' bounces in one step, e = D h - 1"
+            )
         e = -second * timestep - 1.0
         require("solref", solref, 0.0 < e <= 1.0, f"D between 1/h and 2/h: e = D h - 1 is {e:.4g}")
         return e
@@ -270,8 +291,12 @@ def _others(contact: OneContact) -> Iterator[SystemValue]:
     alpha = contact.alpha
     e = contact.restitution
     yield SystemValue("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v")
-    yield SystemValue("paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)")
-    yield SystemValue("Simbody", "dissipation", (alpha,), "s/m", "c = α: its force has the 3/2 written out")
+    yield SystemValue(
+        "paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)"
+    )
+    yield SystemValue(
+        "Simbody", "dissipation", (alpha,), "s/m", "c = α: its force has the 3/2 written out"
+    )
     if e is None:
         return
     assert contact.speed is not None
@@ -284,7 +309,9 @@ def _others(contact: OneContact) -> Iterator[SystemValue]:
     note = "SMC with the Flores model at that impact speed: the number to set, to get this e"
     yield SystemValue("Chrono", "restitution (Flores)", (flores,), "", note)
     yield SystemValue("LAMMPS", "damping coeff_restitution", (e,), "", f"{at}; hertz and hooke")
-    note = f"{at}; before the release of 2 September 2026 it delivered {_old_tsuji(e):.4g} for this e"
+    note = (
+        f"{at}; before the release of 2 September 2026 it delivered {_old_tsuji(e):.4g} for this e"
+    )
     yield SystemValue("LAMMPS", "damping tsuji", (e,), "", note)
 
 
@@ -322,5 +349,7 @@ def _old_tsuji(e: float) -> float:
     EPL 94, 2011, 50004, doi 10.1209/0295-5075/94/50004). The polynomial for A is that of
     the manual; A/√2 was taken for A.
     """
-    a = 1.2728 + e * (-4.2783 + e * (11.087 + e * (-22.348 + e * (27.467 + e * (-18.022 + e * 4.8218)))))
+    a = 1.2728 + e * (
+        -4.2783 + e * (11.087 + e * (-22.348 + e * (27.467 + e * (-18.022 + e * 4.8218))))
+    )
     return float(kv.restitution(max(a, 0.0) / math.sqrt(5.0), kv.Ending.SURFACE))

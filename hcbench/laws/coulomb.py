@@ -37,7 +37,10 @@ def friction_impulse(slip: Sequence[float], normal_impulse: float, scene: Scene)
 
 def coulomb_ratio(along: Tangential, scene: Scene) -> float:
     """Coulomb's value of `Tangential.impulse_ratio`, for the measured slip and normal impulse."""
-    return math.hypot(*friction_impulse(along.slip_in, along.normal_impulse, scene)) / along.normal_impulse
+    return (
+        math.hypot(*friction_impulse(along.slip_in, along.normal_impulse, scene))
+        / along.normal_impulse
+    )
 
 
 def tangential(impact: Impact, launch: Launch, scene: Scene) -> Tangential:

@@ -43,7 +43,9 @@ class HuntCrossley:
 
     def __post_init__(self) -> None:
         positive("stiffness", self.stiffness, "N/m^n")
-        require("alpha", self.alpha, 0 <= self.alpha <= LARGEST, f"0 s/m or more, up to {LARGEST:g}")
+        require(
+            "alpha", self.alpha, 0 <= self.alpha <= LARGEST, f"0 s/m or more, up to {LARGEST:g}"
+        )
         require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
 
     @property
@@ -55,7 +57,9 @@ class HuntCrossley:
         """F(x, v) in N, eq. (16); 0 where the bodies are apart, x <= 0."""
         depth = np.maximum(x, 0.0)
         return np.asarray(
-            self.stiffness * np.power(depth, self.exponent) * (1.0 + self.dissipation * np.asarray(v))
+            self.stiffness
+            * np.power(depth, self.exponent)
+            * (1.0 + self.dissipation * np.asarray(v))
         )
 
 
@@ -73,7 +77,12 @@ class KelvinVoigt:
 
     def __post_init__(self) -> None:
         positive("stiffness", self.stiffness, "N/m")
-        require("damping", self.damping, 0 <= self.damping <= LARGEST, f"0 N s/m or more, up to {LARGEST:g}")
+        require(
+            "damping",
+            self.damping,
+            0 <= self.damping <= LARGEST,
+            f"0 N s/m or more, up to {LARGEST:g}",
+        )
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N, eq. (4)."""

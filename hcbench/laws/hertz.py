@@ -50,7 +50,9 @@ class HertzContact:
     @property
     def K2(self) -> float:
         """K2 = 0.31 (6 E*²/π³)^(1/3) of eq. (6), Pa^(2/3): τ = K2 ((1/R1 + 1/R2)² F)^(1/3)."""
-        return SHEAR_OVER_PRESSURE * float((6.0 * self.contact_modulus**2 / math.pi**3) ** (1.0 / 3.0))
+        return SHEAR_OVER_PRESSURE * float(
+            (6.0 * self.contact_modulus**2 / math.pi**3) ** (1.0 / 3.0)
+        )
 
     @property
     def stiffness(self) -> float:
@@ -97,7 +99,10 @@ def relative_radius(radius_1: float, radius_2: float) -> float:
     """
     for slot, radius in (("radius 1", radius_1), ("radius 2", radius_2)):
         require(
-            slot, radius, not math.isnan(radius) and radius != 0.0, "m, not 0; negative: hollow, inf: flat"
+            slot,
+            radius,
+            not math.isnan(radius) and radius != 0.0,
+            "m, not 0; negative: hollow, inf: flat",
         )
     curvature = 1.0 / radius_1 + 1.0 / radius_2
     require(
@@ -110,9 +115,13 @@ def relative_radius(radius_1: float, radius_2: float) -> float:
     return 1.0 / curvature
 
 
-def spheres(radius_1: float, radius_2: float, material_1: Material, material_2: Material) -> HertzContact:
+def spheres(
+    radius_1: float, radius_2: float, material_1: Material, material_2: Material
+) -> HertzContact:
     """The contact of two bodies from their radii (m; negative: hollow, inf: flat) and materials."""
-    return HertzContact(relative_radius(radius_1, radius_2), contact_modulus(material_1, material_2))
+    return HertzContact(
+        relative_radius(radius_1, radius_2), contact_modulus(material_1, material_2)
+    )
 
 
 def from_stiffness(stiffness: float, radius: float) -> HertzContact:

@@ -102,9 +102,13 @@ class EllipticContact:
         """a >= b of the ellipse of contact."""
         big_e = float(ellipe(1.0 - self.axis_ratio**2))
         curvature = self.long_curvature + self.short_curvature
-        b = (3.0 * force * self.axis_ratio * big_e / (2.0 * math.pi * self.contact_modulus * curvature)) ** (
-            1.0 / 3.0
-        )
+        b = (
+            3.0
+            * force
+            * self.axis_ratio
+            * big_e
+            / (2.0 * math.pi * self.contact_modulus * curvature)
+        ) ** (1.0 / 3.0)
         return b / self.axis_ratio, b
 
     def pressure_max(self, force: float) -> float:
@@ -165,7 +169,9 @@ def axis_ratio(curvature_ratio: float) -> float:
     Hertz's B/A = (E/κ² - K) / (K - E) is R_D(0, 1, κ²) / R_D(0, κ², 1), which is
     1/1 for the circle and not 0/0.
     """
-    require("curvature_ratio", curvature_ratio, 0.0 < curvature_ratio <= 1.0, "A/B above 0 and up to 1")
+    require(
+        "curvature_ratio", curvature_ratio, 0.0 < curvature_ratio <= 1.0, "A/B above 0 and up to 1"
+    )
     target = -math.log(curvature_ratio)
     if target < 1e-8:
         # The next term of the series goes with the square.
@@ -180,7 +186,9 @@ def axis_ratio(curvature_ratio: float) -> float:
     return math.exp(brentq(miss, -target, 0.0, xtol=1e-16, rtol=1e-15))
 
 
-def axis_stresses(kappa: float, poisson_ratio: float, depth: Floats | float) -> tuple[Floats, Floats, Floats]:
+def axis_stresses(
+    kappa: float, poisson_ratio: float, depth: Floats | float
+) -> tuple[Floats, Floats, Floats]:
     """σ_x, σ_y, σ_z over p0 on the axis below the middle, at depths over b, same shape; tension >
     0.
 

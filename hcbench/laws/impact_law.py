@@ -146,6 +146,8 @@ def law(
     n = units.parse(exponent, "exponent", "exponent")
     if stiffness is None and n >= 1 and n != 1.5:
         raise UserError("stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    k = units.parse(PAPER_STIFFNESS if stiffness is None else stiffness, "stiffness", "stiffness", n)
+    k = units.parse(
+        PAPER_STIFFNESS if stiffness is None else stiffness, "stiffness", "stiffness", n
+    )
     force = HuntCrossley(k, units.parse(alpha, "alpha", "alpha"), n)
     return ImpactLaw(force, units.parse(mass, "mass", "mass", above=0))

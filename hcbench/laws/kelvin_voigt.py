@@ -56,7 +56,11 @@ def damping_ratio_for(e: float, ending: Ending) -> float:
     Raises UserError for another e: no damping, however large, gives e = 0.
     """
     within(
-        "restitution", e, np.nextafter(0.0, 1.0), 1.0, "0 < e <= 1; no damping, however large, gives e = 0"
+        "restitution",
+        e,
+        np.nextafter(0.0, 1.0),
+        1.0,
+        "0 < e <= 1; no damping, however large, gives e = 0",
     )
     loss = -float(np.log(e))
     if ending is Ending.SURFACE:
@@ -134,14 +138,18 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Kelvi
     )
 
 
-def state(law: KelvinVoigt, mass: float, speed: float, time: Floats | float) -> tuple[Floats, Floats]:
+def state(
+    law: KelvinVoigt, mass: float, speed: float, time: Floats | float
+) -> tuple[Floats, Floats]:
     """x (m) and v (m/s) at times since touch (s), as if the two never parted; shapes of `time`."""
     zeta = damping_ratio(law, mass)
     omega = np.sqrt(law.stiffness / mass)
     tau = omega * np.asarray(time, dtype=float)
     cosine, sine = _swing(zeta, tau)
     decay = np.exp(-zeta * tau)
-    return np.asarray(speed / omega * decay * sine), np.asarray(speed * decay * (cosine - zeta * sine))
+    return np.asarray(speed / omega * decay * sine), np.asarray(
+        speed * decay * (cosine - zeta * sine)
+    )
 
 
 def loop(law: KelvinVoigt, mass: float, speed: float, ending: Ending, count: int = 401) -> Loop:
@@ -153,7 +161,11 @@ def loop(law: KelvinVoigt, mass: float, speed: float, ending: Ending, count: int
     """
     end = bounce(law, mass, speed, ending).duration
     within(
-        "duration", end, 0.0, np.finfo(float).max, "a contact that ends: a damping ratio below 1 for x = 0"
+        "duration",
+        end,
+        0.0,
+        np.finfo(float).max,
+        "a contact that ends: a damping ratio below 1 for x = 0",
     )
     time = np.linspace(0.0, end, count)
     x, v = state(law, mass, speed, time)

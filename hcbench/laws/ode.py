@@ -181,5 +181,7 @@ def _largest(force: Callable[[float], float], tau: Floats, sampled: Floats) -> f
     top = int(sampled.argmax())
     low = tau[max(top - 1, 0)]
     high = tau[min(top + 1, len(tau) - 1)]
-    best = minimize_scalar(lambda t: -force(t), bounds=(low, high), method="bounded", options={"xatol": 1e-9})
+    best = minimize_scalar(
+        lambda t: -force(t), bounds=(low, high), method="bounded", options={"xatol": 1e-9}
+    )
     return max(float(sampled[top]), -float(best.fun))

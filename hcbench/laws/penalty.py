@@ -39,7 +39,12 @@ class AdamsImpact:
     def __post_init__(self) -> None:
         positive("stiffness", self.stiffness, "N/m^n")
         require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
-        require("damping", self.damping, 0 <= self.damping <= LARGEST, f"0 N s/m or more, up to {LARGEST:g}")
+        require(
+            "damping",
+            self.damping,
+            0 <= self.damping <= LARGEST,
+            f"0 N s/m or more, up to {LARGEST:g}",
+        )
         positive("depth", self.depth, "m")
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:

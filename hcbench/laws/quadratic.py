@@ -55,7 +55,11 @@ class QuadraticDamping:
     @property
     def factor(self) -> float:
         """λ2 = (3/8) α √(2 k m (n + 1)), N s²/m^((n+3)/2)."""
-        return 0.375 * self.alpha * float(np.sqrt(2.0 * self.stiffness * self.mass * (self.exponent + 1.0)))
+        return (
+            0.375
+            * self.alpha
+            * float(np.sqrt(2.0 * self.stiffness * self.mass * (self.exponent + 1.0)))
+        )
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N; x >= 0 in m, v in m/s."""
@@ -64,7 +68,9 @@ class QuadraticDamping:
         return np.asarray(self.stiffness * np.power(x, self.exponent) + damping)
 
 
-def restitution(alpha: Floats | float, speed: Floats | float, ending: Ending = Ending.SURFACE) -> Floats:
+def restitution(
+    alpha: Floats | float, speed: Floats | float, ending: Ending = Ending.SURFACE
+) -> Floats:
     """e of the q = 2 variant; alpha in s/m and speed in m/s broadcast. See
     `Ending` for the two readings.
     """

@@ -38,7 +38,9 @@ class ImpactSummary:
     warnings: tuple[str, ...]
 
 
-def summarize(law: HuntCrossley, mass: float, speed: float, relative_radius: float) -> ImpactSummary:
+def summarize(
+    law: HuntCrossley, mass: float, speed: float, relative_radius: float
+) -> ImpactSummary:
     """Everything about one impact: mass kg, speed v_i m/s, relative radius R m. Raises UserError."""
     force = float(closed_form.force_max(law, mass, speed))
     shear = None
@@ -77,7 +79,9 @@ def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str
             " surfaces may yield"
         )
     if shear is None:
-        warnings.append(f"no shear stress for exponent {law.exponent:g}: eq. (6) is for n = 1.5, spheres")
+        warnings.append(
+            f"no shear stress for exponent {law.exponent:g}: eq. (6) is for n = 1.5, spheres"
+        )
     if (share := law.alpha * speed) > ALPHA_SPEED_LIMIT * (1 + 1e-12):
         gap = float(closed_form.restitution(law.alpha, speed)) - (1.0 - share)
         warnings.append(
@@ -96,7 +100,9 @@ def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
     """IMPACT of "k, e, cmax, d", SI or with units, or one that was read. Raises UserError."""
     if isinstance(given, AdamsImpact):
         return given
-    k, e, c, d = _parts(given, slot, "IMPACT's k, e, cmax, d, such as '1e5 N/mm, 1, 10 N s/mm, 0.1 mm'", 4)
+    k, e, c, d = _parts(
+        given, slot, "IMPACT's k, e, cmax, d, such as '1e5 N/mm, 1, 10 N s/mm, 0.1 mm'", 4
+    )
     exponent = units.parse(e, "exponent", slot)
     stiffness = units.parse(k, "stiffness", slot, exponent=exponent)
     damping = units.parse(c, "damping", slot)

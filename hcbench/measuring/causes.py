@@ -103,7 +103,9 @@ def _gain(impacts: Sequence[Impact]) -> tuple[float, int]:
     spins, e that would change the energy as much.
     """
     parted = [i for i in impacts if i.status is Status.PARTED]
-    kept = [math.sqrt(max(0.0, 1.0 - i.energy_lost)) for i in parted if not math.isnan(i.energy_lost)]
+    kept = [
+        math.sqrt(max(0.0, 1.0 - i.energy_lost)) for i in parted if not math.isnan(i.energy_lost)
+    ]
     return max(kept, default=0.0), min((i.samples for i in parted), default=0)
 
 

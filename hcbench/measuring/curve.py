@@ -285,7 +285,9 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
         if impact.samples < STEPS_WITHOUT_CHANCE:
             new[place] = wanted[place][1:]
     while new:
-        impacts = iter(simulate.impacts_in(model, list(itertools.chain.from_iterable(new.values()))))
+        impacts = iter(
+            simulate.impacts_in(model, list(itertools.chain.from_iterable(new.values())))
+        )
         tried = new
         new = {}
         for place, launches in tried.items():

@@ -47,7 +47,9 @@ _GRADES = 4
 _FLAT = 0.1
 
 
-def goal_of(asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None) -> Goal:
+def goal_of(
+    asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None
+) -> Goal:
     """e that a bounce at an approach speed (m/s) should have: what is wanted, or else what the
     model asks for at `speeds`; NaN without a target.
     """

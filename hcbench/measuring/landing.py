@@ -117,7 +117,9 @@ def make_drops(
         raise QuantityError("heights", f"{max(high):g} m", f"up to {_HIGHEST:g} m")
     tilts = tuple(units.parse_values(tilt, "angle", "tilt").tolist())
     if not isinstance(controller, str) and not callable(controller):
-        raise UserError("controller", f"{controller!r:.60}", "pd, ctrl, file.py:function, or a function")
+        raise UserError(
+            "controller", f"{controller!r:.60}", "pd, ctrl, file.py:function, or a function"
+        )
     return DropPlan(high, tilts, controller)
 
 
@@ -132,7 +134,9 @@ def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
 def _landed(drops: DropPlan, job: Job) -> Landings:
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, LandsRobots):
-        raise UserError("engine", engine.title, "an engine in which hcbench drops robots", "Give MJCF")
+        raise UserError(
+            "engine", engine.title, "an engine in which hcbench drops robots", "Give MJCF"
+        )
     if isinstance(drops.controller, str) and is_python(drops.controller):
         drops = dataclasses.replace(drops, controller=python_function(drops.controller))
     landings = engine.land(source, job.request, drops, rebuild)
@@ -159,7 +163,9 @@ def unresolved(landings: Landings) -> list[str]:
         steps = _steps(worst, h)
         evidence = f"e up to {worst.restitution:.4g} with {steps:.0f} steps in contact"
         fix = f"a step of {h * min(0.05, steps / 200):.1g} s"
-        found.append(f"The contact adds energy: the step does not resolve it: {evidence}. Use {fix}.")
+        found.append(
+            f"The contact adds energy: the step does not resolve it: {evidence}. Use {fix}."
+        )
     return found
 
 
@@ -170,7 +176,9 @@ def _few_steps(landings: Landings) -> list[str]:
     if unresolved(landings) or fewest > STEPS_BY_CHANCE:
         return []
     words = "Too few steps in contact: e depends on where in a step the contact starts, by chance"
-    evidence = f"{fewest:.0f} steps in contact at {time_step(h)} s; {_ENOUGH_STEPS} or more are needed"
+    evidence = (
+        f"{fewest:.0f} steps in contact at {time_step(h)} s; {_ENOUGH_STEPS} or more are needed"
+    )
     return [f"{words}: {evidence}. Use a step of {h * fewest / 60:.1g} s."]
 
 
@@ -181,7 +189,9 @@ def _steps(drop: Landing, timestep: float) -> float:
 
 def as_record(landings: Landings) -> dict[str, Any]:
     """The landings as `--json` prints them."""
-    about = {f.name: getattr(landings, f.name) for f in dataclasses.fields(landings) if f.name != "drops"}
+    about = {
+        f.name: getattr(landings, f.name) for f in dataclasses.fields(landings) if f.name != "drops"
+    }
     drops = [_drop_record(drop) for drop in landings.drops]
     return {"schema": 1, "kind": "hcbench landing", **about, "window_s": WINDOW_S, "drops": drops}
 

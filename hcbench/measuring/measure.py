@@ -162,7 +162,9 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
     longest = limit or math.inf
     limit = limit or max(LIMIT_S, getattr(engine, "limit", 0.0))
     try:
-        job = dataclasses.replace(job, source=source, engine=name, beyond_bounds=admits_beyond_bounds())
+        job = dataclasses.replace(
+            job, source=source, engine=name, beyond_bounds=admits_beyond_bounds()
+        )
         answer: Answer = call(_in_worker, work, job, limit=limit, longest=longest, at=where)
         return answer
     except WorkerDied as death:
@@ -198,7 +200,11 @@ def _as_files(model: Any) -> str | tuple[str, ...] | None:
         model = model[0]
     if isinstance(model, str | Path):
         return str(model)
-    if isinstance(model, list | tuple) and model and all(isinstance(part, str | Path) for part in model):
+    if (
+        isinstance(model, list | tuple)
+        and model
+        and all(isinstance(part, str | Path) for part in model)
+    ):
         return tuple(str(part) for part in model)
     return None
 
@@ -290,7 +296,9 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
             opener = registry.engine(name)
             if _opens(opener):
                 return opener
-        raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in _openers())}")
+        raise UserError(
+            "engine", repr(name), f"one of: {', '.join(engine.name for engine in _openers())}"
+        )
     # Only engines that open such a model are asked for their version, which takes time.
     for each in registry.names():
         adapter = registry.adapter(each)

@@ -66,7 +66,9 @@ def Wanted(
         value, uncertainty = units.parse_uncertain(alpha, "alpha", "alpha")
         return Restitution(value, reading, uncertainty)
     if restitution is not None:
-        return ConstantRestitution(units.parse(restitution, "restitution", "restitution", least=0.0))
+        return ConstantRestitution(
+            units.parse(restitution, "restitution", "restitution", least=0.0)
+        )
     return MeasuredRestitution(read_points(points))
 
 
@@ -157,7 +159,9 @@ class Measurement(Drawn):
         if not touched or self.measured:
             return ""
         causes = "".join(f" {cause.title}" for cause in self.causes[:1])
-        return f"every launch of {' on '.join(self.facts.pair)} failed: {touched[0].reason}.{causes}"
+        return (
+            f"every launch of {' on '.join(self.facts.pair)} failed: {touched[0].reason}.{causes}"
+        )
 
     @property
     def measured(self) -> list[Impact]:
@@ -176,7 +180,11 @@ class Measurement(Drawn):
         """
         loops: dict[float, Impact] = {}
         for impact in self.impacts:
-            if impact.status is Status.PARTED and impact.loop is not None and impact.samples >= STEPS_TO_SHOW:
+            if (
+                impact.status is Status.PARTED
+                and impact.loop is not None
+                and impact.samples >= STEPS_TO_SHOW
+            ):
                 loops.setdefault(impact.launch.speed, impact)
         return list(loops.values())
 
@@ -234,7 +242,9 @@ class Measurement(Drawn):
             return None
         unit = HuntCrossley(1.0, alpha)
         mass = self.effective_mass
-        resolved = [i for i in self.measured if i.samples >= STEPS_TO_COMPARE and i.penetration_max > 0]
+        resolved = [
+            i for i in self.measured if i.samples >= STEPS_TO_COMPARE and i.penetration_max > 0
+        ]
         if not resolved or not math.isfinite(mass):
             return unit
         hardest = max(resolved, key=lambda i: i.speed_in)

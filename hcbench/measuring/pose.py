@@ -71,7 +71,9 @@ def _numbers(name: Any, values: Any) -> tuple[float, ...]:
     except (TypeError, ValueError):
         numbers = ()
     if not numbers or not all(map(math.isfinite, numbers)):
-        raise QuantityError("qpos", f"{name}: {str(values)[:60]!r}", "numbers, such as '0.3' or '-30 deg'")
+        raise QuantityError(
+            "qpos", f"{name}: {str(values)[:60]!r}", "numbers, such as '0.3' or '-30 deg'"
+        )
     return numbers
 
 
@@ -106,7 +108,9 @@ def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError(slot, f"{file}: {error}", f"a .npz or JSON file with {what}") from None
     if not isinstance(content, Mapping) or not content:
-        raise UserError(slot, f"{file} has no names in it", 'JSON like {"hip": 0.3}, or {"qpos": [...]}')
+        raise UserError(
+            slot, f"{file} has no names in it", 'JSON like {"hip": 0.3}, or {"qpos": [...]}'
+        )
     return content
 
 
@@ -132,5 +136,7 @@ def read_direction(text: Any) -> Vector:
     except (TypeError, ValueError):
         length = 0.0
     if not (math.isfinite(length) and length > 0):
-        raise QuantityError("from", repr(text), f"one of {', '.join(_DIRECTIONS)}, or three numbers: 0,1,1")
+        raise QuantityError(
+            "from", repr(text), f"one of {', '.join(_DIRECTIONS)}, or three numbers: 0,1,1"
+        )
     return x / length, y / length, z / length

@@ -32,7 +32,9 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
     """
     given: dict[str, Any] = {name: value for name, value in launch.items() if value is not None}
     if "along" in given and "angle" not in given and "spin" not in given:
-        raise QuantityError("along", f"{launch['along']!r}, and nothing oblique", "an angle or a spin too")
+        raise QuantityError(
+            "along", f"{launch['along']!r}, and nothing oblique", "an angle or a spin too"
+        )
     if "height" in given and "angle" in given:
         advice = "An angle holds at the first contact, a height at release; spin can be given with a height"
         raise UserError("angle", "given with height", "one of the two", advice)
@@ -53,7 +55,9 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
     )
 
 
-def _each_once(quantity: str, name: str, kind: str, **bounds: float) -> Callable[[Any], tuple[float, ...]]:
+def _each_once(
+    quantity: str, name: str, kind: str, **bounds: float
+) -> Callable[[Any], tuple[float, ...]]:
     """Reads several quantities, each given once."""
 
     def read(given: Any) -> tuple[float, ...]:
@@ -79,7 +83,10 @@ def read_pair(pair: BodyPair | None) -> tuple[str, str] | None:
     names = [_body_name(part) for part in _pair_parts(pair)]
     if len(names) != 2 or not all(names):
         raise UserError(
-            "pair", repr(pair), "two names, first the one that moves", "Write for example --pair ball,plate"
+            "pair",
+            repr(pair),
+            "two names, first the one that moves",
+            "Write for example --pair ball,plate",
         )
     return names[0], names[1]
 

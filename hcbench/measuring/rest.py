@@ -84,7 +84,9 @@ def rest_causes(
     """
     if limits is None:
         return ()
-    excess = {name: value for name, (value, _) in limits.beyond(rest).items() if math.isfinite(value)}
+    excess = {
+        name: value for name, (value, _) in limits.beyond(rest).items() if math.isfinite(value)
+    }
     if not excess:
         return ()
     causes: dict[str, tuple[float, Cause]] = {}

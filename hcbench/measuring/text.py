@@ -209,7 +209,9 @@ def _shares_note(measurement: Measurement) -> list[str]:
     where it was not the contact alone.
     """
     shares = measurement.facts.shares
-    notable = [f"{share:+.2g} by {name}" for name, share in shares.items() if abs(share) >= _NOTABLE_SHARE]
+    notable = [
+        f"{share:+.2g} by {name}" for name, share in shares.items() if abs(share) >= _NOTABLE_SHARE
+    ]
     if not measurement.facts.more_than_contact >= _NOTABLE_SHARE:
         return []
     return [f"While in contact the approach changed by, in speeds at touch: {', '.join(notable)}."]

@@ -73,7 +73,9 @@ def _arrays(trajectory: Any) -> dict[str, Floats]:
             if name in trajectory
         }
     except (TypeError, ValueError):
-        raise UserError("trajectory", "no numbers in it", "arrays qpos and qvel, a row a state") from None
+        raise UserError(
+            "trajectory", "no numbers in it", "arrays qpos and qvel, a row a state"
+        ) from None
 
 
 def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
@@ -87,7 +89,9 @@ def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
 
 def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
     """The touchdowns as `--json` prints them."""
-    about = {f.name: getattr(motion, f.name) for f in dataclasses.fields(motion) if f.name != "feet"}
+    about = {
+        f.name: getattr(motion, f.name) for f in dataclasses.fields(motion) if f.name != "feet"
+    }
     feet = [
         {
             "part": foot.part,

@@ -19,7 +19,11 @@ from hcbench.terms.impact import Floats
 
 
 def speed_at(
-    stiffness: float, mass: float, exponent: float, depth: Floats | float, penetration: Floats | float
+    stiffness: float,
+    mass: float,
+    exponent: float,
+    depth: Floats | float,
+    penetration: Floats | float,
 ) -> Floats:
     """|v| of eq. (10) at `penetration` (m) of an impact that turns at `depth` (m); they broadcast.
 
@@ -35,7 +39,9 @@ def inward_share(u: Floats | float) -> Floats:
     d = 1.5 * within("u", u, 0.0, np.inf, "α v_i of 0 or more")
     s = one_minus_restitution(d)
     # 1 - G = 2 d (1/3 - d/4 + d²/5 ...): by its series where the difference would lose digits.
-    terms = np.polynomial.polynomial.polyval(-np.minimum(d, 0.05), [2.0 / (i + 3) for i in range(13)])
+    terms = np.polynomial.polynomial.polyval(
+        -np.minimum(d, 0.05), [2.0 / (i + 3) for i in range(13)]
+    )
     area = s * (2.0 - s)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(d < 0.05, d * terms, 1.0 - g_ratio(d)) / area

@@ -49,7 +49,11 @@ def drawings(effort: Effort) -> list[Drawing]:
 
 
 def build(
-    folder: Path, *, quick: bool = False, jobs: int = 1, tick: Callable[[int, int], None] | None = None
+    folder: Path,
+    *,
+    quick: bool = False,
+    jobs: int = 1,
+    tick: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write the page and its figures (SVG, PNG) into `folder` and return
     the page. All of it, or nothing.
@@ -79,7 +83,9 @@ def engines_drawn_in(folder: Path) -> set[str]:
     """Engines whose motion the page in a folder shows; empty without a page."""
     with suppress(OSError, ValueError):
         text = read_text(folder / PAGE)
-        return {name for name in engines_with_two_blocks() if f"{engine_title(name)} plug-in" in text}
+        return {
+            name for name in engines_with_two_blocks() if f"{engine_title(name)} plug-in" in text
+        }
     return set()
 
 
@@ -97,5 +103,7 @@ def _page(figures: dict[str, dict[str, Any]]) -> str:
         asked=ASKED,
         laws=LAWS,
         engine_titles=listed([engine_title(name) for name in engines]),
-        engine_notes=" ".join(registry.submodule(name, "scene.two_blocks").NOTE for name in engines),
+        engine_notes=" ".join(
+            registry.submodule(name, "scene.two_blocks").NOTE for name in engines
+        ),
     )

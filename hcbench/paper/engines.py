@@ -50,7 +50,11 @@ class EngineTrajectory:
 
 def engines_with_two_blocks() -> list[str]:
     """Names of the engines that can simulate the scene, whether they are installed or not."""
-    return [name for name in registry.names() if registry.submodule(name, "scene.two_blocks") is not None]
+    return [
+        name
+        for name in registry.names()
+        if registry.submodule(name, "scene.two_blocks") is not None
+    ]
 
 
 def simulate_in_engine(
@@ -89,7 +93,9 @@ def simulate_in_engine(
     start = velocity - 0.5 * timestep * float(forces[0]) / system.mass
     blocks = TwoBlocks(system.mass, system.gap, law, timestep, tuned_at)
     where = interpreter_of(engine)
-    positions, velocities = call(_simulate, name, blocks, position, start, forces, limit=LIMIT, at=where)
+    positions, velocities = call(
+        _simulate, name, blocks, position, start, forces, limit=LIMIT, at=where
+    )
     return EngineTrajectory(
         time=np.asarray(np.arange(count) * timestep, dtype=np.float64),
         position=positions[:-1],
@@ -103,5 +109,7 @@ def _simulate(
 ) -> tuple[Floats, Floats]:
     """Simulate the two blocks, in the worker process."""
     states: tuple[Floats, Floats]
-    states = registry.submodule(name, "scene.two_blocks").simulate(blocks, position, velocity, forces)
+    states = registry.submodule(name, "scene.two_blocks").simulate(
+        blocks, position, velocity, forces
+    )
     return states

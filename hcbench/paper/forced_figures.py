@@ -124,12 +124,19 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     clear = simulate(LOOSE, 0.0, START, CLEAR_FOR, CLEAR, step_max=4e-5)
     squeezed = simulate(SQUEEZED, 0.0, 0.0, end, HARD, step_max=0.01 * period)
     last_cycle = squeezed.during(end - period, end)
-    broad: dict[str, Any] = {"color": GREY, "linewidth": 4.5, "alpha": 0.55, "label": "reference, eq. (16)"}
+    broad: dict[str, Any] = {
+        "color": GREY,
+        "linewidth": 4.5,
+        "alpha": 0.55,
+        "label": "reference, eq. (16)",
+    }
     handles = left.plot(clear.time * 1e3, clear.position * 1e3, **broad)
     right.plot(last_cycle.position * 1e6, last_cycle.resultant, **broad)
     distances = []
     engines = engines_with_two_blocks()
-    for i, (tuned_at, name) in zip(cycle(_OVERLAID), product((None, STAND_IN_SPEED), engines), strict=False):
+    for i, (tuned_at, name) in zip(
+        cycle(_OVERLAID), product((None, STAND_IN_SPEED), engines), strict=False
+    ):
         with suppress(EngineMissing):
             in_gap, pressed = _in_engine(name, tuned_at, effort)
             line: dict[str, Any] = {**numbered_line(i), "linewidth": 1.2}
@@ -190,5 +197,8 @@ def _draw_dots(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
     nowhere = np.full_like(x, np.nan)
     # Half length of a dot: Matplotlib draws no line of length 0.
     tiny = 5e-4 * float(np.ptp(x))
-    ends = np.stack([x - tiny, x + tiny, nowhere], axis=1).ravel(), np.stack([y, y, nowhere], axis=1).ravel()
+    ends = (
+        np.stack([x - tiny, x + tiny, nowhere], axis=1).ravel(),
+        np.stack([y, y, nowhere], axis=1).ravel(),
+    )
     axes.plot(*ends, color=colour, linewidth=1.5, solid_capstyle="round")

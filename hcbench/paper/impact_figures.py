@@ -39,7 +39,9 @@ def name_axes(axes: Axes, x: str, y: str, ticks: bool = False) -> None:
 def _mark_point(axes: Axes, letter: str, x: float, y: float, dx: float, dy: float) -> None:
     """A letter beside a point; dx, dy in points."""
     axes.plot([x], [y], marker="o", markersize=3.0, color=INK, linestyle="none", clip_on=False)
-    axes.annotate(letter, (x, y), (dx, dy), textcoords="offset points", fontsize=9.5, annotation_clip=False)
+    axes.annotate(
+        letter, (x, y), (dx, dy), textcoords="offset points", fontsize=9.5, annotation_clip=False
+    )
 
 
 def _mark_depth(axes: Axes, x: float) -> None:
@@ -76,11 +78,18 @@ def figure_1() -> tuple[Figure, str]:
     ):  # fmt: skip
         _mark_point(left, letter, x, y, dx, dy)
     left.annotate(
-        "shock c vᵢ", (0.0, shock), (0.02, 2.1 * shock), arrowprops={"arrowstyle": "->", "color": INK}
+        "shock c vᵢ",
+        (0.0, shock),
+        (0.02, 2.1 * shock),
+        arrowprops={"arrowstyle": "->", "color": INK},
     )
     low = (a.penetration[pull].mean(), 0.6 * a.force.min())
     left.annotate(
-        "pulls", low, (0.5, 1.1 * a.force.min()), color=RED, arrowprops={"arrowstyle": "->", "color": RED}
+        "pulls",
+        low,
+        (0.5, 1.1 * a.force.min()),
+        color=RED,
+        arrowprops={"arrowstyle": "->", "color": RED},
     )
     left.set_title("(a) Kelvin-Voigt, eq. (4)")
     elastic = np.linspace(0.0, b.penetration.max(), 60)
@@ -93,7 +102,10 @@ def figure_1() -> tuple[Figure, str]:
         _mark_depth(axes, depth)
         name_axes(axes, "approach x", "force F")
     early = float(kv.restitution(kv.damping_ratio(linear, mass), kv.Ending.FORCE))
-    return figure, f" Contact that ends at C, where F = 0, makes the restitution of (a) {early:.3f}."
+    return (
+        figure,
+        f" Contact that ends at C, where F = 0, makes the restitution of (a) {early:.3f}.",
+    )
 
 
 def figure_2() -> Figure:
@@ -109,7 +121,9 @@ def figure_2() -> Figure:
     speed = axes.twinx()
     for spine in speed.spines.values():
         spine.set_visible(False)
-    speed.plot(x, approximations.speed_at(1.25, 1.0, 1.5, 1.0, x), color=ORANGE, linestyle=(0, (5, 2)))
+    speed.plot(
+        x, approximations.speed_at(1.25, 1.0, 1.5, 1.0, x), color=ORANGE, linestyle=(0, (5, 2))
+    )
     speed.set_yticks([])
     speed.set_ylim(0.0, 1.25)
     axes.set_ylim(0.0, 1.25)
@@ -129,10 +143,20 @@ def figure_3() -> Figure:
     axes: Axes = figure.subplots()
     inward = loop.rate >= 0.0
     axes.fill_between(
-        loop.penetration[inward], loop.force[inward], middle[inward], color=ORANGE, alpha=0.28, linewidth=0
+        loop.penetration[inward],
+        loop.force[inward],
+        middle[inward],
+        color=ORANGE,
+        alpha=0.28,
+        linewidth=0,
     )
     axes.fill_between(
-        loop.penetration[~inward], middle[~inward], loop.force[~inward], color=GREEN, alpha=0.28, linewidth=0
+        loop.penetration[~inward],
+        middle[~inward],
+        loop.force[~inward],
+        color=GREEN,
+        alpha=0.28,
+        linewidth=0,
     )
     axes.plot(loop.penetration, loop.force, color=BLUE)
     elastic = np.linspace(0.0, depth, 100)
@@ -167,7 +191,9 @@ def figure_4() -> Figure:
             loop = closed_form.loop(constants.law(alpha), constants.MASS, speed)
             x = loop.penetration / INCH * 1e3
             force = loop.force / POUND_FORCE
-            handles += axes.plot(x, force, color=colour, linewidth=1.4, label=f"{speed / INCH:.0f} in/s")
+            handles += axes.plot(
+                x, force, color=colour, linewidth=1.4, label=f"{speed / INCH:.0f} in/s"
+            )
         axes.axhline(limit, color=RED, linewidth=0.9, linestyle=(0, (4, 2)))
         axes.set_title(f"α = {alpha * INCH:.3f} s/in")
         axes.set_xlim(0.0, 1.06)

@@ -63,12 +63,21 @@ def quadratic_figure() -> Figure:
     left, right = figure.subplots(1, 2)
     u = np.linspace(0.0, 1.5, 300)
     handles = left.plot(
-        u, closed_form.restitution(1.0, u), color=GREY, linewidth=4.0, alpha=0.6, label="(16), q = 1"
+        u,
+        closed_form.restitution(1.0, u),
+        color=GREY,
+        linewidth=4.0,
+        alpha=0.6,
+        label="(16), q = 1",
     )
     handles += left.plot(u, quadratic.restitution(1.0, u), color=BLUE, label="q = 2, until x = 0")
     force_reading = quadratic.restitution(1.0, u, Ending.FORCE)
-    handles += left.plot(u, force_reading, color=ORANGE, linestyle=DASHES[1], label="q = 2, until F = 0")
-    handles += left.plot(u, np.maximum(1.0 - u, 0.0), color=GREEN, linestyle=DASHES[4], label="(2), 1 − α vᵢ")
+    handles += left.plot(
+        u, force_reading, color=ORANGE, linestyle=DASHES[1], label="q = 2, until F = 0"
+    )
+    handles += left.plot(
+        u, np.maximum(1.0 - u, 0.0), color=GREEN, linestyle=DASHES[4], label="(2), 1 − α vᵢ"
+    )
     left.set_xlabel("α vᵢ")
     left.set_ylabel("restitution e")
     left.set_ylim(0.0, 1.0)

@@ -67,7 +67,13 @@ def _first_sections() -> Iterator[Printed]:
     yield Printed("1.1", "impact speeds meant, 20 in/s", "50", 20 * INCH * 100, "cm/s", 2)
     yield Printed("1.2", "smallest α, 0.002 s/in", "0.08", 0.002 / INCH, "s/m", 1)
     yield Printed(
-        "1.2", "largest α, 0.008 s/in", "0.32", 0.008 / INCH, "s/m", 2, "four times the rounded 0.08"
+        "1.2",
+        "largest α, 0.008 s/in",
+        "0.32",
+        0.008 / INCH,
+        "s/m",
+        2,
+        "four times the rounded 0.08",
     )
     yield Printed("1.9", "E of steel, 30·10⁶ lb/in²", "2.068e11", 30e6 * PSI, "N/m²", 4)
 
@@ -77,7 +83,9 @@ def _constants() -> Iterator[Printed]:
     k1 = pair.K1 / PSI
     metric = pair.K1 * 1e-4
     slip = 2.19e7 * POUND_FORCE / 25.4
-    yield Printed("(5)", "K1 = (4/3) E/(2(1 - ν²))", "2.19e7", k1, "lb/in²", 3, "cut off, not rounded")
+    yield Printed(
+        "(5)", "K1 = (4/3) E/(2(1 - ν²))", "2.19e7", k1, "lb/in²", 3, "cut off, not rounded"
+    )
     yield Printed(
         "(5)", "K1 in metric units", "3.83e6", metric, "N/cm²", 3,
         f"printed with 25.4 where 2.54² = 6.45 belongs: 2.19·10⁷ · 4.448/25.4 = {four_digits(slip)}",
@@ -86,7 +94,13 @@ def _constants() -> Iterator[Printed]:
     k2_metric = pair.K2 * 1e4 ** (1 / 3)
     yield Printed("(6)", "K2 = 0.31 (6 E*²/π³)^(1/3)", "1.16e4", k2, "(lb/in²)^(2/3)", 3)
     yield Printed(
-        "(6)", "K2 in metric units (R in cm, τ in N/m²)", "9.02e7", k2_metric, "mixed", 3, "does not convert"
+        "(6)",
+        "K2 in metric units (R in cm, τ in N/m²)",
+        "9.02e7",
+        k2_metric,
+        "mixed",
+        3,
+        "does not convert",
     )
 
 
@@ -116,15 +130,27 @@ def _case() -> Iterator[Printed]:
     yield Printed("3.1", "impact speed, 16 in/s", "40", 16 * INCH * 100, "cm/s", 2)
     law = constants.law(constants.ALPHAS[2])
     used = hertz.from_stiffness(law.stiffness, 2 * INCH)
-    over = used.shear_max(float(closed_form.force_max(law, constants.MASS, 16 * INCH))) / hertz.SHEAR_LIMIT
+    over = (
+        used.shear_max(float(closed_form.force_max(law, constants.MASS, 16 * INCH)))
+        / hertz.SHEAR_LIMIT
+    )
     note = (
-        f'of the limit at 16 in/s, α = 0.008 s/in: {100 * (over - 1):.1f} %; "not more than about 15 percent"'
+        f"of the limit at 16 in/s, α = 0.008 s/in: {100 * (over - 1):.1f} %; "
+        '"not more than about 15 percent"'
     )
     yield Printed("3.1", "stress", "1.15", over, "of its limit", 2, note)
     yield Printed(
-        "3.2", "largest α drawn, 0.016 s/in", "0.64", 0.016 / INCH, "s/m", 2, "twice the rounded 0.32"
+        "3.2",
+        "largest α drawn, 0.016 s/in",
+        "0.64",
+        0.016 / INCH,
+        "s/m",
+        2,
+        "twice the rounded 0.32",
     )
-    yield Printed("3.2", "λ/(α k), eq. (15)", "1.5", _factor(), "", 2, "from the law at speeds near 0")
+    yield Printed(
+        "3.2", "λ/(α k), eq. (15)", "1.5", _factor(), "", 2, "from the law at speeds near 0"
+    )
 
 
 # Exponents n and masses, kg, at which the factor is read off.

@@ -57,7 +57,9 @@ def body() -> Body:
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> MeasuredBounces:
     """Bounces of parts of the data. UserError where the folder has not the archive."""
     if folder is None:
-        raise UserError("--data", "not given", "the folder of cogsys-tuebingen/spindoe", "It has no licence")
+        raise UserError(
+            "--data", "not given", "the folder of cogsys-tuebingen/spindoe", "It has no licence"
+        )
     bounces = read(folder / FILE)
     return bounces.of(np.isin(np.arange(len(bounces)) % PARTS, parts))
 
@@ -91,7 +93,9 @@ def read(path: Path) -> MeasuredBounces:
     count = int(good.sum())
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     unknown = np.full((count, 3), np.nan)
-    return MeasuredBounces(numbers[good], attitude, before[good], spin_before[good], after[good], unknown)
+    return MeasuredBounces(
+        numbers[good], attitude, before[good], spin_before[good], after[good], unknown
+    )
 
 
 def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:

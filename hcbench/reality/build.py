@@ -39,7 +39,9 @@ def build(results: RealityResults, folder: Path) -> Path:
     UserError where it holds a study of more data sets.
     """
     if lost := scores.sets_in(folder) - set(results.request.sets):
-        raise UserError("--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder")
+        raise UserError(
+            "--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder"
+        )
     with atomic_folder(folder, PAGE) as scratch:
         write_text(scratch / PAGE, page_text(results))
         write_text(scratch / scores.FILE, scores.csv_text(results.scores))

@@ -72,7 +72,9 @@ def _cases(data: str, parts: tuple[int, ...], folder: Path | None, variant: str)
 
 def outcome_of(cell: Cell) -> SettingErrors:
     """Errors of a cell's setting, computed in a worker process."""
-    outcome: SettingErrors = SETS[cell.data].outcome(cell.module, cell.contact, cell.values, cell.cases)
+    outcome: SettingErrors = SETS[cell.data].outcome(
+        cell.module, cell.contact, cell.values, cell.cases
+    )
     return outcome
 
 
@@ -81,7 +83,9 @@ def require_sets(names: str) -> list[str]:
     chosen = list(dict.fromkeys(name.strip() for name in names.split(",")))
     for name in chosen:
         if name not in SETS:
-            raise UserError("--sets", repr(name), f"some of {', '.join(SETS)}, with commas between them")
+            raise UserError(
+                "--sets", repr(name), f"some of {', '.join(SETS)}, with commas between them"
+            )
     return chosen
 
 
@@ -107,7 +111,10 @@ def parts_of(data: str, part: int | None) -> tuple[int, ...]:
 
 
 def run_each(
-    pool: WorkerPool, function: Callable[[Job], Result], cells: Sequence[Job], tick: Tick | None = None
+    pool: WorkerPool,
+    function: Callable[[Job], Result],
+    cells: Sequence[Job],
+    tick: Tick | None = None,
 ) -> list[Result]:
     """The results of cells, in order, each where its engine is."""
 

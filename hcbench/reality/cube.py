@@ -86,11 +86,15 @@ def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:
         return
     files = {int(p.stem): p for p in (folder / FOLDER).glob("*.pt") if p.stem.isdigit()}
     if not files:
-        raise UserError("--data", f"{folder} has no {FOLDER}/N.pt", "the folder of DAIRLab/contact-nets")
+        raise UserError(
+            "--data", f"{folder} has no {FOLDER}/N.pt", "the folder of DAIRLab/contact-nets"
+        )
     for number, path in sorted(files.items()):
         tensor = read_tensor(path)
         if tensor.ndim != 3 or tensor.shape[0] != 1 or tensor.shape[2] < 7:
-            raise UserError("--data", f"{path}: shape {tensor.shape}", "a tensor of shape (1, n, 19)")
+            raise UserError(
+                "--data", f"{path}: shape {tensor.shape}", "a tensor of shape (1, n, 19)"
+            )
         yield number, tensor[0, :, :7]
 
 
@@ -101,7 +105,11 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     variant: what of the data is left as published.
     """
     corrections = VARIANTS[variant]
-    read = (as_motion(number, rows, corrections) for number, rows in poses(folder) if number % PARTS in parts)
+    read = (
+        as_motion(number, rows, corrections)
+        for number, rows in poses(folder)
+        if number % PARTS in parts
+    )
     return Tosses(body(corrections), [each for each in read if each.flight >= LEAST_FLIGHT])
 
 

@@ -73,7 +73,9 @@ def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
     return Slope(name, len(e), float(np.median(e)), slope, float(low), float(high), constant)
 
 
-def cube_slopes(impacts: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]) -> list[Slope]:
+def cube_slopes(
+    impacts: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]
+) -> list[Slope]:
     """Slopes of e of the cube's tosses and of their twins."""
     of_twins = {}
     for law, each in twins.items():
@@ -91,7 +93,9 @@ def ellipse_slope(impacts: Any) -> Slope:
     out = np.einsum("ij,ij->i", impacts.normal, impacts.after)
     e = out / speed
     alone = -float(np.median(e)) / float(speed.mean()) * ELLIPSE_NOISE**2 / float(speed.var())
-    return slope_of("ellipse", speed, e, f"{alone:.3f}, by noise of {ELLIPSE_NOISE} m/s in the speed before")
+    return slope_of(
+        "ellipse", speed, e, f"{alone:.3f}, by noise of {ELLIPSE_NOISE} m/s in the speed before"
+    )
 
 
 def ball_slope(bounces: Any) -> Slope:

@@ -99,7 +99,9 @@ def impacts(read: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]
             inside = twin_e[(twin_speed >= low) & (twin_speed <= high)]
             if len(inside) > 2:
                 middle.append(0.5 * (high + low))
-                quartiles.append([np.quantile(inside, 0.25), np.median(inside), np.quantile(inside, 0.75)])
+                quartiles.append(
+                    [np.quantile(inside, 0.25), np.median(inside), np.quantile(inside, 0.75)]
+                )
         lower, median, upper = np.array(quartiles).reshape(-1, 3).T
         draw_band(axes, np.array(middle), lower, upper, colour)
         axes.plot(middle, median, color=colour, label=f"synthetic, {law}")

@@ -33,7 +33,9 @@ RIGID = "rigid law"
 def of_friction(cell: Cell) -> SettingErrors:
     """Best e of each toss at the friction of the cell, of every third toss; in a worker process."""
     tosses = replace(cell.cases, motions=cell.cases.motions[::EVERY])
-    return best([tosses.outcome(cell.module, cell.contact, (e, *cell.values)) for e in RESTITUTIONS])
+    return best(
+        [tosses.outcome(cell.module, cell.contact, (e, *cell.values)) for e in RESTITUTIONS]
+    )
 
 
 def best(outcomes: list[SettingErrors]) -> SettingErrors:
@@ -56,7 +58,9 @@ def of_noise(cell: Cell) -> SettingErrors:
     exact = tosses.simulated(cell.module, cell.contact, cell.values)
     noise = np.random.default_rng(0)
     shaken = replace(tosses, motions=[_shaken(each, noise) for each in tosses.motions])
-    return tosses.as_simulated(exact).judged(shaken.simulated(cell.module, cell.contact, cell.values))
+    return tosses.as_simulated(exact).judged(
+        shaken.simulated(cell.module, cell.contact, cell.values)
+    )
 
 
 def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
@@ -72,7 +76,9 @@ def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
     place = start.position + noise.normal(0.0, POSITION_NOISE * at_end, 3)
     velocity = start.velocity + noise.normal(0.0, POSITION_NOISE * slope, 3)
     spin = start.spin + noise.normal(0.0, ROTATION_NOISE * slope, 3)
-    turn = Rotation.from_rotvec(noise.normal(0.0, ROTATION_NOISE * at_end, 3)) * rotation(start.quaternion)
+    turn = Rotation.from_rotvec(noise.normal(0.0, ROTATION_NOISE * at_end, 3)) * rotation(
+        start.quaternion
+    )
     return replace(motion, start=Toss(place, quaternions(turn), velocity, spin, start.steps))
 
 

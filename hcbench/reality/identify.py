@@ -50,7 +50,10 @@ def values_of(parameters: Parameters, data: str, cell: Cell) -> tuple[float, ...
 
 
 def identify(
-    pool: WorkerPool, sets: Iterable[str], folders: Mapping[str, Path | None], tick: Tick | None = None
+    pool: WorkerPool,
+    sets: Iterable[str],
+    folders: Mapping[str, Path | None],
+    tick: Tick | None = None,
 ) -> Parameters:
     """Parameters by three searches for each setting, to four digits.
 

@@ -47,7 +47,9 @@ _SURE = 0.05
 # Frames after a good impact, at least.
 _LONG = 3
 # The unknowns: place, turn, velocity, spin, impulse, jump, jump's turn, three of each.
-_PLACE, _TURNED, _VELOCITY, _SPIN, _IMPULSE, _JUMPED, _JUMP_TURN = (slice(i, i + 3) for i in range(0, 21, 3))
+_PLACE, _TURNED, _VELOCITY, _SPIN, _IMPULSE, _JUMPED, _JUMP_TURN = (
+    slice(i, i + 3) for i in range(0, 21, 3)
+)
 # Size of a step of each unknown.
 _SCALES = np.repeat([1e-4, 1e-3, 0.01, 0.05, 5e-3, 1e-3, 5e-3], 3)
 
@@ -202,7 +204,9 @@ class _ImpactFit:
         touch = float(np.clip(touch, last + 1e-4, first - 1e-4))
         place, velocity, base, spin = self._arc(touch)
         since = self.time[self.before :] - touch
-        moved = self.place[self.before :] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0]) - place
+        moved = (
+            self.place[self.before :] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0]) - place
+        )
         leaving = (moved * since[:, None]).sum(axis=0) / (since**2).sum()
         start = np.zeros(len(_SCALES))
         start[_PLACE] = place
@@ -254,7 +258,9 @@ class _ImpactFit:
         arriving = u[:, _VELOCITY] + np.cross(u[:, _SPIN], arm)
         duration, leaving = self._up(u, turn, velocity, spin)
         slip = np.linalg.norm(arriving[:, :2], axis=1)
-        along = -np.einsum("bi,bi->b", u[:, _IMPULSE][:, :2], arriving[:, :2]) / np.maximum(slip, 1e-9)
+        along = -np.einsum("bi,bi->b", u[:, _IMPULSE][:, :2], arriving[:, :2]) / np.maximum(
+            slip, 1e-9
+        )
         energy = self._energy(turn, u[:, _VELOCITY], u[:, _SPIN])
         lost = 1.0 - self._energy(turn, velocity, spin) / energy
         friction = along / u[:, _IMPULSE][:, 2]
@@ -266,10 +272,14 @@ class _ImpactFit:
         velocity, spin: in the world's frame, shape (b, 3).
         """
         own = turn.inv().apply(spin)
-        energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + own**2 @ np.array(self.body.inertia)
+        energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + own**2 @ np.array(
+            self.body.inertia
+        )
         return energy
 
-    def _up(self, u: Floats, turn: Rotation, velocity: Floats, spin: Floats) -> tuple[Floats, Floats]:
+    def _up(
+        self, u: Floats, turn: Rotation, velocity: Floats, spin: Floats
+    ) -> tuple[Floats, Floats]:
         """Time, s after the touch, and speed, m/s, at which the flight after carries the vertex up
         through the plate, shape (b,) each.
 
@@ -310,12 +320,16 @@ class _ImpactFit:
         derived, *moved = self.derived(np.vstack([best, best + np.diag(step)]))
         speed_in, speed_out, friction, slip, duration, lost = (float(x) for x in derived)
         # How e and friction change with each unknown, by differences.
-        e_changes = np.array([changed[1] / changed[0] for changed in moved]) - derived[1] / derived[0]
+        e_changes = (
+            np.array([changed[1] / changed[0] for changed in moved]) - derived[1] / derived[0]
+        )
         friction_changes = np.array([changed[2] for changed in moved]) - derived[2]
         slopes = np.stack([e_changes, friction_changes]) / step
         variances = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
         u_e, u_friction = np.sqrt(np.maximum(variances, 0.0)).tolist()
-        heights = np.sort((Rotation.from_rotvec(best[_TURNED]) * self.base).apply(self.corners)[:, 2])
+        heights = np.sort(
+            (Rotation.from_rotvec(best[_TURNED]) * self.base).apply(self.corners)[:, 2]
+        )
         return ImpactRead(
             number=number,
             order=order,
@@ -335,7 +349,9 @@ class _ImpactFit:
         )
 
 
-def _least_squares(left: Callable[[Floats], Floats], start: Floats) -> tuple[Floats, Floats, float] | None:
+def _least_squares(
+    left: Callable[[Floats], Floats], start: Floats
+) -> tuple[Floats, Floats, float] | None:
     """Unknowns that make the squares least, the matrix of normal equations
     there, and the sum of squares.
 

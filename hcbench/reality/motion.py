@@ -46,7 +46,9 @@ class Motion:
 
     def toss(self, timestep: float) -> Toss:
         """The start, with steps up to the last time."""
-        return replace(self.start, steps=int(np.ceil((self.time[-1] - self.time[0]) / timestep)) + 1)
+        return replace(
+            self.start, steps=int(np.ceil((self.time[-1] - self.time[0]) / timestep)) + 1
+        )
 
 
 def rotation(quaternion: Floats) -> Rotation:
@@ -82,7 +84,9 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
     is_low = lowest(body, position, quaternion) < NEAR
     flight = max(int(np.argmax(is_low)), 3) if is_low.any() else len(time)
     n = min(flight, MOST_FLIGHT)
-    return Motion(number, time, position, quaternion, flight, _start(time[:n], position[:n], quaternion[:n]))
+    return Motion(
+        number, time, position, quaternion, flight, _start(time[:n], position[:n], quaternion[:n])
+    )
 
 
 def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
@@ -141,7 +145,11 @@ class Tosses:
         return replace(self, motions=[each for each in self.motions if keep(each)])
 
     def simulated(
-        self, module: TossModule, setting: ContactSetting, values: Sequence[float], timestep: float = TIMESTEP
+        self,
+        module: TossModule,
+        setting: ContactSetting,
+        values: Sequence[float],
+        timestep: float = TIMESTEP,
     ) -> list[Floats]:
         """States of an engine's setting, from the measured starts."""
         starts = [each.toss(timestep) for each in self.motions]
@@ -156,7 +164,11 @@ class Tosses:
         return replace(self, motions=motions)
 
     def outcome(
-        self, module: TossModule, setting: ContactSetting, values: Sequence[float], timestep: float = TIMESTEP
+        self,
+        module: TossModule,
+        setting: ContactSetting,
+        values: Sequence[float],
+        timestep: float = TIMESTEP,
     ) -> SettingErrors:
         """Errors of an engine's setting: mean distances over a toss,
         in per cent of the body's width.

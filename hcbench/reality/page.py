@@ -100,7 +100,12 @@ def _of(
     chosen = []
     for score in scores:
         is_engine = score.engine != NO_ENGINE
-        if is_engine and score.set == data and score.setting == setting and cone in (None, score.cone):
+        if (
+            is_engine
+            and score.set == data
+            and score.setting == setting
+            and cone in (None, score.cone)
+        ):
             chosen.append(score)
     return chosen
 
@@ -165,7 +170,9 @@ def _noise_verdict(scores: Sequence[SettingScore]) -> Iterator[str]:
 
 def _slope_verdict(results: RealityResults) -> Iterator[str]:
     if results.slopes:
-        names = [slope.of.partition(",")[0] for slope in results.slopes if "synthetic" not in slope.of]
+        names = [
+            slope.of.partition(",")[0] for slope in results.slopes if "synthetic" not in slope.of
+        ]
         yield (
             f"No set here shows that e falls with speed ({listed(names)}): a constant e, by the same reading"
             " or with the noise of the speed before, gives slopes of this size."
@@ -206,5 +213,7 @@ def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore
     changed: set[tuple[str, str, str]] = set()
     for scores in results.changed.values():
         changed.update(setting_of(score) for score in scores)
-    own = [score for score in results.scores if score.set == "cube" and setting_of(score) in changed]
+    own = [
+        score for score in results.scores if score.set == "cube" and setting_of(score) in changed
+    ]
     return [("", own), *((variant, list(scores)) for variant, scores in results.changed.items())]

@@ -99,8 +99,16 @@ def box_of(path: Path) -> Body:
             return box(size, float(inertial.get("mass", "")), moments)
         density = float(geom.get("density", _DENSITY))
         return box(size, float(geom.get("mass", density * float(np.prod(size)))))
-    except (OSError, UnicodeDecodeError, ElementTree.ParseError, StopIteration, ValueError) as error:
-        words = "no body with a geom of type box" if isinstance(error, StopIteration) else str(error)
+    except (
+        OSError,
+        UnicodeDecodeError,
+        ElementTree.ParseError,
+        StopIteration,
+        ValueError,
+    ) as error:
+        words = (
+            "no body with a geom of type box" if isinstance(error, StopIteration) else str(error)
+        )
         raise UserError("--model", f"{path}: {words}", "MJCF with a box") from None
 
 
@@ -118,13 +126,19 @@ def read(paths: Sequence[Path], body: Body) -> Tosses:
         turn = rows[:, 4:]
         length = np.linalg.norm(turn, axis=1, keepdims=True)
         if (np.abs(length - 1.0) > _UNIT).any():
-            raise UserError(f"{path}", "a quaternion that is not a rotation", "qw, qx, qy, qz of length 1")
+            raise UserError(
+                f"{path}", "a quaternion that is not a rotation", "qw, qx, qy, qz of length 1"
+            )
         if (np.diff(time) <= 0.0).any():
-            raise UserError(f"{path}", "times that do not increase", "seconds, a row for each frame")
+            raise UserError(
+                f"{path}", "times that do not increase", "seconds, a row for each frame"
+            )
         toss = motion(number, body, time, place, turn / length)
         if toss.flight < LEAST_FLIGHT:
             got = f"{toss.flight} frames before the first touch"
-            raise UserError(f"{path}", got, f"{LEAST_FLIGHT} or more of free flight, at 100 Hz or faster")
+            raise UserError(
+                f"{path}", got, f"{LEAST_FLIGHT} or more of free flight, at 100 Hz or faster"
+            )
         motions.append(toss)
     return Tosses(body, motions)
 
@@ -137,14 +151,20 @@ def _rows(path: Path) -> Floats:
     except (OSError, UnicodeDecodeError) as error:
         raise UserError("--poses", f"{path}: {error}", "a CSV file") from None
     except (KeyError, TypeError, ValueError):
-        raise UserError("--poses", f"{path} has no {', '.join(COLUMNS)}", "these columns, s and m") from None
+        raise UserError(
+            "--poses", f"{path} has no {', '.join(COLUMNS)}", "these columns, s and m"
+        ) from None
     rows = np.array(numbers)
     if len(rows) < _LEAST or not np.isfinite(rows).all():
-        raise UserError("--poses", f"{path} has {len(rows)} frames", f"{_LEAST} or more, all finite")
+        raise UserError(
+            "--poses", f"{path} has {len(rows)} frames", f"{_LEAST} or more, all finite"
+        )
     return rows
 
 
-def judge(tosses: Tosses, pool: WorkerPool, identify: bool = False, tick: Tick | None = None) -> Own:
+def judge(
+    tosses: Tosses, pool: WorkerPool, identify: bool = False, tick: Tick | None = None
+) -> Own:
     """Read the impacts, and run each setting with the e and the friction that were read.
 
     identify: search the parameters of all settings on the tosses themselves.

@@ -44,7 +44,9 @@ def of_cell(cell: Cell, outcome: SettingErrors) -> SettingScore:
     return of_outcome(cell.data, cell.engine, cell.contact.name, cell.contact.cone, outcome)
 
 
-def of_outcome(data: str, engine: str, setting: str, cone: str, outcome: SettingErrors) -> SettingScore:
+def of_outcome(
+    data: str, engine: str, setting: str, cone: str, outcome: SettingErrors
+) -> SettingScore:
     """The score of a setting or of a floor."""
     low, high = interval(outcome.errors)
     turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))
@@ -57,7 +59,9 @@ def of_outcome(data: str, engine: str, setting: str, cone: str, outcome: Setting
 def csv_text(scores: Iterable[SettingScore]) -> str:
     """The table."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, [field.name for field in fields(SettingScore)], lineterminator="\n")
+    writer = csv.DictWriter(
+        text, [field.name for field in fields(SettingScore)], lineterminator="\n"
+    )
     writer.writeheader()
     for score in scores:
         row = asdict(score)

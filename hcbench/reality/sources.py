@@ -90,7 +90,8 @@ def missing(name: str) -> str:
     if source.shipped:
         return ""
     return (
-        f"a folder with {source.path} of {source.repository} ({source.commit[:7]}, SHA-256 {source.sha256})"
+        f"a folder with {source.path} of {source.repository} "
+        f"({source.commit[:7]}, SHA-256 {source.sha256})"
     )
 
 

@@ -50,9 +50,13 @@ class RealityRequest:
     part: int | None = None
     identify: bool = False
 
-    def cell(self, data: str, engine: str, setting: ContactSetting, values: tuple[float, ...] = ()) -> Cell:
+    def cell(
+        self, data: str, engine: str, setting: ContactSetting, values: tuple[float, ...] = ()
+    ) -> Cell:
         """A setting on the parts to judge."""
-        return Cell(data, engine, setting.key, values, parts_of(data, self.part), self.folders.get(data))
+        return Cell(
+            data, engine, setting.key, values, parts_of(data, self.part), self.folders.get(data)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +134,8 @@ def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
     """The training part of a data set, and what is judged."""
     folder = request.folders.get(data)
     return tuple(
-        SETS[data].cases(parts, folder) for parts in (SETS[data].TRAINING, parts_of(data, request.part))
+        SETS[data].cases(parts, folder)
+        for parts in (SETS[data].TRAINING, parts_of(data, request.part))
     )
 
 

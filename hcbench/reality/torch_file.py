@@ -73,7 +73,9 @@ class _Tensor:
         (offset,) = _whole_numbers((self.offset,))
         has_size = 0 < math.prod(shape) <= len(numbers)
         if len(shape) != len(strides) or not has_size:
-            raise ValueError(f"shape {shape}, strides {strides} and {len(numbers)} numbers do not agree")
+            raise ValueError(
+                f"shape {shape}, strides {strides} and {len(numbers)} numbers do not agree"
+            )
         last = offset
         for count, stride in zip(shape, strides, strict=True):
             last += (count - 1) * stride
@@ -81,7 +83,9 @@ class _Tensor:
             raise ValueError("a tensor that is larger than its storage")
         # In bytes, as NumPy counts strides.
         steps = [stride * numbers.itemsize for stride in strides]
-        return np.array(np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps), dtype=np.float64)
+        return np.array(
+            np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps), dtype=np.float64
+        )
 
 
 def _whole_numbers(values: Any) -> tuple[int, ...]:
@@ -104,7 +108,9 @@ class _Unpickler(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
-            return lambda storage, offset, shape, strides, *_: _Tensor(storage, offset, shape, strides)
+            return lambda storage, offset, shape, strides, *_: _Tensor(
+                storage, offset, shape, strides
+            )
         if module == "torch" and name in _KINDS:
             return _KINDS[name]
         if (module, name) == ("collections", "OrderedDict"):

@@ -29,6 +29,8 @@ def twins(
     ):
         place, turn = at_times(states, timestep, measured.time - measured.time[0])
         place = place + noise.normal(0.0, POSITION_NOISE, place.shape)
-        shaken = Rotation.from_rotvec(noise.normal(0.0, ROTATION_NOISE, place.shape)) * rotation(turn)
+        shaken = Rotation.from_rotvec(noise.normal(0.0, ROTATION_NOISE, place.shape)) * rotation(
+            turn
+        )
         made.append(motion(measured.number, body, measured.time, place, quaternions(shaken)))
     return made

@@ -1,4 +1,6 @@
-"""The best that one number can do: a constant e for a band of speeds, and the spring-damper that has it."""
+"""The best that one number can do: a constant e for a band of speeds, and
+the spring-damper that has it.
+"""
 
 import math
 from dataclasses import replace
@@ -11,7 +13,12 @@ from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
 from hcbench.laws.root import root
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
-from hcbench.terms.resolution import STEPS_MOST, STEPS_OF_A_LOOP, STEPS_OF_A_SOFTENED, STEPS_OF_A_SPRING
+from hcbench.terms.resolution import (
+    STEPS_MOST,
+    STEPS_OF_A_LOOP,
+    STEPS_OF_A_SOFTENED,
+    STEPS_OF_A_SPRING,
+)
 
 # ln e of a spring-damper that only pushes tends to -2 at critical damping.
 LOWEST_UNDERDAMPED = math.exp(-2.0)
@@ -42,7 +49,8 @@ def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
 
 
 def implicit_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
-    """k, N/m, and c, N s/m, of F = k (x + h v') + c v', v' the rate after a step, for the best constant e.
+    """k, N/m, and c, N s/m, of F = k (x + h v') + c v', v' the rate after a
+    step, for the best constant e.
 
     Those whose steps have the poles exp((-β ± i ω) h) of `spring_damper`'s contact exactly: m exp(2
     β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h. Where c would be below
@@ -86,7 +94,8 @@ def spring_damper(restitution: float, duration: float, instead: str) -> tuple[fl
 
 
 def one_way_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
-    """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the way out, for the best constant e.
+    """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the
+    way out, for the best constant e.
 
     e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω²
     = k/m: the way in is a damped oscillator's from touch to its first standstill.
@@ -111,7 +120,9 @@ def require_end(target: Target) -> None:
     if steps > STEPS_MOST:
         got = f"{target.timestep:g} s, of which {steps:.2g} are the law's shortest contact"
         nearest = target.timestep * steps / STEPS_MOST
-        raise SettingError("timestep", got, f"up to {STEPS_MOST:g} steps", f"Use {nearest:.2g} s or more")
+        raise SettingError(
+            "timestep", got, f"up to {STEPS_MOST:g} steps", f"Use {nearest:.2g} s or more"
+        )
 
 
 def steps_per_contact(target: Target) -> float:

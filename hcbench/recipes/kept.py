@@ -36,7 +36,9 @@ _OLD_S = 90 * 86400.0
 
 
 def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Path | None:
-    """The file in which the setting for a target is kept. versions: of the engine and of what computes.
+    """The file in which the setting for a target is kept.
+
+    versions: of the engine and of what computes.
 
     None for a recipe that is not of its engine's folder in this package: it
     depends on more than is known.
@@ -44,7 +46,14 @@ def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Pat
     folder = recipe.engine.replace("-", "_")
     if not recipe.function.__module__.startswith(f"hcbench.engines.{folder}."):
         return None
-    about = (recipe.engine, recipe.name, target, sorted(versions.items()), sys.version, platform.machine())
+    about = (
+        recipe.engine,
+        recipe.name,
+        target,
+        sorted(versions.items()),
+        sys.version,
+        platform.machine(),
+    )
     with suppress(OSError, RuntimeError):
         return user_folder("cache") / "searches" / f"{_digest(repr((about, _code())))}.json"
     return None
@@ -53,7 +62,12 @@ def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Pat
 def kept(recipe: Recipe, target: Target, place: Path | None) -> Setting | None:
     """The setting that `make` keeps in a place; None for none."""
     with suppress(OSError, ValueError):
-        if place is not None and place.is_file() and is_private(place.parent) and not _is_old(place):
+        if (
+            place is not None
+            and place.is_file()
+            and is_private(place.parent)
+            and not _is_old(place)
+        ):
             digest, _, text = read_text(place).partition("\n")
             if digest == _digest(text):
                 return Setting(recipe.engine, recipe.name, target.timestep, json.loads(text))

@@ -1,4 +1,6 @@
-"""Recipes that put a law in place of an engine's own contact: eq. (16), and laws published after 1975."""
+"""Recipes that put a law in place of an engine's own contact: eq. (16),
+and laws published after 1975.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +27,16 @@ _PLUG_IN = "A plug-in of hcbench.contact"
 _ATTACH = f"{_PLUG_IN}, to attach in your own simulation: not a native setting."
 _RESOLVED = f"{_PLUG_IN} for steps that resolve the contact: not a native setting."
 _QUARTER = "Needs at least 4 steps in the shortest contact; for longer steps use `restitution-law`."
-_IMPULSE = "Works at any step. The bounce takes one step: contact force and contact time mean nothing."
-_AT_PLANE = (
-    "Under gravity e is the ratio of speeds at the touch plane; below 1.6 g h a body may come to rest."
+_IMPULSE = (
+    "Works at any step. The bounce takes one step: contact force and contact time mean nothing."
 )
-_TOUCH_SPEED = "v_i is the speed of each impact at touch, so e is the same at every speed; the law's e falls."
+_AT_PLANE = (
+    "Under gravity e is the ratio of speeds at the touch plane; "
+    "below 1.6 g h a body may come to rest."
+)
+_TOUCH_SPEED = (
+    "v_i is the speed of each impact at touch, so e is the same at every speed; the law's e falls."
+)
 _DELIVERED = "The delivered e follows from χ. It differs from the target, except with `exact`."
 
 
@@ -38,9 +45,9 @@ def plug_in_recipes(
 ) -> tuple[Recipe, ...]:
     """Recipes for an engine into which hcbench.contact plugs a law.
 
-    native: recipes of its own contact, which messages name where a law cannot be had. common:
-    options of each setting, beside "law". exact_above: e to the impact speed over g h from which
-    the law at any step is exact.
+    native: recipes of its own contact, which messages name where a law cannot be had.
+    common: options of each setting, beside "law".
+    exact_above: e to the impact speed over g h from which the law at any step is exact.
     """
     constant = first(native, Role.CONSTANT_E, "plane")
     at_any_step = [constant.name] if constant else []
@@ -89,10 +96,11 @@ def python_law_recipes(
 ) -> tuple[Recipe, ...]:
     """Recipes for an engine that lets a law in from Python, by lines of the user's own, on a plane.
 
-    native: recipes of its own contact, which messages name where a law cannot be had. hook: where
-    the law goes in, a sentence. force, each_impact: how near e comes with the law as contact force,
-    and with its e set before each impact; 0 where the engine has no way. common,
-    each_impact_options: options of each setting, and of those that set e, beside "law".
+    native: recipes of its own contact, which messages name where a law cannot be had.
+    hook: where the law goes in, a sentence.
+    force, each_impact: how near e comes with the law as contact force, and with its e set before
+    each impact; 0 where the engine has no way.
+    common, each_impact_options: options of each setting, and of those that set e, beside "law".
     """
     names = [recipe.name for recipe in native if recipe.role in (Role.CONSTANT_E, Role.FALLING_E)]
     own = partial(Recipe, engine, native=False, instead=_any_of(names), forms=("plane",))
@@ -134,18 +142,25 @@ def _restitution_law(target: Target) -> Options:
 
 
 def published_law_recipes(
-    engine: str, options: Callable[[Target, TouchSpeedLaw], Options], note: str, steps_min: float = 0.0
+    engine: str,
+    options: Callable[[Target, TouchSpeedLaw], Options],
+    note: str,
+    steps_min: float = 0.0,
 ) -> tuple[Recipe, ...]:
-    """F = k x^n (1 + χ(e) v/v_i), a recipe for each law: v_i the speed of each impact, one e for all speeds.
+    """F = k x^n (1 + χ(e) v/v_i), a recipe for each law: v_i the speed of
+    each impact, one e for all speeds.
 
-    options: a setting's, for a target and a law that is asked for the best constant restitution of
-    its band. note: how the engine runs the law.
+    options: a setting's, for a target and a law that is asked for the best
+    constant restitution of its band.
+    note: how the engine runs the law.
     """
 
     def recipe(family: PublishedLaw) -> Recipe:
         def function(target: Target) -> Options:
             e, _ = minimax_constant(target)
-            return options(target, TouchSpeedLaw(family, target.law.stiffness, e, target.law.exponent))
+            return options(
+                target, TouchSpeedLaw(family, target.law.stiffness, e, target.law.exponent)
+            )
 
         return Recipe(
             engine,

@@ -31,7 +31,10 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Integrators:
-    """Integrators that a recipe works with, its default first. reason: why others break it."""
+    """Integrators that a recipe works with, its default first.
+
+    reason: why others break it.
+    """
 
     names: tuple[str, ...]
     reason: str
@@ -41,19 +44,24 @@ class Integrators:
 class Recipe:
     """Makes a setting of one engine from a target.
 
-    engine, name: "myengine", "impulse". summary: what it does to e and to the loop, in one
-    sentence. function: a target, and an integrator where `integrators` names some, to the setting's
-    options; raises SettingError for a target that it cannot serve. notes: where it holds and what a
-    user must know, a sentence each. native: the engine's own contact is set; else a law stands in
-    for it, as a plug-in does. one_step: the bounce happens in a single step, of any length: forces
-    and times mean nothing. kinds: of targets that it serves. instead: recipes to use for others, as
-    a message says it. forms: of scenes that can have such a contact. steps_min: in the law's
-    shortest contact; "auto" tries it from there on, and not at all without `by_auto`. within: how
-    far e may be from what the role promises; 0: what `hcbench.testing` asks of all. ends: how every
-    launch ends, of an engine that by default does not bounce a body at all. steps_min_with_gravity:
-    as `steps_min`, under gravity, for a recipe that is softer than the law below it. exact_above: e
-    to the impact speed over g h from which a law in place of the contact is exact, so that it needs
-    no run; None where that is unknown.
+    engine, name: "myengine", "impulse".
+    summary: what it does to e and to the loop, in one sentence.
+    function: a target, and an integrator where `integrators` names some, to the setting's options;
+    raises SettingError for a target that it cannot serve.
+    notes: where it holds and what a user must know, a sentence each.
+    native: the engine's own contact is set; else a law stands in for it, as a plug-in does.
+    one_step: the bounce happens in a single step, of any length: forces and times mean nothing.
+    kinds: of targets that it serves.
+    instead: recipes to use for others, as a message says it.
+    forms: of scenes that can have such a contact.
+    steps_min: in the law's shortest contact; "auto" tries it from there on, and not at all without
+    `by_auto`.
+    within: how far e may be from what the role promises; 0: what `hcbench.testing` asks of all.
+    ends: how every launch ends, of an engine that by default does not bounce a body at all.
+    steps_min_with_gravity: as `steps_min`, under gravity, for a recipe that is softer than the law
+    below it.
+    exact_above: e to the impact speed over g h from which a law in place of the contact is exact,
+    so that it needs no run; None where that is unknown.
     """
 
     engine: str
@@ -85,7 +93,9 @@ class Recipe:
             self._require_integrator(integrator)
         require_kind(target, self.name, self.kinds, self.instead)
         with map_result(lambda options: self._setting(target, options)):
-            options = self.function(target) if integrator is None else self.function(target, integrator)
+            options = (
+                self.function(target) if integrator is None else self.function(target, integrator)
+            )
         return self._setting(target, options)
 
     def _setting(self, target: Target, options: Mapping[str, Any]) -> Setting:
@@ -105,8 +115,8 @@ def first(
 ) -> Recipe | None:
     """Return the first recipe of a role for a scene's form; None if there is none.
 
-    steps: time steps in the law's shortest contact; the recipe must not need
-    more. native: without a plug-in.
+    steps: time steps in the law's shortest contact; the recipe must not need more.
+    native: without a plug-in.
     """
     for recipe in recipes:
         fits = form in recipe.forms and recipe.steps_min <= steps
@@ -128,5 +138,8 @@ def on_a_plane(
 
 
 def stock(engine: str, summary: str, *notes: str, **more: Any) -> Recipe:
-    """The engine with nothing set but the step. more: of `Recipe`."""
+    """The engine with nothing set but the step.
+
+    more: of `Recipe`.
+    """
     return Recipe(engine, "stock", Role.STOCK, lambda target: {}, summary, notes, **more)

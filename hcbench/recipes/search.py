@@ -25,8 +25,9 @@ _progress: ContextVar[Progress | None] = ContextVar("progress", default=None)
 class SearchInterrupted(KeyboardInterrupt):
     """An interrupt in the middle of a search, with the best result until then.
 
-    best: what is searched for; from a recipe, a Setting. error: its largest error of e, by the
-    search's own model of the contact. done, budget: evaluations until then, and at most.
+    best: what is searched for; from a recipe, a Setting.
+    error: its largest error of e, by the search's own model of the contact.
+    done, budget: evaluations until then, and at most.
     """
 
     def __init__(self, best: Any, error: float, done: int, budget: int) -> None:
@@ -121,8 +122,11 @@ def evolve(
 
     Differential evolution (Storn & Price 1997), binomial crossing, a whole generation in one call
     of `errors`, (n, k) to (n,): SciPy's takes longer to import than this to search. `errors` has
-    limits (n,) too, above which any number will do. bounds: lowest and highest, (k,). towards_best:
-    mutants differ from the best member, which is faster and finds less; else from their own.
+    limits (n,) too, above which any number will do.
+
+    bounds: lowest and highest, (k,).
+    towards_best: mutants differ from the best member, which is faster and finds less; else from
+    their own.
     """
     worst = errors(members, np.full(len(members), np.inf))
     count, size = members.shape

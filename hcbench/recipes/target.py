@@ -59,13 +59,18 @@ _WORDS |= {"constant": "one e, by --restitution"}
 class Target:
     """The bounce to match.
 
-    law: eq. (16). mass: effective mass of the pair, kg. timestep: the engine's, s. speed_min,
-    speed_max: the band of impact speeds, m/s. reading: "law" for e of (16), "linear" for e = 1 - α
-    v_i of (2), "points" for `points`. points: pairs (v m/s, e), straight between them and constant
-    beyond; one pair is a constant e. gravity: into the plate, m/s². friction: coefficient of
-    Coulomb friction. corners: points of the body that meet the plate at once, as the 4 of a flat
-    box. Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0
-    ... 1 or that rises with v.
+    law: eq. (16).
+    mass: effective mass of the pair, kg.
+    timestep: the engine's, s.
+    speed_min, speed_max: the band of impact speeds, m/s.
+    reading: "law" for e of (16), "linear" for e = 1 - α v_i of (2), "points" for `points`.
+    points: pairs (v m/s, e), straight between them and constant beyond; one pair is a constant e.
+    gravity: into the plate, m/s².
+    friction: coefficient of Coulomb friction.
+    corners: points of the body that meet the plate at once, as the 4 of a flat box.
+
+    Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0 ... 1
+    or that rises with v.
     """
 
     law: HuntCrossley
@@ -167,7 +172,9 @@ def _require_falling(measured: MeasuredRestitution) -> None:
 
 
 def require_kind(target: Target, recipe: str, kinds: Sequence[TargetKind], instead: str) -> None:
-    """Refuse a target of a kind that a recipe does not serve: SettingError, with those to use `instead`."""
+    """Refuse a target of a kind that a recipe does not serve:
+    SettingError, with those to use `instead`.
+    """
     if target.kind in kinds or target.reading in kinds:
         return
     slot, given = target.described()
@@ -178,4 +185,6 @@ def require_kind(target: Target, recipe: str, kinds: Sequence[TargetKind], inste
     fit = target.fitting_law()
     if fit:
         advice.append(fit)
-    raise SettingError(slot, f"{given}, which {recipe!r} does not serve", expected, ". ".join(advice))
+    raise SettingError(
+        slot, f"{given}, which {recipe!r} does not serve", expected, ". ".join(advice)
+    )

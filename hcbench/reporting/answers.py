@@ -88,7 +88,9 @@ def answered(view: View) -> Iterator[Mapping[str, Any]]:
     """The answers to what a study ran over a band: its engines, steps and α."""
     ran = {(run.engine, run.timestep) for run in view.band_runs}
     for answer in view.answers.values():
-        if (answer["engine"], answer["timestep"]) in ran and math.isclose(answer["gravity"], view.gravity):
+        if (answer["engine"], answer["timestep"]) in ran and math.isclose(
+            answer["gravity"], view.gravity
+        ):
             yield answer
 
 
@@ -96,7 +98,9 @@ def answer_of(
     view: View, engine: str, timestep: float, alpha: float | None = None
 ) -> Mapping[str, Any] | None:
     """The one for an engine, a step and an α, else the main one; None where none is known."""
-    return view.answers.get((engine, timestep, f"{view.main_alpha if alpha is None else alpha:.9g}"))
+    return view.answers.get(
+        (engine, timestep, f"{view.main_alpha if alpha is None else alpha:.9g}")
+    )
 
 
 def best_of(answer: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -53,7 +53,11 @@ class StudyReport(Drawn):
 
 @checked
 def report(
-    study: str | Path = "steel-1lb", *, out: str | Path | None = None, quick: bool = False, jobs: Jobs = 1
+    study: str | Path = "steel-1lb",
+    *,
+    out: str | Path | None = None,
+    quick: bool = False,
+    jobs: Jobs = 1,
 ) -> StudyReport:
     """Run a study and write its page, with tables and figures, as `hcbench report` does.
 
@@ -127,9 +131,13 @@ def write_report(
             swept = is_sweep(study)
             if swept and device:
                 raise UserError("--device", "given with a sweep that has run", "a study")
-            name, plan = (Path(study).resolve().name, None) if swept else find_plan(study, warn, device)
+            name, plan = (
+                (Path(study).resolve().name, None) if swept else find_plan(study, warn, device)
+            )
             default = default_folder(name, quick)
-            folder = folder_for(out, default, plan.missing if plan else (), engines_in(out or default))
+            folder = folder_for(
+                out, default, plan.missing if plan else (), engines_in(out or default)
+            )
         if plan is None:
             with stage("reading the sweep"):
                 results = read(study, pool.map)
@@ -163,7 +171,9 @@ def _without_uncompiled(study: Study, warn: Callable[[str], None]) -> Study:
     from hcbench.sim.capabilities import HasPlugin
     from hcbench.system.compiler import NotCompiled
 
-    plugged = [run for run in study.runs if not registry.recipe(f"{run.engine}.{run.recipe}").native]
+    plugged = [
+        run for run in study.runs if not registry.recipe(f"{run.engine}.{run.recipe}").native
+    ]
     for name in dict.fromkeys(run.engine for run in plugged):
         engine = registry.engine(name)
         if not isinstance(engine, HasPlugin):
@@ -195,7 +205,9 @@ def default_folder(name: str, quick: bool) -> Path:
     return Path("reports") / (f"{name}-quick" if quick else name)
 
 
-def folder_for(out: Path | None, default: Path, missing: tuple[str, ...], present: set[str]) -> Path:
+def folder_for(
+    out: Path | None, default: Path, missing: tuple[str, ...], present: set[str]
+) -> Path:
     """The folder of a report, never one that holds engines that this report lacks."""
     folder = out or default
     if not (lost := present & set(missing)):
@@ -203,7 +215,9 @@ def folder_for(out: Path | None, default: Path, missing: tuple[str, ...], presen
     if out is None:
         return default.with_name(f"{default.name}-without-{'-'.join(missing)}")
     engines = ", ".join(sorted(lost))
-    raise UserError("--out", f"{out} holds a report with {engines}, now not installed", "another folder")
+    raise UserError(
+        "--out", f"{out} holds a report with {engines}, now not installed", "another folder"
+    )
 
 
 def engines_in(folder: Path) -> set[str]:
@@ -211,6 +225,8 @@ def engines_in(folder: Path) -> set[str]:
     import csv
 
     try:
-        return {row["engine"] for row in csv.DictReader(read_text(folder / "scores.csv").splitlines())}
+        return {
+            row["engine"] for row in csv.DictReader(read_text(folder / "scores.csv").splitlines())
+        }
     except (OSError, ValueError, LookupError, csv.Error):
         return set()

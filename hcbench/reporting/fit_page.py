@@ -17,7 +17,15 @@ from hcbench.fitting.notebook import draw_curve
 from hcbench.fitting.text import headline, odds_text, trains_of, with_uncertainty
 from hcbench.fitting.which_law import LAWS
 from hcbench.reporting.page import Drawing, draw, render
-from hcbench.reporting.plot_style import COLOURS, INK, LIMIT, MEASURED, SLATE, new_figure, speed_axis
+from hcbench.reporting.plot_style import (
+    COLOURS,
+    INK,
+    LIMIT,
+    MEASURED,
+    SLATE,
+    new_figure,
+    speed_axis,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -106,13 +114,21 @@ def _residual_figure(result: FitResult) -> Figure:
     fit = result.best
     columns = zip(result.sets, fit.latent, fit.models, fit.measured_off(), fit.noise, strict=True)
     for i, (data, latent, model, off_law, noise) in enumerate(columns):
-        style = {"linestyle": "none", "marker": "o", "color": COLOURS[i % len(COLOURS)], "markersize": 3.5}
+        style = {
+            "linestyle": "none",
+            "marker": "o",
+            "color": COLOURS[i % len(COLOURS)],
+            "markersize": 3.5,
+        }
         left = off_law / (noise * model.shape)
         # Data of single impacts have one reading for each impact.
         off = latent if data.needs_gravity else model.residual
         upper.plot(100.0 * off, label=data.name, **style)
         lower.plot(np.clip(left, -10, 10), **style)
-    for axes, scale, label in ((upper, 100.0 * fit.scatter, "e off, %"), (lower, 1.0, "measured off, σ")):
+    for axes, scale, label in (
+        (upper, 100.0 * fit.scatter, "e off, %"),
+        (lower, 1.0, "measured off, σ"),
+    ):
         axes.axhline(0.0, color=SLATE, linewidth=0.8)
         axes.axhspan(-2.0 * scale, 2.0 * scale, color=MEASURED.colour, alpha=0.1, linewidth=0)
         axes.set_ylabel(label)
@@ -160,7 +176,9 @@ def _sound_figure(s: TouchTimes) -> Figure:
     return figure
 
 
-def _draw_waveform(axes: Axes, recording: Recording, first: int, last: int, touches: Iterable[float]) -> None:
+def _draw_waveform(
+    axes: Axes, recording: Recording, first: int, last: int, touches: Iterable[float]
+) -> None:
     """Samples first ... last - 1 of a recording over time, with a line at each touch (s)."""
     sound = recording.sound[first:last]
     # The least and the largest of every `stride` samples, so that no peak is lost.
@@ -185,7 +203,9 @@ def _heard(
         description = f"{count} touches from {first} to {last}"
         if alpha:
             description += f", α = {alpha}"
-        trains.append((letter, description, image, f"hcbench {shlex.join(typed)} --touches {letter}"))
+        trains.append(
+            (letter, description, image, f"hcbench {shlex.join(typed)} --touches {letter}")
+        )
     return s.name, _played(s), trains
 
 

@@ -13,7 +13,15 @@ from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.landing import by_drop, headline, labels
 from hcbench.measuring.measurement import Measurement
 from hcbench.measuring.text import motion_notes, setting_text
-from hcbench.reporting.explorer import TABS, Explorer, LoopStore, as_json, digits, explorer_script, places
+from hcbench.reporting.explorer import (
+    TABS,
+    Explorer,
+    LoopStore,
+    as_json,
+    digits,
+    explorer_script,
+    places,
+)
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import (
     COLOURS,
@@ -101,8 +109,13 @@ def _loops_figure(measurement: Measurement) -> Figure:
     axes = figure.subplots()
     for impact in measurement.loops:
         assert impact.loop is not None
-        line = {"alpha": 0.25 + 0.75 * impact.speed_in / fastest, "label": f"{impact.speed_in:.3g} m/s"}
-        draw_loop(axes, impact.loop.penetration * 1e6, impact.loop.force, color=MEASURED.colour, **line)
+        line = {
+            "alpha": 0.25 + 0.75 * impact.speed_in / fastest,
+            "label": f"{impact.speed_in:.3g} m/s",
+        }
+        draw_loop(
+            axes, impact.loop.penetration * 1e6, impact.loop.force, color=MEASURED.colour, **line
+        )
     axes.set_xlabel("penetration, µm")
     axes.set_ylabel("force, N")
     axes.legend(loc="best", title="impact speed")
@@ -198,7 +211,9 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
     return Explorer(as_json(data), {name: TABS[name] for name in ("loop", "numbers")})
 
 
-def _measured(measurement: Measurement, points: Sequence[CurvePoint], loops: LoopStore) -> dict[str, Any]:
+def _measured(
+    measurement: Measurement, points: Sequence[CurvePoint], loops: LoopStore
+) -> dict[str, Any]:
     """The curve, by the impacts whose loops there are."""
     with_loop = {impact.launch.speed: impact for impact in measurement.loops}
     phases = []

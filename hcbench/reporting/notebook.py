@@ -78,7 +78,11 @@ _figure.register(Measurement)(measurement_page.curve_figure)
 def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
     title, *where, _ = measurement.headline
     causes = wording.listed([cause.title for cause in measurement.causes])
-    facts = {"where": ", ".join(where), "result": measurement_page.summary(measurement), "why": causes}
+    facts = {
+        "where": ", ".join(where),
+        "result": measurement_page.summary(measurement),
+        "why": causes,
+    }
     return title, facts, "\n".join(cause.fix for cause in measurement.causes)
 
 
@@ -129,7 +133,9 @@ def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
     target = tuned.target
     constant = wording.error(tuned.evaluation.constant_error)
     rests = (
-        f"comes to rest, {wording.length(tuned.rest.penetration)} deep" if tuned.rests else "does not rest"
+        f"comes to rest, {wording.length(tuned.rest.penetration)} deep"
+        if tuned.rests
+        else "does not rest"
     )
     facts = {
         "why": tuned.why,

@@ -57,7 +57,12 @@ def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict
     """Draw a figure, save it in a folder, if any, as SVG and PNG, and
     return what a template needs of it.
     """
-    record: dict[str, Any] = {"name": drawing.name, "alt": drawing.alt, "why": drawing.why, "source": ""}
+    record: dict[str, Any] = {
+        "name": drawing.name,
+        "alt": drawing.alt,
+        "why": drawing.why,
+        "source": "",
+    }
     if drawing.draw is None:
         return record
     with figure_defaults():
@@ -69,7 +74,13 @@ def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict
             if png:
                 write_bytes(folder / f"{drawing.name}.png", png_bytes(figure))
     width, height = (round(96 * inches) for inches in figure.get_size_inches())
-    return {**record, "measured": measured, "source": _data_url(svg), "width": width, "height": height}
+    return {
+        **record,
+        "measured": measured,
+        "source": _data_url(svg),
+        "width": width,
+        "height": height,
+    }
 
 
 def counted(
@@ -84,7 +95,9 @@ def counted(
 
 def _data_url(svg: bytes) -> Markup:
     """An SVG as the value of an attribute in double quotes: a quarter shorter than in base64."""
-    text = svg.decode().replace("%", "%25").replace("#", "%23").replace('"', "%22").replace("&", "%26")
+    text = (
+        svg.decode().replace("%", "%25").replace("#", "%23").replace('"', "%22").replace("&", "%26")
+    )
     return Markup("data:image/svg+xml," + " ".join(text.split()))
 
 

@@ -187,7 +187,9 @@ def speed_axis(axes: Axes, label: bool = True, inches: bool = True) -> None:
         second_axis(axes, "top", "in/s")
 
 
-def second_axis(axes: Axes, where: Literal["top", "right"], label: str, scale: float = INCH) -> None:
+def second_axis(
+    axes: Axes, where: Literal["top", "right"], label: str, scale: float = INCH
+) -> None:
     """A second axis along x (top) or y (right) in other units; `scale`
     is one such unit in the first's.
     """
@@ -212,7 +214,9 @@ def log_axis(axes: Axes, which: Literal["x", "y"]) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def set_ticks(axis: Axis, ticks: Sequence[float], text: Callable[[float], str] = "{:g}".format) -> None:
+def set_ticks(
+    axis: Axis, ticks: Sequence[float], text: Callable[[float], str] = "{:g}".format
+) -> None:
     """These ticks and no others."""
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))

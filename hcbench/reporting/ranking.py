@@ -169,7 +169,9 @@ def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
     return _least(usable, lambda run: error_ratio(view, run), ROUND_OFF_SCORE)
 
 
-def _least(runs: Sequence[RunKey], error: Callable[[RunKey], float], margin: float = 0.0) -> list[RunKey]:
+def _least(
+    runs: Sequence[RunKey], error: Callable[[RunKey], float], margin: float = 0.0
+) -> list[RunKey]:
     """Select the runs with the least error, engines with nothing set left out: a user who asks has
     those already.
     """
@@ -188,7 +190,9 @@ def stock_runs(view: View) -> list[RunKey]:
 def advised(view: View) -> list[str]:
     """A sentence on engines with nothing set, and one on each engine's best setting at each step."""
     sentences = []
-    wrong = dict.fromkeys(run.engine for run in stock_runs(view) if error_ratio(view, run) > 1 + tie(view))
+    wrong = dict.fromkeys(
+        run.engine for run in stock_runs(view) if error_ratio(view, run) > 1 + tie(view)
+    )
     if wrong:
         titles = wording.listed([wording.engine_title(engine) for engine in wrong], "nor")
         sentences.append(f"With nothing set {titles} does not bounce like the law.")

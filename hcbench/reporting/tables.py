@@ -96,7 +96,12 @@ def _of_contact(score: Mapping[str, Any]) -> list[str]:
     exponent = score.get("energy_exponent", math.nan)
     if math.isfinite(exponent):
         p = f"{exponent:.2f}"
-    return [str(score.get("samples_min", "–")), loop, p, *(_claim(score.get(claim)) for claim in _CLAIMS)]
+    return [
+        str(score.get("samples_min", "–")),
+        loop,
+        p,
+        *(_claim(score.get(claim)) for claim in _CLAIMS),
+    ]
 
 
 def _claim(value: Any) -> str:

@@ -95,7 +95,9 @@ class View:
         what curves over speed are of.
         """
         least = min((one.angle for one in self.folded.values()), default=0.0)
-        return {self._run_and_alpha(key): one for key, one in self.folded.items() if one.angle == least}
+        return {
+            self._run_and_alpha(key): one for key, one in self.folded.items() if one.angle == least
+        }
 
     # The study and its law
 
@@ -136,7 +138,9 @@ class View:
 
     def band_text(self, timestep: float) -> str:
         """The impact speeds at a step, m/s."""
-        curves = [one.curve.speed for (run, _), one in self.head_on.items() if run.timestep == timestep]
+        curves = [
+            one.curve.speed for (run, _), one in self.head_on.items() if run.timestep == timestep
+        ]
         speeds = np.concatenate(curves)
         return f"{span(f'{speeds.min():.3g}', f'{speeds.max():.3g}')}{NBSP}m/s"
 
@@ -153,7 +157,9 @@ class View:
     def contact_time(self) -> float:
         """Duration of the law's contact at the study's speed for steps, s."""
         return float(
-            closed_form.duration(self.law(self.main_alpha), self.mass, float(self.study["step_speed"]))
+            closed_form.duration(
+                self.law(self.main_alpha), self.mass, float(self.study["step_speed"])
+            )
         )
 
     # Runs
@@ -204,7 +210,9 @@ class View:
 
     @cached_property
     def _plugins(self) -> set[RunKey]:
-        return {self.run_of(record) for record in self.results.settings if "law" in record["options"]}
+        return {
+            self.run_of(record) for record in self.results.settings if "law" in record["options"]
+        }
 
     @cached_property
     def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
@@ -287,7 +295,8 @@ class View:
         """Rest of the bodies after a drop under gravity for the main α."""
         rows = self._of_main_alpha(self.results.rests).to_dict("records")
         return {
-            self.run_of(row): RestAfterDrop(float(row["depth_m"]), float(row["motion_m"])) for row in rows
+            self.run_of(row): RestAfterDrop(float(row["depth_m"]), float(row["motion_m"]))
+            for row in rows
         }
 
     def run_of(self, record: Mapping[Any, Any]) -> RunKey:

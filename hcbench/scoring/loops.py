@@ -63,7 +63,8 @@ def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | No
         rms=_force_distance(loop, truth) / law_force_max,
         area_ratio=area_ratio,
         force_ratio=largest / law_force_max,
-        penetration_ratio=impact.penetration_max / float(closed_form.penetration_max(law, mass, speed)),
+        penetration_ratio=impact.penetration_max
+        / float(closed_form.penetration_max(law, mass, speed)),
         duration_ratio=impact.duration / float(closed_form.duration(law, mass, speed)),
         touch_force=abs(_at_surface(loop.penetration[:2], force[:2])) / largest,
         parting_force=abs(_at_surface(loop.penetration[-2:], force[-2:])) / largest,

@@ -26,10 +26,12 @@ class UntriedVersionWarning(UserWarning):
 class Backend:
     """One of an engine's packages.
 
-    engine: the engine's name. package: as the package index has it. oldest, newest: versions
-    between which it was tried, as many numbers of them as matter. install: the command; "" for pip
-    with that package. instead: a package that has the same module. newest_python: the last that its
-    wheels are for; "" for any.
+    engine: the engine's name.
+    package: as the package index has it.
+    oldest, newest: versions between which it was tried, as many numbers of them as matter.
+    install: the command; "" for pip with that package.
+    instead: a package that has the same module.
+    newest_python: the last that its wheels are for; "" for any.
     """
 
     engine: str

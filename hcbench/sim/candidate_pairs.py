@@ -19,11 +19,14 @@ _NAMED = 6
 class CandidatePair:
     """Two geoms of a model that its engine lets collide.
 
-    bodies, geoms, types: of the two, the one that moves first. pair: what to say to `measure`.
-    joint: what moves one of the two, in words. effective_mass: 1 / (J M^-1 J^T) where they are
-    nearest, kg; NaN where it is unknown. distance: between them at the start, m. touching: whether
-    they touch there. touching_in: names of all poses in which they do. settings: the contact's
-    parameters in force, in the engine's own words.
+    bodies, geoms, types: of the two, the one that moves first.
+    pair: what to say to `measure`.
+    joint: what moves one of the two, in words.
+    effective_mass: 1 / (J M^-1 J^T) where they are nearest, kg; NaN where it is unknown.
+    distance: between them at the start, m.
+    touching: whether they touch there.
+    touching_in: names of all poses in which they do.
+    settings: the contact's parameters in force, in the engine's own words.
     """
 
     bodies: tuple[str, str]

@@ -39,9 +39,11 @@ class Features:
     """Properties of an engine's own contact, with nothing added, for the
     table of `hcbench report field`.
 
-    law: its force or impulse. exponent: of the penetration in it. threshold: the speed
-    below which it does not bounce, and what sets that. licence: of the package. energy:
-    what to know of an e above 1.
+    law: its force or impulse.
+    exponent: of the penetration in it.
+    threshold: the speed below which it does not bounce, and what sets that.
+    licence: of the package.
+    energy: what to know of an e above 1.
     """
 
     law: Feature
@@ -52,7 +54,10 @@ class Features:
 
 
 class DescribesContact(Engine):
-    """Describes its own contact. features: None for those of the engine whose models it steps."""
+    """Describes its own contact.
+
+    features: None for those of the engine whose models it steps.
+    """
 
     features: Features | None = None
 
@@ -78,14 +83,17 @@ class HasPlugin(Engine):
 def plugin_of(engine: Engine, install: bool) -> Path:
     """The plug-in of an engine; UserError where there is none."""
     if not isinstance(engine, HasPlugin):
-        raise UserError(f"engine {engine.name!r}", "no plug-in", "an engine for which hcbench has one")
+        raise UserError(
+            f"engine {engine.name!r}", "no plug-in", "an engine for which hcbench has one"
+        )
     return engine.plugin(install=install)
 
 
 class OpensModels(Engine):
     """Opens models that users wrote.
 
-    suffixes: of their files. opens: objects that it opens, in words.
+    suffixes: of their files.
+    opens: objects that it opens, in words.
     """
 
     suffixes: tuple[str, ...] = ()
@@ -101,8 +109,12 @@ class OpensModels(Engine):
         """Release what this process keeps for the engine, before a user's script runs in it."""
 
     @abstractmethod
-    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
-        """A user's own model. rebuild: makes `source` again, where a function of the user's made it.
+    def open(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> ModelUnderTest:
+        """A user's own model.
+
+        rebuild: makes `source` again, where a function of the user's made it.
 
         Raises UserError with the reason where the pair cannot be measured.
         """
@@ -136,18 +148,23 @@ class TunesModels(OpensModels):
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
-        """Settings for pairs in a user's own model, each meant to have the e of `goal` there; simplest first.
+        """Settings for pairs in a user's own model, each meant to have the e
+        of `goal` there; simplest first.
 
-        requests: alike but for pairs and attitudes; their speeds span the band. was:
-        the model at rest as it is. version: of the engine that has to load what is
-        written; () for the installed one.
+        requests: alike but for pairs and attitudes; their speeds span the band.
+        was: the model at rest as it is.
+        version: of the engine that has to load what is written; () for the installed one.
         """
 
     def attitudes(self, source: Any, request: Request) -> list[tuple[str, Request]]:
-        """(attitude, request) of each way in which the pair can meet; ("", request) where there is one."""
+        """(attitude, request) of each way in which the pair can meet;
+        ("", request) where there is one.
+        """
         return [("", request)]
 
-    def standing(self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]) -> Standing:
+    def standing(
+        self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]
+    ) -> Standing:
         """Return how the model rests, holds and runs with a setting; None
         stands for the model as it was.
         """
@@ -159,7 +176,11 @@ class LandsRobots(OpensModels):
 
     @abstractmethod
     def land(
-        self, source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None = None
+        self,
+        source: Any,
+        request: Request,
+        drops: DropPlan,
+        rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
         """A robot in the pose of the request, dropped.
 
@@ -170,6 +191,7 @@ class LandsRobots(OpensModels):
     def touchdowns(
         self, source: Any, request: Request, recorded: Mapping[str, Floats]
     ) -> TrajectoryTouchdowns:
-        """Find where a recorded motion met the floor. recorded: arrays of
-        states, by the engine's own names.
+        """Find where a recorded motion met the floor.
+
+        recorded: arrays of states, by the engine's own names.
         """

@@ -1,4 +1,6 @@
-"""Launches and impacts by the thousand: an array for each quantity; objects are made when asked for."""
+"""Launches and impacts by the thousand: an array for each quantity;
+objects are made when asked for.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ class Columns(Sequence[One]):
 
     def take(self, which: Any) -> Self:
         """The rows that an index array, a mask or a slice names, in its order."""
-        return type(self)(*(v.take(which) if isinstance(v, Columns) else v[which] for v in self._values()))
+        return type(self)(
+            *(v.take(which) if isinstance(v, Columns) else v[which] for v in self._values())
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -83,7 +87,9 @@ class Launches(Columns[Launch]):
         if isinstance(launches, Launches):
             return launches
         heights = (math.nan if launch.height is None else launch.height for launch in launches)
-        rows = [(i.speed, i.phase, h, *i.slip, *i.spin) for i, h in zip(launches, heights, strict=True)]
+        rows = [
+            (i.speed, i.phase, h, *i.slip, *i.spin) for i, h in zip(launches, heights, strict=True)
+        ]
         return cls.of_table(np.array(rows, dtype=np.float64).reshape(-1, 8))
 
     @classmethod
@@ -106,8 +112,11 @@ class Launches(Columns[Launch]):
         """Launches that touch at these speeds and phases under gravity, started a few steps before.
 
         speed, phase, slip: (n,), m/s, parts of a step, m/s; the slip along the way of the bodies.
-        timestep: s. gravity: m/s², into the plate. spin: (3,), rad/s. steps_most: of free fall
-        before the touch. share: of g h, where steps h keep (v + share g h)² + 2 g z in free flight.
+        timestep: s.
+        gravity: m/s², into the plate.
+        spin: (3,), rad/s.
+        steps_most: of free fall before the touch.
+        share: of g h, where steps h keep (v + share g h)² + 2 g z in free flight.
         """
         count = len(speed)
         spins = np.tile(np.array(spin, dtype=np.float64), (count, 1))
@@ -134,7 +143,9 @@ class Launches(Columns[Launch]):
     def __iter__(self) -> Iterator[Launch]:
         rows = zip(*(column.tolist() for column in self._values()), strict=True)
         for speed, phase, height, slip, spin in rows:
-            yield Launch(speed, phase, None if math.isnan(height) else height, tuple(slip), tuple(spin))
+            yield Launch(
+                speed, phase, None if math.isnan(height) else height, tuple(slip), tuple(spin)
+            )
 
     # As bytes, which every version of NumPy reads.
     def __reduce__(self) -> tuple[Any, ...]:
@@ -150,7 +161,9 @@ class Launches(Columns[Launch]):
 
     def clearance(self, timestep: float) -> Floats:
         """Clearance of each launch, as `Launch.clearance`, m, shape (n,)."""
-        return np.where(np.isnan(self.height), (2.0 + self.phase) * timestep * self.speed, self.height)
+        return np.where(
+            np.isnan(self.height), (2.0 + self.phase) * timestep * self.speed, self.height
+        )
 
     def touch_speed(self, timestep: float, gravity: float) -> Floats:
         """Speed of each launch at touch, as `Launch.touch_speed`, m/s, shape (n,)."""
@@ -202,8 +215,9 @@ class Recorded:
 class Impacts(Columns[Impact]):
     """A sequence of `Impact`; each column has what its attribute of that name has, shape (n,).
 
-    status: indices into STATUSES. source: a `Recorded` that has the loop, in a row from a step on
-    (start); or the loop itself, or None.
+    status: indices into STATUSES.
+    source: a `Recorded` that has the loop, in a row from a step on (start); or the loop itself, or
+    None.
     """
 
     launches: Launches

@@ -1,4 +1,6 @@
-"""`hcbench.convert`: one contact in every library's words, those of each engine from its own folder."""
+"""`hcbench.convert`: one contact in every library's words, those of
+each engine from its own folder.
+"""
 
 from __future__ import annotations
 

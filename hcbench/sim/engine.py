@@ -46,8 +46,11 @@ if TYPE_CHECKING:
 class Engine(ABC):
     """A physics engine, or anything else that can drop a body on a plate.
 
-    name: as registered, and as settings name it. title: as reports print it. backend: the package
-    that it needs; None for none. bits: of its numbers. oblique: launches bodies at an angle too.
+    name: as registered, and as settings name it.
+    title: as reports print it.
+    backend: the package that it needs; None for none.
+    bits: of its numbers.
+    oblique: launches bodies at an angle too.
     devices: that it can compute on, such as "cpu" and "gpu", where a setting's option `device` says
     so. What only some engines can do is in `hcbench.sim.capabilities`.
     """
@@ -75,8 +78,11 @@ class Engine(ABC):
         return recipes.RECIPES if recipes else ()
 
     @abstractmethod
-    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Sequence[Impact]:
-        """One impact for each launch, in order. An impact that went wrong is a record with a status.
+    def impacts(
+        self, scene: Scene, setting: Setting, launches: Sequence[Launch]
+    ) -> Sequence[Impact]:
+        """One impact for each launch, in order. An impact that went
+        wrong is a record with a status.
 
         Raises SettingError for options the engine does not have,
         SceneError for a scene it cannot load.
@@ -96,24 +102,30 @@ class Engine(ABC):
             raise SettingError(f"{self.name} option 'device'", repr(device), expected)
         return device
 
-    def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+    def trajectory(
+        self, scene: Scene, setting: Setting, launch: Launch, duration: float
+    ) -> Trajectory:
         """Every step of `duration` s after release, however often the body bounces.
 
         Raises EngineFailed where an engine knows single impacts only.
         """
-        raise EngineFailed(self.name, "knows single impacts only", "an engine that can go on after one")
+        raise EngineFailed(
+            self.name, "knows single impacts only", "an engine that can go on after one"
+        )
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """Return the text of a setting to paste into a user's model or
         script; "" if nothing is set.
 
-        form: the scene's, "plane" or "cup". pair: names of the two in the
-        user's model, the first moves.
+        form: the scene's, "plane" or "cup".
+        pair: names of the two in the user's model, the first moves.
         """
         return setting.options_text
 
     def model_options(self, setting: Setting) -> tuple[tuple[str, str], ...]:
-        """Options of the whole model that a setting has, (name, text) as the engine's files write them."""
+        """Options of the whole model that a setting has, (name, text) as
+        the engine's files write them.
+        """
         return ()
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
@@ -135,7 +147,8 @@ class Engine(ABC):
         """Test, for about a second, whether a setting ever adds energy to a
         body, and how a body rests on it.
 
-        speeds: the band, m/s. whole: run the long test instead, with drops of half a minute.
+        speeds: the band, m/s.
+        whole: run the long test instead, with drops of half a minute.
         train: the longest train of bounces that the target allows after a drop.
         """
         return passivity_of(self, scene, setting, speeds, whole, train)
@@ -177,8 +190,9 @@ class Engine(ABC):
 class SteppedEngine(Engine):
     """An engine that advances in time steps: all but the closed form.
 
-    own_process: settings of the whole process, prints and crashes: simulations run in a
-    process of their own. limit: s, after which one launch in such a process counts as hung.
+    own_process: settings of the whole process, prints and crashes: simulations run in a process of
+    their own.
+    limit: s, after which one launch in such a process counts as hung.
     together: launches in it at once.
     """
 
@@ -206,7 +220,9 @@ class SteppedEngine(Engine):
         return simulate.impacts(self, scene, setting, Launches.of(launches))
 
     @final
-    def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+    def trajectory(
+        self, scene: Scene, setting: Setting, launch: Launch, duration: float
+    ) -> Trajectory:
         """Every step of `duration` s after release; NaN from where the engine gave up."""
         return simulate.trajectory(self, scene, setting, launch, duration)
 
@@ -219,18 +235,26 @@ def _require_types(scene: object, setting: object) -> None:
 
 
 def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
-    """Raises SettingError for a launch without meaning; oblique: whether the engine has such launches."""
+    """Raises SettingError for a launch without meaning; oblique:
+    whether the engine has such launches.
+    """
     try:
         height = launch.height or 0.0
-        finite = math.isfinite(sum((launch.speed, launch.phase, height, *launch.slip, *launch.spin)))
+        finite = math.isfinite(
+            sum((launch.speed, launch.phase, height, *launch.slip, *launch.spin))
+        )
     except (TypeError, AttributeError, OverflowError):
         finite = False
     if not finite:
         raise SettingError("launch", f"{launch!r:.200}", "finite numbers")
     if launch.speed < 0 or (launch.speed == 0 and not launch.height):
-        raise SettingError("speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from")
+        raise SettingError(
+            "speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from"
+        )
     if not oblique and launch.is_oblique:
-        raise SettingError("launch", f"oblique, in {engine!r}", "one along the normal, without spin")
+        raise SettingError(
+            "launch", f"oblique, in {engine!r}", "one along the normal, without spin"
+        )
 
 
 def module_of(engine: Engine, name: str) -> Any:

@@ -1,4 +1,6 @@
-"""Entry points of the group hcbench.engines, and the adapters that they load: what every process shares."""
+"""Entry points of the group hcbench.engines, and the adapters that they
+load: what every process shares.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,9 @@ def adapter(name: str) -> Engine:
     except Exception as error:
         raise EngineFailed(slot, f"could not be loaded: {error}", "") from error
     if (own := getattr(loaded, "name", None)) != name:
-        raise EngineFailed(slot, f"{entry.value} has the name {own!r}", f"an Engine whose name is {name!r}")
+        raise EngineFailed(
+            slot, f"{entry.value} has the name {own!r}", f"an Engine whose name is {name!r}"
+        )
     return loaded  # type: ignore[no-any-return]
 
 

@@ -1,4 +1,5 @@
-"""Runs what would change an engine's world in a forked copy of this process: the world here stays as it is.
+"""Runs what would change an engine's world in a forked copy of this process:
+the world here stays as it is.
 
 For engines that cannot be put back: Bullet keeps contacts that its own
 restoreState does not take away.
@@ -38,8 +39,14 @@ class _Child:
             error, answer = self._pipe.recv()
         except (EOFError, OSError):
             code = self._fork.wait()
-            got = f"crashed with {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-            raise EngineFailed("model", f"the engine's process {got}", "a model that runs") from None
+            got = (
+                f"crashed with {signal.Signals(-code).name}"
+                if code < 0
+                else f"ended with exit code {code}"
+            )
+            raise EngineFailed(
+                "model", f"the engine's process {got}", "a model that runs"
+            ) from None
         if error is not None:
             raise error
         return answer

@@ -32,14 +32,19 @@ _VERSION = re.compile(r"\d[\w.+!-]*")
 
 
 def add(
-    name: str, python: str | None = None, progress: Callable[[int, int], None] = lambda done, total: None
+    name: str,
+    python: str | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Environment:
-    """Install an engine into an environment of its own, or return the one installed that fits the request.
+    """Install an engine into an environment of its own, or return the one
+    installed that fits the request.
 
-    name: "myengine", for the newest version, or "myengine@1.2". python: a version or path of an
-    interpreter; None for that of this process, or the newest that the engine has wheels for.
-    progress: called with (steps done, steps in all). Raises UserError for what is not to be had,
-    CannotRun for what does not run, OutputError.
+    name: "myengine", for the newest version, or "myengine@1.2".
+    python: a version or path of an interpreter; None for that of this process, or the newest that
+    the engine has wheels for.
+    progress: called with (steps done, steps in all).
+
+    Raises UserError for what is not to be had, CannotRun for what does not run, OutputError.
     """
     base, at, version = name.partition("@")
     backend = _backend(base)
@@ -80,7 +85,9 @@ def names() -> list[str]:
 
 
 def files_of(name: str) -> tuple[int, str]:
-    """(bytes, folder) of the package of an engine that is installed beside hcbench; (0, "") for none."""
+    """(bytes, folder) of the package of an engine that is installed
+    beside hcbench; (0, "") for none.
+    """
     backend = registry.engine(name).backend
     if backend is None:
         return 0, ""
@@ -96,7 +103,9 @@ def files_of(name: str) -> tuple[int, str]:
 def _backend(name: str) -> Backend:
     backend = registry.engine(name).backend
     if backend is None:
-        raise UserError("engine", repr(name), "one that has a package to install", "This one needs none")
+        raise UserError(
+            "engine", repr(name), "one that has a package to install", "This one needs none"
+        )
     return backend
 
 
@@ -134,7 +143,9 @@ def _try(made: Environment) -> None:
     try:
         reason = call(_failed_bounce, made.engine, limit=_TRIAL_S, at=there)
     except Exception as error:
-        reason = f"{error}" if isinstance(error, HcbenchError) else f"{type(error).__name__}: {error}"
+        reason = (
+            f"{error}" if isinstance(error, HcbenchError) else f"{type(error).__name__}: {error}"
+        )
     if reason:
         backend = _backend(made.engine)
         tried = f"It was left out: {backend.oldest} ... {backend.newest} were tried"

@@ -63,12 +63,17 @@ class Footfall:
 class Landing:
     """One drop.
 
-    height, m, and tilt, rad: at release. speed_in: of the centre of mass towards the floor at first
-    touch, m/s. speed_out: the largest away from it with which the whole robot left the floor; 0
-    where it never did. weight: of the robot, N. time: s from the first touch, and force: of the
-    floor on the robot, upwards, N, as the mean over each step; shape (n,). feet: in the order in
-    which they met the floor. impulse: of the floor in one step, the largest, N s, where a plug-in's
-    law gives the feet impulses; NaN where they feel forces.
+    height, m, and tilt, rad: at release.
+
+    speed_in: of the centre of mass towards the floor at first touch, m/s.
+    speed_out: the largest away from it with which the whole robot left the floor; 0 where it never
+    did.
+    weight: of the robot, N.
+    time: s from the first touch, and force: of the floor on the robot, upwards, N, as the mean over
+    each step; shape (n,).
+    feet: in the order in which they met the floor.
+    impulse: of the floor in one step, the largest, N s, where a plug-in's law gives the feet
+    impulses; NaN where they feel forces.
     """
 
     height: float
@@ -118,8 +123,11 @@ class Landing:
 class Landings(Shown):
     """All drops of one robot.
 
-    model: what to call it. robot, floor: names of its base and of what it lands on. controller:
-    what holds the joints, in words. mass: kg. drops: heights in order, tilts in order for each.
+    model: what to call it.
+    robot, floor: names of its base and of what it lands on.
+    controller: what holds the joints, in words.
+    mass: kg.
+    drops: heights in order, tilts in order for each.
     notes: sentences a reader must know.
     """
 
@@ -151,7 +159,9 @@ class Landings(Shown):
 class FootfallLog:
     """Adds up what one part does on the floor, step by step."""
 
-    def __init__(self, touch: float, speed: float, slide: float, *, by_impulses: bool = False) -> None:
+    def __init__(
+        self, touch: float, speed: float, slide: float, *, by_impulses: bool = False
+    ) -> None:
         self.touch = touch
         self.speed = speed
         self.slide = slide
@@ -165,7 +175,11 @@ class FootfallLog:
     def add(self, time: float, step: float, force: float, slide: float, depth: float) -> None:
         """Add one step in which the floor pushed.
 
-        time: of its start, s. step: s. force: N. slide: speed along the floor, m/s. depth: m.
+        time: of its start, s.
+        step: s.
+        force: N.
+        slide: speed along the floor, m/s.
+        depth: m.
         """
         if time - self._last > PARTED_S:
             self.bounces += 1
@@ -185,7 +199,8 @@ class FootfallLog:
 
 
 def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
-    """The largest upward speed with which the whole robot leaves the floor, m/s; 0 where it never does.
+    """The largest upward speed with which the whole robot leaves the
+    floor, m/s; 0 where it never does.
 
     force, N, rising: speed of the centre of mass, m/s, at the start of each
     step from the first touch on.

@@ -1,4 +1,6 @@
-"""A user's own model with a pair of bodies in it: what an engine must offer so that it can be measured."""
+"""A user's own model with a pair of bodies in it: what an engine must
+offer so that it can be measured.
+"""
 
 from __future__ import annotations
 
@@ -87,13 +89,18 @@ class Request:
 class Suspect:
     """Something in a model that may keep it from bouncing as asked.
 
-    code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text
-    to paste. apply: makes the fix in the engine's own form of the model; None where it cannot be
-    tried. always_reported: even if e is correct, because it concerns the model's settings.
+    code: short and stable.
+    title: the sentence that names it.
+    evidence: numbers found.
+    fix: text to paste.
+    apply: makes the fix in the engine's own form of the model; None where it cannot be tried.
+    always_reported: even if e is correct, because it concerns the model's settings.
     assumed_e: e that the fix is written for, where the user named no target; e is then compared
-    with it. named_if_half: reported, too, where it alone takes away half of the error and
-    another fix takes all. apply_last: its fix depends on the step and integrator, so it is made
-    after those that change them.
+    with it.
+    named_if_half: reported, too, where it alone takes away half of the error and another fix takes
+    all.
+    apply_last: its fix depends on the step and integrator, so it is made after those that change
+    them.
     """
 
     code: str
@@ -111,17 +118,21 @@ class Suspect:
 class Facts:
     """Properties of a model and of its pair, as an engine reads them from the model, SI.
 
-    pair: as the model names the two, the moving body first. moved: what moves it, as a phrase.
-    effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the
-    moving body towards the other. settings: the engine's own words for what decides the bounce.
+    pair: as the model names the two, the moving body first.
+    moved: what moves it, as a phrase.
+    effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg.
+    normal: unit vector, from the moving body towards the other.
+    settings: the engine's own words for what decides the bounce.
     asked: e that the model asks for at each speed of the request; () where it cannot be said.
-    asked_description: what in the model asks for it. notes: sentences a reader must know. warnings:
-    those of the notes by which the numbers may be wrong, so that a verdict has them too. friction:
-    Coulomb's μ of the pair, NaN where it cannot be said. point: where the two meet, m. shares: what
-    took how much off the approach speed during the contact, over the speed at touch, by cause, in
-    the launch in which joints and actuators took most; empty where there are none. promise: what
-    hcbench promised of the pair, where it wrote the setting. changed: codes of the suspects that
-    are not as they were when it promised.
+    asked_description: what in the model asks for it.
+    notes: sentences a reader must know.
+    warnings: those of the notes by which the numbers may be wrong, so that a verdict has them too.
+    friction: Coulomb's μ of the pair, NaN where it cannot be said.
+    point: where the two meet, m.
+    shares: what took how much off the approach speed during the contact, over the speed at touch,
+    by cause, in the launch in which joints and actuators took most; empty where there are none.
+    promise: what hcbench promised of the pair, where it wrote the setting.
+    changed: codes of the suspects that are not as they were when it promised.
     """
 
     engine: str
@@ -149,7 +160,9 @@ class Facts:
         """Approach speed lost to joints and actuators, over that at touch; NaN where unknown."""
         if not self.shares:
             return math.nan
-        return sum(abs(share) for name, share in self.shares.items() if name not in (CONTACT, WEIGHT))
+        return sum(
+            abs(share) for name, share in self.shares.items() if name not in (CONTACT, WEIGHT)
+        )
 
     @property
     def meeting(self) -> str:
@@ -171,9 +184,9 @@ def _three_digits(vector: Iterable[float]) -> str:
 class Output:
     """Destination of a setting that is to be written into a model.
 
-    folder: of the model; None: that of the source. include: the name of a file of its own
-    for its lines; "" for none. engine, version: that have to load it, such as (3,
-    5); () for the installed one.
+    folder: of the model; None: that of the source.
+    include: the name of a file of its own for its lines; "" for none.
+    engine, version: that have to load it, such as (3, 5); () for the installed one.
     """
 
     folder: Path | None = None
@@ -188,8 +201,11 @@ BESIDE = Output()
 
 @dataclass(frozen=True, slots=True)
 class Texts:
-    """A setting as text. paste: lines for the model or script. written: the whole model with them,
-    or "". include: a file of the lines alone, or "".
+    """A setting as text.
+
+    paste: lines for the model or script.
+    written: the whole model with them, or "".
+    include: a file of the lines alone, or "".
     """
 
     paste: str
@@ -203,7 +219,8 @@ class ModelSetting:
 
     open: the model with the setting, for the launches of a request.
     texts: of it, with what was promised of each pair.
-    slides: true where friction may change e of bodies that slide, so that oblique launches judge it.
+    slides: true where friction may change e of bodies that slide, so that oblique launches judge
+    it.
     """
 
     name: str
@@ -214,7 +231,9 @@ class ModelSetting:
 
 
 class ModelUnderTest(World):
-    """A user's own model with a pair of bodies brought to touch: what `measure` needs beyond a world."""
+    """A user's own model with a pair of bodies brought to touch: what
+    `measure` needs beyond a world.
+    """
 
     @abstractmethod
     def facts(self) -> Facts:

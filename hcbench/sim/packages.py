@@ -130,7 +130,9 @@ def require_expanded(path: Path, text: str) -> None:
 
 
 def require_packages(path: Path, packages: Packages) -> None:
-    """Raise SceneError for the first package of a URDF whose folder is not known, or lacks the file."""
+    """Raise SceneError for the first package of a URDF whose folder
+    is not known, or lacks the file.
+    """
     folders = folders_of(path, packages)
     for match in _NAMED.finditer(read_xml(path)):
         name = match["name"]

@@ -35,7 +35,9 @@ _FEWEST = 4.0
 
 
 def require_motion(scene: Scene, timestep: float, fastest: float, bits: int) -> None:
-    """Raises SettingError for a step so short that the ball, in numbers of so many bits, does not move."""
+    """Raises SettingError for a step so short that the ball, in numbers
+    of so many bits, does not move.
+    """
     require_motion_at(scene.touch_radius, timestep, fastest, bits)
 
 
@@ -50,14 +52,16 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
     if fastest * timestep < _FEWEST * place:
         got = f"{timestep:g} s in float{bits}: at {fastest:.3g} m/s the ball moves {fastest * timestep:.1g} m"
         expected = f"{_FEWEST * place:.1g} m or more, as positions have steps of {place:.1g} m"
-        raise SettingError("timestep", got, expected, f"Use {_FEWEST * place / fastest:.1g} s or more")
+        raise SettingError(
+            "timestep", got, expected, f"Use {_FEWEST * place / fastest:.1g} s or more"
+        )
 
 
 def law_text(law: PythonLaw | None, force: str, each: str) -> str:
     """A law's numbers in an engine's own lines; "" for none.
 
-    force: lines with {k}, {n} and {a}, of eq. (16). each: with two gaps,
-    for α and the reading of e(v).
+    force: lines with {k}, {n} and {a}, of eq. (16).
+    each: with two gaps, for α and the reading of e(v).
     """
     if law is None:
         return ""
@@ -90,7 +94,9 @@ class BatchWorld(World):
 
     @abstractmethod
     def step(self, steps: int) -> Floats:
-        """Heights and velocities upwards after each of at most `steps` more steps, shape (n, 2, places)."""
+        """Heights and velocities upwards after each of at most `steps`
+        more steps, shape (n, 2, places).
+        """
 
     def release(self, launches: Sequence[Launch]) -> BatchSimulation:
         """A ball for each launch."""
@@ -126,7 +132,9 @@ class ScriptedWorlds(BatchWorld):
 
 
 class ScriptedWorldsEngine(ScriptedEngine[Options]):
-    """An engine whose script, of one world, is run with `together` of them: float32, in its own process."""
+    """An engine whose script, of one world, is run with `together` of
+    them: float32, in its own process.
+    """
 
     bits = 32
     own_process = True
@@ -139,7 +147,9 @@ class ScriptedWorldsEngine(ScriptedEngine[Options]):
         """The worlds of the script. Raises SettingError for a step too short for float32."""
         require_motion(scene, setting.timestep, fastest, self.bits)
         script = self.script(scene, setting).replace("worlds = 1", f"worlds = {self.together}")
-        return ScriptedWorlds(scene, setting.timestep, self.together, script, self.speed_reading(setting))
+        return ScriptedWorlds(
+            scene, setting.timestep, self.together, script, self.speed_reading(setting)
+        )
 
 
 class BatchSimulation(Simulation):
@@ -168,7 +178,9 @@ class BatchSimulation(Simulation):
 
 
 def run_lines(lines: str, names: dict[str, Any]) -> dict[str, Any]:
-    """Run Python lines whose functions keep their source, which compilers of kernels read; the names."""
+    """Run Python lines whose functions keep their source, which
+    compilers of kernels read; the names.
+    """
     file = f"<hcbench lines {hash(lines)}>"
     linecache.cache[file] = len(lines), None, lines.splitlines(keepends=True), file
     exec(compile(lines, file, "exec"), names)
@@ -182,7 +194,10 @@ def no_gpu(engine: str, library: str, needed: str) -> CannotRun:
 
 
 def batch_in(memory: int, each: int) -> int:
-    """Copies that half of so much memory has room for. each: bytes that a step needs for one."""
+    """Copies that half of so much memory has room for.
+
+    each: bytes that a step needs for one.
+    """
     return max(1, memory // (2 * each))
 
 

@@ -65,8 +65,10 @@ class LongestTrain:
     A target with e near 1 bounces for minutes: e = 0.99 ends 40 s after a drop of 0.2 m. So an
     engine's train is compared with the target's own, and not with a time that is the same for all.
 
-    curve: the target. error: the error of e that the setting promises. fastest: the band's highest
-    speed, m/s; nothing is promised above it, and e may be as large there as at that speed.
+    curve: the target.
+    error: the error of e that the setting promises.
+    fastest: the band's highest speed, m/s; nothing is promised above it, and e may be as large
+    there as at that speed.
     """
 
     curve: RestitutionCurve
@@ -83,7 +85,8 @@ class LongestTrain:
         return np.asarray(e + np.minimum(self.error, (1.0 - e) / 2.0))
 
     def rebounds_after(self, heights: Sequence[float], gravity: float, seconds: float) -> Floats:
-        """Speeds, m/s, of the bounces under way `seconds` after drops from `heights`, m; 0 where they ended.
+        """Speeds, m/s, of the bounces under way `seconds` after drops from
+        `heights`, m; 0 where they ended.
 
         gravity: m/s², above 0. The result has the shape of `heights`.
         """
@@ -106,9 +109,10 @@ class LongestTrain:
 class Bounces:
     """Results of drops from HEIGHTS and of launches below the band.
 
-    max_e: the largest e of all impacts. gains_below: the highest impact speed with an e above
-    MOST_E, m/s; 0 where there is none. still_bouncing: drops that go on after LASTS, faster than
-    the target allows. tried: how many of both.
+    max_e: the largest e of all impacts.
+    gains_below: the highest impact speed with an e above MOST_E, m/s; 0 where there is none.
+    still_bouncing: drops that go on after LASTS, faster than the target allows.
+    tried: how many of both.
     """
 
     max_e: float
@@ -135,7 +139,9 @@ class Bounces:
 class Finding:
     """One scene that was tried.
 
-    name: what it is. under: options it ran with. value, limit: in `unit`.
+    name: what it is.
+    under: options it ran with.
+    value, limit: in `unit`.
     """
 
     name: str
@@ -154,10 +160,11 @@ class Finding:
 class Passivity:
     """Energy and rest of a setting, as far as they were tested.
 
-    bounces: of a ball. flat: whether a box on face, edge and vertex never gained energy; None where
-    that was not tried. slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without
-    friction. findings: of the whole gate, empty for a screen. others: what the setting does to
-    other contacts of the model, a sentence; "" for nothing.
+    bounces: of a ball.
+    flat: whether a box on face, edge and vertex never gained energy; None where that was not tried.
+    slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without friction.
+    findings: of the whole gate, empty for a screen.
+    others: what the setting does to other contacts of the model, a sentence; "" for nothing.
     """
 
     bounces: Bounces
@@ -183,7 +190,9 @@ class Passivity:
         bounces = self.bounces
         words = []
         if bounces.max_e > MOST_E:
-            words.append(f"gains energy below {bounces.gains_below:.2g} m/s (e up to {bounces.max_e:.4g})")
+            words.append(
+                f"gains energy below {bounces.gains_below:.2g} m/s (e up to {bounces.max_e:.4g})"
+            )
         if bounces.still_bouncing:
             counted = f"{bounces.still_bouncing} of {bounces.tried} bounce on longer than the target would"
             words.append(f"does not come to rest ({counted})")
@@ -196,8 +205,10 @@ class Passivity:
 class DropReader:
     """Reads the impacts of drops, a chunk of steps after another.
 
-    timestep: s. gravity: m/s², into the plate. allowed: rebound speeds at the end that the target
-    allows, m/s, one for each drop. reading: which energy the integrator keeps.
+    timestep: s.
+    gravity: m/s², into the plate.
+    allowed: rebound speeds at the end that the target allows, m/s, one for each drop.
+    reading: which energy the integrator keeps.
     """
 
     timestep: float
@@ -252,8 +263,12 @@ class DropReader:
         return Bounces(self.max_e, self.gains_below, int(bounces_on.sum()), len(self._parted))
 
 
-def allowed_rebounds(train: LongestTrain | None, heights: Sequence[float], gravity: float) -> Floats:
-    """Rebound speeds, m/s, that are allowed in the last second of drops of LASTS; 0 without a target."""
+def allowed_rebounds(
+    train: LongestTrain | None, heights: Sequence[float], gravity: float
+) -> Floats:
+    """Rebound speeds, m/s, that are allowed in the last second of
+    drops of LASTS; 0 without a target.
+    """
     if train is None:
         return np.zeros(len(heights))
     return train.rebounds_after(heights, gravity, LASTS - _STILL)
@@ -316,7 +331,10 @@ def drops_in(
 def _drops_here(
     name: str, scene: Scene, setting: Setting, heights: Sequence[float], train: LongestTrain | None
 ) -> Bounces:
-    """The drops of `drops_in` in this process. heights: m."""
+    """The drops of `drops_in` in this process.
+
+    heights: m.
+    """
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     launches = [Launch(0.0, height=height) for height in heights]
     fastest = launches[-1].touch_speed(setting.timestep, scene.gravity)
@@ -329,7 +347,9 @@ def _drops_here(
     ):
         for start in range(0, len(launches), world.places):
             together = slice(start, start + world.places)
-            reader = DropReader(world.timestep, world.gravity, allowed[together], world.speed_reading)
+            reader = DropReader(
+                world.timestep, world.gravity, allowed[together], world.speed_reading
+            )
             done = 0
             with closing(world.release(launches[together])) as simulation:
                 while done < steps:

@@ -27,9 +27,11 @@ _SLACK = 0.005
 class Promise:
     """A setting for a pair.
 
-    rows: <pair>s of the same two geoms. curve: the target. error: of e over `speeds`,
-    m/s. option: options of the whole model with which the error was found, as the
-    engine's own files name and write them.
+    rows: <pair>s of the same two geoms.
+    curve: the target.
+    error: of e over `speeds`, m/s.
+    option: options of the whole model with which the error was found, as the engine's own files
+    name and write them.
     """
 
     setting: str

@@ -67,17 +67,24 @@ class SpeedReading(StrEnum):
     @property
     def steps_after(self) -> int:
         """Free steps that it needs after the bodies have parted."""
-        return {"crossing of the touch plane": 1, "crossing of the touch plane, by stages": 2}.get(self, 0)
+        return {"crossing of the touch plane": 1, "crossing of the touch plane, by stages": 2}.get(
+            self, 0
+        )
 
     @property
     def share(self) -> float:
         """Share of g h that v lacks for its square less 2 g x to stay the same in free flight."""
         return {"touch plane": 0.5, "touch plane, four substeps": 0.125}.get(self, 0.0)
 
-    def speeds(self, before: States, after: States, fall: float, gravity: float) -> tuple[Floats, Floats]:
-        """Speed in and out, m/s, shape (n,). before, after: (penetration m, rate m/s),
-        (n,) each, of the last free state before the contact and the first after it.
-        fall: g h, m/s. gravity: g, m/s².
+    def speeds(
+        self, before: States, after: States, fall: float, gravity: float
+    ) -> tuple[Floats, Floats]:
+        """Speed in and out, m/s, shape (n,).
+
+        before, after: (penetration m, rate m/s), (n,) each, of the last free state before the
+        contact and the first after it.
+        fall: g h, m/s.
+        gravity: g, m/s².
         """
         (x_in, v_in), (x_out, v_out) = before, after
         if gravity == 0.0:
@@ -104,7 +111,9 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
 
 
 def _early_crossing_speed(states: Floats, h: float) -> Floats:
-    """Speed where a path crosses the touch plane, m/s, by the two states before: (2, b, 2) of `States`."""
+    """Speed where a path crosses the touch plane, m/s, by the two states
+    before: (2, b, 2) of `States`.
+    """
     if states.shape[2] < 2 or h == 0.0:
         return np.asarray(states[1, :, 0])
     (x, x_next), (v, v_next) = states.transpose(0, 2, 1)
@@ -143,8 +152,10 @@ def impacts_of(
     """Read impacts off trajectories that share their times, (n,), s, in even steps.
 
     states: penetration (m, above 0 in contact), rate (m/s, above 0 on approach) and force (N), (3,
-    b, n); the first `counts` steps count. ends: why they end (`End`), (b,). gravity: into the
-    plate, m/s². diverged: the reason to give for NOT_FINITE.
+    b, n); the first `counts` steps count.
+    ends: why they end (`End`), (b,).
+    gravity: into the plate, m/s².
+    diverged: the reason to give for NOT_FINITE.
 
     Contact is the run of steps in which the force acts. Speeds are read, by `reading`, off the last
     state that no contact force has touched and the first after the force has ceased for good.
@@ -179,10 +190,10 @@ def impacts_of(
 class EndedContacts:
     """Contacts of launches that have ended; arrays of shape (b,), SI.
 
-    counts, ends: the steps of each, and why it ended (`End`). first, stops: the step in
-    which the contact force first acts, and the one after the last. deepest, hardest:
-    largest penetration and force between them. came, left: penetration and rate in the
-    first, and once the force has ceased.
+    counts, ends: the steps of each, and why it ended (`End`).
+    first, stops: the step in which the contact force first acts, and the one after the last.
+    deepest, hardest: largest penetration and force between them.
+    came, left: penetration and rate in the first, and once the force has ceased.
     """
 
     counts: NDArray[np.int64]
@@ -195,10 +206,19 @@ class EndedContacts:
     left: States
 
     def impacts(
-        self, launches: Launches, speeds: States, h: float, diverged: str, record: Recorded | None = None
+        self,
+        launches: Launches,
+        speeds: States,
+        h: float,
+        diverged: str,
+        record: Recorded | None = None,
     ) -> Impacts:
-        """The impacts. speeds: in, out and, where it is another, after the force, m/s; that out of
-        a rested launch is set to 0. h: the step, s. record: has the loops.
+        """The impacts.
+
+        speeds: in, out and, where it is another, after the force, m/s; that out of a rested launch
+        is set to 0.
+        h: the step, s.
+        record: has the loops.
         """
         ends = self.ends
         count = len(ends)
@@ -227,7 +247,9 @@ class EndedContacts:
                 reason[i] = f"still in contact {last - touch:.3g} s after touch"
             else:
                 steps = int(self.counts[i] - self.first[i])
-                reason[i] = f"still in contact, and not at rest, after {steps} steps ({h * steps:.3g} s)"
+                reason[i] = (
+                    f"still in contact, and not at rest, after {steps} steps ({h * steps:.3g} s)"
+                )
         source = np.full(count, None, dtype=object)
         source[measured] = record
 
@@ -252,14 +274,20 @@ class EndedContacts:
         )
 
 
-def _crossing_speeds(states: Floats, seen: EndedContacts, h: float, last: NDArray[np.int64]) -> States:
+def _crossing_speeds(
+    states: Floats, seen: EndedContacts, h: float, last: NDArray[np.int64]
+) -> States:
     """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the
-    plane. last: the middle one of three free states after the contact.
+    plane.
+
+    last: the middle one of three free states after the contact.
     """
     x = states[0]
     is_deep = x > 0.0
     # The surfaces may meet before the force acts.
-    entered = np.where(is_deep.any(axis=1), np.minimum(seen.first, is_deep.argmax(axis=1)), seen.first)
+    entered = np.where(
+        is_deep.any(axis=1), np.minimum(seen.first, is_deep.argmax(axis=1)), seen.first
+    )
     v_in = _crossing_speed(x, entered - 1, h)
     v_out = _crossing_speed(x, last, h)
     # Fewer than three states before the touch: what the first two or the first one tell.
@@ -271,10 +299,12 @@ def _crossing_speeds(states: Floats, seen: EndedContacts, h: float, last: NDArra
 def _contact(
     states: Floats, counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """First step in which the force acts, the one after the last, deepest, m, and hardest, N; (b,) each.
+    """First step in which the force acts, the one after the last,
+    deepest, m, and hardest, N; (b,) each.
 
-    states: (3, b, n) of penetration, rate, force. counts: (b,), steps that count. A launch without
-    force gets 0, n, and the extremes of its whole row: its `End` tells.
+    states: (3, b, n) of penetration, rate, force.
+    counts: (b,), steps that count. A launch without force gets 0, n, and the extremes of its whole
+    row: its `End` tells.
     """
     penetration, _, force = states
     launches, n = force.shape

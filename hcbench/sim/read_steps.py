@@ -38,9 +38,11 @@ class Rule(NamedTuple):
     that an engine's device can hold.
 
     flight_steps, rest_speed, idle_speed: shape (b,), with the meaning they have in `StopRule`; so
-    have contact_steps, fall and lowest, its `deepest`. held_speed: at which a body falls no longer;
-    -1 without gravity. radius, beyond: of the body, in the engine's bits, and what these leave out,
-    m. noise: share of a speed that is round-off. largest: finite number.
+    have contact_steps, fall and lowest, its `deepest`.
+    held_speed: at which a body falls no longer; -1 without gravity.
+    radius, beyond: of the body, in the engine's bits, and what these leave out, m.
+    noise: share of a speed that is round-off.
+    largest: finite number.
     """
 
     flight_steps: Any
@@ -62,8 +64,9 @@ class Reading(NamedTuple):
     """State of each launch after the steps read so far, shape (b,), SI: 32-bit
     integers, then the engine's floats.
 
-    steps: seen until it ended; end: why it has (`End`). touch, last: first and last step in which
-    the contact force acted, -1 for none. still, idle, held, stuck: the last step that was not so.
+    steps: seen until it ended; end: why it has (`End`).
+    touch, last: first and last step in which the contact force acted, -1 for none.
+    still, idle, held, stuck: the last step that was not so.
     height, rising: of the body's centre after the last step; x_before: the penetration before it.
     x_in, v_in: penetration and rate as the force begins to act; x_out, v_out: after it has ceased.
     deepest, hardest: the largest penetration and force of the contact; sunk: the largest
@@ -99,7 +102,9 @@ WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])
 
 
 def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind: type) -> Rule:
-    """Return the rule for launches of a scene's ball. bits: of the engine's numbers.
+    """Return the rule for launches of a scene's ball.
+
+    bits: of the engine's numbers.
     kind: NumPy type of the reading.
     """
     rule = StopRule.for_launches(launches, timestep, scene.normal_gravity, scene.touch_radius)
@@ -155,7 +160,9 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
     rest_steps = REST_STEPS
     idle_steps = IDLE_STEPS
     falling_steps = FALLING_STEPS
-    not_finite, too_deep, parted, rested = map(int, (End.NOT_FINITE, End.TOO_DEEP, End.PARTED, End.RESTED))
+    not_finite, too_deep, parted, rested = map(
+        int, (End.NOT_FINITE, End.TOO_DEEP, End.PARTED, End.RESTED)
+    )
     turned, never, unfinished = map(int, (End.TURNED_BACK, End.NEVER_TOUCHED, End.UNFINISHED))
 
     # Warp compiles these lines too: no helper, no keyword, one assignment a line.
@@ -219,7 +226,10 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
 
 
 def contacts_of(reading: Reading) -> EndedContacts:
-    """Return the contacts of launches that have ended. reading: NumPy arrays."""
+    """Return the contacts of launches that have ended.
+
+    reading: NumPy arrays.
+    """
     seen = Reading(*(np.asarray(column) for column in reading))
     # A launch without a touch has -1 for its first and last step in contact.
     return EndedContacts(

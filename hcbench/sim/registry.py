@@ -28,7 +28,8 @@ base_name = entry_points.base_name
 
 @checked
 def engine(name: str) -> Engine:
-    """The engine registered under `name`, its backend not imported yet; UserError for an unknown name.
+    """The engine registered under `name`, its backend not imported yet;
+    UserError for an unknown name.
 
     name: with "@" and a version for one of several, which may be in an environment of its own.
     """
@@ -67,7 +68,9 @@ def require(name: str) -> str:
 
 
 def submodule(name: str, part: str) -> Any:
-    """The module `part` in the package of an engine, as `two_blocks`; None where the engine has none."""
+    """The module `part` in the package of an engine, as `two_blocks`;
+    None where the engine has none.
+    """
     return module_of(adapter(base_name(name)), part)
 
 
@@ -82,7 +85,9 @@ def preferred(name: str) -> list[Recipe]:
 
 def recipes(name: str) -> dict[str, Recipe]:
     """An engine's recipes by their names, sorted; UserError for an unknown engine."""
-    return {recipe.name: recipe for recipe in sorted(preferred(name), key=lambda recipe: recipe.name)}
+    return {
+        recipe.name: recipe for recipe in sorted(preferred(name), key=lambda recipe: recipe.name)
+    }
 
 
 def recipe_names() -> list[str]:

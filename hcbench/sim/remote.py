@@ -93,7 +93,9 @@ class Wrapped(HasPlugin, TunesModels):
 
 
 class MissingEngine(Wrapped):
-    """A version that is not installed: every use raises EngineMissing with the command that installs it."""
+    """A version that is not installed: every use raises EngineMissing
+    with the command that installs it.
+    """
 
     def version(self) -> NoReturn:
         """Raises EngineMissing."""
@@ -154,17 +156,23 @@ class RemoteEngine(Wrapped):
 
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """Simulate the launches in the engine's environment."""
-        impacts: list[Impact] = self._call("impacts", scene, setting, launches, launches=len(launches))
+        impacts: list[Impact] = self._call(
+            "impacts", scene, setting, launches, launches=len(launches)
+        )
         return impacts
 
     def require_device(self, device: str) -> None:
         """Raise CannotRun where the engine sees no such device in its environment."""
         self._call("require_device", device)
 
-    def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+    def trajectory(
+        self, scene: Scene, setting: Setting, launch: Launch, duration: float
+    ) -> Trajectory:
         """Simulate one launch for `duration`, s, in the engine's environment."""
         steps = duration / setting.timestep
-        path: Trajectory = self._call("trajectory", scene, setting, launch, duration, launches=1, steps=steps)
+        path: Trajectory = self._call(
+            "trajectory", scene, setting, launch, duration, launches=1, steps=steps
+        )
         return path
 
     def passivity(
@@ -185,15 +193,18 @@ class RemoteEngine(Wrapped):
         return text
 
     def plugin(self, *, install: bool = False) -> Path:
-        """Compile the plug-in in the engine's environment and return its path. install:
-        copy it into that environment.
+        """Compile the plug-in in the engine's environment and return its path.
+
+        install: copy it into that environment.
         """
         path: Path = call(_plugin_there, self.name, install, limit=None, at=self.interpreter)
         return path
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
         got = f"{self.name!r} is in an environment of its own, and given an object of this one"
-        raise UserError("engine", got, "a model's file", "An object is measured by the engine beside hcbench")
+        raise UserError(
+            "engine", got, "a model's file", "An object is measured by the engine beside hcbench"
+        )
 
     open = pairs = model_settings = _refuse
 
@@ -215,7 +226,9 @@ def _plugin_there(name: str, install: bool) -> Path:
 def worker_requirements() -> tuple[str, ...]:
     """Return the packages that hcbench itself imports in a worker process, as requirements of pip."""
     names = re.compile(f"({'|'.join(_WORKER)})\\b")
-    return tuple(line for line in metadata.requires("hcbench") or () if names.match(line) and ";" not in line)
+    return tuple(
+        line for line in metadata.requires("hcbench") or () if names.match(line) and ";" not in line
+    )
 
 
 @cache

@@ -35,10 +35,12 @@ _LET_DOWN = 1e-9
 class Rest:
     """A body at rest, over the last of two equal spans of time.
 
-    penetration: the greatest, m. sinking: m/s, > 0 into the plate. drift: along the plate, m/s;
-    NaN where that was not measured. vibration: rms rate about the sinking, m/s. decay:
-    vibration over that of the span before. force_noise: standard deviation of the contact force
-    over its mean; NaN without force.
+    penetration: the greatest, m.
+    sinking: m/s, > 0 into the plate.
+    drift: along the plate, m/s; NaN where that was not measured.
+    vibration: rms rate about the sinking, m/s.
+    decay: vibration over that of the span before.
+    force_noise: standard deviation of the contact force over its mean; NaN without force.
     """
 
     penetration: float
@@ -58,7 +60,9 @@ class Rest:
         """One line of it."""
         if math.isnan(self.penetration):
             return "it diverges"
-        noise = "" if math.isnan(self.force_noise) else f", force noise {100 * self.force_noise:.2g} %"
+        noise = (
+            "" if math.isnan(self.force_noise) else f", force noise {100 * self.force_noise:.2g} %"
+        )
         depth = f"penetration {1e3 * self.penetration:.3g} mm"
         return f"{depth}, vibration {self.vibration:.2g} m/s (rms){noise}"
 
@@ -98,6 +102,7 @@ def rest_of(
 
     Slopes and vibrations are those of the second half, when the path has calmed. DIVERGED if a
     number is not finite.
+
     along: its position along the plate, m, shape (n, k).
     """
     if not (np.isfinite(penetration).all() and np.isfinite(rate).all()):

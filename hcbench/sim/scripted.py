@@ -1,4 +1,5 @@
-"""Engines that a Python script runs: the script that users are handed is, line for line, what is measured.
+"""Engines that a Python script runs: the script that users are handed is,
+line for line, what is measured.
 
 An engine writes the lines that build its world and define
 
@@ -72,9 +73,11 @@ Options = TypeVar("Options", bound=ScriptOptions)
 
 
 class ScriptedEngine(SteppedEngine, Generic[Options]):
-    """An engine whose ball on a plane is a script; `lines` writes it, `paste` what of it a setting sets.
+    """An engine whose ball on a plane is a script; `lines` writes it,
+    `paste` what of it a setting sets.
 
-    table: of its settings' options. laws: those that it lets in from Python.
+    table: of its settings' options.
+    laws: those that it lets in from Python.
     """
 
     oblique = False
@@ -89,7 +92,10 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
 
     @abstractmethod
     def paste(self, options: Options, timestep: str) -> str:
-        """Return the lines to paste into a user's script. timestep: s."""
+        """Return the lines to paste into a user's script.
+
+        timestep: s.
+        """
 
     @final
     def read(self, setting: Setting) -> Options:
@@ -123,7 +129,13 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         if scene.form not in self.forms(setting) or scene.off_axis:
             got = "off its axis" if scene.off_axis else f"the form {scene.form!r}"
             raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")
-        numbers = (scene.mass, scene.touch_radius, scene.inertia, scene.normal_gravity, setting.timestep)
+        numbers = (
+            scene.mass,
+            scene.touch_radius,
+            scene.inertia,
+            scene.normal_gravity,
+            setting.timestep,
+        )
         options = self.read(setting)
         return _SCRIPT.format(
             title=self.title,
@@ -155,7 +167,9 @@ def law_lines(law: PythonLaw | None) -> str:
 class ScriptWorld(World):
     """One ball over a plane, as a script has it."""
 
-    def __init__(self, engine: ScriptedEngine[Any], scene: Scene, setting: Setting, script: str) -> None:
+    def __init__(
+        self, engine: ScriptedEngine[Any], scene: Scene, setting: Setting, script: str
+    ) -> None:
         assert engine.backend is not None
         self.timestep = setting.timestep
         self.gravity = scene.normal_gravity
@@ -210,7 +224,9 @@ class BallSimulation(Simulation):
         z, v = np.array(states, dtype=np.float64).T
         fall = world.gravity * world.timestep
         speeds = np.abs(v[:-1]) + np.abs(v[1:]) + fall
-        by_momentum = momentum_force(world.mass, world.timestep, np.diff(v) + fall, speeds, world.bits)
+        by_momentum = momentum_force(
+            world.mass, world.timestep, np.diff(v) + fall, speeds, world.bits
+        )
         read = np.array([math.nan if f is None else f for f in reported])
         forces = np.where(np.isnan(read), by_momentum, read)
         return Record((world.radius - z[:-1])[None], -v[None, :-1], forces[None])

@@ -1,4 +1,5 @@
-"""Engines that step what another one loads: its scenes and its users' models, in many copies at once.
+"""Engines that step what another one loads: its scenes and its users'
+models, in many copies at once.
 
 The other engine compiles a file, prepares the launches and reads the
 bounces; this one takes the steps.
@@ -57,8 +58,10 @@ _WIDTH = 32
 
 class Copies(ABC):
     """Copies of a model: `places` where steps are recorded, any number to read from.
-    bits: of the numbers. room: copies that the memory has room for. kind: of the floats
-    that `read_on` computes with.
+
+    bits: of the numbers.
+    room: copies that the memory has room for.
+    kind: of the floats that `read_on` computes with.
     """
 
     places: int
@@ -91,7 +94,10 @@ class Copies(ABC):
 
 
 class CopiesWorld(BatchWorld):
-    """Copies of a scene whose ball has one free joint. rest: its state at rest, shape (n,)."""
+    """Copies of a scene whose ball has one free joint.
+
+    rest: its state at rest, shape (n,).
+    """
 
     def __init__(
         self, scene: Scene, timestep: float, copies: Copies, rest: Floats, reading: SpeedReading
@@ -112,7 +118,9 @@ class CopiesWorld(BatchWorld):
         return self._copies.place(states)[:, self._at].T
 
     def read(self, launches: Launches) -> Impacts:
-        """Read launches together until few have not ended; those few begin again in a batch of their own."""
+        """Read launches together until few have not ended; those few begin
+        again in a batch of their own.
+        """
         left = np.arange(len(launches))
         parts: list[Impacts] = []
         # Places of the parts' launches among all.
@@ -126,12 +134,16 @@ class CopiesWorld(BatchWorld):
             # Speed gained in a step of free fall, m/s.
             gained = self.gravity * self.timestep
             speeds = self.speed_reading.speeds(contacts.came, contacts.left, gained, self.gravity)
-            parts.append(contacts.impacts(launches.take(ended), speeds, self.timestep, self.diverged))
+            parts.append(
+                contacts.impacts(launches.take(ended), speeds, self.timestep, self.diverged)
+            )
             left = left[~has_ended]
         return Impacts.joined(parts).take(np.argsort(np.concatenate(order)))
 
     def _read(self, launches: Launches) -> Reading:
-        """Step a copy for each launch, and more of the last, to a batch size that was compiled before."""
+        """Step a copy for each launch, and more of the last, to a batch
+        size that was compiled before.
+        """
         count = len(launches)
         unit = max(_WIDTH, 2 ** (len(launches).bit_length() - 4))
         sent = launches.take(np.minimum(np.arange(-(-count // unit) * unit), count - 1))
@@ -154,9 +166,10 @@ class CopiesWorld(BatchWorld):
 class SharedModelEngine(OpensModels, SteppedEngine):
     """An engine that steps what another one loads.
 
-    model_engine: the one that compiles the model. own: words of the options that it does not have.
-    lacks: its features that this engine ignores without a warning, as it names them. exact: how to
-    have it compute in 64 bits.
+    model_engine: the one that compiles the model.
+    own: words of the options that it does not have.
+    lacks: its features that this engine ignores without a warning, as it names them.
+    exact: how to have it compute in 64 bits.
     """
 
     model_engine: str
@@ -167,15 +180,22 @@ class SharedModelEngine(OpensModels, SteppedEngine):
 
     @abstractmethod
     def copies(
-        self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
+        self,
+        model: Any,
+        start: Any,
+        bits: int = 0,
+        law: str = "",
+        radius: float = 0.0,
+        device: str = "",
     ) -> Copies:
         """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does
         not have, CannotRun for a device that this machine lacks.
 
-        start: that engine's own state, of all that does not move by itself. bits: of the numbers;
-        0 for those that its users get who set nothing. law: `law_lines`, of a ball of this
-        radius, m, above z = 0. device: that is to be read from, of `devices`; "" for the engine's
-        own choice, and recorded steps.
+        start: that engine's own state, of all that does not move by itself.
+        bits: of the numbers; 0 for those that its users get who set nothing.
+        law: `law_lines`, of a ball of this radius, m, above z = 0.
+        device: that is to be read from, of `devices`; "" for the engine's own choice, and recorded
+        steps.
         """
 
     @abstractmethod
@@ -199,7 +219,9 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         law = self.law(setting)
         require_motion(scene, setting.timestep, fastest, bits)
         lent = registry.submodule(self.model_engine, "scene.shared_scene")
-        loaded = lent.load_scene(self.script(scene, setting), contact=not isinstance(law, HuntCrossley))
+        loaded = lent.load_scene(
+            self.script(scene, setting), contact=not isinstance(law, HuntCrossley)
+        )
         for difference in lent.differences(loaded.model, self, bits):
             got = f"{difference.title.removesuffix('.')} ({difference.evidence})"
             raise SettingError(f"{setting.engine} {setting.name!r}", got, "", difference.fix)
@@ -215,7 +237,9 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         """Never chosen automatically: without --engine, `model_engine` opens the file."""
         return False
 
-    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
+    def open(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> ModelUnderTest:
         """The model of `model_engine`, stepped by this engine."""
         return self._opener().open(source, request, rebuild).stepped_by(self)
 
@@ -235,7 +259,9 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         options = {word: value for word, value in setting.options.items() if word not in self.own}
         if isinstance(self.law(setting), Restitution):
             d = self.impedance(setting)
-            options["rows"] = [{"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}]
+            options["rows"] = [
+                {"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}
+            ]
         return replace(setting, engine=self.model_engine, options=options)
 
     def law(self, setting: Setting) -> PythonLaw | None:
@@ -252,7 +278,9 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """Return the law's lines; without a law, the snippet of `model_engine`."""
         lines = self.law_lines(self.law(setting))
-        return lines or registry.engine(self.model_engine).snippet(self._shared(setting), form, pair)
+        return lines or registry.engine(self.model_engine).snippet(
+            self._shared(setting), form, pair
+        )
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
         """Return the requirements: the law's lines around each step, or those of `model_engine`."""
@@ -264,11 +292,16 @@ class SharedModelEngine(OpensModels, SteppedEngine):
 def shared_recipes(
     engine: str, model_engine: str, changes: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Recipe, ...]:
-    """Copy another engine's recipes for this one. changes: name of each
-    recipe -> the fields that differ.
+    """Copy another engine's recipes for this one.
+
+    changes: name of each recipe -> the fields that differ.
     """
     return tuple(
-        replace(registry.recipe(f"{model_engine}.{name}"), engine=engine, **{"forms": ("plane",), **change})
+        replace(
+            registry.recipe(f"{model_engine}.{name}"),
+            engine=engine,
+            **{"forms": ("plane",), **change},
+        )
         for name, change in changes.items()
     )
 

@@ -109,12 +109,16 @@ def impacts_in(world: World, launches: Sequence[Launch]) -> list[Impact]:
     return impacts
 
 
-def run_launches(world: World, launches: Launches, places: int = 0, expected: int = 0) -> Iterator[Impacts]:
+def run_launches(
+    world: World, launches: Launches, places: int = 0, expected: int = 0
+) -> Iterator[Impacts]:
     """Impacts of launches that are sorted by how long they take, in groups of the world's `places`.
 
-    places: at most so many together, 0 for as many as the world carries. expected: steps of the
-    first, after which each group tells the next; 0 where they have nothing in common. Raises
-    SettingError for a launch that cannot arrive.
+    places: at most so many together, 0 for as many as the world carries.
+    expected: steps of the first, after which each group tells the next; 0 where they have nothing
+    in common.
+
+    Raises SettingError for a launch that cannot arrive.
     """
     _require_arrival(world, launches)
     most = places or world.places
@@ -130,7 +134,9 @@ def run_launches(world: World, launches: Launches, places: int = 0, expected: in
     if world.concurrent > 1 and len(launches) > most:
         size = even_size(len(launches), most)
         with ThreadPoolExecutor(world.concurrent) as pool:
-            yield from pool.map(run, [launches[i : i + size] for i in range(0, len(launches), size)])
+            yield from pool.map(
+                run, [launches[i : i + size] for i in range(0, len(launches), size)]
+            )
         return
     done = 0
     while done < len(launches):
@@ -165,7 +171,9 @@ def _run_group(world: World, launches: Launches, first: int, expected: int) -> t
     except CannotShareError:
         assert len(launches) > 1, "a launch that is simulated alone shares with none"
         alone = [launches[i : i + 1] for i in range(len(launches))]
-        return Impacts.joined([_run_group(world, launch, first, expected)[0] for launch in alone]), expected
+        return Impacts.joined(
+            [_run_group(world, launch, first, expected)[0] for launch in alone]
+        ), expected
 
 
 def _until_ended(
@@ -217,9 +225,16 @@ def _until_ended(
 
 
 def _read(
-    world: World, launches: Launches, rows: Floats, counts: NDArray[np.int64], ends: NDArray[np.int64]
+    world: World,
+    launches: Launches,
+    rows: Floats,
+    counts: NDArray[np.int64],
+    ends: NDArray[np.int64],
 ) -> Impacts:
-    """The impacts of launches that have ended. rows: of `Record.rows`, shape (3 or 11, b, n)."""
+    """The impacts of launches that have ended.
+
+    rows: of `Record.rows`, shape (3 or 11, b, n).
+    """
     time = np.arange(rows.shape[2], dtype=np.float64) * world.timestep
     read = impacts_of(
         launches, time, rows[:3], counts, ends, world.gravity, world.speed_reading, world.diverged
@@ -252,8 +267,9 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
 
 
 def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]) -> None:
-    """Say what was in the way of those that went wrong. counts: the steps of each launch under way
-    that has ended, which the impacts are of, else 0.
+    """Say what was in the way of those that went wrong.
+
+    counts: the steps of each launch under way that has ended, which the impacts are of, else 0.
 
     Each launch is asked: a simulation of a user's model keeps what acted, for the causes.
     """
@@ -263,7 +279,9 @@ def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]
             impacts.reason[i] = f"{impacts.reason[i]}; {note}"
 
 
-def simulate_all(launches: Sequence[Launch], name: str, scene: Scene, setting: Setting) -> Iterator[Impact]:
+def simulate_all(
+    launches: Sequence[Launch], name: str, scene: Scene, setting: Setting
+) -> Iterator[Impact]:
     """One impact for each launch, in order, in this process."""
     for group in _groups(Launches.of(launches), name, scene, setting):
         yield from group
@@ -297,7 +315,9 @@ def _groups(launches: Launches, name: str, scene: Scene, setting: Setting) -> It
 
 
 def _expected_steps(scene: Scene, timestep: float, launches: Launches) -> int:
-    """About how many steps the first launch takes: flight, and elastic contact of the scene's stiffness."""
+    """About how many steps the first launch takes: flight, and elastic
+    contact of the scene's stiffness.
+    """
     if not len(launches):
         return 0
     speed = launches[0].touch_speed(timestep, scene.gravity)

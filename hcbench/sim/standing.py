@@ -16,7 +16,8 @@ WORSE = 1.2
 class Quantity:
     """A quantity to compare.
 
-    si: of what is printed. enough: below it, as printed, any number will do.
+    si: of what is printed.
+    enough: below it, as printed, any number will do.
     """
 
     key: str
@@ -38,12 +39,18 @@ QUANTITIES = (
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """A model at rest under its own gravity, on a slope and in a grasp, SI; NaN for what it has not.
+    """A model at rest under its own gravity, on a slope and in a
+    grasp, SI; NaN for what it has not.
 
-    penetration: m. drift: along a slope of 10 degrees, or of two thirds of the friction angle where
-    that is less, m/s. hold: of a body held by two others, m/s. vibration: rms, m/s. iterations: of
-    the solver, in each step. step_time: of CPU, s. force_noise: standard deviation of the contact
-    force over its mean. slope: rad.
+    penetration: m.
+    drift: along a slope of 10 degrees, or of two thirds of the friction angle where that is less,
+    m/s.
+    hold: of a body held by two others, m/s.
+    vibration: rms, m/s.
+    iterations: of the solver, in each step.
+    step_time: of CPU, s.
+    force_noise: standard deviation of the contact force over its mean.
+    slope: rad.
     """
 
     penetration: float
@@ -56,9 +63,15 @@ class Standing:
     slope: float = math.nan
 
     @classmethod
-    def of(cls, rest: Rest, on_slope: Rest, hold: float, cost: tuple[float, float], slope: float) -> Standing:
-        """Made of rests on the level and on a slope (rad), drift in a grasp, (iterations, time) of a step."""
-        return cls(rest.penetration, on_slope.drift, hold, rest.vibration, *cost, rest.force_noise, slope)
+    def of(
+        cls, rest: Rest, on_slope: Rest, hold: float, cost: tuple[float, float], slope: float
+    ) -> Standing:
+        """Made of rests on the level and on a slope (rad), drift in a
+        grasp, (iterations, time) of a step.
+        """
+        return cls(
+            rest.penetration, on_slope.drift, hold, rest.vibration, *cost, rest.force_noise, slope
+        )
 
     @property
     def record(self) -> dict[str, float]:

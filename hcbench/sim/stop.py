@@ -1,4 +1,5 @@
-"""Decides at which step each launch has parted, come to rest, diverged or timed out: one rule for all.
+"""Decides at which step each launch has parted, come to rest, diverged
+or timed out: one rule for all.
 
 The decision does not depend on how many steps are looked at together.
 """
@@ -42,7 +43,8 @@ REST_STEPS = 32
 IDLE_SHARE = 1e-3
 # Steps for which a body at rest is idle so.
 IDLE_STEPS = 128
-# A body that gravity holds down is slower than so many times the speed that gravity gives in a step.
+# A body that gravity holds down is slower than so many times the speed
+# that gravity gives in a step.
 FALL_STEPS = 1.5
 # Steps for which a body at rest is held so.
 FALLING_STEPS = 128
@@ -68,7 +70,8 @@ class End(IntEnum):
 class QuietRun:
     """Watches for a run of steps that all meet a condition.
 
-    least: steps that the run must have. half_contact: and at least half of the contact so far.
+    least: steps that the run must have.
+    half_contact: and at least half of the contact so far.
     last_broken: the last step that did not meet the condition, shape (b,).
     """
 
@@ -97,12 +100,17 @@ class QuietRun:
 class StopRule:
     """Watches launches that are simulated side by side; arrays of shape (b,).
 
-    flight_steps: steps within which a touch must come. contact_steps: and a contact end.
-    rest_speed: m/s. fall: speed that gravity gives in a step, m/s. deepest: m, penetration beyond
-    which nothing is seen. touch: the step in which the force first acted, or beyond every step.
-    last_x: penetration of the last step seen, m. still, idle, held, stuck: runs of quiet steps, any
-    of which is rest. parted: the first step apart after the touch, or beyond every step. after:
-    steps to see after it. steps: seen so far.
+    flight_steps: steps within which a touch must come.
+    contact_steps: and a contact end.
+    rest_speed: m/s.
+    fall: speed that gravity gives in a step, m/s.
+    deepest: m, penetration beyond which nothing is seen.
+    touch: the step in which the force first acted, or beyond every step.
+    last_x: penetration of the last step seen, m.
+    still, idle, held, stuck: runs of quiet steps, any of which is rest.
+    parted: the first step apart after the touch, or beyond every step.
+    after: steps to see after it.
+    steps: seen so far.
     """
 
     flight_steps: Whole
@@ -131,11 +139,14 @@ class StopRule:
     ) -> StopRule:
         """A rule that has seen no step yet.
 
-        gravity: into the plate, m/s². after: steps to see once apart.
+        gravity: into the plate, m/s².
+        after: steps to see once apart.
         """
         sent = Launches.of(launches)
         flights = sent.flight_time(timestep, gravity) / timestep
-        flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX)
+        flight_steps = np.minimum(
+            np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX
+        )
         contact = max(CONTACT_STEPS_MIN, min(math.ceil(CONTACT_S / timestep), CONTACT_STEPS_MAX))
 
         def run(least: int, half_contact: bool) -> QuietRun:
@@ -232,6 +243,8 @@ class StopRule:
 
 
 def _first(flag: Flags, start: int) -> Whole:
-    """The first step of each launch in which a flag is set, shape (b, n) from `start` on; else `_NEVER`."""
+    """The first step of each launch in which a flag is set, shape (b, n)
+    from `start` on; else `_NEVER`.
+    """
     at = flag.argmax(axis=1)
     return np.where(flag[np.arange(len(flag)), at], start + at, _NEVER)

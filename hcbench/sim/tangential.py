@@ -30,8 +30,8 @@ _NORMAL = 1.0 - 1e-6
 def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
     """Unit vectors along, across and away from the plate, shape (..., 3, 3).
 
-    deeper: unit vectors into the plate, shape (..., 3). along: any vector
-    that is not normal to the plate.
+    deeper: unit vectors into the plate, shape (..., 3).
+    along: any vector that is not normal to the plate.
     """
     up = -deeper
     ahead = np.asarray(along) - up * (up @ np.asarray(along))[..., None]
@@ -42,8 +42,10 @@ def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
 def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
     """The `frame` of one unit vector, (3, 3).
 
-    deeper: into the plate, (3,). along: None for x, or y where the plate is across x. Raises
-    UserError for a direction that is 0 or normal to the plate.
+    deeper: into the plate, (3,).
+    along: None for x, or y where the plate is across x.
+
+    Raises UserError for a direction that is 0 or normal to the plate.
     """
     if along is None:
         along = (1.0, 0.0, 0.0) if abs(deeper[0]) < _ACROSS else (0.0, 1.0, 0.0)
@@ -56,12 +58,14 @@ def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
     return frame(deeper, along)
 
 
-def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, gained: Floats) -> Floats:
+def rows_of_ball(
+    scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, gained: Floats
+) -> Floats:
     """Compute the rows of `Record.tangential` for a scene's balls, shape (8, b, n).
 
-    velocity, spin: of the centre at the start of each step, m/s and rad/s, shape (b, n,
-    3). deeper: unit vectors into the plate. gained: acceleration in the step without
-    gravity's, m/s²; of the same shape.
+    velocity, spin: of the centre at the start of each step, m/s and rad/s, shape (b, n, 3).
+    deeper: unit vectors into the plate.
+    gained: acceleration in the step without gravity's, m/s²; of the same shape.
     """
     sliding = velocity + np.cross(spin, scene.touch_radius * deeper)
     rate = (velocity * deeper).sum(axis=-1)
@@ -79,7 +83,9 @@ class AlongPlate(NamedTuple):
     """Slip, spin and energy of an impact in the direction of the launch; NaN if not measured.
 
     slip: of the contact point, m/s; spin: about the axis across, rad/s; before and after.
-    impulse_ratio: of friction over the normal impulse. energy_lost: share of the kinetic energy.
+
+    impulse_ratio: of friction over the normal impulse.
+    energy_lost: share of the kinetic energy.
     """
 
     slip_in: float
@@ -99,7 +105,9 @@ def along_plate(impact: Impact) -> AlongPlate:
         slip_out, _ = motion.slip_out
         _, spin_in, _ = motion.spin_in
         _, spin_out, _ = motion.spin_out
-        return AlongPlate(slip_in, slip_out, spin_in, spin_out, motion.impulse_ratio, motion.energy_lost)
+        return AlongPlate(
+            slip_in, slip_out, spin_in, spin_out, motion.impulse_ratio, motion.energy_lost
+        )
     if impact.launch.is_oblique or not impact.is_measured:
         return AlongPlate(*(np.nan,) * 6)
     return AlongPlate(0.0, 0.0, 0.0, 0.0, 0.0, impact.energy_lost)
@@ -115,9 +123,12 @@ def tangential_of(
 ) -> Tangential:
     """Evaluate a measured oblique impact along the plate.
 
-    rows: of `Record.rows`, all steps of this launch, shape (11, n). samples: steps in which the
-    force acted. speeds: in and out, m/s. mass: effective, along the normal, kg. by_work: the energy
-    after is the one before less what the contact took, where joints and servos act, too.
+    rows: of `Record.rows`, all steps of this launch, shape (11, n).
+    samples: steps in which the force acted.
+    speeds: in and out, m/s.
+    mass: effective, along the normal, kg.
+    by_work: the energy after is the one before less what the contact took, where joints and servos
+    act, too.
     """
     force = rows[2]
     along = rows[3:]
@@ -148,8 +159,10 @@ def tangential_of(
 def _power(rows: Floats, contact: slice) -> float:
     """Power that the contact takes from the motion, summed over its steps, W.
 
-    It is force times the mean of the speeds at the ends of each step. rows: (11, n), penetration,
-    rate, force, and the eight of `Record.tangential`. contact: the steps in which the force acted.
+    It is force times the mean of the speeds at the ends of each step.
+
+    rows: (11, n), penetration, rate, force, and the eight of `Record.tangential`.
+    contact: the steps in which the force acted.
     """
     ends = slice(contact.start + 1, contact.stop + 1)
     rates = rows[1]

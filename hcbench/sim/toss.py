@@ -1,4 +1,5 @@
-"""One body tossed onto a fixed horizontal plate at z = 0: what an engine does with a measured motion's start.
+"""One body tossed onto a fixed horizontal plate at z = 0: what an engine does
+with a measured motion's start.
 
 An engine that can simulate it has a module `scene.toss` in its package (`registry.submodule`) with
 
@@ -47,7 +48,9 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Toss:
-    """The start of a toss: position (m), quaternion, velocity (m/s) and spin (rad/s), and how many steps."""
+    """The start of a toss: position (m), quaternion, velocity (m/s) and
+    spin (rad/s), and how many steps.
+    """
 
     position: Floats
     quaternion: Floats
@@ -58,8 +61,10 @@ class Toss:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """Parameter of a setting that is to be identified. starts: of each search,
-    all positive. most: upper bound.
+    """Parameter of a setting that is to be identified.
+
+    starts: of each search, all positive.
+    most: upper bound.
     """
 
     name: str
@@ -69,7 +74,9 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class ContactSetting:
-    """A way to set an engine's contact. name: the same for what engines have in common.
+    """A way to set an engine's contact.
+
+    name: the same for what engines have in common.
 
     cone: of friction, where the engine has several.
     """
@@ -102,7 +109,10 @@ ALPHA = Parameter("alpha", (2.0, 0.5, 0.1))
 def plugin_law(
     setting: ContactSetting, given: Mapping[str, float]
 ) -> Restitution | ConstantRestitution | None:
-    """The law that a setting gives the plug-in; None where it has none. given: values by name."""
+    """The law that a setting gives the plug-in; None where it has none.
+
+    given: values by name.
+    """
     if setting.name == PLUGIN_E:
         return ConstantRestitution(given[E.name])
     return Restitution(given[ALPHA.name]) if setting.name == PLUGIN_ALPHA else None

@@ -35,12 +35,15 @@ _SHOWN = 2
 _CLOSE = 1e-12
 
 
-def travel_by_distance(distance: Callable[[float], float], size: float, approach: float = 1.0) -> float:
+def travel_by_distance(
+    distance: Callable[[float], float], size: float, approach: float = 1.0
+) -> float:
     """Find the travel at which the two touch or are nearest; converges in one iteration for convex
     shapes on a straight approach.
 
-    distance: moves to a travel and returns the signed distance there, m. size: of the smaller one,
-    m. approach: how much the distance falls a unit of travel.
+    distance: moves to a travel and returns the signed distance there, m.
+    size: of the smaller one, m.
+    approach: how much the distance falls a unit of travel.
     """
     travel = best = 0.0
     nearest = math.inf
@@ -86,7 +89,8 @@ def overlap_notes(overlap: float) -> list[str]:
 class JointBeyondLimit:
     """A joint that is beyond its limit at the start.
 
-    beyond: how far, rad if it turns, else m. nearest: the nearest value allowed, rad or m.
+    beyond: how far, rad if it turns, else m.
+    nearest: the nearest value allowed, rad or m.
     """
 
     name: str
@@ -124,7 +128,8 @@ def require_apart(
 ) -> None:
     """Raise SceneError for two that start deep in each other.
 
-    distance: signed, m. first, second: names.
+    distance: signed, m.
+    first, second: names.
     """
     if distance < -DEEPEST * size:
         got = f"{first!r} starts {-distance:.4g} m inside {second!r}"
@@ -136,9 +141,10 @@ def require_reachable(
 ) -> None:
     """Raise UserError for a touch at which another part of what moves is deep in something.
 
-    depth: of that part, m. size: of the smaller one, m. pair: names of the two that
-    should meet, the moving body first. blocked: the part that moves with it, and what it
-    would be in, as an error calls them.
+    depth: of that part, m.
+    size: of the smaller one, m.
+    pair: names of the two that should meet, the moving body first.
+    blocked: the part that moves with it, and what it would be in, as an error calls them.
     """
     if depth > DEEPEST * size:
         raise UserError(
@@ -155,8 +161,10 @@ class Touchdowns:
     """The touchdowns of one part of the model on one other.
 
     part, other: their names. time, s, speed: towards the other, and slide: along it, m/s; shape
-    (n,) each. band: speeds that the setting of the two is valid for, m/s; None where hcbench did
-    not write the setting. setting: what the two have, in words.
+    (n,) each.
+    band: speeds that the setting of the two is valid for, m/s; None where hcbench did not write the
+    setting.
+    setting: what the two have, in words.
     """
 
     part: str
@@ -180,7 +188,9 @@ class Touchdowns:
 class TrajectoryTouchdowns(Shown):
     """Touchdowns in a recorded motion.
 
-    states: how many were read. interval: between two, s. feet: those that touch down most first.
+    states: how many were read.
+    interval: between two, s.
+    feet: those that touch down most first.
     """
 
     engine: str

@@ -1,4 +1,5 @@
-"""The scene `two-blocks`: a sphere that is free to move along x between two fixed planes, without gravity.
+"""The scene `two-blocks`: a sphere that is free to move along x between two
+fixed planes, without gravity.
 
 An engine that can simulate it has a module `scene.two_blocks` in its
 package (`registry.submodule`) with
@@ -28,7 +29,8 @@ SIDES = {"left": -1.0, "right": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class TwoBlocks:
-    """The scene with a mass (kg), a gap (m; negative: squeezed), a law of both contacts and a step (s).
+    """The scene with a mass (kg), a gap (m; negative: squeezed), a law
+    of both contacts and a step (s).
 
     tuned_at: the speed (m/s) at which the engine's own contact is tuned to the law; None: the law
     itself, by the engine's plug-in.

@@ -29,14 +29,15 @@ if TYPE_CHECKING:
 class Record:
     """States at the start of each step; arrays of shape (b, n), SI.
 
-    penetration: above 0 in contact. rate: of penetration, above 0 on approach. force: the normal
-    contact force that acts in the step, above 0 where it parts the two; exactly 0 where the contact
-    did not act. All three are NaN from the step on at which the engine gave up.
+    penetration: above 0 in contact.
+    rate: of penetration, above 0 on approach.
+    force: the normal contact force that acts in the step, above 0 where it parts the two; exactly 0
+    where the contact did not act. All three are NaN from the step on at which the engine gave up.
 
     tangential: the motion along the plate, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2 N, and
     the kinetic energy without that of the approach, J. None where no launch is oblique, or from an
-    engine that knows the normal direction only. whole: all of these, one below the other, where an
-    engine has them so; (3 or 11, b, n).
+    engine that knows the normal direction only.
+    whole: all of these, one below the other, where an engine has them so; (3 or 11, b, n).
     """
 
     penetration: Floats
@@ -53,19 +54,23 @@ class Record:
         return normal if self.tangential is None else np.concatenate([normal, self.tangential])
 
 
-def momentum_force(mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64) -> Floats:
+def momentum_force(
+    mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64
+) -> Floats:
     """Normal force of each step, N; exactly 0 where it did nothing.
 
-    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of
-    the sizes of what the step added up, m/s, which rounding goes by. bits: of the
-    engine's numbers. All of one shape.
+    slowed: speed into the plate that the contact took in the step, m/s.
+    speeds: sum of the sizes of what the step added up, m/s, which rounding goes by.
+    bits: of the engine's numbers. All of one shape.
     """
     noise = ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps) * speeds
     return np.asarray(mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))
 
 
 class CannotShareError(Exception):
-    """Launches that were simulated together may have disturbed each other: each is to be simulated alone."""
+    """Launches that were simulated together may have disturbed each other:
+    each is to be simulated alone.
+    """
 
 
 class Simulation(ABC):
@@ -86,7 +91,9 @@ class Simulation(ABC):
         """Name the forces other than the contact that acted on a launch's
         bodies in its first `steps` steps.
 
-        A sentence; "" if none acted. launch: its place among those under way.
+        A sentence; "" if none acted.
+
+        launch: its place among those under way.
         """
         return ""
 
@@ -97,13 +104,18 @@ class Simulation(ABC):
 class World(ABC):
     """One or more equal bodies over what they fall on, in one engine.
 
-    timestep: s. gravity: m/s², along the normal, into the plate. mass: effective mass along the
-    normal, kg. places: launches that one simulation carries. least_steps: that it takes at once, at
-    least. concurrent: simulations that may be under way at once, each in a thread of its own.
-    deepest: penetration beyond which the engine cannot see the contact any more, m. diverged: the
-    reason to give where numbers are not finite. speed_reading: which speeds e is the ratio of.
+    timestep: s.
+    gravity: m/s², along the normal, into the plate.
+    mass: effective mass along the normal, kg.
+    places: launches that one simulation carries.
+    least_steps: that it takes at once, at least.
+    concurrent: simulations that may be under way at once, each in a thread of its own.
+    deepest: penetration beyond which the engine cannot see the contact any more, m.
+    diverged: the reason to give where numbers are not finite.
+    speed_reading: which speeds e is the ratio of.
     energy_by_work: whether the energy lost is what the contact takes, as joints or servos change
-    it, too. room: launches that `read` takes together; 0 for a world whose steps are recorded.
+    it, too.
+    room: launches that `read` takes together; 0 for a world whose steps are recorded.
     """
 
     timestep: float
@@ -127,7 +139,9 @@ class World(ABC):
         raise NotImplementedError
 
     def follow(self, launch: Launch) -> Simulation:
-        """One launch to be followed as far as one likes, stepped exactly as the engine's users do it."""
+        """One launch to be followed as far as one likes, stepped
+        exactly as the engine's users do it.
+        """
         return self.release([launch])
 
     def close(self) -> None:  # noqa: B027 - most hold nothing

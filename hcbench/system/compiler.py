@@ -53,13 +53,17 @@ def compiler() -> list[str]:
         try:
             return shlex.split(named)
         except ValueError as error:
-            raise UserError("$CC", f"{named!r}: {error}", "a compiler, as the shell would read it") from None
+            raise UserError(
+                "$CC", f"{named!r}: {error}", "a compiler, as the shell would read it"
+            ) from None
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return [name]
     if importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc"]
-    raise NotCompiled("no C compiler found (looked for $CC, cc, gcc, clang and the package ziglang)")
+    raise NotCompiled(
+        "no C compiler found (looked for $CC, cc, gcc, clang and the package ziglang)"
+    )
 
 
 def is_private(folder: Path) -> bool:
@@ -76,7 +80,9 @@ def is_private(folder: Path) -> bool:
 
 def _is_ours(status: os.stat_result) -> bool:
     """Say whether a file or folder belongs to this user, and no other user may write to it."""
-    return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
+    return not hasattr(os, "getuid") or (
+        status.st_uid == os.getuid() and not status.st_mode & 0o022
+    )
 
 
 def is_whole(library: Path) -> bool:
@@ -85,7 +91,9 @@ def is_whole(library: Path) -> bool:
     """
     digest = library.with_suffix(".sha256")
     try:
-        ours = all(stat.S_ISREG(s.st_mode) and _is_ours(s) for s in (library.lstat(), digest.lstat()))
+        ours = all(
+            stat.S_ISREG(s.st_mode) and _is_ours(s) for s in (library.lstat(), digest.lstat())
+        )
         return ours and digest.read_text(encoding="ascii") == _digest(library)
     except (OSError, ValueError):
         return False
@@ -117,11 +125,15 @@ def _compile(command: list[str], target: Path) -> None:
         except subprocess.TimeoutExpired as error:
             raise NotCompiled(f"{command[0]} ran for {_LIMIT_S:g} s", _WORKING, _ANOTHER) from error
         except (OSError, subprocess.SubprocessError) as error:
-            raise NotCompiled(f"{command[0]} could not be run: {error}", _WORKING, _ANOTHER) from error
+            raise NotCompiled(
+                f"{command[0]} could not be run: {error}", _WORKING, _ANOTHER
+            ) from error
         if status:
             raise _failure(command[0], said, target.parent)
         if not built.is_file():
-            raise NotCompiled(f"{command[0]} ended without an error and wrote no library", _WORKING, _ANOTHER)
+            raise NotCompiled(
+                f"{command[0]} ended without an error and wrote no library", _WORKING, _ANOTHER
+            )
         # Set regardless of the umask: hcbench loads no library that others may write to.
         built.chmod(0o755)
         digest = _digest(built).encode()
@@ -198,7 +210,11 @@ def build(
     path = _HERE / source
     command = [*compiler(), *FLAGS, *flags, str(path), *link, "-lm"]
     key = hashlib.sha256(repr((sys.platform, platform.machine(), command)).encode())
-    for part in (*sorted(path.parent.glob("*.[ch]")), *sorted((_HERE / "laws").glob("*.[ch]")), *headers):
+    for part in (
+        *sorted(path.parent.glob("*.[ch]")),
+        *sorted((_HERE / "laws").glob("*.[ch]")),
+        *headers,
+    ):
         key.update(part.read_bytes())
     target = _folder() / f"{path.parent.parent.name}-{path.stem}-{key.hexdigest()[:20]}.so"
     if not is_whole(target):

@@ -38,7 +38,9 @@ class HcbenchError(Exception):
         self.got = got
         self.expected = expected
         self.advice = advice
-        parts = [sanitized(" ".join(part.split()), LONGEST) for part in (slot, got, expected, advice)]
+        parts = [
+            sanitized(" ".join(part.split()), LONGEST) for part in (slot, got, expected, advice)
+        ]
         # The longest part gives way until the message fits.
         while (excess := len(_message(*parts)) - LONGEST) > 0:
             i = max(range(4), key=lambda i: len(parts[i]))
@@ -47,7 +49,11 @@ class HcbenchError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Crosses process borders whole: Exception's own pickling keeps the message only.
-        return _restored, (type(self), self.slot, self.got, self.expected, self.advice), self.__dict__
+        return (
+            _restored,
+            (type(self), self.slot, self.got, self.expected, self.advice),
+            self.__dict__,
+        )
 
 
 def _restored(kind: type[HcbenchError], *parts: str) -> HcbenchError:

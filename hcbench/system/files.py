@@ -45,7 +45,9 @@ def user_folder(kind: Literal["cache", "data"]) -> Path:
     base = os.environ.get(f"HCBENCH_{kind.upper()}") or os.environ.get(f"XDG_{kind.upper()}_HOME")
     if not base and sys.platform == "darwin":
         base = Path.home() / "Library" / {"cache": "Caches", "data": "Application Support"}[kind]
-    folder = Path(base or Path.home() / {"cache": ".cache", "data": ".local/share"}[kind]) / "hcbench"
+    folder = (
+        Path(base or Path.home() / {"cache": ".cache", "data": ".local/share"}[kind]) / "hcbench"
+    )
     return folder.absolute()
 
 
@@ -192,8 +194,12 @@ def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = Fals
         raise
 
 
-def unwritable(slot: str, path: Path | str, error: OSError, expected: str, advice: str = "") -> HcbenchError:
-    """A UserError for a path at which no file can be, an OutputError for a full disk or a permission."""
+def unwritable(
+    slot: str, path: Path | str, error: OSError, expected: str, advice: str = ""
+) -> HcbenchError:
+    """A UserError for a path at which no file can be, an OutputError
+    for a full disk or a permission.
+    """
     if error.errno == errno.ENAMETOOLONG:
         return UserError(slot, f"{str(path)[:80]}...: {error.strerror}", "a shorter path")
     if error.errno in _WRONG_PATH:
@@ -226,7 +232,9 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
             if path.exists() and not any(path.iterdir()):
                 path.rmdir()
         if isinstance(error, OSError):
-            raise unwritable("output folder", folder, error, "a folder that can be written to") from None
+            raise unwritable(
+                "output folder", folder, error, "a folder that can be written to"
+            ) from None
         if isinstance(error, UserError | OutputError) and scratch and str(scratch) in error.got:
             # The user knows the output folder, where the file would be, and not the scratch folder.
             got = error.got.replace(str(scratch), str(folder))
@@ -295,7 +303,9 @@ def _move_all(scratch: Path, folder: Path) -> None:
         item.replace(folder / name)
     for name in earlier.keys() - written.keys():
         stale = folder / name
-        is_report_file = stale.suffix in _SUFFIXES and stale.is_file() and not _is_behind_link(folder, name)
+        is_report_file = (
+            stale.suffix in _SUFFIXES and stale.is_file() and not _is_behind_link(folder, name)
+        )
         if is_report_file and _digest(stale) == earlier[name]:
             stale.unlink()
             if stale.parent != folder and not any(stale.parent.iterdir()):

@@ -41,7 +41,9 @@ def write_output(path: Path, content: str | bytes, option: str, force: bool = Fa
     write_bytes(path, _marked(content.encode() if isinstance(content, str) else content, option))
 
 
-def require_outputs(outputs: Mapping[str, Path], inputs: Iterable[object] = (), force: bool = False) -> None:
+def require_outputs(
+    outputs: Mapping[str, Path], inputs: Iterable[object] = (), force: bool = False
+) -> None:
     """Raise what `write_output` would, before anything is computed.
 
     Raises UserError also for an output that is an input, or the file of another option.
@@ -53,7 +55,9 @@ def require_outputs(outputs: Mapping[str, Path], inputs: Iterable[object] = (), 
     seen: dict[Path, str] = {}
     for option, path in outputs.items():
         if _leads_to_itself(path):
-            raise UserError(option, f"{sanitized(path)} is a link that leads back to itself", "a file")
+            raise UserError(
+                option, f"{sanitized(path)} is a link that leads back to itself", "a file"
+            )
         other = seen.setdefault(path.resolve(), option)
         if other != option and not _is_stream(path):
             got = f"{sanitized(path)} is the file of {other} too"

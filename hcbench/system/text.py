@@ -22,7 +22,9 @@ def sanitized(text: object, longest: int = _LONGEST) -> str:
 
     longest: characters, before what is cut off.
     """
-    shown = "".join("?" if unicodedata.category(c) in _UNSEEN else c for c in str(text)[: longest + 1])
+    shown = "".join(
+        "?" if unicodedata.category(c) in _UNSEEN else c for c in str(text)[: longest + 1]
+    )
     return shown if len(shown) <= longest else f"{shown[:longest]}..."
 
 
@@ -91,7 +93,9 @@ def number(value: float, digits: str = ".4f") -> str:
 
 def arguments(values: Mapping[str, Any]) -> str:
     """Keyword arguments of a call."""
-    return ", ".join(f"{k}={shortest(v) if isinstance(v, float) else repr(v)}" for k, v in values.items())
+    return ", ".join(
+        f"{k}={shortest(v) if isinstance(v, float) else repr(v)}" for k, v in values.items()
+    )
 
 
 def time_step(step: float) -> str:

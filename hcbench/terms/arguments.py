@@ -113,7 +113,10 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _require_bound(
-    signature: inspect.Signature, args: tuple[Any, ...], kwargs: Mapping[str, Any], hints: Mapping[str, Any]
+    signature: inspect.Signature,
+    args: tuple[Any, ...],
+    kwargs: Mapping[str, Any],
+    hints: Mapping[str, Any],
 ) -> None:
     """Raise a UserError that names the argument which a call lacks, or has too many of."""
     try:
@@ -157,7 +160,9 @@ def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
         return signature
     options = get_args(eval(parameters.pop().annotation, function.__globals__))[0]
     keyword = inspect.Parameter.KEYWORD_ONLY
-    parameters += [inspect.Parameter(name, keyword, default=None) for name in get_type_hints(options)]
+    parameters += [
+        inspect.Parameter(name, keyword, default=None) for name in get_type_hints(options)
+    ]
     return signature.replace(parameters=parameters)
 
 
@@ -187,7 +192,11 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
     for name, annotation in function.__annotations__.items():
         if name != "return":
             with suppress(NameError):
-                hint = eval(annotation, function.__globals__) if isinstance(annotation, str) else annotation
+                hint = (
+                    eval(annotation, function.__globals__)
+                    if isinstance(annotation, str)
+                    else annotation
+                )
                 of_keywords = get_origin(hint) is Unpack
                 hints |= get_type_hints(get_args(hint)[0]) if of_keywords else {name: hint}
     return hints
@@ -238,7 +247,9 @@ def _is_tuple(value: Any, parts: _Parts) -> bool:
 
 def _is_several(value: Any, parts: _Parts) -> bool:
     is_text = isinstance(value, str | bytes | Mapping)
-    return isinstance(value, Iterable) and not is_text and all(_fits(each, parts[0]) for each in value)
+    return (
+        isinstance(value, Iterable) and not is_text and all(_fits(each, parts[0]) for each in value)
+    )
 
 
 def _is_any_of(value: Any, parts: _Parts) -> bool:
@@ -249,7 +260,9 @@ def _is_any_of(value: Any, parts: _Parts) -> bool:
 _TESTS: dict[Any, Callable[[Any, _Parts], bool]] = {
     Union: _is_any_of,
     types.UnionType: _is_any_of,
-    Literal: lambda value, parts: any(type(value) is type(part) and value == part for part in parts),
+    Literal: lambda value, parts: any(
+        type(value) is type(part) and value == part for part in parts
+    ),
     float: _is_number,
     int: _is_whole,
     None: lambda value, _: value is None,

@@ -17,7 +17,15 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, StrictStr, ValidationError, create_model
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    StrictStr,
+    ValidationError,
+    create_model,
+)
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError, core_schema
 
@@ -60,7 +68,9 @@ def mistake(expected: str, got: str = "", advice: str = "") -> PydanticCustomErr
 
     got: "" for the value as given.
     """
-    return PydanticCustomError("mistake", "{expected}", {"expected": expected, "got": got, "advice": advice})
+    return PydanticCustomError(
+        "mistake", "{expected}", {"expected": expected, "got": got, "advice": advice}
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +142,9 @@ Step = Annotated[float, InUnits("timestep", above=0.0)]
 Steps = Annotated[tuple[float, ...], InUnits("timestep", several=True, above=0.0)]
 
 
-def read_toml(path: Path, error: type[UserError], slot: str, expected: str = "a TOML file") -> dict[str, Any]:
+def read_toml(
+    path: Path, error: type[UserError], slot: str, expected: str = "a TOML file"
+) -> dict[str, Any]:
     """The content of a TOML file; raises `error` where there is none.
 
     expected: what the file should be.
@@ -147,10 +159,14 @@ def read_toml(path: Path, error: type[UserError], slot: str, expected: str = "a 
     except (OSError, UnicodeDecodeError) as caught:
         raise error(slot, f"{path}: {sanitized(caught)}", "a readable TOML file") from None
     except (tomllib.TOMLDecodeError, RecursionError) as caught:
-        raise error(slot, f"{path} is not TOML: {sanitized(caught)}", "TOML", "Mend that line") from None
+        raise error(
+            slot, f"{path} is not TOML: {sanitized(caught)}", "TOML", "Mend that line"
+        ) from None
 
 
-def validate(table: type[T], content: Mapping[str, Any], error: type[UserError], slot: str = "{}") -> T:
+def validate(
+    table: type[T], content: Mapping[str, Any], error: type[UserError], slot: str = "{}"
+) -> T:
     """The content as a table; raises `error` for the first mistake.
 
     slot: what an error calls a key, with {} for the path to it.
@@ -176,7 +192,9 @@ def validate(table: type[T], content: Mapping[str, Any], error: type[UserError],
     raise error(slot.replace("{}", sanitized(path)), got, expected, advice)
 
 
-def _place(table: type[FileTable], location: Sequence[int | str]) -> tuple[str, type[FileTable], str]:
+def _place(
+    table: type[FileTable], location: Sequence[int | str]
+) -> tuple[str, type[FileTable], str]:
     """(path, innermost table, what was expected there) of what an error of Pydantic is about."""
     path = ""
     expected = ""
@@ -234,5 +252,7 @@ def read_numbers(
 
 @cache
 def _numbers(required: tuple[str, ...], optional: tuple[str, ...]) -> type[OptionTable]:
-    fields: dict[str, Any] = dict.fromkeys(required, (Finite, ...)) | dict.fromkeys(optional, (Finite, 0.0))
+    fields: dict[str, Any] = dict.fromkeys(required, (Finite, ...)) | dict.fromkeys(
+        optional, (Finite, 0.0)
+    )
     return create_model("Numbers", __base__=OptionTable, **fields)

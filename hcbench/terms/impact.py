@@ -19,7 +19,9 @@ Floats = NDArray[np.float64]
 
 
 # Words on files that were written before e was the speed ratio at the touch plane for every engine.
-FORMER_E = "whose e has an earlier definition: speeds at a step's start or end, not at the touch plane"
+FORMER_E = (
+    "whose e has an earlier definition: speeds at a step's start or end, not at the touch plane"
+)
 # Speeds and slips determine an angle, rad, to so many decimals.
 _ANGLE_DIGITS = 12
 
@@ -146,7 +148,9 @@ class Launch:
         """Distance to the plate at release, m, for a step of `timestep`
         s (gravity neglected over it).
         """
-        return self.height if self.height is not None else (2.0 + self.phase) * timestep * self.speed
+        return (
+            self.height if self.height is not None else (2.0 + self.phase) * timestep * self.speed
+        )
 
     def clearance_in_phase(self, timestep: float, gravity: float) -> float:
         """`clearance`, m, with a height changed by up to half a step's way, so that the touch falls
@@ -166,7 +170,9 @@ class Launch:
         """
         if gravity == 0.0:
             return abs(self.speed)
-        return math.sqrt(max(0.0, self.speed * self.speed + 2.0 * gravity * self.clearance(timestep)))
+        return math.sqrt(
+            max(0.0, self.speed * self.speed + 2.0 * gravity * self.clearance(timestep))
+        )
 
     def flight_time(self, timestep: float, gravity: float) -> float:
         """Time from release to touch, s; infinite where the body does not arrive."""
@@ -215,7 +221,9 @@ class Trajectory:
         kept, waiting = {0, last}, [(0, last)]
         while waiting:
             start, end = waiting.pop()
-            share = (self.time[start + 1 : end] - self.time[start]) / (self.time[end] - self.time[start])
+            share = (self.time[start + 1 : end] - self.time[start]) / (
+                self.time[end] - self.time[start]
+            )
             line = columns[:, [start]] + share * (columns[:, [end]] - columns[:, [start]])
             off = np.abs(columns[:, start + 1 : end] - line).max(axis=0, initial=0.0)
             if (off > tolerance).any():
@@ -225,7 +233,9 @@ class Trajectory:
         return self._at(np.array(sorted(kept)))
 
     def _at(self, which: NDArray[np.int_]) -> Trajectory:
-        return Trajectory(self.time[which], self.penetration[which], self.rate[which], self.force[which])
+        return Trajectory(
+            self.time[which], self.penetration[which], self.rate[which], self.force[which]
+        )
 
 
 # Rows of what is recorded along the plate at each step, in the directions of `Launch`:

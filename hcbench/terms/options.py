@@ -88,18 +88,24 @@ class LaunchOptions(TypedDict, total=False):
     phases: Annotated[
         int | str | Iterable[float] | None,
         Option(
-            "Phases, the places in a time step where the contact starts: how many, or '0.1, 0.5'.", "PHASES"
+            "Phases, the places in a time step where the contact starts: how many, or '0.1, 0.5'.",
+            "PHASES",
         ),
     ]
     timestep: Annotated[Quantity | None, Option("Time step, in place of the model's own.", "TIME")]
     gravity: Annotated[
         Quantities | None,
-        Option("Gravity along -z, or a vector, in place of the model's own; 0 for none.", "QUANTITY"),
+        Option(
+            "Gravity along -z, or a vector, in place of the model's own; 0 for none.", "QUANTITY"
+        ),
     ]
     key: Annotated[str | None, Option("Keyframe to start from.", "NAME")]
     move: Annotated[
         str | None,
-        Option("What to launch: base: (the whole robot), body:NAME (from there on), or joint:NAME.", "PART"),
+        Option(
+            "What to launch: base: (the whole robot), body:NAME (from there on), or joint:NAME.",
+            "PART",
+        ),
     ]
     height: Annotated[Quantity | None, Option("Height over the touch to launch from.", "QUANTITY")]
     qpos: Annotated[
@@ -120,17 +126,24 @@ class LaunchOptions(TypedDict, total=False):
     ]
     coming_from: Annotated[
         str | Iterable[float | str] | None,
-        Option("Side that the first body approaches from: above, +x, or 0,1,1.", "SIDE", flag="from"),
+        Option(
+            "Side that the first body approaches from: above, +x, or 0,1,1.", "SIDE", flag="from"
+        ),
     ]
     actuators: Annotated[bool | None, Option("Let actuators act, or turn them off.", default=True)]
     angle: Annotated[
         Quantities | None,
         Option("Launch obliquely, at this angle from the normal: '0, 45, 80 deg'.", "ANGLES"),
     ]
-    along: Annotated[Quantities | None, Option("Direction of oblique launches: '0, 1, 0'.", "VECTOR")]
+    along: Annotated[
+        Quantities | None, Option("Direction of oblique launches: '0, 1, 0'.", "VECTOR")
+    ]
     spin: Annotated[
         Quantities | None,
-        Option("Spin, such as '40 rad/s' (above 0: rolls forward); or three: along, across, normal.", "SPIN"),
+        Option(
+            "Spin, such as '40 rad/s' (above 0: rolls forward); or three: along, across, normal.",
+            "SPIN",
+        ),
     ]
 
 
@@ -139,7 +152,9 @@ class TargetOptions(TypedDict, total=False):
     and require.
     """
 
-    alpha: Annotated[Quantity | None, Option("Compare with the law of this α.", "QUANTITY", group="Target")]
+    alpha: Annotated[
+        Quantity | None, Option("Compare with the law of this α.", "QUANTITY", group="Target")
+    ]
     target: Annotated[
         Literal["law", "linear"],
         Option(
@@ -153,7 +168,9 @@ class TargetOptions(TypedDict, total=False):
     pairs: Annotated[
         str | Path | None,
         Option(
-            "Compare with measured pairs (v, e): a CSV file with units in its header.", "FILE", group="Target"
+            "Compare with measured pairs (v, e): a CSV file with units in its header.",
+            "FILE",
+            group="Target",
         ),
     ]
     baseline: Annotated[
@@ -163,7 +180,9 @@ class TargetOptions(TypedDict, total=False):
     require: Annotated[
         str | None,
         Option(
-            "Hold landings or a motion to limits: 'e < 0.3, peak < 6, slip < 5 mm'.", "LIMITS", group="Target"
+            "Hold landings or a motion to limits: 'e < 0.3, peak < 6, slip < 5 mm'.",
+            "LIMITS",
+            group="Target",
         ),
     ]
 
@@ -174,7 +193,9 @@ class MotionOptions(TypedDict, total=False):
     heights: Annotated[
         Quantities | None, Option("Heights to drop a robot from.  [default: 1:20:5 cm]", "HEIGHTS")
     ]
-    tilt: Annotated[Quantities | None, Option("Tilts of its base about y, such as '0, 10 deg'.", "ANGLES")]
+    tilt: Annotated[
+        Quantities | None, Option("Tilts of its base about y, such as '0, 10 deg'.", "ANGLES")
+    ]
     controller: Annotated[
         str | None,
         Option(
@@ -201,12 +222,16 @@ class LimitOptions(TypedDict, total=False):
     ]
     max_depth: Annotated[
         Quantity | None,
-        Option("Fail when the pair lies deeper at rest, such as '1 mm'.", "QUANTITY", group="Target"),
+        Option(
+            "Fail when the pair lies deeper at rest, such as '1 mm'.", "QUANTITY", group="Target"
+        ),
     ]
     max_vibration: Annotated[
         Quantity | None,
         Option(
-            "Fail when the pair shakes more at rest, such as '1e-4 m/s' (rms).", "QUANTITY", group="Target"
+            "Fail when the pair shakes more at rest, such as '1e-4 m/s' (rms).",
+            "QUANTITY",
+            group="Target",
         ),
     ]
 
@@ -216,7 +241,9 @@ class SharedOptions(LaunchOptions, LimitOptions, total=False):
 
     engine: Annotated[
         str | None,
-        Option("Engine that simulates it.  [default: the first that opens it]", "NAME", group="Model"),
+        Option(
+            "Engine that simulates it.  [default: the first that opens it]", "NAME", group="Model"
+        ),
     ]
     limit: Annotated[
         Quantity | None,
@@ -232,7 +259,8 @@ def _options_of(declared: type) -> dict[str, Option]:
     hints = get_type_hints(declared, include_extras=True)
     stated: dict[str, Option] = {name: get_args(hint)[1] for name, hint in hints.items()}
     return {
-        name: option._replace(flag=option.flag or name.replace("_", "-")) for name, option in stated.items()
+        name: option._replace(flag=option.flag or name.replace("_", "-"))
+        for name, option in stated.items()
     }
 
 

@@ -87,7 +87,9 @@ def keys(fields: Fields) -> list[str]:
 SPEED = Field("speed", "m/s", "launch speed", given=True)
 PHASE = Field("phase", "", "where in a time step the contact starts, 0 to 1", given=True)
 ANGLE = Field("angle", "rad", "angle of the launch from the normal", oblique=True, given=True)
-HEIGHT = Field("height", "m", "clearance at release; null for two to three steps of flight", float | None)
+HEIGHT = Field(
+    "height", "m", "clearance at release; null for two to three steps of flight", float | None
+)
 SLIP = Field("slip", "m/s", "velocity along the plate at release", list[float])
 SPIN = Field("spin", "rad/s", "angular velocity at release", list[float])
 
@@ -170,7 +172,9 @@ BASELINE_IMPACT = (
 
 # Along the plate, in oblique impacts: the fields of `AlongPlate` in their order.
 SLIP_IN = Field("slip_in", "m/s", "slip of the contact point before", oblique=True)
-IMPULSE_RATIO = Field("impulse_ratio", "", "impulse of friction over the normal impulse", oblique=True)
+IMPULSE_RATIO = Field(
+    "impulse_ratio", "", "impulse of friction over the normal impulse", oblique=True
+)
 ALONG = (
     SLIP_IN,
     Field("slip_out", "m/s", "slip of the contact point after", oblique=True),
@@ -236,11 +240,18 @@ REST = (
     Field("sinking", "m/s", "speed into the plate at rest"),
 )
 LANDING = (
-    Field("height", "m", "height of the robot's lowest point over the floor at release", given=True),
+    Field(
+        "height", "m", "height of the robot's lowest point over the floor at release", given=True
+    ),
     Field("tilt", "rad", "tilt of the robot's base at release", given=True),
     replace(SPEED_IN, meaning="speed of the centre of mass towards the floor at the first touch"),
     replace(RESTITUTION, meaning="e of the robot's centre of mass"),
-    Field("peak_over_weight", "", "largest force of the floor over the robot's weight", attribute="peak"),
+    Field(
+        "peak_over_weight",
+        "",
+        "largest force of the floor over the robot's weight",
+        attribute="peak",
+    ),
     Field(
         "impulse",
         "N s",

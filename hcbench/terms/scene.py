@@ -93,7 +93,9 @@ class Scene:
         R2 = self.plate_radius
         _require("ball.mass", 0 < self.mass < math.inf, f"{self.mass!r} kg", "above 0 kg")
         _require("ball.radius", 0 < R1 < math.inf, f"{R1!r} m", "above 0 m")
-        _require("plate.radius", R2 != 0 and not math.isnan(R2), f"{R2!r} m", "a radius other than 0 m")
+        _require(
+            "plate.radius", R2 != 0 and not math.isnan(R2), f"{R2!r} m", "a radius other than 0 m"
+        )
         _require(
             "plate.radius",
             1 / R1 + 1 / R2 > 0,
@@ -140,7 +142,11 @@ class Scene:
     @property
     def tilt(self) -> float:
         """Angle between the axis and the normal at the touch, rad, in the plane of x and z."""
-        return math.asin(self.off_axis / (-self.plate_radius - self.ball_radius)) if self.off_axis else 0.0
+        return (
+            math.asin(self.off_axis / (-self.plate_radius - self.ball_radius))
+            if self.off_axis
+            else 0.0
+        )
 
     @property
     def normal(self) -> tuple[float, float, float]:
@@ -150,7 +156,11 @@ class Scene:
     @property
     def touch_offset(self) -> tuple[float, float, float]:
         """From where the ball's centre is when it touches on the axis to where it touches, m."""
-        lift = (-self.plate_radius - self.ball_radius) * (1.0 - math.cos(self.tilt)) if self.off_axis else 0.0
+        lift = (
+            (-self.plate_radius - self.ball_radius) * (1.0 - math.cos(self.tilt))
+            if self.off_axis
+            else 0.0
+        )
         return self.off_axis, 0.0, lift
 
     @property
@@ -162,7 +172,8 @@ class Scene:
     def relative_radius(self) -> float:
         """R = 1/(1/R1 + 1/R2), m: the sphere that meets a plane as this pair meets."""
         return 1.0 / (
-            1.0 / self.ball_radius + (0.0 if math.isinf(self.plate_radius) else 1.0 / self.plate_radius)
+            1.0 / self.ball_radius
+            + (0.0 if math.isinf(self.plate_radius) else 1.0 / self.plate_radius)
         )
 
 
@@ -205,7 +216,9 @@ class _File(FileTable):
     ball: _Ball = Field(description="a [ball] table")
     plate: _Body = Field(description="a [plate] table")
     law: _Law = Field(description="a [law] table")
-    models: dict[str, dict[str, str]] = Field(default={}, description="[models.ENGINE] tables of file names")
+    models: dict[str, dict[str, str]] = Field(
+        default={}, description="[models.ENGINE] tables of file names"
+    )
 
 
 def scene_names() -> list[str]:

@@ -69,17 +69,22 @@ QUANTITIES = {
 _PLAIN = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(rf"\s*({_PLAIN}(?:/\d+)?)\s*+(?!,)(.*)", re.DOTALL)
 _PIECE = re.compile(
-    rf"\s*(?P<range>{_PLAIN}(?:/\d+)?(?:\s*:\s*{_PLAIN}){{0,2}})\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL
+    rf"\s*(?P<range>{_PLAIN}(?:/\d+)?(?:\s*:\s*{_PLAIN}){{0,2}})\s*(?P<unit>[^\d\s.:+\-].*)?",
+    re.DOTALL,
 )
 # Pint passes over comments and reads quotes as inches or feet.
 _UNIT = re.compile(r"[\w\s*/^().·+-]+")
 # Pint takes a radian for 1: off by 2π.
-_ANGLE = {"frequency": "1 rpm is 1/60 Hz and 1 rad/s is 1/(2π) Hz", "spin": "1 Hz of turns is 60 rpm"}
+_ANGLE = {
+    "frequency": "1 rpm is 1/60 Hz and 1 rad/s is 1/(2π) Hz",
+    "spin": "1 Hz of turns is 60 rpm",
+}
 # A comma between whole digits: "1,5" may be 1.5 or 1 and 5; "1,2,3" is a list; "1,050" is none.
 _DECIMAL_COMMA = re.compile(r"(?<![\w.,+-])[-+]?\d+,\d+(?!\d|,\d)|,0\d")
 _SHAPE = 'a list like "4, 8, 16 in/s" or a range "1:20 in/s", "1:20:5 in/s" (first:last:count)'
 _UNCERTAIN = re.compile(
-    r"\s*\(?\s*(?P<value>[^()±]*?)\s*(?:±|\+/?-)\s*(?P<by>[^()±]*?)\s*(?:\)\s*(?P<unit>.*?))?\s*", re.DOTALL
+    r"\s*\(?\s*(?P<value>[^()±]*?)\s*(?:±|\+/?-)\s*(?P<by>[^()±]*?)\s*(?:\)\s*(?P<unit>.*?))?\s*",
+    re.DOTALL,
 )
 _LONGEST_UNIT = 60
 # A sign, except that of an exponent: Pint would add or negate.
@@ -148,7 +153,9 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
         # Pint raises several unrelated kinds of error for text that it cannot read as a unit.
         if type(error) is ValueError and kind.name in _ANGLE:
             what = "an angle" if kind.name == "frequency" else "no angle"
-            raise QuantityError(slot, f"{text!r} is {what} in time", expected, _ANGLE[kind.name]) from None
+            raise QuantityError(
+                slot, f"{text!r} is {what} in time", expected, _ANGLE[kind.name]
+            ) from None
         why = "does not fit"
         if "Undefined" in type(error).__name__:
             why = "is not a known unit"
@@ -184,7 +191,9 @@ def parse(
         if match is None:
             near = _near(value)
             advice = f"Write {near!r} if that is meant" if near else "Plain numbers are SI"
-            raise QuantityError(slot, f"{value!r} is not a number", f"one like {kind.example!r}", advice)
+            raise QuantityError(
+                slot, f"{value!r} is not a number", f"one like {kind.example!r}", advice
+            )
         number = _fraction(match[1]) * _scale(match[2].strip(), kind, slot, value, exponent)
     elif is_real(value):
         try:
@@ -213,7 +222,9 @@ def _without_pint(value: object, kind: QuantityKind, slot: str, exponent: float 
     unit = str(value.units)
     # [()] makes a number of an array without dimensions.
     magnitude = np.asarray(value.magnitude)[()]
-    return magnitude * _scale("" if unit == "dimensionless" else unit, kind, slot, str(value), exponent)
+    return magnitude * _scale(
+        "" if unit == "dimensionless" else unit, kind, slot, str(value), exponent
+    )
 
 
 def _fraction(text: str) -> float:
@@ -232,7 +243,12 @@ def _near(text: str) -> str:
 
 
 def parse_uncertain(
-    value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
+    value: object,
+    quantity: str,
+    slot: str = "",
+    *,
+    least: float = -math.inf,
+    above: float = -math.inf,
 ) -> tuple[float, float]:
     """A quantity and its standard uncertainty, SI: "0.31 +- 0.004 s/m", "30 ±
     0.1 cm"; 0 where none is given.
@@ -266,7 +282,12 @@ def parse_max_error(value: object) -> float:
 
 
 def parse_values(
-    value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
+    value: object,
+    quantity: str,
+    slot: str = "",
+    *,
+    least: float = -math.inf,
+    above: float = -math.inf,
 ) -> Floats:
     """Several quantities, shape (n,), SI: "4, 8, 16 in/s", "1:20 in/s" (20
     even values), "1:20:5 in/s" (5).
@@ -346,7 +367,9 @@ def _require_bounds(
     least, above: the lowest number that may be, and one that all must exceed.
     """
     if not np.isfinite(numbers).all():
-        raise QuantityError(slot, f"{value!r:.80} is not finite", f"a finite number like {kind.example!r}")
+        raise QuantityError(
+            slot, f"{value!r:.80} is not finite", f"a finite number like {kind.example!r}"
+        )
     lowest = min(numbers)
     if lowest <= above or lowest < least:
         bound = f"{least:g} {kind.unit}".strip()
@@ -355,7 +378,9 @@ def _require_bounds(
         raise QuantityError(slot, f"{lowest:g} {kind.unit}".strip(), expected, advice)
     if (highest := max(numbers)) >= kind.below:
         advice = f"Write for example {kind.example!r}; plain numbers are {kind.unit}"
-        raise QuantityError(slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", advice)
+        raise QuantityError(
+            slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", advice
+        )
     require_bounds(slot, numbers, kind.name, kind.unit)
 
 
@@ -366,5 +391,7 @@ def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:
     spin = parse_values(value, "spin", slot).tolist()
     if len(spin) not in (1, 3):
         expected = "one number, or three: about the directions along and across, and the normal"
-        raise QuantityError(slot, f"{value!r}", expected, "Write for example '40 rad/s' or '0, 40, 0 rad/s'")
+        raise QuantityError(
+            slot, f"{value!r}", expected, "Write for example '40 rad/s' or '0, 40, 0 rad/s'"
+        )
     return (0.0, spin[0], 0.0) if len(spin) == 1 else (spin[0], spin[1], spin[2])

@@ -94,7 +94,10 @@ class Choice:
         """
         if self.passivity is None:
             return "energy was not measured"
-        return self.passivity.warning or f"energy never grew in {self.passivity.scenes} launches and drops"
+        return (
+            self.passivity.warning
+            or f"energy never grew in {self.passivity.scenes} launches and drops"
+        )
 
     @property
     def sphere(self) -> bool | None:
@@ -115,7 +118,9 @@ class Choice:
             "line": self.line,
             "within": self.within,
             "energy": self.energy,
-            "scenes": 0 if self.passivity is None or self.passivity.warning else self.passivity.scenes,
+            "scenes": 0
+            if self.passivity is None or self.passivity.warning
+            else self.passivity.scenes,
             "text": self.text,
             "max_error": self.max_error,
             "speeds_m_per_s": list(self.speeds),
@@ -230,7 +235,9 @@ class Answer(Drawn):
         """The chosen setting, or else another, with what the engine
         did; a plug-in alone is run now.
         """
-        tuned = self.best.tuned or next((choice.tuned for choice in self.choices if choice.tuned), None)
+        tuned = self.best.tuned or next(
+            (choice.tuned for choice in self.choices if choice.tuned), None
+        )
         if tuned is not None:
             return tuned
         plug_in = registry.recipes(self.engine)[self.best.setting.name]

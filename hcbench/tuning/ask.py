@@ -145,7 +145,9 @@ def tune(
 
     """
     if is_model(engine):
-        raise UserError("engine", f"{sanitized(engine)!r}, a model", "an engine's name", "Use `tune_model`")
+        raise UserError(
+            "engine", f"{sanitized(engine)!r}, a model", "an engine's name", "Use `tune_model`"
+        )
     # Refuses an unknown name before the missing time step is reported.
     registry.engine(engine)
     if timestep is None:
@@ -170,7 +172,9 @@ def tune(
     names = names_of(pair)
     max_error = units.parse_max_error(max_error)
     with report_progress(progress):
-        return find_answer(engine, wanted, setting, recipe, match, integrator, max_error, names, kind)
+        return find_answer(
+            engine, wanted, setting, recipe, match, integrator, max_error, names, kind
+        )
 
 
 @checked
@@ -259,7 +263,9 @@ def tune_model(
         advice = f"`hcbench pairs {sanitized(model)}` lists them"
         raise UserError("pair", "missing", "two bodies or geoms", advice)
     points = read_points(points)
-    spring = _spring(alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton)
+    spring = _spring(
+        alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton
+    )
     wanted = spring or Wanted(alpha, restitution, points, target)
     band = [v for v, _ in points] if len(points) > 1 else list(DEFAULT_SPEEDS)
     if speeds is not None:
@@ -394,7 +400,9 @@ def make_target(
     gravity: into the plate, 9.81 m/s² by default.
     """
     points = read_points(points)
-    spring = _spring(alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton)
+    spring = _spring(
+        alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton
+    )
     setting = load_scene(scene)
     n = setting.exponent if exponent is None else exponent
     k = setting.stiffness

@@ -113,7 +113,9 @@ def _width(target: Target) -> float:
 def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> list[Launch]:
     """One each, shape (n,): m/s at touch, of a step, m/s."""
     return [
-        Launch.touching(v, p, target.timestep, target.gravity, slip=(s if target.friction else 0.0, 0.0))
+        Launch.touching(
+            v, p, target.timestep, target.gravity, slip=(s if target.friction else 0.0, 0.0)
+        )
         for v, p, s in zip(speeds.tolist(), phases.tolist(), slips.tolist(), strict=True)
     ]
 
@@ -252,7 +254,9 @@ def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5
         seconds = _REST_CONTROLLED
     steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
-    path = engine.trajectory(with_gravity, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
+    path = engine.trajectory(
+        with_gravity, setting, Launch(0.0, height=1e-9), steps * setting.timestep
+    )
     return rest_of(*map(last_half, (path.time, path.penetration, path.rate, path.force)))
 
 

@@ -124,13 +124,17 @@ class _Finder:
         """The choice by a recipe that the user names."""
         recipes = registry.recipes(self.engine)
         if name not in recipes:
-            raise UserError("recipe", f"{name!r} for {self.engine!r}", f"one of: auto, {', '.join(recipes)}")
+            raise UserError(
+                "recipe", f"{name!r} for {self.engine!r}", f"one of: auto, {', '.join(recipes)}"
+            )
         recipe = recipes[name]
         tuned = make_tuned(recipe, "the given recipe", self.target, self.scene, self._integrator)
         if not math.isfinite(tuned.error):
             raise self._failure(tuned)
         is_one = recipe.role in (Role.CONSTANT_E, Role.STOCK)
-        return self.choice("constant" if is_one else "settings" if recipe.native else "exact", tuned)
+        return self.choice(
+            "constant" if is_one else "settings" if recipe.native else "exact", tuned
+        )
 
     def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind | None) -> list[Choice]:
         """The best of each kind; the plug-in alone where that was asked for, which needs no search.
@@ -191,7 +195,9 @@ class _Finder:
         failed = tuned.evaluation
         got = f"{failed.failed} launches gave no restitution: {failed.reason or 'not a number'}"
         advice = "Try other speeds, another step or another --recipe"
-        return EngineFailed(f"{self.engine} {tuned.recipe.name!r}", got, "a bounce from each", advice)
+        return EngineFailed(
+            f"{self.engine} {tuned.recipe.name!r}", got, "a bounce from each", advice
+        )
 
     def choice(self, kind: Kind, tuned: Tuned) -> Choice:
         """A setting that was evaluated, as a choice."""
@@ -202,7 +208,11 @@ class _Finder:
         promise = None
         if math.isfinite(tuned.error):
             rows = len(setting.options.get("rows", ()))
-            curve = ConstantRestitution(target.points[0][1]) if len(target.points) == 1 else target.curve
+            curve = (
+                ConstantRestitution(target.points[0][1])
+                if len(target.points) == 1
+                else target.curve
+            )
             option = self._adapter.model_options(setting)
             promise = Promise(setting.name, rows, curve, tuned.error, band, option)
             text = self._adapter.promised(text, self.pair, promise)
@@ -224,7 +234,9 @@ class _Finder:
     def _bounces(self, setting: Setting, band: tuple[float, float]) -> bool:
         """True where a launch at each end of the band, m/s, gives an e."""
         launches = [Launch.touching(v, 0.5, setting.timestep, self.scene.gravity) for v in band]
-        return all(impact.is_measured for impact in self._adapter.run(self.scene, setting, launches))
+        return all(
+            impact.is_measured for impact in self._adapter.run(self.scene, setting, launches)
+        )
 
     def _exact_if_compiled(self, asked: Kind | None) -> Choice | None:
         """The plug-in; None, and the reason kept, where it cannot be
@@ -259,7 +271,9 @@ class _Finder:
             return None
         train = LongestTrain(target.curve, _EXACT, target.speed_max)
         try:
-            passivity = self._adapter.passivity(self.scene, setting, (low, target.speed_max), train=train)
+            passivity = self._adapter.passivity(
+                self.scene, setting, (low, target.speed_max), train=train
+            )
         except (EngineMissing, EngineFailed):
             passivity = None
         if passivity is not None and not self._bounces(setting, (low, target.speed_max)):

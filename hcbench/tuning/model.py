@@ -178,7 +178,9 @@ def _tuned(job: Job) -> TunedModel:
     before = engine.standing(source, None, requests)
     tries: list[_Try] = []
     alike = [request for _, request in each]
-    for setting in engine.model_settings(source, alike, wanted, before, rebuild, job.output.version):
+    for setting in engine.model_settings(
+        source, alike, wanted, before, rebuild, job.output.version
+    ):
         error = _tried(setting, alike, wanted, job.max_error)
         if setting.slides and all(error < tried.error for tried in tries):
             lift = _lift(setting.open, alike)
@@ -199,13 +201,18 @@ def _tuned(job: Job) -> TunedModel:
     untuned = _measured(as_it_was, each, wanted, held_out=False)
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
     # A few launches are enough to see that a model is far from its target.
-    if largest_error(untuned) < best.error and _tried(as_it_is, alike, wanted, best.error) < best.error:
+    if (
+        largest_error(untuned) < best.error
+        and _tried(as_it_is, alike, wanted, best.error) < best.error
+    ):
         best = _Try(as_it_is, before, largest_error(untuned), 0)
     setting = best.setting
     pairs = best.pairs or _measured(setting.open, each, wanted, held_out=True)
     if not all(math.isfinite(pair.max_error) for pair in pairs):
         got = f"launches with the setting {setting.name!r} gave no restitution"
-        raise EngineFailed("model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep")
+        raise EngineFailed(
+            "model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep"
+        )
     # A dict keeps each note once, in order.
     notes = dict.fromkeys(setting.notes)
     for pair in pairs:
@@ -245,7 +252,9 @@ def _of_spring(
         with opened(request) as model:
             masses.append(model.facts().effective_mass)
     if max(masses) > _SAME_MASS * min(masses):
-        got = f"effective masses of {min(masses):.3g} to {max(masses):.3g} kg, on which its e depends"
+        got = (
+            f"effective masses of {min(masses):.3g} to {max(masses):.3g} kg, on which its e depends"
+        )
         raise UserError("pair", got, "pairs of one mass", "Tune them one by one")
     speeds = [v for request in requests for v in request.speeds]
     return MeasuredRestitution(job.spring.points(float(np.mean(masses)), min(speeds), max(speeds)))
@@ -258,7 +267,9 @@ def _tried(
     worst = 0.0
     for request in requests:
         speeds = _speeds(request, held_out=False)
-        worst = max(worst, _measured_pair(setting.open, request, speeds, _TRIED_PHASES, wanted).max_error)
+        worst = max(
+            worst, _measured_pair(setting.open, request, speeds, _TRIED_PHASES, wanted).max_error
+        )
         if worst > max(enough, _FAR):
             break
     return worst
@@ -342,7 +353,9 @@ def _measured_pair(
     with opened(request) as model:
         for halving in range(halvings + 1):
             new = tuple(_about_worst(by_speed, wanted) if halving else speeds)
-            sent = dataclasses.replace(request, speeds=new, phases=shares, adapt_phases=halvings > 0)
+            sent = dataclasses.replace(
+                request, speeds=new, phases=shares, adapt_phases=halvings > 0
+            )
             impacts = impacts_of(model, sent)
             for speed in new:
                 by_speed[speed] = [i for i in impacts if i.launch.speed == speed]

@@ -101,7 +101,9 @@ class Tuned(Drawn):
         return f"gains energy{slides} (e up to {largest:.4g})"
 
 
-def make_tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None) -> Tuned:
+def make_tuned(
+    recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None
+) -> Tuned:
     """A recipe's setting, evaluated in its engine."""
     adapter = registry.engine(recipe.engine)
     setting = recipe(target, integrator)
@@ -112,7 +114,9 @@ def make_tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrato
     passivity = adapter.passivity(scene, setting, (target.speed_min, target.speed_max), train=train)
     rest = rest_test(adapter, scene, setting)
     advice = tuple(filter(None, [passivity.others]))
-    advice += tuple(_advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine)))
+    advice += tuple(
+        _advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine))
+    )
     return Tuned(target, scene, recipe, setting, evaluation, rest, passivity, why, advice)
 
 
@@ -130,7 +134,10 @@ def _advice(
     """
     depth = evaluation.penetration_max
     radius = scene.relative_radius
-    if not evaluation.max_error < _BETTER * evaluation.constant_error and evaluation.constant_error > 0:
+    if (
+        not evaluation.max_error < _BETTER * evaluation.constant_error
+        and evaluation.constant_error > 0
+    ):
         better = _better(target, scene, recipes) if recipe.native else ""
         yield f"no better than the best constant e = {evaluation.constant:.6g}{better}"
     if depth > _DEEP * radius:
@@ -155,5 +162,7 @@ def _better(target: Target, scene: Scene, recipes: Sequence[Recipe]) -> str:
     falling = first(recipes, Role.FALLING_E, scene.form)
     sentences = [target.fitting_law()]
     if falling:
-        sentences.insert(0, f"--recipe {falling.name} has an e that falls with speed, in a softer contact")
+        sentences.insert(
+            0, f"--recipe {falling.name} has an e that falls with speed, in a softer contact"
+        )
     return "".join(f"; {sentence}" for sentence in sentences if sentence)

@@ -60,7 +60,9 @@ def usual_answers(study: Mapping[str, Any], versions: Mapping[str, str]) -> list
     answers = []
     for answer in known["answers"]:
         engine = answer["engine"]
-        is_asked = any(math.isclose(answer["alpha"], alpha, rel_tol=1e-9) for alpha in study["alphas"])
+        is_asked = any(
+            math.isclose(answer["alpha"], alpha, rel_tol=1e-9) for alpha in study["alphas"]
+        )
         if is_asked and versions.get(engine) == known["versions"][engine]:
             answers.append(answer)
     return answers
@@ -89,7 +91,9 @@ def write(jobs: int = 2) -> None:
 
 def questions() -> Iterator[Question]:
     """Every question that the file answers."""
-    yield from (Question(*each) for each in product(file_content()["versions"], _STEPS, _GRAVITIES, _ALPHAS))
+    yield from (
+        Question(*each) for each in product(file_content()["versions"], _STEPS, _GRAVITIES, _ALPHAS)
+    )
 
 
 @lru_cache(maxsize=1)

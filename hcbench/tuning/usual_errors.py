@@ -41,7 +41,9 @@ BANDS = ((), (0.1, 2.0))
 _DIGITS = (*range(10, 20), *range(20, 50, 2), 25, 35, 45, *range(50, 100, 5))
 _STUDIED = tuple(alpha / INCH for alpha in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
 _TYPED = (float(f"{digits}e{power}") for power in (-3, -2, -1) for digits in _DIGITS)
-ALPHAS = tuple(sorted({*_STUDIED, *(alpha for alpha in _TYPED if _STUDIED[0] < alpha < _STUDIED[-1])}))
+ALPHAS = tuple(
+    sorted({*_STUDIED, *(alpha for alpha in _TYPED if _STUDIED[0] < alpha < _STUDIED[-1])})
+)
 # α of the fine table, s/m: from 0.01 to 100.
 FINE_ALPHAS = tuple(float(f"{10 ** (k / 32 - 2):.4g}") for k in range(129))
 # A row is trusted if the AROUND rows around it lie within this share of a line.

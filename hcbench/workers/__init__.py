@@ -1,4 +1,5 @@
-"""Worker processes. Engines that keep globals, print or crash run in these, never in the user's process.
+"""Worker processes. Engines that keep globals, print or crash run in
+these, never in the user's process.
 
 `call` runs a function in a worker process, which is started when first needed and kept. Code that
 runs in a process of hcbench's own already says so by `mark_as_worker`, and what it `call`s is run
@@ -54,9 +55,11 @@ def call(
 ) -> Result:
     """Call `function(*args)` in a worker process and return its result.
 
-    limit: s of its processor time, after which the worker counts as hung; None: never. longest: s
-    of the clock, likewise. at: the interpreter of another environment. Raises what the function
-    raises, and WorkerDied.
+    limit: s of its processor time, after which the worker counts as hung; None: never.
+    longest: s of the clock, likewise.
+    at: the interpreter of another environment.
+
+    Raises what the function raises, and WorkerDied.
     """
     if _is_here(at):
         return function(*args)
@@ -94,7 +97,8 @@ def map_surviving_crashes(
     give_up: int = 3,
     at: Interpreter | None = None,
 ) -> list[Result]:
-    """One result for each job, in order, run in a worker process; what crashes or hangs it costs one job.
+    """One result for each job, in order, run in a worker process; what
+    crashes or hangs it costs one job.
 
     function: `function(jobs, *args)` yields one result for each job, in order.
     lost: makes the result of a job that the worker died on, from the job and the reason.
@@ -114,7 +118,9 @@ def map_surviving_crashes(
         batch = jobs[done : done + 1] if alone else jobs[done:]
         try:
             results += worker.run(function, (batch, *args), limit if alone else limit * together)
-            assert len(results) == done + len(batch), f"{len(results) - done} results of {len(batch)} jobs"
+            assert len(results) == done + len(batch), (
+                f"{len(results) - done} results of {len(batch)} jobs"
+            )
             crashes = 0
         except WorkerDied as death:
             results += death.results
@@ -170,4 +176,6 @@ class WorkerPool:
             yield from results
         except WorkerDied as death:
             reason = f"a process died: {death.got}"
-            raise CannotRun("worker", reason, "it to end by itself", "Is there memory enough?") from None
+            raise CannotRun(
+                "worker", reason, "it to end by itself", "Is there memory enough?"
+            ) from None

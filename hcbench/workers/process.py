@@ -39,7 +39,10 @@ _START_S = 60.0
 
 
 class WorkerDied(EngineFailed):
-    """The worker process crashed or hung. results: what it had sent until then."""
+    """The worker process crashed or hung.
+
+    results: what it had sent until then.
+    """
 
     results: Sequence[Any] = ()
 
@@ -48,8 +51,9 @@ class WorkerDied(EngineFailed):
 class Interpreter:
     """A Python of another environment, for worker processes.
 
-    name: of the environment. python: the executable. setup: code that
-    makes hcbench importable there.
+    name: of the environment.
+    python: the executable.
+    setup: code that makes hcbench importable there.
     """
 
     name: str
@@ -170,7 +174,9 @@ class Worker:
             command = [self._interpreter.python, "-I"]
             name = self._interpreter.name
             if not Path(self._interpreter.python).exists():
-                raise EngineMissing(f"engine {name!r}", "its environment is gone", "", f"Try: {ADD} {name}")
+                raise EngineMissing(
+                    f"engine {name!r}", "its environment is gone", "", f"Try: {ADD} {name}"
+                )
         code = f"{setup}\nfrom {serve.__module__} import serve\nserve({end.fileno()}, {name!r}, {first!r})"
         return subprocess.Popen(
             [*command, "-c", code],
@@ -218,7 +224,9 @@ class Worker:
         return True
 
     def _cause_of_death(self, error: Exception) -> str:
-        """The reason why the process no longer answers, in words: too late, a signal, or its exit code."""
+        """The reason why the process no longer answers, in words: too
+        late, a signal, or its exit code.
+        """
         if isinstance(error, TimeoutError):
             return str(error)
         code = None
@@ -254,7 +262,9 @@ class Worker:
 
 
 def _inherit(handle: int) -> dict[str, Any]:
-    """The arguments of Popen by which the process, and no other that is just being started, gets a handle."""
+    """The arguments of Popen by which the process, and no other that is
+    just being started, gets a handle.
+    """
     if sys.platform == "win32":
         os.set_handle_inheritable(handle, True)
         return {"startupinfo": subprocess.STARTUPINFO(lpAttributeList={"handle_list": [handle]})}
@@ -282,7 +292,8 @@ def worker_of_thread() -> Worker:
 
 
 def use_own_worker(worker: Worker | None = None) -> None:
-    """Give the calling thread a worker process of its own, unless it has one; other threads share one.
+    """Give the calling thread a worker process of its own, unless it
+    has one; other threads share one.
 
     For the threads of executors other than a WorkerPool's: so many engines then run at once.
     """

@@ -43,7 +43,9 @@ def environment() -> str:
 
 
 def serve_forked(end: Connection, first: FirstCall | None) -> None:
-    """Be a worker process as a copy of its parent: with nothing open of the parent's but a pipe's end."""
+    """Be a worker process as a copy of its parent: with nothing open of
+    the parent's but a pipe's end.
+    """
     null = os.open(os.devnull, os.O_RDWR)
     for stream in range(3):
         os.dup2(null, stream)

@@ -30,7 +30,10 @@ def impacts(speeds: np.ndarray) -> dict[str, np.ndarray]:
     """Impacts by the law but for 0.001 of e from phase to phase; the slowest comes to rest, the
     fastest is lost.
     """
-    asked, phase = np.repeat(speeds, PHASES), np.tile((np.arange(PHASES) + 0.5) / PHASES, len(speeds))
+    asked, phase = (
+        np.repeat(speeds, PHASES),
+        np.tile((np.arange(PHASES) + 0.5) / PHASES, len(speeds)),
+    )
     law = closed_form.restitution(LAW.alpha, asked)
     status = np.full(len(asked), "parted", dtype=object)
     status[:PHASES], status[-PHASES:] = "rested", "diverged"
@@ -70,7 +73,9 @@ def test_a_curve_has_each_speed_and_the_range_over_its_phases() -> None:
     assert one.depth == pytest.approx(1e-4)
 
 
-def test_of_more_speeds_than_a_page_can_show_neighbours_are_one_with_the_largest_error_of_all() -> None:
+def test_of_more_speeds_than_a_page_can_show_neighbours_are_one_with_the_largest_error_of_all() -> (
+    None
+):
     one = folded(np.linspace(0.01, 1.0, 3 * MOST_SPEEDS), 1)
     assert len(one.curve) == MOST_SPEEDS
     assert np.nanmax(np.abs(one.curve.worst_phase[1:])) == pytest.approx(0.875e-3, abs=1e-9)
@@ -96,8 +101,12 @@ def test_a_score_in_parts_is_that_of_all_at_once() -> None:
     for parts in (1, 4):
         tally = scoring.Tally(LAW, MASS)
         for rows in np.array_split(np.arange(len(e)), parts):
-            fields = {name: getattr(measured, name) for name in scoring.Measured.__dataclass_fields__}
-            tally.add(scoring.Measured(**{n: v if n == "gained" else v[rows] for n, v in fields.items()}))
+            fields = {
+                name: getattr(measured, name) for name in scoring.Measured.__dataclass_fields__
+            }
+            tally.add(
+                scoring.Measured(**{n: v if n == "gained" else v[rows] for n, v in fields.items()})
+            )
         scores.append({n: v for n, v in asdict(tally.score()).items() if v is not None})
     whole, in_parts = scores
     assert in_parts == pytest.approx(whole, rel=1e-7, nan_ok=True)

@@ -1,4 +1,6 @@
-"""Bounces read off a followed drop: when each contact begins and ends, and how high the body goes then."""
+"""Bounces read off a followed drop: when each contact begins and ends,
+and how high the body goes then.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ G, STEP = 10.0, 0.01  # m/s², s
 
 
 def flights(*speeds: float) -> tuple[Trajectory, list[Bounce]]:
-    """A body that leaves the plate at these speeds, m/s, touching it for one step before each; exact arcs.
+    """A body that leaves the plate at these speeds, m/s, touching it for
+    one step before each; exact arcs.
 
     No flight lasts whole steps, so no sample is at the top.
     """
@@ -30,10 +33,14 @@ def flights(*speeds: float) -> tuple[Trajectory, list[Bounce]]:
 
 
 def test_a_body_rises_to_the_top_of_its_arc_between_two_samples() -> None:
-    """v²/2g, where the highest sample of an arc is lower: by 0.5 g of the square of its distance in time."""
+    """v²/2g, where the highest sample of an arc is lower: by 0.5 g of the
+    square of its distance in time.
+    """
     path, expected = flights(1.037, 0.741, 0.523, 0.3)
     found = bounces(path, 3)
-    assert [bounce.height for bounce in found] == pytest.approx([b.height for b in expected[:3]], rel=1e-9)
+    assert [bounce.height for bounce in found] == pytest.approx(
+        [b.height for b in expected[:3]], rel=1e-9
+    )
     assert [bounce.touch for bounce in found] == pytest.approx([b.touch for b in expected[:3]])
     assert [bounce.parting for bounce in found] == pytest.approx([b.parting for b in expected[:3]])
     assert max(-path.penetration) < expected[0].height * (1.0 - 1e-5)

@@ -24,7 +24,9 @@ def field() -> Study:
 
 
 def test_a_long_step_stretches_the_speeds_into_its_band(field: Study) -> None:
-    """At 1/60 s the band is 0.262 ... 1.048 m/s: 1.6 g h, and four times that. Shares of the way stay."""
+    """At 1/60 s the band is 0.262 ... 1.048 m/s: 1.6 g h, and four
+    times that. Shares of the way stay.
+    """
     speeds = speeds_at(field, field.runs[0], 1.0 / 60.0)
     assert speeds[0] == pytest.approx(0.262)
     assert speeds[-1] == pytest.approx(4.0 * 0.262)

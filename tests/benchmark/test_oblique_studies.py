@@ -50,15 +50,23 @@ def test_each_speed_is_launched_at_each_angle_and_phase(results: Results, tmp_pa
     assert len(rows) == 2 * 3 * 2
     assert np.degrees(rows["angle_rad"].unique()) == pytest.approx([0, 45, 85])
     slid = rows["speed_m_per_s"] * np.tan(rows["angle_rad"])
-    assert rows["slip_in_m_per_s"].to_numpy() == pytest.approx(slid.to_numpy(), rel=1e-9)  # ten digits
+    assert rows["slip_in_m_per_s"].to_numpy() == pytest.approx(
+        slid.to_numpy(), rel=1e-9
+    )  # ten digits
     results.write(tmp_path)
-    pd.testing.assert_frame_equal(Results.read(tmp_path).impacts, results.impacts, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        Results.read(tmp_path).impacts, results.impacts, check_dtype=False
+    )
     assert set(results.loops["engine"]) == {"reference", "mujoco"}
     assert (results.loops.groupby(["engine"])["time_s"].apply(lambda t: (t == 0).sum()) == 1).all()
 
 
-def test_the_reference_has_coulombs_friction_and_one_row_of_mujoco_has_not(results: Results) -> None:
-    law, row = (results.impacts[results.impacts["engine"] == name] for name in ("reference", "mujoco"))
+def test_the_reference_has_coulombs_friction_and_one_row_of_mujoco_has_not(
+    results: Results,
+) -> None:
+    law, row = (
+        results.impacts[results.impacts["engine"] == name] for name in ("reference", "mujoco")
+    )
     assert law["impulse_ratio"].to_numpy() == pytest.approx(
         law["impulse_ratio_coulomb"].to_numpy(), abs=1e-12
     )
@@ -83,7 +91,9 @@ def test_the_page_has_the_largest_errors_against_both_laws(results: Results) -> 
     impulse = results.impacts[results.impacts["setting"] == "impulse"]
     ratio = (impulse["impulse_ratio"] - impulse["impulse_ratio_coulomb"]).abs().max()
     assert float(rows["impulse"]["friction"]) == pytest.approx(ratio, rel=0.05)
-    assert float(rows["impulse"]["largest_e"]) == pytest.approx(impulse["restitution"].max(), rel=5e-3)
+    assert float(rows["impulse"]["largest_e"]) == pytest.approx(
+        impulse["restitution"].max(), rel=5e-3
+    )
 
 
 def test_a_study_without_angles_has_no_such_table() -> None:
@@ -106,5 +116,7 @@ def test_what_is_no_angle_spin_or_friction_is_refused(key: str, value: Any, word
 
 
 def test_spin_is_about_the_axis_across_unless_three_are_given() -> None:
-    assert study_from({**STUDY, "spin": "60 rpm"}).runs[0].spin == pytest.approx((0.0, 2 * np.pi, 0.0))
+    assert study_from({**STUDY, "spin": "60 rpm"}).runs[0].spin == pytest.approx(
+        (0.0, 2 * np.pi, 0.0)
+    )
     assert study_from({**STUDY, "spin": "1, 2, 3 rad/s"}).runs[0].spin == (1.0, 2.0, 3.0)

@@ -75,10 +75,16 @@ def test_loops_are_kept_where_asked_and_nowhere_else(results: Results) -> None:
     assert set(results.loops["engine"]) >= {"reference", "mujoco"}
 
 
-def test_what_was_measured_is_written_in_ten_digits_and_what_was_asked_in_all(results: Results) -> None:
+def test_what_was_measured_is_written_in_ten_digits_and_what_was_asked_in_all(
+    results: Results,
+) -> None:
     """Another processor's arithmetic differs in the last ones of sixteen."""
     for table in (results.impacts, results.loops, results.scores):
-        for name in set(table.select_dtypes("float").columns) - {*RUN_KEY, "speed_m_per_s", "phase"}:
+        for name in set(table.select_dtypes("float").columns) - {
+            *RUN_KEY,
+            "speed_m_per_s",
+            "phase",
+        }:
             values = table[name].to_numpy()
             assert [float(f"{v:.9e}") for v in values] == pytest.approx(
                 values.tolist(), rel=0, abs=0, nan_ok=True
@@ -109,7 +115,14 @@ def test_the_number_of_jobs_does_not_change_a_byte(
         with atomic_folder(tmp_path / name) as scratch:
             found.write(scratch)
         texts.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
-    tables = ["loops.csv", "restitution.csv", "rests.csv", "scores.csv", "summary.json", "trains.csv"]
+    tables = [
+        "loops.csv",
+        "restitution.csv",
+        "rests.csv",
+        "scores.csv",
+        "summary.json",
+        "trains.csv",
+    ]
     assert sorted(texts[0]) == ["hcbench-files.json", *tables]
     assert texts[0] == texts[1]
 
@@ -117,7 +130,9 @@ def test_the_number_of_jobs_does_not_change_a_byte(
 def test_an_old_processors_kernels_do_not_change_a_byte(
     tmp_path: Path, study: Study, results: Results
 ) -> None:
-    """NumPy without the instructions that it can do without, and OpenBLAS as on a Prescott, 4 threads."""
+    """NumPy without the instructions that it can do without, and
+    OpenBLAS as on a Prescott, 4 threads.
+    """
     code = (
         "import json, sys; from pathlib import Path; from hcbench.benchmark.run import run_study;"
         "from hcbench.benchmark.study import study_from; from hcbench.system.files import atomic_folder;"
@@ -130,7 +145,8 @@ def test_an_old_processors_kernels_do_not_change_a_byte(
     with atomic_folder(tmp_path / "here") as scratch:
         results.write(scratch)
     texts = [
-        {p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())} for name in ("here", "old")
+        {p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())}
+        for name in ("here", "old")
     ]
     assert texts[0] == texts[1]
 
@@ -139,12 +155,16 @@ def test_results_read_back_as_they_were_written(tmp_path: Path, results: Results
     results.write(tmp_path)
     back = Results.read(tmp_path)
     for name in ("impacts", "loops", "scores"):
-        pd.testing.assert_frame_equal(getattr(back, name), getattr(results, name), check_dtype=False)
+        pd.testing.assert_frame_equal(
+            getattr(back, name), getattr(results, name), check_dtype=False
+        )
     assert back.summary()["settings"] == results.summary()["settings"]
 
 
 def test_a_setting_that_does_not_depend_on_alpha_is_scored_against_each(results: Results) -> None:
-    stock = results.impacts[(results.impacts["engine"] == "mujoco") & (results.impacts["setting"] == "stock")]
+    stock = results.impacts[
+        (results.impacts["engine"] == "mujoco") & (results.impacts["setting"] == "stock")
+    ]
     by_alpha = [group["restitution"].to_numpy() for _, group in stock.groupby("alpha_s_per_m")]
     assert np.array_equal(by_alpha[0], by_alpha[1])
 
@@ -206,7 +226,9 @@ print(set(results.impacts["status"]))
 
 def test_a_script_without_a_main_guard_can_run_a_study(tmp_path: Path) -> None:
     text = 'scene = "steel-plane"\nalphas = 0.3\nspeeds = "0.1, 0.2"\n[[run]]\nengine = "mujoco"\n'
-    (tmp_path / "study.toml").write_text(text + 'recipe = "impulse"\ntimesteps = 1e-3\n', encoding="utf-8")
+    (tmp_path / "study.toml").write_text(
+        text + 'recipe = "impulse"\ntimesteps = 1e-3\n', encoding="utf-8"
+    )
     (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False
@@ -241,7 +263,9 @@ def test_run_keys_identify_a_score(results: Results) -> None:
 
 
 @given(st.integers(2, 60), st.integers(0, 2**32 - 1), st.sampled_from([0.0, 2e-3, 0.1]))
-def test_a_simplified_loop_stays_within_its_tolerance(count: int, seed: int, tolerance: float) -> None:
+def test_a_simplified_loop_stays_within_its_tolerance(
+    count: int, seed: int, tolerance: float
+) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.1, 1.0, count))
     whole = Trajectory(time, *np.cumsum(rng.normal(size=(3, count)), axis=1))
@@ -262,7 +286,10 @@ def test_a_loop_of_straight_lines_keeps_only_its_corners() -> None:
 def test_a_run_over_the_default_band_has_the_settings_that_tune_prints() -> None:
     run = {"engine": "mujoco", "recipe": "impulse", "timesteps": "1e-3, 2e-3 s", "default_band": 5}
     study = study_from({**CONTENT, "run": [{**run, "gravity": "9.81 m/s^2"}]})
-    assert [(each.timesteps, each.dropped) for each in study.runs] == [((1e-3,), True), ((2e-3,), True)]
+    assert [(each.timesteps, each.dropped) for each in study.runs] == [
+        ((1e-3,), True),
+        ((2e-3,), True),
+    ]
     for each in study.runs:
         low, high = default_band(each.timesteps[0], 9.81)
         assert (each.speeds[0], each.speeds[-1], len(each.speeds)) == (low, high, 5)

@@ -1,4 +1,6 @@
-"""A sweep on a Dask cluster, and what becomes of it when a worker, the scheduler or the user goes away."""
+"""A sweep on a Dask cluster, and what becomes of it when a worker, the
+scheduler or the user goes away.
+"""
 
 from __future__ import annotations
 
@@ -197,12 +199,17 @@ def test_an_interrupted_command_leaves_the_cluster_for_the_next(tmp_path: Path) 
             until(lambda: len(list(folder.glob("part-*"))) >= 2, process)
             process.send_signal(signal.SIGINT)
             _, error = process.communicate(timeout=60)
-        assert (process.returncode, error) == (130, "hcbench: interrupted; nothing was left half-written\n")
+        assert (process.returncode, error) == (
+            130,
+            "hcbench: interrupted; nothing was left half-written\n",
+        )
         end = sweep(load_study(study), folder, resume=True, scheduler=address)
     assert (end.resumed >= 2, end.shards) == (True, 50)
 
 
-def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_is_not_there_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense", "tcp://nonsense", "''"):
@@ -210,7 +217,9 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: 
             sweep(study_from(small()), tmp_path / "out", scheduler=address.strip("'"))
 
 
-def test_without_dask_it_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_it_says_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(CannotRun, match=r"pip install distributed pyarrow"):
         sweep(study_from(small()), tmp_path, scheduler="tcp://127.0.0.1:8786")

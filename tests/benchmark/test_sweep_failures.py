@@ -28,7 +28,9 @@ def test_what_an_engine_dies_on_is_a_row_with_the_reason(tmp_path: Path, package
     study = study_from(small("tripping", "law"))
     phases = [(i + 0.5) / 4 for i in range(4)]
     at = [[study.speeds[i], phase] for i in (2, 10, 15) for phase in phases]
-    note(package, segfault=at[:4], memory=at[4:8], error=at[8:])  # all phases of a speed, as such things go
+    note(
+        package, segfault=at[:4], memory=at[4:8], error=at[8:]
+    )  # all phases of a speed, as such things go
     sweep(study, tmp_path / "out", jobs=2)
     table = read(tmp_path / "out").impacts
     lost = table[table["status"] == "crashed"]
@@ -91,7 +93,9 @@ def test_a_part_that_an_executor_failed_is_asked_for_again(
 def test_an_executor_that_keeps_failing_is_one_line(tmp_path: Path) -> None:
     with (
         Failing(9) as executor,
-        pytest.raises(CannotRun, match=r"part \d 2 times: ConnectionError: the machine went away.*--resume"),
+        pytest.raises(
+            CannotRun, match=r"part \d 2 times: ConnectionError: the machine went away.*--resume"
+        ),
     ):
         sweep(study_from(small()), tmp_path / "failing", executor=executor)
     with ThreadPoolExecutor(1) as closed:
@@ -107,5 +111,7 @@ def test_a_worker_with_something_else_installed_is_one_line(
 
     other = {"hcbench": "0.0.1", "numpy": np.__version__}
     monkeypatch.setattr(shard, "versions_here", lambda *engines: other)
-    with pytest.raises(CannotRun, match=r"worker: has hcbench 0\.0\.1; expected hcbench .*same everywhere"):
+    with pytest.raises(
+        CannotRun, match=r"worker: has hcbench 0\.0\.1; expected hcbench .*same everywhere"
+    ):
         sweep(study_from(small()), tmp_path)

@@ -44,7 +44,9 @@ def test_another_study_does_not_get_mixed_in(tmp_path: Path) -> None:
     assert whole(tmp_path) == before
 
 
-def test_another_version_does_not_get_mixed_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_version_does_not_get_mixed_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sweep(study_from(small()), tmp_path)
     real = plan.versions_here
     monkeypatch.setattr(plan, "versions_here", lambda *engines: {**real(*engines), "numpy": "9.9"})
@@ -185,7 +187,9 @@ def test_read_wants_a_finished_sweep(tmp_path: Path) -> None:
         read(tmp_path)
 
 
-def test_a_folder_can_be_anywhere_that_fsspec_opens(undisturbed: dict[str, Path], tmp_path: Path) -> None:
+def test_a_folder_can_be_anywhere_that_fsspec_opens(
+    undisturbed: dict[str, Path], tmp_path: Path
+) -> None:
     memory = fsspec.filesystem("memory")
     sweep(study_from(small()), "memory://bucket/sweep")
     found = {
@@ -193,11 +197,15 @@ def test_a_folder_can_be_anywhere_that_fsspec_opens(undisturbed: dict[str, Path]
         for path in memory.find("/bucket/sweep")
     }
     assert found == whole(undisturbed["small"])
-    memory.pipe_file("/bucket/sweep/" + next(n for n in found if n.startswith("part-0000002")), b"cut")
+    memory.pipe_file(
+        "/bucket/sweep/" + next(n for n in found if n.startswith("part-0000002")), b"cut"
+    )
     end = sweep(study_from(small()), "memory://bucket/sweep", resume=True)
     assert end.damaged == (2,)
     assert memory.find("/bucket/sweep/_damaged")
-    pd.testing.assert_frame_equal(read("memory://bucket/sweep").impacts, read(undisturbed["small"]).impacts)
+    pd.testing.assert_frame_equal(
+        read("memory://bucket/sweep").impacts, read(undisturbed["small"]).impacts
+    )
     sweep(study_from(small()), f"file://{tmp_path}/shared")
     assert whole(tmp_path / "shared") == whole(undisturbed["small"])
     with pytest.raises(UserError, match="nowhere://x"):
@@ -215,7 +223,9 @@ def test_there_a_lock_is_given_up_when_nobody_keeps_it_fresh() -> None:
     assert not memory.exists("/locked/_lock")
 
 
-def test_a_sweep_that_slept_does_not_write_once_another_has_the_lock(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_that_slept_does_not_write_once_another_has_the_lock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     memory = fsspec.filesystem("memory")
     folder = files.open_files("memory://slept")
     with folder.locked():

@@ -37,7 +37,9 @@ sweep(study_from(small("tripping", "law")), {folder!r}, jobs=2, resume=True)
 """
 
 
-def test_killed_at_any_moment_and_resumed_it_is_as_if_nothing_had_been(tmp_path: Path, package: Path) -> None:
+def test_killed_at_any_moment_and_resumed_it_is_as_if_nothing_had_been(
+    tmp_path: Path, package: Path
+) -> None:
     study, killed = study_from(small("tripping", "law")), tmp_path / "killed"
     log = tmp_path / "log"
     note(package, log=str(log), sleep=0.3)
@@ -49,7 +51,9 @@ def test_killed_at_any_moment_and_resumed_it_is_as_if_nothing_had_been(tmp_path:
     note(package, log=str(log))
     before = {path.name: path.stat().st_mtime_ns for path in killed.glob("part-*")}
     assert 3 <= len(before) < 5
-    (killed / ".part-0000004-0123456789abcdef.parquet.new").write_bytes(b"what the killed one was writing")
+    (killed / ".part-0000004-0123456789abcdef.parquet.new").write_bytes(
+        b"what the killed one was writing"
+    )
     end = sweep(study, killed, jobs=2, resume=True)
     assert end.resumed == len(before)
     assert {n: (killed / n).stat().st_mtime_ns for n in before} == before, (
@@ -57,7 +61,9 @@ def test_killed_at_any_moment_and_resumed_it_is_as_if_nothing_had_been(tmp_path:
     )
     simulated = log.read_text().splitlines()
     assert len(set(simulated)) == 80
-    assert len(simulated) - 80 <= 2 * 2 * 16, "at most the parts in flight, of two jobs, killed twice"
+    assert len(simulated) - 80 <= 2 * 2 * 16, (
+        "at most the parts in flight, of two jobs, killed twice"
+    )
     note(package)
     sweep(study, tmp_path / "whole")
     assert whole(killed) == whole(tmp_path / "whole")
@@ -88,7 +94,9 @@ def parent(process: int) -> int:
         return 0
 
 
-def test_resuming_what_is_finished_does_nothing(tmp_path: Path, undisturbed: dict[str, Path]) -> None:
+def test_resuming_what_is_finished_does_nothing(
+    tmp_path: Path, undisturbed: dict[str, Path]
+) -> None:
     shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     end = sweep(study_from(small()), tmp_path, resume=True)

@@ -53,7 +53,9 @@ def test_bounces_under_gravity_are_swept_too(tmp_path: Path) -> None:
     assert swept.versions == ran.versions
 
 
-@pytest.mark.parametrize("harm", [Path.unlink, lambda path: path.write_bytes(b"cut")], ids=["lost", "cut"])
+@pytest.mark.parametrize(
+    "harm", [Path.unlink, lambda path: path.write_bytes(b"cut")], ids=["lost", "cut"]
+)
 def test_lost_bounces_are_simulated_again(tmp_path: Path, harm: Callable[[Path], object]) -> None:
     study = study_from(tomllib.loads(bouncing("reference")))
     sweep(study, tmp_path)
@@ -72,7 +74,9 @@ def test_pandas_reads_the_folder(undisturbed: dict[str, Path]) -> None:
     key = ["engine", "setting", "alpha_s_per_m", "timestep_s", "speed_m_per_s", "phase"]
     one, other = (t.astype({"engine": str, "setting": str}).sort_values(key) for t in (table, ran))
     assert np.array_equal(to_digits(one["restitution"].to_numpy()), other["restitution"])
-    speeds = 4 * 12 + 2 * registry.is_there("pybullet")  # in four settings the kept ones too, in Bullet's two
+    speeds = 4 * 12 + 2 * registry.is_there(
+        "pybullet"
+    )  # in four settings the kept ones too, in Bullet's two
     alphas, phases = 2, 4
     assert len(one) == alphas * speeds * phases == len(other)
 

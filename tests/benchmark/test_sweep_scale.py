@@ -1,4 +1,6 @@
-"""A sweep of any size: few files in a folder, and a summary that costs the same however many parts it has."""
+"""A sweep of any size: few files in a folder, and a summary that costs the
+same however many parts it has.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,12 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 def summary(setting: str, square: float) -> Summary:
     numbers = {"impacts": 5, "parted": 3, "rested": 1, "failed": 1, "sum_square_error_law": square}
-    return {**dict.fromkeys(RUN_KEY, setting), **numbers, "max_error_law": square, "max_error_linear": 0.5}
+    return {
+        **dict.fromkeys(RUN_KEY, setting),
+        **numbers,
+        "max_error_law": square,
+        "max_error_linear": 0.5,
+    }
 
 
 def totals(parts: Iterable[Sequence[Summary]]) -> Totals:
@@ -120,7 +127,11 @@ def test_short_parts_go_to_a_cluster_together(
 
 def test_the_page_plans_10_9_impacts_as_they_are_cut(simulated: Any) -> None:
     text = (ROOT / "docs/reference/sweeps.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| ([^|]+?) +\| ([^|]+?) +\|$", text.partition("## Plan for")[2], re.MULTILINE))
+    rows = dict(
+        re.findall(
+            r"^\| ([^|]+?) +\| ([^|]+?) +\|$", text.partition("## Plan for")[2], re.MULTILINE
+        )
+    )
     parts = len(simulated.planned(10**9))
     folders = math.ceil(parts / 1000)
     assert rows["parts"] == f"{parts:_}".replace("_", " ")
@@ -129,7 +140,9 @@ def test_the_page_plans_10_9_impacts_as_they_are_cut(simulated: Any) -> None:
     for step, microseconds in simulated.WORKER_US.items():
         engines = 1e-6 * microseconds * 1e9
         minutes = max(1e-3 * written * parts, engines / simulated.CORES) / 60
-        cells = re.search(rf"^\| {step} \| ([^|]+) µs \| ([^|]+) \| ([^|]+) min \|$", text, re.MULTILINE)
+        cells = re.search(
+            rf"^\| {step} \| ([^|]+) µs \| ([^|]+) \| ([^|]+) min \|$", text, re.MULTILINE
+        )
         assert cells is not None
         limit = engines / parts / (1e-3 * written)
         assert cells.groups() == (f"{microseconds:g}", f"{limit:.0f}", f"{minutes:.2g}")

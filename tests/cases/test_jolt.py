@@ -20,7 +20,9 @@ def test_it_needs_at_most_60_lines() -> None:
     assert len(EXAMPLE.read_text(encoding="utf-8").splitlines()) <= 60
 
 
-@pytest.mark.skipif(not (NODE / "node_modules" / "jolt-physics").is_dir(), reason="by `make test-engines`")
+@pytest.mark.skipif(
+    not (NODE / "node_modules" / "jolt-physics").is_dir(), reason="by `make test-engines`"
+)
 def test_it_passes_every_case(tmp_path: Path) -> None:
     shutil.copy(EXAMPLE, NODE)
     done = subprocess.run(

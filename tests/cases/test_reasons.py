@@ -1,4 +1,6 @@
-"""The reasons of known failures, where a sentence there has numbers: measured with the adapter itself."""
+"""The reasons of known failures, where a sentence there has numbers:
+measured with the adapter itself.
+"""
 
 from __future__ import annotations
 

@@ -46,7 +46,11 @@ def test_real_results_and_scores_are_of_the_schema(results: list[dict[str, Any]]
 
 @pytest.mark.parametrize(
     ("place", "change"),
-    [("format", {"format": 2}), ("engine", {"engine": {"name": 3}}), ("runs.C07", {"runs": {"C07": 1}})],
+    [
+        ("format", {"format": 2}),
+        ("engine", {"engine": {"name": 3}}),
+        ("runs.C07", {"runs": {"C07": 1}}),
+    ],
 )
 def test_what_is_no_result_is_refused_with_its_place(
     results: list[dict[str, Any]], place: str, change: dict[str, Any]
@@ -69,7 +73,10 @@ def changed(results: list[dict[str, Any]], states: Any) -> dict[str, Any]:
         ("C09, run 7: states after other steps", lambda states: states[1:]),
         ("C09, run 7, step 3: 2 bodies", lambda s: [*s[:3], s[3] + s[3][1:], *s[4:]]),
         ("runs.C09.7.states[3] is [3, [0.0, 0.0", lambda s: [*s[:3], [3, [0.0] * 8], *s[4:]]),
-        ("runs.C09.7.states[2] is [0.1, 0.2, 0.3, 0.4, 0.5]", lambda s: [*s[:2], [0.1, 0.2, 0.3, 0.4, 0.5]]),
+        (
+            "runs.C09.7.states[2] is [0.1, 0.2, 0.3, 0.4, 0.5]",
+            lambda s: [*s[:2], [0.1, 0.2, 0.3, 0.4, 0.5]],
+        ),
         ("runs.C09.7.states[0] is 'up'", lambda s: ["up", *s[1:]]),
     ],
 )
@@ -88,7 +95,10 @@ def test_missing_runs_are_refused_and_a_state_that_is_not_finite_fails(
     blown = changed(results, lambda states: [*states[:-1], [states[-1][0], [float("nan")] * 9]])
     verdicts = {v["case"]: v for v in score(blown, only=["C07", "C09"]).verdicts}
     assert verdicts["C07"]["verdict"] == "pass"
-    assert (verdicts["C09"]["verdict"], verdicts["C09"]["why"]) == ("fail", "a state is not finite (run 7)")
+    assert (verdicts["C09"]["verdict"], verdicts["C09"]["why"]) == (
+        "fail",
+        "a state is not finite (run 7)",
+    )
 
 
 def test_texts_of_a_results_file_cannot_move_the_cursor_nor_break_a_line(

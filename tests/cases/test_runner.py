@@ -1,4 +1,6 @@
-"""The runner that engines vendor: one file of the standard library, verdicts, known failures, JUnit."""
+"""The runner that engines vendor: one file of the standard library,
+verdicts, known failures, JUnit.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ from hcbench.cases.hcbench_cases import junit, outcome, run
 from hcbench.cases.run import RUNNER, adapters, run_engines
 from hcbench.cases.score import known_failures, regressions, score, the_cases
 
-LINES = 350
-ADAPTER_LINES = 80
+LINES = 400
+ADAPTER_LINES = 100
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +58,13 @@ def test_an_engine_in_two_dimensions_can_run_every_case() -> None:
         for world in (each["world"] for each in case["runs"]):
             assert world["gravity"][1] == 0
             for body in world["bodies"]:
-                assert body["position"][1] == body["velocity"][1] == body["spin"][0] == body["spin"][2] == 0
+                assert (
+                    body["position"][1]
+                    == body["velocity"][1]
+                    == body["spin"][0]
+                    == body["spin"][2]
+                    == 0
+                )
 
 
 class ManyWorlds:
@@ -73,7 +81,9 @@ class ManyWorlds:
         self.worlds.append(world)
 
     def start(self) -> None:
-        self.at = [[[*b["position"], *b["velocity"], 0, 0, 0] for b in w["bodies"]] for w in self.worlds]
+        self.at = [
+            [[*b["position"], *b["velocity"], 0, 0, 0] for b in w["bodies"]] for w in self.worlds
+        ]
         self.h = {world["timestep"] for world in self.worlds}
         self.batches.append(len(self.worlds))
         self.worlds = []
@@ -81,7 +91,8 @@ class ManyWorlds:
     def step(self) -> None:
         (h,) = self.h
         self.at = [
-            [[*(x + h * v for x, v in zip(b, b[3:6], strict=False)), *b[3:]] for b in w] for w in self.at
+            [[*(x + h * v for x, v in zip(b, b[3:6], strict=False)), *b[3:]] for b in w]
+            for w in self.at
         ]
 
     def state(self) -> list[list[list[float]]]:
@@ -180,7 +191,9 @@ def test_a_known_failure_is_skipped_until_it_passes(word: str, known: bool, kind
     assert f"<{kind}" in junit([verdict(word)], "mine", expected) or kind == "passed"
 
 
-def test_a_version_that_fails_what_another_passed_is_one_line(results: list[dict[str, Any]]) -> None:
+def test_a_version_that_fails_what_another_passed_is_one_line(
+    results: list[dict[str, Any]],
+) -> None:
     runs = results[0]["runs"]
     failed = [{"error": "it stopped"}] * len(runs["C01"])
     before, after = score(results[0]), score({**results[0], "runs": {**runs, "C01": failed}})
@@ -206,7 +219,8 @@ def test_the_command_judges_results_of_any_language(
 ) -> None:
     mine = tmp_path / "mine.json"
     mine.write_text(
-        json.dumps({**results[0], "engine": {"name": "mine", "version": "7", "combine": None}}), "utf-8"
+        json.dumps({**results[0], "engine": {"name": "mine", "version": "7", "combine": None}}),
+        "utf-8",
     )
     assert cli.run(["cases", "score", str(mine), "--json"]) == 0
     (told,) = json.loads(capsys.readouterr().out)

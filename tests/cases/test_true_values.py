@@ -28,7 +28,9 @@ def test_the_file_is_what_its_maker_writes() -> None:
 
 
 @pytest.mark.parametrize("number", range(len(IDS)), ids=IDS)
-def test_impacts_that_are_integrated_come_to_the_true_values(ideal: dict[str, Any], number: int) -> None:
+def test_impacts_that_are_integrated_come_to_the_true_values(
+    ideal: dict[str, Any], number: int
+) -> None:
     verdict = judge(ideal, CASES)[number]
     assert verdict["verdict"] == "pass", verdict["why"]
     for measured, true, _ in verdict["worst"].values():
@@ -77,7 +79,9 @@ class WithoutRestitution(Ideal):
 
 
 class WithLittleRestitution(Ideal):
-    """Parts at 0.5 to 0.6, by a tenth of what is asked for: wrong, but no number that makes no difference."""
+    """Parts at 0.5 to 0.6, by a tenth of what is asked for: wrong, but no
+    number that makes no difference.
+    """
 
     def make(self, world: dict[str, Any]) -> None:
         super().make({**world, "restitution": 0.5 + 0.1 * world["restitution"]})
@@ -85,9 +89,15 @@ class WithLittleRestitution(Ideal):
 
 @pytest.mark.parametrize(
     ("make", "word"),
-    [(WithThreshold, "threshold"), (WithoutRestitution, "ignored"), (WithLittleRestitution, "mixed")],
+    [
+        (WithThreshold, "threshold"),
+        (WithoutRestitution, "ignored"),
+        (WithLittleRestitution, "mixed"),
+    ],
 )
-def test_how_restitution_is_obeyed_has_a_word(spoilt: dict[str, Any], make: type[Ideal], word: str) -> None:
+def test_how_restitution_is_obeyed_has_a_word(
+    spoilt: dict[str, Any], make: type[Ideal], word: str
+) -> None:
     found = scored(replace_runs(spoilt, make))
     assert found.restitution == word
     if word == "threshold":

@@ -1,4 +1,6 @@
-"""The GitHub action: a YAML parser reads it, and its steps run here as GitHub's runner would run them."""
+"""The GitHub action: a YAML parser reads it, and its steps run here as
+GitHub's runner would run them.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding
 STEPS: list[dict[str, Any]] = ACTION["runs"]["steps"]
 SCRIPTS = [step for step in STEPS if "run" in step]
 
-# Stands in for hcbench and for python: writes down its arguments, ends with the exit code that the test sets.
-# A shell starts Python, since the first line of a script takes no path with spaces.
+# Stands in for hcbench and for python: writes down its arguments, ends with the exit code that the
+# test sets. A shell starts Python, since the first line of a script takes no path with spaces.
 STAND_IN = """#!/bin/sh
 '''exec' "{python}" "$0" "$@"
 ' '''
@@ -60,7 +62,9 @@ class Run:
 
 
 def expand(text: str, values: dict[str, str]) -> str:
-    """The text with its expressions replaced by their values, as the runner does before a shell sees it."""
+    """The text with its expressions replaced by their values, as the
+    runner does before a shell sees it.
+    """
 
     def value(match: re.Match[str]) -> str:
         names = [name.strip() for name in match[1].split("||")]
@@ -70,7 +74,9 @@ def expand(text: str, values: dict[str, str]) -> str:
 
 
 def run(tmp_path: Path, codes: tuple[int, int] = (0, 0), **inputs: str) -> Run:
-    """Run the scripts of the action up to the first that fails; codes are those of pip and of hcbench."""
+    """Run the scripts of the action up to the first that fails; codes
+    are those of pip and of hcbench.
+    """
     seen = tmp_path / "seen"
     work = tmp_path / "work"
     programs = tmp_path / "bin"
@@ -81,7 +87,10 @@ def run(tmp_path: Path, codes: tuple[int, int] = (0, 0), **inputs: str) -> Run:
         (programs / name).chmod(0o755)
 
     given = {name.replace("_", "-"): text for name, text in inputs.items()}
-    values = {f"inputs.{name}": given.get(name, field["default"]) for name, field in ACTION["inputs"].items()}
+    values = {
+        f"inputs.{name}": given.get(name, field["default"])
+        for name, field in ACTION["inputs"].items()
+    }
     values["github.action_path"] = "/the/action"
     files = {"GITHUB_STEP_SUMMARY": tmp_path / "summary", "GITHUB_OUTPUT": tmp_path / "output"}
     for file in files.values():
@@ -116,7 +125,9 @@ def run(tmp_path: Path, codes: tuple[int, int] = (0, 0), **inputs: str) -> Run:
 
 
 def test_github_can_load_it() -> None:
-    assert all(isinstance(ACTION[key], str) and ACTION[key] for key in ("name", "description", "author"))
+    assert all(
+        isinstance(ACTION[key], str) and ACTION[key] for key in ("name", "description", "author")
+    )
     for name, field in ACTION["inputs"].items():
         assert isinstance(field["description"], str), name
         assert isinstance(field["default"], str), name
@@ -134,7 +145,9 @@ def test_an_expression_names_something_that_there_is() -> None:
     texts = (ROOT / "action.yml").read_text(encoding="utf-8")
     named = {name.strip() for found in EXPRESSION.findall(texts) for name in found.split("||")}
     assert named <= known
-    assert {name for name in known if name.startswith("inputs.")} <= named, "an input that nothing uses"
+    assert {name for name in known if name.startswith("inputs.")} <= named, (
+        "an input that nothing uses"
+    )
 
 
 @needs_bash
@@ -164,8 +177,12 @@ def test_inputs_become_options(tmp_path: Path) -> None:
 
 
 @needs_bash
-@pytest.mark.parametrize(("asked", "installed"), [("", "/the/action"), ("hcbench==9", "hcbench==9")])
-def test_pip_installs_the_action_itself_or_what_is_asked(tmp_path: Path, asked: str, installed: str) -> None:
+@pytest.mark.parametrize(
+    ("asked", "installed"), [("", "/the/action"), ("hcbench==9", "hcbench==9")]
+)
+def test_pip_installs_the_action_itself_or_what_is_asked(
+    tmp_path: Path, asked: str, installed: str
+) -> None:
     done = run(tmp_path, install=asked)
     assert done.arguments["python"] == ["-m", "pip", "install", "--quiet", "--", installed]
 
@@ -193,7 +210,13 @@ def test_no_input_is_run(tmp_path: Path, evil: str) -> None:
     done = run(tmp_path, (0, 0), **{**texts, "working_directory": "."})
     seen = done.arguments["hcbench"]
     lines = evil.splitlines()
-    named = set(ACTION["inputs"]) - {"model", "args", "working-directory", "python-version", "install"}
+    named = set(ACTION["inputs"]) - {
+        "model",
+        "args",
+        "working-directory",
+        "python-version",
+        "install",
+    }
     assert seen[2:] == [
         *[f"--{name}={evil}" for name in ACTION["inputs"] if name in named],
         *lines,

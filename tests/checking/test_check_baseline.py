@@ -43,7 +43,10 @@ def test_a_baseline_tells_what_else_changed(tmp_path: Path) -> None:
     ("change", "words"),
     [
         ({"schema": 99}, "schema 99;"),
-        ({"schema": 1}, "schema 1, whose e has an earlier definition: speeds at a step's start or end"),
+        (
+            {"schema": 1},
+            "schema 1, whose e has an earlier definition: speeds at a step's start or end",
+        ),
         ({"schema": 1}, "Renew it: hcbench check MODEL --write-baseline FILE --force"),
         ({"kind": "shopping list"}, "is not a baseline"),
         ({"checks": {}}, "has nothing on"),
@@ -52,7 +55,9 @@ def test_a_baseline_tells_what_else_changed(tmp_path: Path) -> None:
         ({"checks": []}, "has nothing on"),
     ],
 )
-def test_a_baseline_that_is_not_one_is_refused(tmp_path: Path, change: dict[str, Any], words: str) -> None:
+def test_a_baseline_that_is_not_one_is_refused(
+    tmp_path: Path, change: dict[str, Any], words: str
+) -> None:
     file = tmp_path / "baseline.json"
     check(ask(), Outputs(baseline=file))
     file.write_text(json.dumps(json.loads(file.read_text()) | change))
@@ -81,7 +86,9 @@ def test_a_damaged_baseline_is_refused(tmp_path: Path, damage: dict[str, Any]) -
     impacts = [{**impact, "speed_m_per_s": speed, **damage} for speed in (0.1, 0.5)]
     entry = {"engine": "mujoco", "version": "3", "timestep_s": 0.002, "impacts": impacts}
     file = tmp_path / "baseline.json"
-    file.write_text(json.dumps({"schema": 2, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
+    file.write_text(
+        json.dumps({"schema": 2, "kind": "hcbench baseline", "checks": {"good.xml": entry}})
+    )
     with pytest.raises(UserError, match="damaged"):
         plan(ask(baseline=file))
 
@@ -119,7 +126,9 @@ def test_launches_beside_a_baseline_are_those_that_it_has(
     impacts = [{**impact, "speed_m_per_s": speed} for speed in (0.1, 0.5)]
     entry = {"engine": "mujoco", "version": "3", "timestep_s": 0.002, "impacts": impacts}
     file = tmp_path / "baseline.json"
-    file.write_text(json.dumps({"schema": 2, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
+    file.write_text(
+        json.dumps({"schema": 2, "kind": "hcbench baseline", "checks": {"good.xml": entry}})
+    )
     spec = CheckSpec(model=GOOD, pair="ball,plate", baseline=file, **asked)
     if is_written:
         assert [launch.speed for launch in plan(spec).request.launches()] == [0.1, 0.5]

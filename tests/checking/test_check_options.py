@@ -30,7 +30,9 @@ from hcbench.system.errors import UserError
         ({"restitution": 0.9, "along": "0, 1, 0"}, "nothing oblique"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_before_anything_runs(more: dict[str, Any], words: str) -> None:
+def test_what_cannot_be_meant_is_refused_before_anything_runs(
+    more: dict[str, Any], words: str
+) -> None:
     with pytest.raises(UserError, match=words):
         plan(ask(**more))
 
@@ -56,7 +58,9 @@ def test_a_pyproject_lists_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert report.exit_code == 1
     assert check(CheckSpec(model=(), max_error=0.5)).exit_code == 0
     monkeypatch.chdir(tmp_path)
-    assert check(CheckSpec(model=str(EXAMPLES / "pyproject.toml"))).exit_code == 1, "paths start at the file"
+    assert check(CheckSpec(model=str(EXAMPLES / "pyproject.toml"))).exit_code == 1, (
+        "paths start at the file"
+    )
     with pytest.raises(UserError, match=r"no model, and no pyproject\.toml"):
         check(CheckSpec(model=()))
 
@@ -81,7 +85,10 @@ def test_a_table_says_for_all_checks_what_they_do_not_say_themselves(tmp_path: P
         ("[[tool.hcbench.check]]\nmodle = 'x'\n", "modle|model"),
         ("[[tool.hcbench.check]]\nmodel = 1\n", "model"),
         ("[[tool.hcbench.check]]\nmodel = 'x'\nmax-error = 'lots'\n", "max-error"),
-        ("[[tool.hcbench.check]]\nmodel = 'x'\nmax-error = true\n", "max-error: True; expected a number"),
+        (
+            "[[tool.hcbench.check]]\nmodel = 'x'\nmax-error = true\n",
+            "max-error: True; expected a number",
+        ),
         ("[[tool.hcbench.check]]\nmodel = 'x'\nspeeds = [0.1, true]\n", "speeds"),
         ("[[tool.hcbench.check]]\nmodel = 'x'\nphases = true\n", "phases"),
         ("[[tool.hcbench.check]]\nmodel = 'x'\nactuators = 1\n", "actuators: 1"),

@@ -1,4 +1,6 @@
-"""JSON, JUnit, Markdown and the page have the same numbers, the same bytes, and no markup of a model."""
+"""JSON, JUnit, Markdown and the page have the same numbers, the same
+bytes, and no markup of a model.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,10 @@ NASTY = "&lt;script&gt;alert(1)&lt;/script&gt; | `x` [a](javascript:b) &#27;[2J"
 def nasty(tmp_path: Path) -> str:
     file = tmp_path / "<img src=x onerror=alert(2)>.xml"
     text = (
-        Path(BROKEN).read_text().replace('name="ball"', f'name="{NASTY}"').replace('"plate"', '"p&lt;b&gt;"')
+        Path(BROKEN)
+        .read_text()
+        .replace('name="ball"', f'name="{NASTY}"')
+        .replace('"plate"', '"p&lt;b&gt;"')
     )
     file.write_text(text)
     return str(file)
@@ -136,7 +141,9 @@ def test_checks_made_again_give_the_same_bytes(tmp_path: Path) -> None:
         files = Outputs(tmp_path / f"{i}.xml", tmp_path / f"{i}.md")
         report = check(ask(BROKEN, restitution=0.9, speeds="0.1 m/s"), files)
         record = json.dumps(as_record_of(report))
-        seen.add((as_text(report), record, *(p.read_bytes() for p in (files.junit, files.markdown) if p)))
+        seen.add(
+            (as_text(report), record, *(p.read_bytes() for p in (files.junit, files.markdown) if p))
+        )
     assert len(seen) == 1
 
 

@@ -39,8 +39,20 @@ def test_a_study_is_checked_setting_by_setting(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("option", "value"),
     [
-        *(("limit", "-5"), ("limit", "5"), ("speeds", "0.1"), ("phases", "2"), ("timestep", "1e-3")),
-        *(("gravity", "0"), ("height", "1"), ("engine", "mujoco"), ("max-error", "7"), ("max-error", "-1")),
+        *(
+            ("limit", "-5"),
+            ("limit", "5"),
+            ("speeds", "0.1"),
+            ("phases", "2"),
+            ("timestep", "1e-3"),
+        ),
+        *(
+            ("gravity", "0"),
+            ("height", "1"),
+            ("engine", "mujoco"),
+            ("max-error", "7"),
+            ("max-error", "-1"),
+        ),
     ],
 )
 def test_a_study_refuses_what_it_would_ignore(

@@ -16,8 +16,9 @@ from hcbench.measuring import Wanted
 def test_a_good_model_passes_and_a_broken_one_fails_with_its_cause() -> None:
     report = check(ask(restitution=0.9))
     assert report.exit_code == 0
-    # The touch is seen up to one step late and that much deeper: of a body under gravity this scatters e by
-    # (1/e - e) g h / v, 0.0040 here, 3/4 of it below 0.9. Four phases saw no more than 0.0028 of that.
+    # The touch is seen up to one step late and that much deeper: of a body under gravity
+    # this scatters e by (1/e - e) g h / v, 0.0040 here, 3/4 of it below 0.9. Four phases
+    # saw no more than 0.0028 of that.
     row = one(report).rows[0]
     scatter = (1 / 0.9 - 0.9) * 9.81 * 2e-4 / row.speed_in
     assert row.highest - row.lowest == pytest.approx(scatter, rel=0.03)

@@ -28,7 +28,9 @@ def check_of(target: float, max_error: float) -> Check:
 
 
 def test_the_printed_e_weighs_each_phase_by_its_share_of_the_step(measured: Measurement) -> None:
-    """0.4 stands for the phases from 0 to 0.25, halfway to its neighbours, and 0.8 for the rest: 0.7."""
+    """0.4 stands for the phases from 0 to 0.25, halfway to its
+    neighbours, and 0.8 for the rest: 0.7.
+    """
     phases = {0.0625: 0.4, 0.1875: 0.4, 0.3125: 0.8, 0.5: 0.8, 0.9375: 0.8}
     impacts = tuple(
         Impact(Launch(2.0, phase), Status.PARTED, speed_in=2.0, speed_out=2.0 * e, samples=9)

@@ -16,7 +16,9 @@ def landings(e: float, slip: float, penetration: float) -> Landings:
     foot = Footfall("foot", 0.0, 1.0, 0.0, 0.01, 0, 50.0, slip, penetration)
     none = np.zeros(0)
     drop = Landing(0.1, 0.0, 1.0, e, 10.0, (foot,), none, none)
-    return Landings("engine", "1", "dog", "base", "floor", "its pose", "pd", 1.0, 1e-3, 9.81, (drop,))
+    return Landings(
+        "engine", "1", "dog", "base", "floor", "its pose", "pd", 1.0, 1e-3, 9.81, (drop,)
+    )
 
 
 @pytest.mark.parametrize(
@@ -27,7 +29,9 @@ def landings(e: float, slip: float, penetration: float) -> Landings:
         ("bouncing < 0", {0.0: 0.0, 2.0: 2.0}),
     ],
 )
-def test_a_value_is_beyond_a_limit_by_a_share_of_it(text: str, excesses: dict[float, float]) -> None:
+def test_a_value_is_beyond_a_limit_by_a_share_of_it(
+    text: str, excesses: dict[float, float]
+) -> None:
     """A limit of 0 has no share: the value itself counts."""
     (limit,) = read_limits(text, of_landing=True)
     assert isinstance(limit, Limit)

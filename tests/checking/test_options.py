@@ -46,7 +46,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def of_command(command: Any, name: str) -> Request:
     option = OPTIONS[name]
-    value = [f"--{option.flag}", str(GIVEN[name])] if GIVEN[name] is not False else [f"--no-{option.flag}"]
+    value = (
+        [f"--{option.flag}", str(GIVEN[name])]
+        if GIVEN[name] is not False
+        else [f"--no-{option.flag}"]
+    )
     more = ["--angle", "1 deg"] if name == "along" else []
     options = command.make_context("x", ["m.xml", *value, *more]).params
     launch = {each: options[each] for each in LAUNCHES}
@@ -60,7 +64,8 @@ def test_a_command_a_file_and_a_call_read_an_option_alike(name: str, folder: Pat
     called = make_request(None, **launch)
     assert called != Request(adapt_phases=True)
     keys = "".join(
-        f"{OPTIONS[n].flag} = {str(v).lower() if v is False else repr(v)}\n" for n, v in launch.items()
+        f"{OPTIONS[n].flag} = {str(v).lower() if v is False else repr(v)}\n"
+        for n, v in launch.items()
     )
     (folder / "checks.toml").write_text(f"[[check]]\nmodel = 'm.xml'\n{keys}")
     assert called == of_command(check, name) == of_command(measure, name)
@@ -93,5 +98,7 @@ def test_every_option_of_tune_is_a_keyword_of_tune_or_of_tune_model() -> None:
 
 def test_an_unknown_option_is_refused_with_those_that_there_are() -> None:
     options: dict[str, Any] = {"restitutoin": 0.9}
-    with pytest.raises(hcbench.HcbenchError, match=r"^restitutoin: unknown argument; expected one of: "):
+    with pytest.raises(
+        hcbench.HcbenchError, match=r"^restitutoin: unknown argument; expected one of: "
+    ):
         hcbench.check("ball.xml", "ball,plate", **options)

@@ -38,9 +38,14 @@ def test_the_exit_code_says_whether_the_pair_rests_within_its_limits(
     assert run(["check", str(ball), *LAUNCH, *limits]) == code
 
 
-def test_a_limit_exceeded_is_told_with_its_cause(ball: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_limit_exceeded_is_told_with_its_cause(
+    ball: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     junit = ball.with_name("junit.xml")
-    assert run(["check", str(ball), *LAUNCH, "--max-depth", "1 um", "--json", "--junit", str(junit)]) == 1
+    assert (
+        run(["check", str(ball), *LAUNCH, "--max-depth", "1 um", "--json", "--junit", str(junit)])
+        == 1
+    )
     (record,) = json.loads(capsys.readouterr().out)["checks"]
     assert "limit 0.001 mm" in record["message"]
     assert record["measurement"]["rest"]["penetration_m"] > 1e-6

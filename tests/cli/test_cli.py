@@ -12,9 +12,9 @@ from hcbench.benchmark.plan import versions_here
 from hcbench.cli import COMMANDS, run
 from hcbench.sim.backend import installed_version
 
-# The case of section 3.1, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf.
-# e from the closed form in 50 digits; depth and force are the true extremes of the loop, which the steps of
-# an ODE miss by up to 0.1 and 0.3 %.
+# The case of section 3.1, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf. e
+# from the closed form in 50 digits; depth and force are the true extremes of the loop, which the
+# steps of an ODE miss by up to 0.1 and 0.3 %.
 PAPER_CASE = [
     (0.008, 4, "0.9689892665", "3.0461e-04", "164.96"),
     (0.008, 8, "0.9398278563", "5.2399e-04", "373.16"),
@@ -35,7 +35,8 @@ def test_reference_prints_the_papers_case_to_all_digits(
     assert f"{row['penetration_max_m'] / INCH:.4e}" == depth
     assert f"{row['force_max_n'] / LBF:.2f}" == force
     assert row["restitution_linear"] == pytest.approx(1 - alpha * speed)
-    # 0.31 of Hertz's largest pressure, (6 F E*^2 / (pi^3 R^2))^(1/3), with E* = 3 k / (4 sqrt(R)), R = 2 in.
+    # 0.31 of Hertz's largest pressure, (6 F E*^2 / (pi^3 R^2))^(1/3), with E* =
+    # 3 k / (4 sqrt(R)), R = 2 in.
     modulus = 0.75 * 3.1e7 / math.sqrt(2.0)
     pressure = (6 * row["force_max_n"] / LBF * modulus**2 / (math.pi**3 * 4.0)) ** (1 / 3)
     assert row["shear_stress_max_pa"] == pytest.approx(0.31 * pressure * PSI, rel=1e-12)
@@ -51,7 +52,9 @@ def test_the_papers_stress_limit_is_passed_by_about_15_percent_at_16_in_per_s(
     assert any("62 000" in warning for warning in row["warnings"])
 
 
-def test_reference_takes_ranges_and_warns_where_the_paper_ends(capsys: pytest.CaptureFixture[str]) -> None:
+def test_reference_takes_ranges_and_warns_where_the_paper_ends(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert run(["law", "--alpha", "0.002, 0.008 s/in", "--speed", "1:24:12 in/s", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert len(rows) == 24
@@ -63,7 +66,9 @@ def test_every_commands_summary_fits_a_terminal(capsys: pytest.CaptureFixture[st
     assert run(["--help"]) == 0
     lines = capsys.readouterr().out.partition("Commands:\n")[2].partition("\n\n")[0].splitlines()
     assert len(lines) == len(COMMANDS)
-    assert all(len(line) <= 80 and line.endswith(".") and not line.endswith("...") for line in lines)
+    assert all(
+        len(line) <= 80 and line.endswith(".") and not line.endswith("...") for line in lines
+    )
 
 
 def test_reference_prints_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
@@ -103,12 +108,24 @@ RUN = 'recipe = "hunt-crossley"\ntimesteps = 1e-6\n'
         (["report", "STUDY"], STUDY + 'recipe = "hunt-crossley"\ntimesteps = 0\n', "timesteps"),
         (["report", "STUDY"], STUDY + 'recipe = "hunt-crossley"\ntimesteps = -1e-3\n', "timesteps"),
         (["report", "STUDY"], STUDY + 'recipe = "no-such"\ntimesteps = 1e-3\n', "no-such"),
-        (["report", "STUDY"], "schema = true\n" + STUDY + RUN, "schema: True; expected the number 1"),
+        (
+            ["report", "STUDY"],
+            "schema = true\n" + STUDY + RUN,
+            "schema: True; expected the number 1",
+        ),
         (["report", "STUDY"], "schema = 1.0\n" + STUDY + RUN, "schema: 1.0; expected the number 1"),
         (["report", "STUDY"], 'schema = "1"\n' + STUDY + RUN, "schema: '1'; expected the number 1"),
-        (["report", "STUDY"], 'title = ["a", "b"]\n' + STUDY + RUN, "title: ['a', 'b']; expected text"),
+        (
+            ["report", "STUDY"],
+            'title = ["a", "b"]\n' + STUDY + RUN,
+            "title: ['a', 'b']; expected text",
+        ),
         (["report", "STUDY"], 'title = ""\n' + STUDY + RUN, "title: ''; expected text"),
-        (["report", "STUDY"], STUDY + 'recipe = ["stock"]\ntimesteps = 1\n', "run 1: recipe: ['stock']"),
+        (
+            ["report", "STUDY"],
+            STUDY + 'recipe = ["stock"]\ntimesteps = 1\n',
+            "run 1: recipe: ['stock']",
+        ),
         (
             ["report", "STUDY"],
             STUDY.replace('"reference"', "3") + RUN,
@@ -170,7 +187,9 @@ def test_a_folder_below_a_file_is_the_users_mistake_and_leaves_nothing(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "study.toml"]
 
 
-def test_convert_says_one_contact_in_every_librarys_words(capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_says_one_contact_in_every_librarys_words(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert run(["convert", "--alpha", "0.008 s/in", "--speed", "8 in/s", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     found = {row["parameter"]: row["value"][0] for row in rows}
@@ -201,7 +220,9 @@ def test_the_scene_that_tune_writes_passes_its_own_check_under_gravity(tmp_path:
     assert run(["check", scene, "--pair", "ball,plate", *law, "--speeds", "0.3, 1 m/s"]) == 0
 
 
-def test_measure_and_check_a_model_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_measure_and_check_a_model_of_ones_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
     good.write_text(MODEL.replace("SOLREF", 'solref="-1000 0"'), encoding="utf-8")
     bad.write_text(MODEL.replace("SOLREF", ""), encoding="utf-8")

@@ -44,7 +44,9 @@ def in_a_shell(
 
 # --- standard output ---
 
-needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+needs_full = pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="no /dev/full on this system"
+)
 
 
 COMMANDS = [LAW, [*LAW, "--json"], ["--help"], ["engines"]]
@@ -70,7 +72,9 @@ def test_output_that_cannot_be_written_is_one_line_and_exit_3(
     if "2>&-" in redirection:  # nowhere to say it
         assert done.stdout == done.stderr == ""
     else:
-        assert done.stderr == f"hcbench: standard output: {why}; expected one that can be written to\n"
+        assert (
+            done.stderr == f"hcbench: standard output: {why}; expected one that can be written to\n"
+        )
 
 
 @pytest.mark.parametrize("redirection", ["2>&-", "<&-", "<&- 2>&-", "2>/dev/full"])
@@ -145,7 +149,10 @@ def test_pairs_may_be_longer_than_a_files_name(capsys: pytest.CaptureFixture[str
         (["report", ""], "study"),
         (["measure", ""], "models"),
         (["paper", "--out", ""], "--out"),
-        (["tune", "mujoco", "--alpha", "1", "--timestep", "1e-3", "--write-scene", ""], "--write-scene"),
+        (
+            ["tune", "mujoco", "--alpha", "1", "--timestep", "1e-3", "--write-scene", ""],
+            "--write-scene",
+        ),
         (["measure", "m.xml", "--page", ""], "--page"),
         (["check", "m.xml", "--junit", ""], "--junit"),
         (["check", "m.xml", "--baseline", ""], "--baseline"),
@@ -217,7 +224,10 @@ def there(folder: Path) -> list[str]:
 
 
 def test_what_an_earlier_report_wrote_and_the_new_one_has_not_goes(tmp_path: Path) -> None:
-    fill(tmp_path, {"index.html": "1", "figures/old.svg": "o", "figures/both.svg": "b", "gone/a.png": "a"})
+    fill(
+        tmp_path,
+        {"index.html": "1", "figures/old.svg": "o", "figures/both.svg": "b", "gone/a.png": "a"},
+    )
     (tmp_path / "figures" / "mine.svg").write_text("of someone else", encoding="utf-8")
     fill(tmp_path, {"index.html": "2", "figures/both.svg": "c"})
     assert there(tmp_path) == ["figures/both.svg", "figures/mine.svg", MANIFEST, "index.html"]
@@ -297,7 +307,12 @@ def test_an_edited_list_deletes_nothing_behind_a_link_nor_of_another_kind(tmp_pa
     content["files"] |= {"others/a.svg": digest, "notes.txt": digest}
     (folder / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
     fill(folder, {"index.html": "2"})
-    assert there(tmp_path) == [f"out/{MANIFEST}", "out/index.html", "out/notes.txt", "outside/a.svg"]
+    assert there(tmp_path) == [
+        f"out/{MANIFEST}",
+        "out/index.html",
+        "out/notes.txt",
+        "outside/a.svg",
+    ]
 
 
 def test_what_a_killed_report_left_goes_and_what_runs_stays(tmp_path: Path) -> None:
@@ -324,7 +339,12 @@ def test_a_failed_filling_removes_nothing(tmp_path: Path) -> None:
 # --- options by name ---
 
 TUNE = ["tune", "mujoco", "--timestep", "1e-3"]
-MEASURE = ["measure", str(Path(__file__).parents[2] / "examples" / "good.xml"), "--pair", "ball,plate"]
+MEASURE = [
+    "measure",
+    str(Path(__file__).parents[2] / "examples" / "good.xml"),
+    "--pair",
+    "ball,plate",
+]
 CHECK = ["check", *MEASURE[1:]]
 TUNED = ["tune", *MEASURE[1:], "--alpha=0.3"]
 
@@ -343,18 +363,30 @@ TUNED = ["tune", *MEASURE[1:], "--alpha=0.3"]
         ([*TUNE, "--points=-1:0.5"], "--points: -1 m/s; expected a value above 0"),
         ([*TUNE, "--alpha=.1", "--max-error=-1"], "--max-error: -1; expected 0 ... 1"),
         ([*TUNE, "--alpha=.1", "--max-error=nan"], "--max-error: nan; expected 0 ... 1"),
-        ([*TUNE, "--alpha=.1", "--recipe=magic"], "--recipe: 'magic' for 'mujoco'; expected one of: auto"),
-        ([*TUNE, "--alpha=.1", "--integrator=magic"], "--integrator: 'magic' with 'compliant-pairs'"),
+        (
+            [*TUNE, "--alpha=.1", "--recipe=magic"],
+            "--recipe: 'magic' for 'mujoco'; expected one of: auto",
+        ),
+        (
+            [*TUNE, "--alpha=.1", "--integrator=magic"],
+            "--integrator: 'magic' with 'compliant-pairs'",
+        ),
         ([*TUNE, "--alpha=.1", "--scene=nowhere"], "--scene: 'nowhere' was not found"),
         ([*TUNE, "--alpha=.1", "--pair=a"], "--pair: 'a'; expected two names"),
         ([*TUNE, "--alpha=.1", "--from=above"], "--from: given with the engine 'mujoco'"),
-        ([*TUNE, "--alpha=.1", "--write-model=a.xml"], "--write-model: given with the engine 'mujoco'"),
+        (
+            [*TUNE, "--alpha=.1", "--write-model=a.xml"],
+            "--write-model: given with the engine 'mujoco'",
+        ),
         ([*TUNED, "--scene=steel-cup"], "--scene: given with the model"),
         ([*TUNED, "--recipe=impulse"], "--recipe: given with the model"),
         ([*TUNED, "--friction=0"], "--friction: given with the model"),
         ([*TUNED, "--write-scene=a.xml"], "--write-scene: given with the model"),
         ([*TUNED, "--max-error=7"], "--max-error: 7; expected 0 ... 1"),
-        ([*TUNED, "--pair=plate,ball"], "--pair: ball,plate and plate,ball; expected each pair once"),
+        (
+            [*TUNED, "--pair=plate,ball"],
+            "--pair: ball,plate and plate,ball; expected each pair once",
+        ),
         ([*MEASURE, "--alpha=-1"], "--alpha: -1.0 s/m; expected 0 s/m or more"),
         ([*MEASURE, "--restitution=-1"], "--restitution: -1; expected 0 or more"),
         ([*MEASURE, "--speeds=-1"], "--speeds: -1 m/s; expected a value above 0"),
@@ -384,7 +416,9 @@ def test_a_mistake_in_a_value_names_its_option(
     assert line.startswith(f"hcbench: {says}")
 
 
-def test_a_folder_within_a_scratch_folder_is_written_without_waiting_for_itself(tmp_path: Path) -> None:
+def test_a_folder_within_a_scratch_folder_is_written_without_waiting_for_itself(
+    tmp_path: Path,
+) -> None:
     with atomic_folder(tmp_path / "out") as outer, atomic_folder(outer) as inner:
         (inner / "page.html").write_text("page")
     assert (tmp_path / "out" / "page.html").read_text() == "page"

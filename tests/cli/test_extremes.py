@@ -56,7 +56,10 @@ def refused(capsys: pytest.CaptureFixture[str], arguments: list[str], cause: str
         (["measure", *MODEL, "--gravity", "1e300"], "0 ... 1000 m/s^2"),
         (["check", *MODEL, "--restitution", "0.9", "--speeds", "1e300"], "1e-06 ... 10000 m/s"),
         (["check", *MODEL, "--restitution", "0.9", "--limit", "1e10"], "0 ... 1e+06 s"),
-        (["check", "nope.xml", "--pair", "a,b", "--write-baseline", "b.json"], "nope.xml is not there"),
+        (
+            ["check", "nope.xml", "--pair", "a,b", "--write-baseline", "b.json"],
+            "nope.xml is not there",
+        ),
         (["tune", "mujoco", "--alpha", "0.3", "--timestep", "1e300"], "1e-09 ... 1 s"),
         (["tune", "mujoco", "--alpha", "0.3", "--timestep", "1e-320"], "1e-09 ... 1 s"),
         (["tune", "mujoco", "--alpha", "1e20", "--timestep", "1e-3"], "0 ... 10000 s/m"),
@@ -88,7 +91,9 @@ def test_a_step_in_a_model_file_is_held_to_the_same_range(
     )
 
 
-@pytest.mark.parametrize("content", ["[]", "null", "7", "[" * DEEP, '{"schema": 3, "kind": "hcbench sweep"}'])
+@pytest.mark.parametrize(
+    "content", ["[]", "null", "7", "[" * DEEP, '{"schema": 3, "kind": "hcbench sweep"}']
+)
 def test_a_damaged_description_is_no_sweep(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str
 ) -> None:
@@ -97,7 +102,11 @@ def test_a_damaged_description_is_no_sweep(
     folder.mkdir()
     (folder / "_sweep.json").write_text(content)
     refused(capsys, ["report", str(folder), "--out", str(tmp_path / "out")], "_sweep.json")
-    refused(capsys, ["sweep", str(tmp_path / "study.toml"), "--out", str(folder), "--resume"], "_sweep.json")
+    refused(
+        capsys,
+        ["sweep", str(tmp_path / "study.toml"), "--out", str(folder), "--resume"],
+        "_sweep.json",
+    )
 
 
 @pytest.mark.parametrize(
@@ -106,7 +115,10 @@ def test_a_damaged_description_is_no_sweep(
         ("[]", "expected schema 4"),
         ("null", "expected schema 4"),
         ("[" * DEEP, "nested too deeply"),
-        ('{"schema": 2}', "schema 2, whose e has an earlier definition: speeds at a step's start or end"),
+        (
+            '{"schema": 2}',
+            "schema 2, whose e has an earlier definition: speeds at a step's start or end",
+        ),
         ('{"schema": 4}', "study: missing"),
         ('{"schema": 4, "study": []}', "study: []"),
     ],
@@ -207,7 +219,9 @@ def test_a_step_of_which_a_contact_has_millions_is_refused(
 
 @pytest.mark.parametrize("alpha", [0.0, 1e-3, 0.3])
 def test_thousands_of_bounces_that_lose_next_to_nothing_are_few_impacts(alpha: float) -> None:
-    """37 s, once: each was integrated. Speeds fall as bounces by the closed e have it, by 8 % for α = 0.3."""
+    """37 s, once: each was integrated. Speeds fall as bounces by the closed
+    e have it, by 8 % for α = 0.3.
+    """
     law, gravity, computed = HuntCrossley(3.4e10, alpha), 9.81, []
 
     def impact_at(speed: float) -> Impact:
@@ -239,18 +253,26 @@ def test_what_killed_processes_left_goes_and_what_others_write_stays(tmp_path: P
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no device without an end")
-def test_a_table_linked_to_a_device_is_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_linked_to_a_device_is_not_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "summary.json").write_text('{"schema": 3}')
     for name in ("restitution", "loops", "scores", "trains"):
         (tmp_path / f"{name}.csv").symlink_to("/dev/zero")
     refused(capsys, ["check", str(tmp_path)], "not a regular file")
 
 
-def test_a_pose_that_unpacks_without_end_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pose_that_unpacks_without_end_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     state = tmp_path / "pose.npz"
     with zipfile.ZipFile(state, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("qpos.npy", bytes(65 << 20))
-    refused(capsys, ["measure", "scenes/steel-plane/scene.xml", "--state", str(state)], "more than 64 MiB")
+    refused(
+        capsys,
+        ["measure", "scenes/steel-plane/scene.xml", "--state", str(state)],
+        "more than 64 MiB",
+    )
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"PK\x03\x04" + bytes(40), bytes(100)])
@@ -259,4 +281,8 @@ def test_a_pose_that_is_damaged_is_none(
 ) -> None:
     state = tmp_path / "pose.npz"
     state.write_bytes(content)
-    refused(capsys, ["measure", "scenes/steel-plane/scene.xml", "--state", str(state)], "a .npz or JSON file")
+    refused(
+        capsys,
+        ["measure", "scenes/steel-plane/scene.xml", "--state", str(state)],
+        "a .npz or JSON file",
+    )

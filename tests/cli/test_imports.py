@@ -8,7 +8,16 @@ import sys
 
 import pytest
 
-SLOW = {"pint", "pydantic", "scipy.optimize", "scipy.special", "pandas", "matplotlib", "pyarrow", "mujoco"}
+SLOW = {
+    "pint",
+    "pydantic",
+    "scipy.optimize",
+    "scipy.special",
+    "pandas",
+    "matplotlib",
+    "pyarrow",
+    "mujoco",
+}
 MODEL = "scenes/steel-plane/scene.xml"
 
 RUN = """
@@ -33,7 +42,9 @@ print(json.dumps([code, list(sys.modules)]))
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
 def test_a_command_imports_what_it_uses(words: list[str], uses: set[str]) -> None:
-    ran = subprocess.run([sys.executable, "-c", RUN, *words], capture_output=True, text=True, check=True)
+    ran = subprocess.run(
+        [sys.executable, "-c", RUN, *words], capture_output=True, text=True, check=True
+    )
     code, modules = json.loads(ran.stdout)
     assert code == 0
     assert SLOW & set(modules) == uses

@@ -68,7 +68,9 @@ def test_a_study_of_the_users_own_needs_what_it_names(
 def test_a_page_with_a_gap_never_replaces_one_without(tmp_path: Path) -> None:
     full = tmp_path / "reports"
     full.mkdir()
-    (full / "scores.csv").write_text("engine,setting\nmujoco,impulse\npybullet,stock\n", encoding="utf-8")
+    (full / "scores.csv").write_text(
+        "engine,setting\nmujoco,impulse\npybullet,stock\n", encoding="utf-8"
+    )
     there = engines_in(full)
     assert there == {"mujoco", "pybullet"}
     with pytest.raises(UserError, match="holds a report with pybullet"):
@@ -79,7 +81,10 @@ def test_a_page_with_a_gap_never_replaces_one_without(tmp_path: Path) -> None:
 
 
 def test_commands_that_add_engines_say_the_python_that_one_needs() -> None:
-    assert install.add_commands(["dart", "pybullet", "drake"]) == ["hcbench engines add dart drake", ADD]
+    assert install.add_commands(["dart", "pybullet", "drake"]) == [
+        "hcbench engines add dart drake",
+        ADD,
+    ]
     with pytest.raises(EngineMissing, match=r"engines add pybullet@3\.2\.1 --python 3\.11"):
         registry.engine("pybullet@3.2.1").version()
 
@@ -94,7 +99,13 @@ def test_both_encodings_of_a_table_read_back_the_same() -> None:
             "samples": [3, 4],
             "x": [0.1, 1e-300],
         },
-        {"engine": "b", "alpha_s_per_m": 0.4, "status": ["parted"], "samples": [5], "x": [float("nan")]},
+        {
+            "engine": "b",
+            "alpha_s_per_m": 0.4,
+            "status": ["parted"],
+            "samples": [5],
+            "x": [float("nan")],
+        },
     ]
     encoded = [encode(tables, list(tables[0]), {"about": b"1"}) for encode in (arrays, parquet)]
     one, two = (frame([content, content]) for content in encoded)

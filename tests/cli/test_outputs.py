@@ -93,7 +93,9 @@ def test_files_that_an_input_names_are_inputs(folder: Path) -> None:
             require_outputs({"--page": Path(name)}, ["checks.toml"], force=True)
 
 
-@pytest.mark.parametrize("option", ["--page", "--write-points", "--junit", "--markdown", "--write-scene"])
+@pytest.mark.parametrize(
+    "option", ["--page", "--write-points", "--junit", "--markdown", "--write-scene"]
+)
 def test_a_file_of_another_hand_is_replaced_by_force_alone(folder: Path, option: str) -> None:
     notes, content = Path("notes.txt"), "<p>" if option == "--page" else "1"
     with pytest.raises(UserError, match=rf"notes\.txt exists, and {option} did not write it"):
@@ -146,7 +148,9 @@ def test_two_outputs_are_two_files(folder: Path, capsys: pytest.CaptureFixture[s
     assert not Path("out").exists()
 
 
-def test_a_link_to_itself_is_no_place_for_an_output(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_link_to_itself_is_no_place_for_an_output(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("loop").symlink_to("loop")
     assert cli.run(["fit", "h.csv", "--page=loop"]) == 2
     assert "--page: loop is a link that leads back to itself" in capsys.readouterr().err
@@ -155,14 +159,21 @@ def test_a_link_to_itself_is_no_place_for_an_output(folder: Path, capsys: pytest
 def test_a_bad_place_is_refused_before_the_search(folder: Path) -> None:
     with pytest.raises(UserError, match="in a folder that does not exist"):
         require_outputs({"--write-model": Path("no/model.xml")})
-    assert cli.run(["tune", "gone.xml", "--pair=ball,plate", "--alpha=0.3", "--write-model=no/m.xml"]) == 2
+    assert (
+        cli.run(["tune", "gone.xml", "--pair=ball,plate", "--alpha=0.3", "--write-model=no/m.xml"])
+        == 2
+    )
 
 
 @pytest.mark.parametrize("name", [same, linked, hard_linked, spelled])
 @pytest.mark.parametrize("file", ["good.xml", "part.xml", "all.xml"])
-def test_python_replaces_no_input_either(folder: Path, name: Callable[[str], str], file: str) -> None:
+def test_python_replaces_no_input_either(
+    folder: Path, name: Callable[[str], str], file: str
+) -> None:
     """`force` replaced the model itself, and a file that it includes."""
-    Path("all.xml").write_text(MODEL.replace("<worldbody>", '<include file="part.xml"/><worldbody>'))
+    Path("all.xml").write_text(
+        MODEL.replace("<worldbody>", '<include file="part.xml"/><worldbody>')
+    )
     Path("part.xml").write_text("<mujocoinclude/>")
     model = "good.xml" if file == "good.xml" else "all.xml"
     before = Path(file).read_bytes()
@@ -179,7 +190,12 @@ def test_python_refuses_a_bad_place_before_the_search(folder: Path) -> None:
             hb.tune_model("gone.xml", "ball,plate", restitution=0.9, write_model=place)
     with pytest.raises(UserError, match=r"write_include: m\.xml is the file of write_model too"):
         hb.tune_model(
-            "good.xml", "ball,plate", restitution=0.9, write_model="m.xml", write_include="m.xml", force=True
+            "good.xml",
+            "ball,plate",
+            restitution=0.9,
+            write_model="m.xml",
+            write_include="m.xml",
+            force=True,
         )
 
 

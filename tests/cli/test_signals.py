@@ -18,7 +18,9 @@ from hcbench.benchmark.store import Store
 from hcbench.cli import _process, run
 
 PROC = Path("/proc")
-pytestmark = pytest.mark.skipif(not (PROC / "self" / "stat").exists(), reason="no /proc to find processes in")
+pytestmark = pytest.mark.skipif(
+    not (PROC / "self" / "stat").exists(), reason="no /proc to find processes in"
+)
 
 HCBENCH = [sys.executable, "-m", "hcbench"]
 LONG = """scene = "steel-plane"
@@ -73,7 +75,9 @@ def hang_up_ends() -> None:
 
 
 def end(process: subprocess.Popen[str], number: signal.Signals) -> None:
-    """Send a signal as it comes in life: Ctrl-C to all in the terminal, others to the command alone."""
+    """Send a signal as it comes in life: Ctrl-C to all in the
+    terminal, others to the command alone.
+    """
     (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
     begin = time.monotonic()
     out, err = process.communicate(timeout=PATIENCE_S)
@@ -83,8 +87,12 @@ def end(process: subprocess.Popen[str], number: signal.Signals) -> None:
     wait_for("the last process to end", lambda: not session(process.pid))
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name)
-def test_a_report_that_is_interrupted_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name
+)
+def test_a_report_that_is_interrupted_leaves_nothing(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     (tmp_path / "study.toml").write_text(LONG.format(phases=1000, timestep=1e-8), encoding="utf-8")
     process = start(["report", "study.toml", "--out", "reports/mine", "--jobs", "2"], tmp_path)
     wait_for("its workers", lambda: len(session(process.pid)) >= 3)
@@ -93,13 +101,17 @@ def test_a_report_that_is_interrupted_leaves_nothing(tmp_path: Path, number: sig
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
-def test_a_sweep_that_is_interrupted_leaves_whole_parts(tmp_path: Path, number: signal.Signals) -> None:
+def test_a_sweep_that_is_interrupted_leaves_whole_parts(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     (tmp_path / "study.toml").write_text(LONG.format(phases=80, timestep=1e-5), encoding="utf-8")
     process = start(["sweep", "study.toml", "--out", "mine", "--jobs", "2"], tmp_path)
     wait_for("a part", lambda: list((tmp_path / "mine").glob("part-*")))
     end(process, number)
     files = [path.name for path in (tmp_path / "mine").rglob("*") if path.is_file()]
-    assert all(re.match(r"part-|loops-|_sweep\.json|_summary\.csv|_lock", name) for name in files), files
+    assert all(
+        re.match(r"part-|loops-|_sweep\.json|_summary\.csv|_lock", name) for name in files
+    ), files
     shards = list(Store(open_files(str(tmp_path / "mine"))).verified(10**7))
     assert shards
     assert all(summary is not None for _, summary in shards), "none is damaged"
@@ -112,7 +124,9 @@ def test_a_model_that_hangs_is_left_alone_when_interrupted(
 ) -> None:
     (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
     target = ["--measure-only"] if command == "check" else []
-    process = start([command, "--python", "hangs.py:model", "--pair", "ball,plate", *target], tmp_path)
+    process = start(
+        [command, "--python", "hangs.py:model", "--pair", "ball,plate", *target], tmp_path
+    )
     wait_for("its worker", lambda: len(session(process.pid)) >= 2)
     end(process, number)
 
@@ -143,7 +157,16 @@ def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
 def test_a_search_has_a_bar_and_its_best_is_printed_on_ctrl_c(tmp_path: Path) -> None:
     import pty
 
-    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-6", "--recipe", "soft"]
+    arguments = [
+        "tune",
+        "mujoco",
+        "--alpha",
+        "0.008 s/in",
+        "--timestep",
+        "1e-6",
+        "--recipe",
+        "soft",
+    ]
     ours, theirs = pty.openpty()
     with subprocess.Popen(
         [*HCBENCH, *arguments],
@@ -169,7 +192,9 @@ def test_a_search_has_a_bar_and_its_best_is_printed_on_ctrl_c(tmp_path: Path) ->
         assert process.wait(timeout=PATIENCE_S) == 130
     assert "the best so far" in out
     assert "solref=" in out
-    told = re.search(rb"hcbench: interrupted: the search was cut short after (\d+) of at most 1650", seen)
+    told = re.search(
+        rb"hcbench: interrupted: the search was cut short after (\d+) of at most 1650", seen
+    )
     assert told is not None
     assert int(told[1]) >= int(found[1])
 
@@ -185,7 +210,9 @@ def caught(process: int) -> int:
 def test_a_command_ends_in_one_line_from_its_first_instant_on(
     tmp_path: Path, number: signal.Signals, delay: float
 ) -> None:
-    """A traceback, once, while its modules were read. Before Python itself is there, the system ends it."""
+    """A traceback, once, while its modules were read. Before Python
+    itself is there, the system ends it.
+    """
     (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
     process = start(["measure", "--python", "hangs.py:model", "--pair", "ball,plate"], tmp_path)
     wait_for("its handlers", lambda: caught(process.pid) & 1 << signal.SIGTERM - 1)
@@ -221,7 +248,9 @@ class Deaf:
 
 @pytest.mark.usefixtures("handlers")
 def test_an_interrupt_that_python_ignores_comes_again() -> None:
-    """Once, `measure` went on for a minute: the interrupt fell into the callback of a module's lock."""
+    """Once, `measure` went on for a minute: the interrupt fell into
+    the callback of a module's lock.
+    """
     begin = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         Deaf()
@@ -248,8 +277,12 @@ def test_an_interrupt_of_which_python_makes_another_error_is_one(
 
 
 @pytest.mark.usefixtures("handlers")
-def test_an_interrupt_in_an_import_waits_for_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`tune mujoco` went on: MuJoCo's own import made an ImportError of it, and that a missing engine."""
+def test_an_interrupt_in_an_import_waits_for_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`tune mujoco` went on: MuJoCo's own import made an ImportError of
+    it, and that a missing engine.
+    """
     text = "import signal\ntry:\n  signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n  lost = True\n"
     (tmp_path / "swallows.py").write_text(text, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)

@@ -91,7 +91,11 @@ def test_no_line_of_an_output_is_longer_than_100_columns(
 def test_a_line_is_folded_by_what_it_is() -> None:
     words = "word " * 40
     assert all(len(line) <= WIDTH for line in folded([f"name   {words}", words, f"- {words}"]))
-    assert [line[:9] for line in folded([f"name   {words}"])] == ["name   wo", "       wo", "       wo"]
+    assert [line[:9] for line in folded([f"name   {words}"])] == [
+        "name   wo",
+        "       wo",
+        "       wo",
+    ]
     command = f'  hcbench tune {"x" * 60} --alpha "0.3 s/m" --timestep "2 ms" --plugin'
     first, second = folded([command])
     assert first.endswith(" \\") and second.startswith("      --")

@@ -25,7 +25,9 @@ def without_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(mujoco_plugin, "load", mujoco_plugin.load.__wrapped__)
 
 
-def test_tune_prints_the_settings_and_says_in_a_line_that_the_plug_in_was_left_out(capsys: Any) -> None:
+def test_tune_prints_the_settings_and_says_in_a_line_that_the_plug_in_was_left_out(
+    capsys: Any,
+) -> None:
     assert run(TUNE) == 0
     out, err = capsys.readouterr()
     assert "<pair" in out
@@ -42,7 +44,9 @@ def test_what_asks_for_the_plug_in_exits_with_3(words: list[str], capsys: Any) -
     assert "/nonexistent could not be run" in capsys.readouterr().err
 
 
-def test_a_compiler_that_writes_nothing_is_named(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_a_compiler_that_writes_nothing_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
     monkeypatch.setenv("CC", "true")
     assert run(["plugin", "mujoco"]) == 3
     assert "true ended without an error and wrote no library" in capsys.readouterr().err

@@ -1,7 +1,8 @@
-"""The C of the laws and plug-ins under every compiler of this machine: no warning, no private symbol.
+"""The C of the laws and plug-ins under every compiler of this machine:
+no warning, no private symbol.
 
-`make test-compilers` takes every version of gcc and clang that has a name of its own on PATH, and the wheels
-of MuJoCo unpacked in the folders of $HCBENCH_MUJOCOS, beside the installed one.
+`make test-compilers` takes every version of gcc and clang that has a name of its own on PATH, and
+the wheels of MuJoCo unpacked in the folders of $HCBENCH_MUJOCOS, beside the installed one.
 """
 
 from __future__ import annotations
@@ -23,13 +24,18 @@ from hcbench.system import compiler as _compile
 STRICT = ("-Werror", "-Wall", "-Wextra", "-Wimplicit-function-declaration")
 PACKAGE = Path(_compile.__file__).parents[1]
 INSTALLED = Path(mujoco.__file__).parent
-MUJOCOS = [INSTALLED, *map(Path, filter(None, os.environ.get("HCBENCH_MUJOCOS", "").split(os.pathsep)))]
+MUJOCOS = [
+    INSTALLED,
+    *map(Path, filter(None, os.environ.get("HCBENCH_MUJOCOS", "").split(os.pathsep))),
+]
 
 
 def _compilers() -> list[list[str]]:
     numbered = [f"{name}-{version}" for name in ("gcc", "clang") for version in range(9, 30)]
     names = ["gcc", "clang", *(numbered if "HCBENCH_MUJOCOS" in os.environ else [])]
-    return [[name] for name in names if shutil.which(name)] + [[sys.executable, "-m", "ziglang", "cc"]]
+    return [[name] for name in names if shutil.which(name)] + [
+        [sys.executable, "-m", "ziglang", "cc"]
+    ]
 
 
 def _name(command: list[str]) -> str:
@@ -37,14 +43,28 @@ def _name(command: list[str]) -> str:
 
 
 def _compiled(command: list[str], source: str, out: Path, flags: list[str], link: list[str]) -> str:
-    words = [*command, *_compile.FLAGS, *STRICT, *flags, "-o", str(out), str(PACKAGE / source), *link, "-lm"]
+    words = [
+        *command,
+        *_compile.FLAGS,
+        *STRICT,
+        *flags,
+        "-o",
+        str(out),
+        str(PACKAGE / source),
+        *link,
+        "-lm",
+    ]
     environment = _compile.environment(str(out.parent))
-    return subprocess.run(words, capture_output=True, text=True, check=False, env=environment).stderr
+    return subprocess.run(
+        words, capture_output=True, text=True, check=False, env=environment
+    ).stderr
 
 
 @pytest.mark.parametrize("command", _compilers(), ids=_name)
 @pytest.mark.parametrize("folder", MUJOCOS, ids=lambda folder: folder.parent.name)
-def test_mujocos_plug_in_compiles_without_a_warning(command: list[str], folder: Path, tmp_path: Path) -> None:
+def test_mujocos_plug_in_compiles_without_a_warning(
+    command: list[str], folder: Path, tmp_path: Path
+) -> None:
     flags, link, _ = mujoco_plugin.compiler_arguments(folder)
     assert _compiled(command, mujoco_plugin.SOURCE, tmp_path / "built.so", flags, link) == ""
 

@@ -1,4 +1,6 @@
-"""Laws whose v_i is each impact's own, inside MuJoCo and PyBullet: found from the state, at every phase."""
+"""Laws whose v_i is each impact's own, inside MuJoCo and PyBullet: found
+from the state, at every phase.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,14 @@ from hcbench.contact.mujoco import load
 from hcbench.laws import ode
 from hcbench.laws.contact_law import law_of, require_resolved
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import LAWS, Exact, Flores, LankaraniNikravesh, PublishedLaw, TouchSpeedLaw
+from hcbench.laws.published import (
+    LAWS,
+    Exact,
+    Flores,
+    LankaraniNikravesh,
+    PublishedLaw,
+    TouchSpeedLaw,
+)
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.setting import Setting
@@ -87,13 +96,17 @@ def test_every_state_of_an_impact_tells_its_speed_at_touch(
     ("speed", "off", "without"), [(0.025, 3e-4, 1e-3), (0.1, 1e-5, 2e-4), (0.5, 2e-6, 2e-5)]
 )
 @pytest.mark.parametrize("family", [Flores, LankaraniNikravesh])
-def test_gravity_is_reckoned_with(family: PublishedLaw, speed: float, off: float, without: float) -> None:
+def test_gravity_is_reckoned_with(
+    family: PublishedLaw, speed: float, off: float, without: float
+) -> None:
     law, b, h = TouchSpeedLaw(family, STIFFNESS, 0.5), 9.81, 1e-5
 
     def error(load: float) -> float:
         motion = ContactOde(KAPPA, 0.0, 1.5, b, law.chi, law.delivered, load)
         x, v = -1.3 * h * speed, speed
-        start = math.sqrt((v + b * h / 2) ** 2 - 2 * b * x)  # v is the mean rate over the step before
+        start = math.sqrt(
+            (v + b * h / 2) ** 2 - 2 * b * x
+        )  # v is the mean rate over the step before
         force = 1.0
         while not (v < 0 and force == 0.0 and x < 0):
             force = euler_force(motion, h, x, v)
@@ -128,7 +141,10 @@ def test_mujoco_at_a_fine_step(integrator: str) -> None:
 
 
 def test_an_impact_goes_on_alike_in_another_simulation_that_has_only_its_state() -> None:
-    model, kind = ball(1e-5, TouchSpeedLaw(Flores, STIFFNESS, 0.5)), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    model, kind = (
+        ball(1e-5, TouchSpeedLaw(Flores, STIFFNESS, 0.5)),
+        mujoco.mjtState.mjSTATE_FULLPHYSICS,
+    )
     one, other = launched(model, 0.3, 0.4), mujoco.MjData(model)
     for i in range(40):
         mujoco.mj_step(model, one)
@@ -212,7 +228,9 @@ def bodies(client: int, h: float) -> tuple[int, int]:
 
 def bounce_in_bullet(client: int, body: int, h: float, speed: float, phase: float) -> float:
     gap = (2 + phase) * h * speed
-    bullet.resetBasePositionAndOrientation(body, (0, 0, RADIUS + gap), (0, 0, 0, 1), physicsClientId=client)
+    bullet.resetBasePositionAndOrientation(
+        body, (0, 0, RADIUS + gap), (0, 0, 0, 1), physicsClientId=client
+    )
     bullet.resetBaseVelocity(body, (0, 0, -speed), (0, 0, 0), physicsClientId=client)
     for _ in range(5000):
         bullet.stepSimulation(physicsClientId=client)
@@ -254,7 +272,9 @@ def test_pybullet_gives_every_impact_one_restitution(client: int) -> None:
 
 def test_a_step_too_coarse_names_what_has_its_restitution_at_any_step(client: int) -> None:
     law = TouchSpeedLaw(Flores, STIFFNESS, 0.5)
-    with pytest.raises(SettingError, match=r"For coarser steps take ConstantRestitution\(law\.delivered\)"):
+    with pytest.raises(
+        SettingError, match=r"For coarser steps take ConstantRestitution\(law\.delivered\)"
+    ):
         bullet_contact.add(law, *bodies(client, 1e-3), client=client)
     for one, instead in (
         (law, r"ConstantRestitution\(law"),
@@ -271,7 +291,9 @@ FORCE = {"kind": "force", "law": "flores", "restitution": 0.8, "stiffness": 3e10
 
 def test_options_make_the_laws() -> None:
     assert law_of(FORCE) == TouchSpeedLaw(Flores, 3e10, 0.8)
-    assert law_of({**FORCE, "law": "Flores et al.", "exponent": 1.2}) == TouchSpeedLaw(Flores, 3e10, 0.8, 1.2)
+    assert law_of({**FORCE, "law": "Flores et al.", "exponent": 1.2}) == TouchSpeedLaw(
+        Flores, 3e10, 0.8, 1.2
+    )
     made = law_of({"kind": "restitution", "law": "exact", "restitution": 0.8})
     assert isinstance(made, ConstantRestitution)
     assert made.restitution == pytest.approx(0.8, rel=1e-14)
@@ -286,7 +308,10 @@ def test_options_make_the_laws() -> None:
         ({**FORCE, "alpha": 0.3}, "law.alpha"),
         ({**FORCE, "stiffness": "1e10"}, "law.stiffness"),
         ({"kind": "force", "law": "flores", "stiffness": 3e10}, "law.restitution"),
-        ({"kind": "restitution", "law": "flores", "restitution": 0.8, "stiffness": 3e10}, "law.stiffness"),
+        (
+            {"kind": "restitution", "law": "flores", "restitution": 0.8, "stiffness": 3e10},
+            "law.stiffness",
+        ),
     ],
 )
 def test_options_that_are_no_law_are_refused_by_name(options: dict[str, Any], says: str) -> None:

@@ -55,7 +55,10 @@ def write(folder: Path, shape: str = SPHERE, ground: str = BOX, stock: bool = Fa
 
 def measured(files: Any, pair: str = "ball,slab", **asked: Any) -> Any:
     return measure(
-        files, pair, engine="drake", **{"speeds": [0.1, 0.6], "phases": [0.3], "gravity": 0, **asked}
+        files,
+        pair,
+        engine="drake",
+        **{"speeds": [0.1, 0.6], "phases": [0.3], "gravity": 0, **asked},
     )
 
 
@@ -84,13 +87,17 @@ def by_hand(files: list[str], speed: float, gap: float, step: float, height: flo
         plant.GetBodyByName("ball"),
     )
     plant.SetFreeBodyPose(context, ball, drake.RigidTransform([0, 0, height + gap]))
-    plant.SetFreeBodySpatialVelocity(context, ball, drake.SpatialVelocity([0, 0, 0], [0, 0, -speed]))
+    plant.SetFreeBodySpatialVelocity(
+        context, ball, drake.SpatialVelocity([0, 0, 0], [0, 0, -speed])
+    )
     for i in range(1, 400):
         simulator.AdvanceTo(i * step)
     return float(plant.GetVelocities(context)[5] / speed)
 
 
-@pytest.mark.parametrize(("shape", "ground", "height"), [(SPHERE, BOX, -0.05), (SPHERE, PLANE, -0.25)])
+@pytest.mark.parametrize(
+    ("shape", "ground", "height"), [(SPHERE, BOX, -0.05), (SPHERE, PLANE, -0.25)]
+)
 def test_it_is_what_a_simulator_of_ones_own_does(
     tmp_path: Path, shape: str, ground: str, height: float
 ) -> None:
@@ -109,16 +116,25 @@ def test_the_force_is_that_of_each_step(tmp_path: Path) -> None:
     assert impact.speed_out == pytest.approx(0.6 * impact.restitution, abs=1e-9)
 
 
-@pytest.mark.parametrize("shape", ['<box size=".1 .08 .06"/>', '<cylinder radius=".03" length=".1"/>'])
+@pytest.mark.parametrize(
+    "shape", ['<box size=".1 .08 .06"/>', '<cylinder radius=".03" length=".1"/>']
+)
 def test_other_shapes_meet_a_half_space_where_they_are_lowest(tmp_path: Path, shape: str) -> None:
     found = measured(write(tmp_path, shape, PLANE), speeds=0.3, timestep=1e-4, diagnose=False)
     assert found.facts.point[2] == pytest.approx(-0.3, abs=1e-12)
-    assert found.impacts[0].penetration_max == pytest.approx(0.3 * np.sqrt(0.5 / (STIFFNESS / 2)), rel=0.15)
+    assert found.impacts[0].penetration_max == pytest.approx(
+        0.3 * np.sqrt(0.5 / (STIFFNESS / 2)), rel=0.15
+    )
 
 
 def test_a_robots_arm_is_brought_to_touch_and_moves_as_a_push_would_move_it(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(ARM)
-    asked: dict[str, Any] = {"qpos": "shoulder=-0.3", "diagnose": False, "speeds": 0.3, "timestep": 1e-4}
+    asked: dict[str, Any] = {
+        "qpos": "shoulder=-0.3",
+        "diagnose": False,
+        "speeds": 0.3,
+        "timestep": 1e-4,
+    }
     (one, other) = (
         measure(tmp_path / "arm.xml", "hammer,floor", engine=engine, phases=[0.5], **asked).facts
         for engine in ("drake", "mujoco")
@@ -169,14 +185,18 @@ def test_pairs_are_listed(tmp_path: Path) -> None:
         ({"coming_from": "above"}, "from: given"),
     ],
 )
-def test_a_request_that_drake_cannot_serve(tmp_path: Path, asked: dict[str, Any], words: str) -> None:
+def test_a_request_that_drake_cannot_serve(
+    tmp_path: Path, asked: dict[str, Any], words: str
+) -> None:
     with pytest.raises(UserError, match=words):
         measured(write(tmp_path), **asked)
 
 
 def test_what_drake_does_not_load_is_said_in_one_line(tmp_path: Path) -> None:
     files = write(tmp_path, shape="<plane/>")
-    with pytest.raises(SceneError, match=r"model: ball\.urdf: .*; expected a model that Drake loads"):
+    with pytest.raises(
+        SceneError, match=r"model: ball\.urdf: .*; expected a model that Drake loads"
+    ):
         measured(files)
     with pytest.raises(SceneError, match="is not there"):
         measured(str(tmp_path / "no.sdf"))

@@ -66,7 +66,9 @@ def test_the_bounce_in_one_step_has_the_restitution_asked(engine: str, within: f
 
 @pytest.mark.needs_engine
 @pytest.mark.parametrize(("engine", "within"), [("mjx", 5e-6), ("mujoco-warp", 1e-6)])
-def test_each_impact_is_given_its_own_restitution_under_gravity_too(engine: str, within: float) -> None:
+def test_each_impact_is_given_its_own_restitution_under_gravity_too(
+    engine: str, within: float
+) -> None:
     setting = registry.recipe(f"{engine}.restitution-law")(target(1e-3))
     for scene, most in ((PLANE, within), (HEAVY, 1e-5)):  # whose energy has a height in float32
         v, e = restitutions(setting, scene)
@@ -85,7 +87,9 @@ def test_each_impact_is_given_its_own_restitution_under_gravity_too(engine: str,
         ("mujoco-warp.hunt-crossley", 1e-5, 4e-3),
     ],
 )
-def test_the_law_is_followed_as_far_as_float32_lets_it(recipe: str, timestep: float, within: float) -> None:
+def test_the_law_is_followed_as_far_as_float32_lets_it(
+    recipe: str, timestep: float, within: float
+) -> None:
     v, e = restitutions(registry.recipe(recipe)(target(timestep)))
     assert np.abs(e - target(timestep).restitution(v)).max() < within
 
@@ -105,7 +109,9 @@ def test_mjx_refuses_an_impedance_that_float32_does_not_keep_and_takes_it_in_flo
     exact = dataclasses.replace(setting, options={**setting.options, "precision": "float64"})
     _, e = restitutions(exact)
     asked = target(1e-3).restitution(np.array([0.0254, 0.508])).mean()
-    magnified = 1.0 / (1.0 - 0.9999)  # rounding, by what MJX divides by: MuJoCo's own e is right to 6e-16
+    magnified = 1.0 / (
+        1.0 - 0.9999
+    )  # rounding, by what MJX divides by: MuJoCo's own e is right to 6e-16
     assert np.abs(e - asked).max() < 4 * magnified * np.finfo(float).eps
 
 
@@ -182,10 +188,17 @@ def scene_xml(engine: str, recipe: str, timestep: float = 1e-3) -> str:
 @pytest.mark.needs_engine
 @pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
 @pytest.mark.parametrize("model", ["compliant", "staggered-push", "robot"])
-def test_a_users_model_bounces_as_in_mujoco_as_far_as_float32_lets_it(model: str, engine: str) -> None:
-    xml, pair = (HOPPER, "foot,floor") if model == "robot" else (scene_xml(engine, model), "ball,plate")
+def test_a_users_model_bounces_as_in_mujoco_as_far_as_float32_lets_it(
+    model: str, engine: str
+) -> None:
+    xml, pair = (
+        (HOPPER, "foot,floor") if model == "robot" else (scene_xml(engine, model), "ball,plate")
+    )
     theirs = measured(xml, pair, engine)
-    assert (theirs.facts.engine, theirs.facts.version) == (engine, registry.engine(engine).version())
+    assert (theirs.facts.engine, theirs.facts.version) == (
+        engine,
+        registry.engine(engine).version(),
+    )
     own = measured(xml, pair, "mujoco")
     for one, other in zip(theirs.impacts, own.impacts, strict=True):
         assert one.restitution == pytest.approx(other.restitution, abs=5e-4)
@@ -249,7 +262,9 @@ def test_a_contact_without_damping_keeps_all_in_mjx_too(capsys: pytest.CaptureFi
     rows = []
     for engine in ("mujoco", "mjx"):
         assert cli.run([*asked, engine]) == 0
-        rows.append([line.split() for line in capsys.readouterr().out.splitlines() if "e+00" in line])
+        rows.append(
+            [line.split() for line in capsys.readouterr().out.splitlines() if "e+00" in line]
+        )
     assert rows[0] == rows[1]
     assert "1.0007" in rows[0][0]
 
@@ -274,7 +289,10 @@ def test_what_is_read_on_the_device_is_what_is_read_of_every_step(
     recipe: str, timestep: float, scene: Scene
 ) -> None:
     setting = registry.recipe(recipe)(target(timestep))
-    engine, launches = registry.engine(setting.engine), LAUNCHES * 20  # more than one recorded batch
+    engine, launches = (
+        registry.engine(setting.engine),
+        LAUNCHES * 20,
+    )  # more than one recorded batch
     kept, read = (engine.run(scene, s, launches) for s in (setting, on_device(setting)))
     assert [impact.status for impact in kept] == [impact.status for impact in read]
     assert [impact.samples for impact in kept] == [impact.samples for impact in read]

@@ -52,7 +52,9 @@ def test_under_gravity_xpbd_puts_the_ball_on_the_plane_so_that_it_loses_energy_b
     for impact in registry.engine("newton").run(WITH_GRAVITY, setting, fast):
         assert 0.75 < impact.restitution < 0.9269
     path = registry.engine("newton").trajectory(WITH_GRAVITY, setting, fast[1], 0.05)
-    energy = (path.rate + WITH_GRAVITY.gravity / 480) ** 2 - 2 * WITH_GRAVITY.gravity * path.penetration
+    energy = (
+        path.rate + WITH_GRAVITY.gravity / 480
+    ) ** 2 - 2 * WITH_GRAVITY.gravity * path.penetration
     assert energy[2:].max() < 0.75 * energy[0]
 
 
@@ -86,7 +88,9 @@ def test_an_e_for_a_solver_without_one_is_refused() -> None:
 
 @pytest.mark.needs_engine("newton")
 @pytest.mark.parametrize(("timestep", "within"), [(1e-5, 4e-3), (1e-4, 5e-4), (1e-3, 5e-4)])
-def test_rows_that_only_push_follow_the_law_in_its_mujoco_solver(timestep: float, within: float) -> None:
+def test_rows_that_only_push_follow_the_law_in_its_mujoco_solver(
+    timestep: float, within: float
+) -> None:
     v, e = restitutions(registry.recipe("newton.staggered-push")(target(timestep)))
     assert np.abs(e - target(timestep).restitution(v)).max() < within
 
@@ -116,11 +120,19 @@ def test_its_mujoco_solver_has_mujocos_own_compliant_bounce_under_gravity() -> N
 @pytest.mark.parametrize(
     ("row", "named"),
     [
-        ({"adhesion": 500.0}, r"rows\[0\].adhesion': .* 0 N: Newton's pairs cannot pull; `staggered-push`"),
-        ({"solimp": [1e-4, 0.5, 1e-3, 0.5, 1000.0]}, r"rows\[0\].solimp': .* the power 100 at most"),
+        (
+            {"adhesion": 500.0},
+            r"rows\[0\].adhesion': .* 0 N: Newton's pairs cannot pull; `staggered-push`",
+        ),
+        (
+            {"solimp": [1e-4, 0.5, 1e-3, 0.5, 1000.0]},
+            r"rows\[0\].solimp': .* the power 100 at most",
+        ),
     ],
 )
-def test_what_its_mujoco_solver_turns_into_something_else_is_refused(row: dict[str, Any], named: str) -> None:
+def test_what_its_mujoco_solver_turns_into_something_else_is_refused(
+    row: dict[str, Any], named: str
+) -> None:
     rows = [{"solref": [0.0, -1900.0], "solimp": [0.5, 0.5, 1e-3, 0.5, 2.0], **row}]
     setting = Setting("newton", "mine", 1e-3, {"solver": "MuJoCo", "rows": rows})
     with pytest.raises(SettingError, match=named):
@@ -130,7 +142,9 @@ def test_what_its_mujoco_solver_turns_into_something_else_is_refused(row: dict[s
 def test_rows_for_a_solver_without_them_are_refused() -> None:
     setting = registry.recipe("newton.impulse")(target(1e-3))
     setting = dataclasses.replace(setting, options={**setting.options, "solver": "XPBD"})
-    with pytest.raises(SettingError, match=r"newton option 'solver': 'XPBD' with rows; expected 'MuJoCo'"):
+    with pytest.raises(
+        SettingError, match=r"newton option 'solver': 'XPBD' with rows; expected 'MuJoCo'"
+    ):
         registry.engine("newton").script(PLANE, setting)
 
 

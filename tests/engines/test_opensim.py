@@ -35,7 +35,9 @@ def test_bounces_as_the_law_does_under_gravity() -> None:
     impacts = run(registry.recipe("opensim.force")(wanted), WITH_GRAVITY)
     options = {"alpha": wanted.law.alpha}
     truth = registry.engine("reference").run(
-        WITH_GRAVITY, Setting("reference", "hunt-crossley", 1e-4, options), [i.launch for i in impacts]
+        WITH_GRAVITY,
+        Setting("reference", "hunt-crossley", 1e-4, options),
+        [i.launch for i in impacts],
     )
     for impact, true in zip(impacts, truth, strict=True):
         assert impact.speed_in == pytest.approx(true.speed_in, rel=1e-9)

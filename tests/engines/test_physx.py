@@ -20,7 +20,9 @@ from hcbench.terms.setting import Setting
 )
 def test_has_the_restitution_that_is_set(timestep: float, within: float) -> None:
     setting = registry.recipe("physx.restitution")(target(0.008, timestep))
-    off = 3.0 * WITH_GRAVITY.gravity * timestep  # under gravity e at the plane varies with the phase
+    off = (
+        3.0 * WITH_GRAVITY.gravity * timestep
+    )  # under gravity e at the plane varies with the phase
     for scene, most in ((PLANE, within), (WITH_GRAVITY, within + off)):
         _, e = restitutions(run(setting, scene))
         assert np.abs(e - setting.options["restitution"]).max() < most
@@ -46,7 +48,9 @@ def test_as_it_comes_does_not_bounce_below_two_metres_a_second() -> None:
 
 @pytest.mark.needs_engine("physx")
 def test_by_pgs_bounces_by_luck_of_the_phase() -> None:
-    setting = Setting("physx", "mine", 1e-3, {"bounce_threshold": 0, "enable_tgs": False, "restitution": 0.9})
+    setting = Setting(
+        "physx", "mine", 1e-3, {"bounce_threshold": 0, "enable_tgs": False, "restitution": 0.9}
+    )
     _, e = restitutions(run(setting))
     assert np.ptp(e) > 0.05
 

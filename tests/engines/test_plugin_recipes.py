@@ -1,4 +1,6 @@
-"""The plug-ins as settings: what they reach, in both engines, at speeds and phases nobody looked at."""
+"""The plug-ins as settings: what they reach, in both engines, at
+speeds and phases nobody looked at.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,9 @@ def test_the_force_law_is_the_law(
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("timestep", [1e-4, 1e-3, 4e-3])
-def test_the_restitution_law_is_exact_at_any_step(engine: str, alpha: float, timestep: float) -> None:
+def test_the_restitution_law_is_exact_at_any_step(
+    engine: str, alpha: float, timestep: float
+) -> None:
     found = verdict(f"{engine}.restitution-law", alpha, timestep)
     assert found.failed == 0
     assert found.max_error < 1e-12
@@ -92,7 +96,9 @@ def test_a_constant_e_is_exact_from_the_speed_on_that_the_docs_say(engine: str, 
     setting = Setting(engine, "constant", h, options | (still if engine == "pybullet" else {}))
     speeds = 1.02 * max(1.6, least) * g * h * np.geomspace(1, 20, 8)
     launches = [
-        Launch.touching(float(v), 0.03 + i / 8, h, g, steps_most=5.0) for v in speeds for i in range(8)
+        Launch.touching(float(v), 0.03 + i / 8, h, g, steps_most=5.0)
+        for v in speeds
+        for i in range(8)
     ]
     scene = replace(SCENE, gravity=g)
     seen = registry.engine(engine).run(scene, setting, launches)
@@ -101,7 +107,9 @@ def test_a_constant_e_is_exact_from_the_speed_on_that_the_docs_say(engine: str, 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
-def test_measure_reads_the_e_of_a_users_model_with_the_plug_in(integrator: str, gravity: float) -> None:
+def test_measure_reads_the_e_of_a_users_model_with_the_plug_in(
+    integrator: str, gravity: float
+) -> None:
     text = MODEL.format(integrator=integrator, gravity=-gravity)
     found = measure(text, "ball,plate", speeds=[0.1, 0.37, 1.1], phases=4)
     assert len(found.impacts) == 3 * 4
@@ -114,21 +122,29 @@ def test_measure_reads_the_e_of_a_users_model_with_the_plug_in(integrator: str, 
 
 def test_measure_refuses_a_models_force_law_by_name() -> None:
     law = 'key="stiffness" value="3.4e10"/><config key="alpha" value="0.315"'
-    text = MODEL.format(integrator="Euler", gravity=0).replace("hcbench.restitution", "hcbench.hunt_crossley")
+    text = MODEL.format(integrator="Euler", gravity=0).replace(
+        "hcbench.restitution", "hcbench.hunt_crossley"
+    )
     text = text.replace('key="alpha" value="0.315"', law)
-    text = text.replace("</mujoco>", '<contact><exclude body1="world" body2="ball"/></contact></mujoco>')
+    text = text.replace(
+        "</mujoco>", '<contact><exclude body1="world" body2="ball"/></contact></mujoco>'
+    )
     with pytest.raises(UserError, match=r"hcbench\.hunt_crossley"):
         measure(text, "ball,plate")
 
 
-def _measured_with_a_law(law: str, timestep: float, gravity: float) -> tuple[str, list[str], list[Any]]:
+def _measured_with_a_law(
+    law: str, timestep: float, gravity: float
+) -> tuple[str, list[str], list[Any]]:
     """A live client whose pair the plug-in moves; in the worker."""
     import pybullet as p
 
     from hcbench.engines.pybullet import plugin
 
     c = p.connect(p.DIRECT)
-    p.setPhysicsEngineParameter(fixedTimeStep=timestep, contactBreakingThreshold=0.02, physicsClientId=c)
+    p.setPhysicsEngineParameter(
+        fixedTimeStep=timestep, contactBreakingThreshold=0.02, physicsClientId=c
+    )
     p.setGravity(0, 0, -gravity, physicsClientId=c)
     sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=0.0254, physicsClientId=c)
     plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=c)
@@ -166,11 +182,15 @@ def test_measure_reads_the_e_of_a_live_client_with_the_plug_in(
     for speed, e, force in bounces:
         assert e == pytest.approx(closed_form.restitution(0.315, speed), abs=error)
         if gravity == 0:
-            assert force == pytest.approx(float(closed_form.force_max(steel, 0.45, speed)), rel=1e-3)
+            assert force == pytest.approx(
+                float(closed_form.force_max(steel, 0.45, speed)), rel=1e-3
+            )
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
-def test_a_step_that_does_not_resolve_the_contact_is_refused_before_anything_runs(engine: str) -> None:
+def test_a_step_that_does_not_resolve_the_contact_is_refused_before_anything_runs(
+    engine: str,
+) -> None:
     with pytest.raises(SettingError, match="restitution-law"):
         verdict(f"{engine}.hunt-crossley", 0.008, 1e-3)
 
@@ -189,7 +209,9 @@ def test_laws_that_came_after_are_asked_for_the_best_constant_of_the_band(
     assert law.formula in recipe.summary
 
 
-@pytest.mark.parametrize(("engine", "instead"), [("mujoco", "impulse"), ("pybullet", "restitution")])
+@pytest.mark.parametrize(
+    ("engine", "instead"), [("mujoco", "impulse"), ("pybullet", "restitution")]
+)
 def test_laws_that_came_after_refuse_what_they_have_no_sense_for(engine: str, instead: str) -> None:
     recipe = registry.recipe(f"{engine}.flores")
     law, mass = HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass
@@ -201,15 +223,20 @@ def test_laws_that_came_after_refuse_what_they_have_no_sense_for(engine: str, in
 
 @pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize(
-    ("recipe", "timestep", "error"), [("hunt-crossley", 1e-5, 2e-6), ("restitution-law", 1e-3, 1e-12)]
+    ("recipe", "timestep", "error"),
+    [("hunt-crossley", 1e-5, 2e-6), ("restitution-law", 1e-3, 1e-12)],
 )
-def test_a_script_of_pybullets_plug_in_runs_by_itself(recipe: str, timestep: float, error: float) -> None:
+def test_a_script_of_pybullets_plug_in_runs_by_itself(
+    recipe: str, timestep: float, error: float
+) -> None:
     target = Target(HuntCrossley(SCENE.stiffness, 0.3), SCENE.mass, timestep, 0.0254, 0.508)
     text = registry.engine("pybullet").script(SCENE, registry.recipe(f"pybullet.{recipe}")(target))
     assert "import pybullet\n" in text
     assert "hcbench." not in text
     run = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
-    pairs = np.array([line.split() for line in run.stdout.splitlines() if line[0] == "0"], dtype=float)
+    pairs = np.array(
+        [line.split() for line in run.stdout.splitlines() if line[0] == "0"], dtype=float
+    )
     assert len(pairs) == 6
     assert pairs[:, 1] == pytest.approx(closed_form.restitution(0.3, pairs[:, 0]), abs=error)
 

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 STEEL = Material(2.07e11, 0.3)
-SCENE = Scene("drop", "Drop", "plane", 0.45359237, 0.0508, math.inf, STEEL, STEEL, stiffness=3.4064e10)
+SCENE = Scene(
+    "drop", "Drop", "plane", 0.45359237, 0.0508, math.inf, STEEL, STEEL, stiffness=3.4064e10
+)
 REFERENCE, RECORDED = registry.engine("reference"), registry.engine("recorded")
 ALPHA = 0.315
 
@@ -36,7 +38,8 @@ def drop(setting: Setting, *launches: Launch, scene: Scene = SCENE) -> list[Impa
     return registry.engine(setting.engine).run(scene, setting, launches)
 
 
-# --- the reference -------------------------------------------------------------------------------------
+# --- the reference
+# -------------------------------------------------------------------------------------
 
 
 def test_reference_is_the_closed_form_at_every_phase() -> None:
@@ -48,14 +51,18 @@ def test_reference_is_the_closed_form_at_every_phase() -> None:
         v = impact.launch.speed
         assert impact.status is Status.PARTED
         assert impact.speed_in == v
-        assert impact.restitution == pytest.approx(float(closed_form.restitution(ALPHA, v)), rel=1e-15)
+        assert impact.restitution == pytest.approx(
+            float(closed_form.restitution(ALPHA, v)), rel=1e-15
+        )
         assert impact.force_max == closed_form.force_max(law, SCENE.mass, v)
         assert impact.penetration_max == closed_form.penetration_max(law, SCENE.mass, v)
         assert impact.duration == closed_form.duration(law, SCENE.mass, v)
 
 
 @pytest.mark.parametrize("alpha", [0.05, 0.315, 2.0])
-def test_the_spring_and_damper_has_the_best_constant_e_and_the_laws_contact_time(alpha: float) -> None:
+def test_the_spring_and_damper_has_the_best_constant_e_and_the_laws_contact_time(
+    alpha: float,
+) -> None:
     """At the geometric middle of the band; the contact ends where the surfaces part."""
     law = HuntCrossley(SCENE.stiffness, alpha)
     target = Target(law, SCENE.mass, 1e-3, 0.1, 0.9)
@@ -63,18 +70,24 @@ def test_the_spring_and_damper_has_the_best_constant_e_and_the_laws_contact_time
     found = kelvin_voigt.bounce(contact, SCENE.mass, 0.3, kelvin_voigt.Ending.SURFACE)
     ends = closed_form.restitution(alpha, np.array([0.1, 0.9]))
     assert found.restitution == pytest.approx(float(ends.mean()), rel=1e-9)
-    assert found.duration == pytest.approx(float(closed_form.duration(law, SCENE.mass, 0.3)), rel=1e-9)
+    assert found.duration == pytest.approx(
+        float(closed_form.duration(law, SCENE.mass, 0.3)), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
 def test_laws_that_came_after_have_one_restitution_for_all_speeds(law: PublishedLaw) -> None:
     setting = Setting("reference", law.slug, 1e-6, {"restitution": 0.7})
-    for impact in drop(setting, *(Launch(v, phase) for v in (0.0254, 0.508) for phase in (0.0, 0.4))):
+    for impact in drop(
+        setting, *(Launch(v, phase) for v in (0.0254, 0.508) for phase in (0.0, 0.4))
+    ):
         assert impact.restitution == pytest.approx(float(law.delivered(0.7)), rel=1e-14)
         assert impact.loop is not None
         own = TouchSpeedLaw(law, SCENE.stiffness, 0.7).at(impact.speed_in)
         force = own.force(impact.loop.penetration, impact.loop.rate)
-        np.testing.assert_allclose(impact.loop.force, force, rtol=1e-10, atol=1e-9 * impact.force_max)
+        np.testing.assert_allclose(
+            impact.loop.force, force, rtol=1e-10, atol=1e-9 * impact.force_max
+        )
 
 
 def test_laws_that_came_after_know_gravity() -> None:
@@ -167,7 +180,10 @@ def test_an_overdamped_contact_rests(gravity: float) -> None:
         (Setting("recorded", "recorded", 1e-6, {}), "'file'.*missing"),
         (Setting("recorded", "recorded", 1e-6, {"file": 3}), "'file'.*3.*path"),
         (Setting("recorded", "recorded", 1e-6, {"path": "a.csv"}), "'path'.*'file'"),
-        (Setting("recorded", "recorded", 1e-6, {"file": ["a.csv", "b.csv"]}), "2 files for 1 launch"),
+        (
+            Setting("recorded", "recorded", 1e-6, {"file": ["a.csv", "b.csv"]}),
+            "2 files for 1 launch",
+        ),
     ],
 )
 def test_settings_it_does_not_have_are_refused(setting: Setting, says: str) -> None:
@@ -186,7 +202,8 @@ def test_engines_without_a_backend_carry_our_version(engine: Any) -> None:
     assert engine.backend is None
 
 
-# --- recordings ----------------------------------------------------------------------------------------
+# --- recordings
+# ----------------------------------------------------------------------------------------
 
 HEADER = "time_s,penetration_m,rate_m_per_s,force_n"
 
@@ -205,7 +222,9 @@ def record(folder: Path, speed: float = 0.4, name: str = "drop.csv") -> Path:
     v = np.concatenate([np.full(5, speed), v, np.full(5, out)])
     f = np.concatenate([np.zeros(5), f, np.zeros(5)])
     file = folder / name
-    lines = [",".join(f"{number:.12g}" for number in row) for row in zip(time, x, v, f, strict=True)]
+    lines = [
+        ",".join(f"{number:.12g}" for number in row) for row in zip(time, x, v, f, strict=True)
+    ]
     file.write_text("\n".join([HEADER, *lines]) + "\n", encoding="utf-8")
     return file
 
@@ -221,8 +240,12 @@ def test_a_recorded_impact_comes_back_as_it_was(tmp_path: Path) -> None:
     assert impact.launch == Launch(0.1)
     assert impact.speed_in == pytest.approx(0.4)  # what was recorded, not what was asked for
     assert impact.restitution == pytest.approx(float(closed_form.restitution(ALPHA, 0.4)), rel=1e-9)
-    assert impact.force_max == pytest.approx(float(closed_form.force_max(law, SCENE.mass, 0.4)), rel=1e-4)
-    assert impact.duration == pytest.approx(float(closed_form.duration(law, SCENE.mass, 0.4)), abs=1.1e-6)
+    assert impact.force_max == pytest.approx(
+        float(closed_form.force_max(law, SCENE.mass, 0.4)), rel=1e-4
+    )
+    assert impact.duration == pytest.approx(
+        float(closed_form.duration(law, SCENE.mass, 0.4)), abs=1.1e-6
+    )
 
 
 def test_one_file_for_each_launch(tmp_path: Path) -> None:
@@ -263,7 +286,9 @@ def test_numbers_that_ran_away_are_a_status(tmp_path: Path) -> None:
         (HEADER + "\n0,-1,1,0\ninf,0,1,0\n", "not finite"),
     ],
 )
-def test_a_recording_with_a_mistake_in_it_is_refused(tmp_path: Path, content: str, says: str) -> None:
+def test_a_recording_with_a_mistake_in_it_is_refused(
+    tmp_path: Path, content: str, says: str
+) -> None:
     file = tmp_path / "rig.csv"
     file.write_text(content, encoding="utf-8")
     with pytest.raises(SettingError, match=f"rig.csv: .*{says}"):

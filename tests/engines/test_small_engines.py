@@ -56,7 +56,9 @@ def off_law(recipe: str, alpha: float, timestep: float, scene: Any = PLANE) -> f
         ("rapier.restitution-law", 1 / 60, 3.4e-7),
     ],
 )
-def test_the_law_is_as_near_as_documented(recipe: str, timestep: float, most: float, alpha: float) -> None:
+def test_the_law_is_as_near_as_documented(
+    recipe: str, timestep: float, most: float, alpha: float
+) -> None:
     assert off_law(recipe, alpha, timestep) <= most
 
 
@@ -73,7 +75,8 @@ def test_restitution_set_is_restitution_got(engine: str, most: float, timestep: 
         assert impact.restitution == pytest.approx(float(ends.mean()), abs=most)
 
 
-# --- Drake ---------------------------------------------------------------------------------------------
+# --- Drake
+# ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("stiffness", "off"), [(1.6e7, -0.0092), (1.6e8, -0.029)])
@@ -84,7 +87,9 @@ def test_drakes_discrete_plant_damps_by_itself(stiffness: float, off: float) -> 
     contact = {"point_stiffness": 2 * stiffness, "dissipation": 1.5 * alpha}
     for approximation in ("similar", "lagged"):
         options = {"approximation": approximation, **contact}
-        for impact in simulated(Setting("drake", "mine", h, options), Launch(0.033, 0.3), Launch(0.49, 0.8)):
+        for impact in simulated(
+            Setting("drake", "mine", h, options), Launch(0.033, 0.3), Launch(0.49, 0.8)
+        ):
             law = float(closed_form.restitution(alpha, impact.speed_in))
             assert impact.restitution == pytest.approx(share * law, abs=0.05 * (1 - share))
             assert impact.restitution - law == pytest.approx(off * law, rel=0.05)
@@ -94,7 +99,9 @@ def test_drakes_stock_dissipation_is_a_hundred_times_that_of_steel() -> None:
     free = Setting("drake", "mine", 1e-3, {"plant": "continuous", "accuracy": 1e-8})
     for speed, e in ((0.0254, 0.53), (0.508, 0.039)):
         (impact,) = simulated(free, Launch(speed))
-        assert impact.restitution == pytest.approx(float(closed_form.restitution(50 / 1.5, speed)), abs=1e-6)
+        assert impact.restitution == pytest.approx(
+            float(closed_form.restitution(50 / 1.5, speed)), abs=1e-6
+        )
         assert impact.restitution == pytest.approx(e, abs=0.005)
 
 
@@ -103,7 +110,9 @@ def test_drakes_contact_is_linear_in_depth() -> None:
     (impact,) = simulated(setting, Launch(0.3))
     assert impact.loop is not None
     x, v = impact.loop.penetration[1:], impact.loop.rate[1:]
-    law = HuntCrossley(setting.options["point_stiffness"] / 2, ALPHAS[2], 1.0).force(np.maximum(x, 0), v)
+    law = HuntCrossley(setting.options["point_stiffness"] / 2, ALPHAS[2], 1.0).force(
+        np.maximum(x, 0), v
+    )
     assert impact.loop.force[1:-1] == pytest.approx(law[:-1], abs=1e-9 * law.max())
 
 
@@ -115,7 +124,8 @@ def test_drakes_soft_spring_is_stiffer_under_gravity() -> None:
     assert stiffer > 3 * soft
 
 
-# --- DART ----------------------------------------------------------------------------------------------
+# --- DART
+# ----------------------------------------------------------------------------------------------
 
 
 def dart_bounce(speed: float, e: float, gravity: float = 0.0) -> float:
@@ -141,7 +151,9 @@ def dart_bounce(speed: float, e: float, gravity: float = 0.0) -> float:
     while (velocity := float(ball.getVelocities()[5])) < -0.5 * speed:
         speeds.append(speed_at_plane(float(ball.getPositions()[5]) - 0.05, velocity, gravity, step))
         world.step()
-    return speed_at_plane(float(ball.getPositions()[5]) - 0.05, velocity, gravity, step) / speeds[-1]
+    return (
+        speed_at_plane(float(ball.getPositions()[5]) - 0.05, velocity, gravity, step) / speeds[-1]
+    )
 
 
 @pytest.mark.parametrize("gravity", [0.0, G])
@@ -171,7 +183,10 @@ def test_dart_rests_by_its_law_and_goes_on_bouncing_by_one_restitution() -> None
     """The ball bounces on at e g h/(1 - e), where the threshold lets it; from 20 mm at 1 ms."""
     pytest.importorskip("dartpy")
     engine, with_gravity = registry.engine("dart"), dataclasses.replace(PLANE, gravity=G)
-    for recipe, speed in (("restitution-law", 0.0), ("restitution", 0.9269 * G * 1e-3 / (1 - 0.9269))):
+    for recipe, speed in (
+        ("restitution-law", 0.0),
+        ("restitution", 0.9269 * G * 1e-3 / (1 - 0.9269)),
+    ):
         setting = registry.recipe(f"dart.{recipe}")(target(ALPHAS[2], 1e-3))
         path = engine.trajectory(with_gravity, setting, Launch(0.0, height=0.02), 6.0)
         assert np.abs(path.rate[-1000:]).max() == pytest.approx(speed, rel=0.1, abs=1e-6)
@@ -183,7 +198,8 @@ def test_a_band_that_dart_cannot_bounce_is_refused() -> None:
         registry.recipe("dart.restitution")(wide)
 
 
-# --- Exudyn --------------------------------------------------------------------------------------------
+# --- Exudyn
+# --------------------------------------------------------------------------------------------
 
 
 def test_exudyns_force_is_the_laws_in_the_cup_and_on_the_plane() -> None:
@@ -219,7 +235,8 @@ def test_exudyn_softens_what_its_steps_cannot_resolve(alpha: float) -> None:
     assert off_law("exudyn.contact-law", alpha, 1e-3) < 1e-3
 
 
-# --- Rapier --------------------------------------------------------------------------------------------
+# --- Rapier
+# --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("gravity", [0.0, G])
@@ -227,9 +244,13 @@ def test_rapier_turns_round_the_speed_of_the_steps_start(gravity: float) -> None
     rapier, step, e = pytest.importorskip("rapier3d"), 1 / 60, 0.75
     world = rapier.PhysicsWorld(gravity=(0, 0, -gravity))
     world.integration_parameters.dt = step
-    handle = world.rigid_bodies.insert(rapier.RigidBody.dynamic(translation=(0, 0, 0.1), linvel=(0, 0, -0.5)))
+    handle = world.rigid_bodies.insert(
+        rapier.RigidBody.dynamic(translation=(0, 0, 0.1), linvel=(0, 0, -0.5))
+    )
     world.colliders.insert(rapier.Collider.halfspace((0, 0, 1), restitution=e))
-    world.colliders.insert_with_parent(rapier.Collider.ball(0.05, restitution=e), handle, world.rigid_bodies)
+    world.colliders.insert_with_parent(
+        rapier.Collider.ball(0.05, restitution=e), handle, world.rigid_bodies
+    )
     body, before = world.rigid_bodies[handle], 0.5
     while body.linvel.z < 0:
         before = -body.linvel.z
@@ -244,7 +265,9 @@ def test_rapier_turns_round_the_speed_of_the_steps_start(gravity: float) -> None
 def test_rapiers_flight_keeps_what_four_substeps_keep() -> None:
     with_gravity, step = dataclasses.replace(PLANE, gravity=G), 1 / 60
     setting = Setting("rapier", "mine", step, {"restitution": 0.75})
-    path = registry.engine("rapier").trajectory(with_gravity, setting, Launch(0.5, height=0.1), 6 * step)
+    path = registry.engine("rapier").trajectory(
+        with_gravity, setting, Launch(0.5, height=0.1), 6 * step
+    )
     assert not path.force.any()
     kept = (path.rate + G * step / 8) ** 2 - 2 * G * path.penetration
     assert np.ptp(kept) < 2e-6 * kept[0]

@@ -1,4 +1,6 @@
-"""Engines in environments of their own: versions side by side, nothing half-made, one line for what fails."""
+"""Engines in environments of their own: versions side by side, nothing
+half-made, one line for what fails.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ def index(tmp_path_factory: pytest.TempPathFactory, module_patch: pytest.MonkeyP
 
 
 @pytest.fixture(scope="module", autouse=True)
-def adapter(tmp_path_factory: pytest.TempPathFactory, module_patch: pytest.MonkeyPatch) -> Iterator[None]:
+def adapter(
+    tmp_path_factory: pytest.TempPathFactory, module_patch: pytest.MonkeyPatch
+) -> Iterator[None]:
     yield from toy_engine.registered(tmp_path_factory.mktemp("adapter"), module_patch)
 
 
@@ -148,7 +152,7 @@ def test_models_are_measured_checked_and_tuned_there(
 ) -> None:
     places = []
 
-    def call(*args: Any, at: Interpreter, **limits: float) -> Any:
+    def call(*args: Any, at: Interpreter, **limits: Any) -> Any:
         places.append(at.python)
         return workers.call(*args, at=at, **limits)
 
@@ -157,7 +161,16 @@ def test_models_are_measured_checked_and_tuned_there(
     assert run(["measure", *asked]) == 0
     assert run(["check", *asked, "--restitution", "0.9", "--max-error", "0.02"]) == 0
     assert places == [str(there / "mujoco@3.9" / "bin" / "python")] * 2
-    tuning = ["tune", "mujoco@3.9", "--restitution", "0.8", "--timestep", "1e-3", "--recipe", "impulse"]
+    tuning = [
+        "tune",
+        "mujoco@3.9",
+        "--restitution",
+        "0.8",
+        "--timestep",
+        "1e-3",
+        "--recipe",
+        "impulse",
+    ]
     capsys.readouterr()
     assert run([*tuning, "--gravity", "0"]) == 0
     assert "mujoco@3.9 impulse" in capsys.readouterr().out
@@ -168,7 +181,9 @@ def test_an_object_of_this_process_is_not_measured_in_another(there: Path) -> No
         opener(registry.engine("mujoco@3.9")).open(object(), Request())
 
 
-def test_the_list_says_version_python_size_and_place(there: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_says_version_python_size_and_place(
+    there: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(["engines", "--json"]) == 0
     listed = {each["name"]: each for each in json.loads(capsys.readouterr().out)}
     own = listed["toy@2.0"]
@@ -190,7 +205,9 @@ def test_beside_hcbench_it_works_without_any_environment(
 ) -> None:
     (tmp_path / "toyphysics.py").write_text("ALPHA = 0.3\n")
     (tmp_path / "toyphysics-5.dist-info").mkdir()
-    (tmp_path / "toyphysics-5.dist-info" / "METADATA").write_text(toy_engine.ABOUT.format("toyphysics", "5"))
+    (tmp_path / "toyphysics-5.dist-info" / "METADATA").write_text(
+        toy_engine.ABOUT.format("toyphysics", "5")
+    )
     monkeypatch.syspath_prepend(tmp_path)
     assert e_of("toy") == e_of("toy@5") == pytest.approx(law(0.3), abs=1e-9)
     assert not empty.exists()
@@ -302,10 +319,14 @@ def test_a_full_disk_is_said_in_one_line(
     assert not list(empty.iterdir())
 
 
-def test_killed_in_the_middle_nothing_is_there_and_the_next_one_cleans(empty: Path, tmp_path: Path) -> None:
+def test_killed_in_the_middle_nothing_is_there_and_the_next_one_cleans(
+    empty: Path, tmp_path: Path
+) -> None:
     code = fake_uv(tmp_path, "touch $HCBENCH_DATA/begun; exec sleep 60")
     paths = os.pathsep.join(sys.path)
-    with subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": paths}) as adding:
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": paths}
+    ) as adding:
         while not (tmp_path / "begun").exists():
             assert adding.poll() is None
             time.sleep(0.02)

@@ -41,7 +41,9 @@ assert run_batch(batch).columns["restitution"][0] > 0.9
 def test_what_installs_an_environment_ends_with_a_killed_command(tmp_path: Path) -> None:
     code = "import os, pathlib; from hcbench.environments.make import run_with_parent; "
     child = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(60)"
-    code += f"run_with_parent([{sys.executable!r}, '-c', {child!r}], pathlib.Path.cwd(), os.environ)"
+    code += (
+        f"run_with_parent([{sys.executable!r}, '-c', {child!r}], pathlib.Path.cwd(), os.environ)"
+    )
     with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as command:
         written = tmp_path / "pid"
         while not (written.exists() and written.read_text()):
@@ -49,12 +51,17 @@ def test_what_installs_an_environment_ends_with_a_killed_command(tmp_path: Path)
         command.kill()
     number = int(written.read_text())
     for _ in range(100):
-        if not Path(f"/proc/{number}").exists() or " Z " in Path(f"/proc/{number}/stat").read_text():
+        if (
+            not Path(f"/proc/{number}").exists()
+            or " Z " in Path(f"/proc/{number}/stat").read_text()
+        ):
             return
         time.sleep(0.05)
     raise AssertionError("it runs on")
 
 
 def test_batches_and_drops_need_no_more_than_an_environment_has() -> None:
-    done = subprocess.run([sys.executable, "-c", _CODE], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", _CODE], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr

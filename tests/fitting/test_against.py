@@ -15,7 +15,11 @@ from hcbench.cli import run
 def drops(folder: Path, name: str, alpha: float, seeds: range) -> list[str]:
     law = synthesise.hunt_crossley(alpha)
     return [
-        write(folder, "time [s]\n" + "\n".join(f"{t:.6f}" for t in times_of(law, seed)), f"{name}{seed}.csv")
+        write(
+            folder,
+            "time [s]\n" + "\n".join(f"{t:.6f}" for t in times_of(law, seed)),
+            f"{name}{seed}.csv",
+        )
         for seed in seeds
     ]
 
@@ -38,5 +42,8 @@ def test_two_materials_are_compared(
     assert against["files"] == ["b10.csv", "b11.csv", "b12.csv"]
     found = hcbench.fit(*ours, against=theirs)
     assert found.against is not None
-    assert (found.against.differ, found.against.ratio.value) == (against["differ"], against["ratio"]["value"])
+    assert (found.against.differ, found.against.ratio.value) == (
+        against["differ"],
+        against["ratio"]["value"],
+    )
     assert verdict in repr(found)

@@ -35,7 +35,10 @@ def test_timing_alone_leaves_next_to_no_error() -> None:
 
 @pytest.mark.parametrize(("alpha", "rms"), [(0.05, 0.006), (0.3, 0.01), (1.0, 0.03)])
 def test_heights_give_alpha(alpha: float, rms: float) -> None:
-    law, setup = synthesise.hunt_crossley(alpha), MeasurementSetup(gravity=G, height=Known(0.3, 1e-6))
+    law, setup = (
+        synthesise.hunt_crossley(alpha),
+        MeasurementSetup(gravity=G, height=Known(0.3, 1e-6)),
+    )
 
     def make(seed: int) -> Heights:
         rng = np.random.default_rng(seed)
@@ -68,7 +71,8 @@ def test_one_drop_height_more_narrows_the_interval() -> None:
     times = times_of(synthesise.hunt_crossley(0.3), 1)
     without = fit([TouchTimes("t", EXACT, times)], "hunt-crossley")
     given = fit(
-        [TouchTimes("t", MeasurementSetup(gravity=G, height=Known(0.3, 1e-3)), times)], "hunt-crossley"
+        [TouchTimes("t", MeasurementSetup(gravity=G, height=Known(0.3, 1e-3)), times)],
+        "hunt-crossley",
     )
     assert without.alpha is not None and given.alpha is not None
     assert given.alpha.uncertainty < without.alpha.uncertainty
@@ -91,7 +95,9 @@ def test_drag_that_is_left_out_makes_a_table_tennis_ball_lossy() -> None:
     fall = lambda w: synthesise.flight_in_air(w, 2.7e-3, 0.04, 0.47)  # noqa: E731
     rng, times = np.random.default_rng(0), [0.0]
     speed = MeasurementSetup(gravity=G, **ball).ballistics.dropped(0.3)[0]
-    for _, _, aloft in synthesise.flights(synthesise.hunt_crossley(0.1), 0.3, 0.0, rng, fall, speed):
+    for _, _, aloft in synthesise.flights(
+        synthesise.hunt_crossley(0.1), 0.3, 0.0, rng, fall, speed
+    ):
         times.append(times[-1] + aloft)
         if len(times) == 15:
             break

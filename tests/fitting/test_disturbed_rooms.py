@@ -32,7 +32,10 @@ def test_a_disturbed_drop_is_heard_or_nothing_is_said(floor: str, what: str) -> 
     if found.alpha is None:
         assert found.law is None and found.doubts
         return
-    assert found.alpha.low <= one.alpha <= found.alpha.high or abs(found.alpha.value / one.alpha - 1) < 0.05
+    assert (
+        found.alpha.low <= one.alpha <= found.alpha.high
+        or abs(found.alpha.value / one.alpha - 1) < 0.05
+    )
 
 
 def test_a_knock_two_seconds_before_the_drop_is_no_touch() -> None:
@@ -52,8 +55,13 @@ def test_a_knock_that_could_nearly_be_the_first_touch_is_left_out() -> None:
     one = noisy_rooms.drop("glass", "pink", 35.0, None, np.random.default_rng(5), alpha=0.2)
     first, second, third = one.touches[:3]
     flight = 1.04 * (second - first) ** 2 / (third - second)
-    padded = np.concatenate([1e-4 * np.random.default_rng(1).standard_normal(noisy_rooms.RATE), one.sound])
-    at, begin = int((1.0 + first - flight) * noisy_rooms.RATE), int((1.0 + first) * noisy_rooms.RATE)
+    padded = np.concatenate(
+        [1e-4 * np.random.default_rng(1).standard_normal(noisy_rooms.RATE), one.sound]
+    )
+    at, begin = (
+        int((1.0 + first - flight) * noisy_rooms.RATE),
+        int((1.0 + first) * noisy_rooms.RATE),
+    )
     padded[at : at + 900] += padded[begin : begin + 900]
     touches = heard(padded)
     assert np.abs(touches.times[:, None] - 1.0 - one.touches).min(axis=1).max() < 2e-3

@@ -20,9 +20,14 @@ def test_the_recording_of_the_example_goes_all_the_way_to_a_tuned_scene(
     example = Path(synthesise.__file__).with_name("drop.wav")
     monkeypatch.setattr(sys, "argv", ["synthesise.py", str(tmp_path / "again.wav")])
     synthesise.main()
-    assert np.abs(wavfile.read(tmp_path / "again.wav")[1] - wavfile.read(example)[1].astype(int)).max() <= 1
+    assert (
+        np.abs(wavfile.read(tmp_path / "again.wav")[1] - wavfile.read(example)[1].astype(int)).max()
+        <= 1
+    )
     page, scene = tmp_path / "drop.html", tmp_path / "tuned.xml"
-    assert run(["fit", str(example), "--gravity", "9.80665 m/s^2", "--page", str(page), "--json"]) == 0
+    assert (
+        run(["fit", str(example), "--gravity", "9.80665 m/s^2", "--page", str(page), "--json"]) == 0
+    )
     found = json.loads(capsys.readouterr().out)
     low, high = found["alpha_interval_95_s_per_m"]
     assert found["law"] == "hunt-crossley" and low < 0.3 < high

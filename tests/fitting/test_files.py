@@ -83,7 +83,9 @@ def test_a_quantity_may_have_an_uncertainty(text: str) -> None:
     assert parse_uncertain(text, "alpha") == pytest.approx((0.31, 0.004))
 
 
-@pytest.mark.parametrize("text", ["0.31 +- x s/m", "0.31 +- -1 s/m", "+- 0.1 s/m", "0.3 kg +- 0.1 s/m"])
+@pytest.mark.parametrize(
+    "text", ["0.31 +- x s/m", "0.31 +- -1 s/m", "+- 0.1 s/m", "0.3 kg +- 0.1 s/m"]
+)
 def test_a_wrong_uncertainty_is_refused(text: str) -> None:
     with pytest.raises(UserError):
         parse_uncertain(text, "alpha")
@@ -92,7 +94,8 @@ def test_a_wrong_uncertainty_is_refused(text: str) -> None:
 TIMES = "time [s]\n0\n0.286\n0.488\n0.643\n0.77\n"
 FALLS = "height [cm]\n" + "".join(f"{30 * 0.7**i:.6g}e{{power}}\n" for i in range(9))
 LOOP = "penetration [um],rate [m/s],force [N]\n" + "".join(
-    f"{10 * math.sin(0.05 * i):.6g},{0.5 * math.cos(0.05 * i):.6g},{{force}}\n" for i in range(1, 60)
+    f"{10 * math.sin(0.05 * i):.6g},{0.5 * math.cos(0.05 * i):.6g},{{force}}\n"
+    for i in range(1, 60)
 )
 PAIRS = "speed [m/s],restitution\n" + "".join(f"{0.1 + 1e-3 * i:.4f},0.9\n" for i in range(501))
 
@@ -104,14 +107,26 @@ PAIRS = "speed [m/s],restitution\n" + "".join(f"{0.1 + 1e-3 * i:.4f},0.9\n" for 
         (TIMES, ("--contact-time", "0.3"), "--contact-time: 0.3 s, and two touches 0.127 s apart"),
         (TIMES, ("--touches", "²:³"), "--touches: '²:³'; expected the first and the last"),
         (FALLS.format(power=149), (), "line 2: 30e149 under 'height'; expected 0, or 1e-12"),
-        (TIMES.replace("\n0.", "\n0.0000000000000"), (), "line 3: .* under 'time'; expected 0, or 1e-12"),
+        (
+            TIMES.replace("\n0.", "\n0.0000000000000"),
+            (),
+            "line 3: .* under 'time'; expected 0, or 1e-12",
+        ),
         (LOOP.format(force=0), (), "numbers that lead to no finite result"),
         (PAIRS, (), "501 impacts; expected up to 500"),
-        (FALLS.format(power=0) + "".join(f"{0.9**i}\n" for i in range(1, 60)), (), "up to 60 touches"),
+        (
+            FALLS.format(power=0) + "".join(f"{0.9**i}\n" for i in range(1, 60)),
+            (),
+            "up to 60 touches",
+        ),
     ],
 )
 def test_numbers_that_nobody_measures_are_refused_by_name(
-    text: str, options: tuple[str, ...], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str,
+    options: tuple[str, ...],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Tracebacks of NumPy and SciPy, or computations without an end."""
     (tmp_path / "a.csv").write_text(text)

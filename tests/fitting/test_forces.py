@@ -23,7 +23,9 @@ def pushed(speed: float, alpha: float = ALPHA) -> tuple[np.ndarray, ...]:
     def rate(t: float, y: np.ndarray) -> list[float]:
         return [y[1], -K * max(y[0], 0.0) ** N * (1 + 1.5 * alpha * y[1]) / MASS]
 
-    done = solve_ivp(rate, (0, 4e-3), [0.0, speed], rtol=1e-10, atol=1e-13, max_step=1e-5, dense_output=True)
+    done = solve_ivp(
+        rate, (0, 4e-3), [0.0, speed], rtol=1e-10, atol=1e-13, max_step=1e-5, dense_output=True
+    )
     t = np.arange(0.0, 4e-3, 1e-5)
     x, v = np.asarray(done.sol(t))  # type: ignore[misc]
     f = K * np.maximum(x, 0.0) ** N * (1 + 1.5 * alpha * v)
@@ -36,7 +38,11 @@ def test_force_over_time_gives_stiffness_exponent_and_alpha(
     *_, f = pushed(0.8)
     rng, off = np.random.default_rng(1), []
     for _ in range(5):
-        noisy = 12.0 + np.concatenate([np.zeros(300), f]) + 4e-3 * f.max() * rng.standard_normal(300 + len(f))
+        noisy = (
+            12.0
+            + np.concatenate([np.zeros(300), f])
+            + 4e-3 * f.max() * rng.standard_normal(300 + len(f))
+        )
         at = 1e3 * np.arange(len(noisy)) * 1e-5
         rows = "\n".join(f"{a:.5f},{b:.4f}" for a, b in zip(at, noisy, strict=True))
         path = write(tmp_path, f"time [ms],force [N]\n{rows}\n")
@@ -80,12 +86,17 @@ def test_force_over_penetration_gives_stiffness_exponent_and_alpha(
 
 
 LOOP = "penetration [um],rate [m/s],force [N]\n" + "".join(
-    f"{10 * math.sin(0.05 * i):.6g},{0.5 * math.cos(0.05 * i):.6g},{{force}}\n" for i in range(1, 60)
+    f"{10 * math.sin(0.05 * i):.6g},{0.5 * math.cos(0.05 * i):.6g},{{force}}\n"
+    for i in range(1, 60)
 )
 
 
-def test_forces_that_are_no_contact_are_no_law(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One and the same force at each depth is an exponent of 0, which no law has: no line to type next."""
+def test_forces_that_are_no_contact_are_no_law(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One and the same force at each depth is an exponent of 0, which no
+    law has: no line to type next.
+    """
     (tmp_path / "a.csv").write_text(LOOP.format(force=1000))
     assert run(["fit", str(tmp_path / "a.csv")]) == 0
     out = capsys.readouterr().out
@@ -105,7 +116,11 @@ def test_a_shape_that_contradicts_its_impulse_leaves_the_impulses_restitution(
     words = ["fit", path, "--mass", "0.45 kg", "--speed", "0.8 m/s"]
     assert run(words) == 0
     out = capsys.readouterr().out
-    assert "by the impulse" in out and "by the pulse's shape: they contradict" in out and "next:" not in out
+    assert (
+        "by the impulse" in out
+        and "by the pulse's shape: they contradict" in out
+        and "next:" not in out
+    )
     assert run([*words, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["shape_contradicts_impulse"] and found["law"] is None
@@ -115,7 +130,9 @@ def test_a_shape_that_contradicts_its_impulse_leaves_the_impulses_restitution(
     assert abs(found["restitution_by_shape"] - truth) > 0.01
 
 
-def test_a_rate_of_the_wrong_sign_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rate_of_the_wrong_sign_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     _, x, v, f = pushed(0.8)
     path = tmp_path / "loop.csv"
     lines = [f"{1e6 * a:.4f},{-b:.5f},{c:.3f}" for a, b, c in zip(x, v, f, strict=True) if a > 0]

@@ -30,7 +30,9 @@ def test_laws_know_their_own_derivatives(name: str, speed: float) -> None:
     local = law.curve(tuple(parameters), 0.5).local(speed)
     for i, by in enumerate(local[2]):
         moved = [
-            law.curve(tuple(p + s * 1e-6 * (i == j) for j, p in enumerate(parameters)), 0.5).local(speed)[0]
+            law.curve(tuple(p + s * 1e-6 * (i == j) for j, p in enumerate(parameters)), 0.5).local(
+                speed
+            )[0]
             for s in (1, -1)
         ]
         assert by == pytest.approx((moved[0] - moved[1]) / 2e-6, abs=1e-6)

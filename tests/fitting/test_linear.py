@@ -35,20 +35,26 @@ def log_likelihood(made: LinearModel, law: float, noise: float) -> float:
 
 
 def log_density(made: LinearModel, law: float, noise: float, own: float, known: float) -> float:
-    """ln of the density of the readings: s_e² D Dᵀ of the impacts, s_m² of each reading's own noise, and what
-    own parameters of own ± known add.
+    """ln of the density of the readings: s_e² D Dᵀ of the impacts, s_m² of each reading's own
+    noise, and what own parameters of own ± known add.
     """
     left = made.residual - law * made.by_law[:, 0] - own * made.by_own.sum(axis=1)
-    covariance = SCATTER**2 * made.by_scatter @ made.by_scatter.T + np.diag((noise * made.shape) ** 2)
+    covariance = SCATTER**2 * made.by_scatter @ made.by_scatter.T + np.diag(
+        (noise * made.shape) ** 2
+    )
     covariance += known**2 * made.by_own @ made.by_own.T
     return float(multivariate_normal(np.zeros(12), covariance).logpdf(left))
 
 
 @pytest.mark.parametrize("noise", [0.2, 0.5])
 @pytest.mark.parametrize("impacts", [3, 12])
-def test_without_own_parameters_it_is_the_density_of_the_readings(impacts: int, noise: float) -> None:
+def test_without_own_parameters_it_is_the_density_of_the_readings(
+    impacts: int, noise: float
+) -> None:
     made = model(impacts, 0, math.inf)
-    assert log_likelihood(made, 0.4, noise) == pytest.approx(log_density(made, 0.4, noise, 0.0, 0.0))
+    assert log_likelihood(made, 0.4, noise) == pytest.approx(
+        log_density(made, 0.4, noise, 0.0, 0.0)
+    )
 
 
 @pytest.mark.parametrize("impacts", [3, 12])
@@ -58,4 +64,6 @@ def test_own_parameters_that_are_known_before_widen_the_density(impacts: int) ->
     first = log_density(made, 0.4, 0.2, 0.1, 0.5)
     for law, noise in ((0.4, 0.5), (-0.3, 0.2)):
         expected = first - log_density(made, law, noise, 0.1, 0.5)
-        assert log_likelihood(made, 0.4, 0.2) - log_likelihood(made, law, noise) == pytest.approx(expected)
+        assert log_likelihood(made, 0.4, 0.2) - log_likelihood(made, law, noise) == pytest.approx(
+            expected
+        )

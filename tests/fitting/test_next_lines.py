@@ -39,7 +39,8 @@ def test_the_next_lines_run_as_they_stand(
     assert [line[0] for line in lines] == begins
     for line in lines:
         ends = run(line)
-        # Only α has a plug-in that meets it exactly: else `check` says by how much the scene is off.
+        # Only α has a plug-in that meets it exactly: else `check` says
+        # by how much the scene is off.
         assert ends == 0 or (ends == 1 and line[0] == "check" and "--alpha" not in line)
 
 
@@ -49,7 +50,16 @@ def test_a_scene_that_was_written_is_checked_within_what_makes_up_for_its_contac
     monkeypatch.chdir(tmp_path)
     times = times_of(synthesise.hunt_crossley(0.3), 1, timing=5e-5, scatter=1e-3, most=14)
     write(tmp_path, "time [s]\n" + "\n".join(f"{t:.6f}" for t in times), "drop.csv")
-    scene = ["--engine", "mujoco", "--timestep", "2e-3", "--write-scene", "s.xml", "--page", "p.html"]
+    scene = [
+        "--engine",
+        "mujoco",
+        "--timestep",
+        "2e-3",
+        "--write-scene",
+        "s.xml",
+        "--page",
+        "p.html",
+    ]
     assert run(["fit", "drop.csv", *scene]) == 0
     out = capsys.readouterr().out
     assert "α of the scene is" in out

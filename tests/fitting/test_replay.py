@@ -21,7 +21,9 @@ def test_touches_of_a_path_are_where_the_surfaces_met() -> None:
 
 
 def test_a_scene_bounces_as_the_recording_did() -> None:
-    """MuJoCo at 2 ms: a contact of the plug-in takes about a step, which the scene's α makes up for."""
+    """MuJoCo at 2 ms: a contact of the plug-in takes about a step,
+    which the scene's α makes up for.
+    """
     times = times_of(synthesise.hunt_crossley(0.3), 1, timing=5e-5, scatter=1e-3, most=12)
     scene = fit([TouchTimes("t", EXACT, times)]).scene("mujoco", 2e-3)
     assert len(scene.simulated) == len(scene.recorded) == 11

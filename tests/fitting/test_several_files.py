@@ -22,7 +22,9 @@ def estimates(alpha: float, between: float, own: float, count: int, seed: int) -
     return [Estimate(v, own * v, v * np.exp(-1.96 * own), v * np.exp(1.96 * own)) for v in values]
 
 
-@pytest.mark.parametrize(("between", "count"), [(0.04, 10), (0.04, 4), (0.0, 10), (0.1, 10), (0.01, 10)])
+@pytest.mark.parametrize(
+    ("between", "count"), [(0.04, 10), (0.04, 4), (0.0, 10), (0.1, 10), (0.01, 10)]
+)
 def test_the_interval_holds_whether_drops_differ_or_not(between: float, count: int) -> None:
     found = [shared_value(estimates(0.2, between, 0.015, count, seed)) for seed in range(100)]
     held = [one.estimate().low <= 0.2 <= one.estimate().high for one in found]
@@ -56,7 +58,9 @@ def test_two_materials_differ_or_not() -> None:
 
 def test_drops_that_agree_narrow_the_interval() -> None:
     files = [drop(f"{i}", 0.3, i) for i in range(4)]
-    four, *each = (fit(sets, "hunt-crossley").alpha for sets in [files, *([file] for file in files)])
+    four, *each = (
+        fit(sets, "hunt-crossley").alpha for sets in [files, *([file] for file in files)]
+    )
     assert four is not None
     widths = [one.high - one.low for one in each if one is not None]
     assert four.high - four.low < np.mean(widths)

@@ -33,7 +33,9 @@ def test_touches_are_heard(surface: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["8", "16", "24", "float", "stereo"])
-def test_all_kinds_of_wav_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
+def test_all_kinds_of_wav_are_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
     sound, _ = synthesise.drop_recording(
         synthesise.hunt_crossley(0.5), 0.3, 3e-3, "stone", 45, np.random.default_rng(2), 0.05
     )
@@ -84,7 +86,9 @@ def test_of_a_long_recording_the_part_with_the_bounces_is_read(tmp_path: Path) -
     path = wav(tmp_path / "long.wav", "16", noise)
     recording = read_recording(path, quick_score)
     assert len(recording.sound) <= 24 * 44100
-    assert listen(recording, MeasurementSetup())[0].times[0] == pytest.approx(50.0 + at[0], abs=2e-3)
+    assert listen(recording, MeasurementSetup())[0].times[0] == pytest.approx(
+        50.0 + at[0], abs=2e-3
+    )
     part = read_recording(path, quick_score, 49.0, 56.0)
     assert len(part.sound) == 7 * 44100
     assert listen(part, MeasurementSetup())[0].times[0] == pytest.approx(50.0 + at[0], abs=2e-3)

@@ -33,7 +33,9 @@ def test_a_wrong_scale_of_a_film_is_told() -> None:
     assert "105." in warning and "scale" in warning
 
 
-@pytest.mark.parametrize(("slower", "larger"), [(1.5, 1.0), (8.0, 1.0), (0.5, 1.0), (1.0, 0.5), (1.0, 39.37)])
+@pytest.mark.parametrize(
+    ("slower", "larger"), [(1.5, 1.0), (8.0, 1.0), (0.5, 1.0), (1.0, 0.5), (1.0, 39.37)]
+)
 def test_a_film_at_another_rate_or_in_another_unit_is_refused(slower: float, larger: float) -> None:
     law = synthesise.hunt_crossley(0.2)
     times, heights = synthesise.track(law, 0.5, 4e-3, 1e-3, 240, np.random.default_rng(1))

@@ -28,7 +28,9 @@ from hcbench.system.errors import UserError
 )
 def test_the_law_is_told_from_good_data(law: synthesise.Law, name: str) -> None:
     for seed in range(3):
-        found = fit([TouchTimes("t", EXACT, times_of(law, seed, timing=5e-5, scatter=2e-3, most=20))])
+        found = fit(
+            [TouchTimes("t", EXACT, times_of(law, seed, timing=5e-5, scatter=2e-3, most=20))]
+        )
         assert found.law == name or {found.law, name} == {EITHER, "hunt-crossley"}
 
 

@@ -1,4 +1,6 @@
-"""Ways in which programs and people write a table: each read as what it says, or refused, never misread."""
+"""Ways in which programs and people write a table: each read as what it
+says, or refused, never misread.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,22 @@ from hcbench.fitting.read import read_dataset
 from hcbench.fitting.track import Track
 from hcbench.system.errors import UserError
 
-T = synthesise.touch_times(synthesise.hunt_crossley(0.3), 0.3, 0.0, 0.0, np.random.default_rng(0), 9)
-H = synthesise.bounce_heights(synthesise.hunt_crossley(0.3), 0.3, 1e-6, 0.0, np.random.default_rng(0), 9)
+T = synthesise.touch_times(
+    synthesise.hunt_crossley(0.3), 0.3, 0.0, 0.0, np.random.default_rng(0), 9
+)
+H = synthesise.bounce_heights(
+    synthesise.hunt_crossley(0.3), 0.3, 1e-6, 0.0, np.random.default_rng(0), 9
+)
 V = np.linspace(0.4, 2.0, 9)
 E = np.array([synthesise.hunt_crossley(0.3)(v) for v in V])
-FILM = synthesise.track(synthesise.hunt_crossley(0.3), 0.5, 1e-3, 1e-4, 120, np.random.default_rng(1))
+FILM = synthesise.track(
+    synthesise.hunt_crossley(0.3), 0.5, 1e-3, 1e-4, 120, np.random.default_rng(1)
+)
 
 
-def rows(*columns: np.ndarray | list[str], sep: str = ",", comma: bool = False, form: str = ".5f") -> str:
+def rows(
+    *columns: np.ndarray | list[str], sep: str = ",", comma: bool = False, form: str = ".5f"
+) -> str:
     lines = []
     for row in zip(*columns, strict=True):
         cells = [one if isinstance(one, str) else format(one, form) for one in row]
@@ -46,7 +56,8 @@ TIMES: dict[str, str | bytes] = {
     "numbered rows": "bounce,time [s]\n" + rows(N, T),
     "a note": "time [s],note\n" + rows(T, WORDS),
     "a ball's name": "ball;time [s]\n" + rows(["A"] * 9, T, sep=";"),
-    "acoustic stopwatch": '"Event time (s)","Interval (s)"\n' + rows(T, np.concatenate([[0], np.diff(T)])),
+    "acoustic stopwatch": '"Event time (s)","Interval (s)"\n'
+    + rows(T, np.concatenate([[0], np.diff(T)])),
     "acoustic stopwatch, tabs and commas": "Event time (s)\tInterval (s)\n"
     + rows(T, np.concatenate([[0], np.diff(T)]), sep="\t", comma=True),
     "intervals": "interval [s]\n" + rows(np.diff(T)),
@@ -55,7 +66,8 @@ TIMES: dict[str, str | bytes] = {
     "one column of decimal commas": "time [s]\n" + rows(T, comma=True),
     "blanks": "time [s]   bounce\n" + rows(T, N, sep="  "),
     "blanks, a name of two words": "impact time [s]  bounce\n" + rows(T, N, sep=" "),
-    "Markdown": "| time [s] | bounce |\n|---:|---|\n" + rows(["| " + f"{t:.5f}" for t in T], N, sep=" | "),
+    "Markdown": "| time [s] | bounce |\n|---:|---|\n"
+    + rows(["| " + f"{t:.5f}" for t in T], N, sep=" | "),
     "UTF-16 without its mark": ("time [s]\n" + rows(T)).encode("utf-16-le"),
     "UTF-16, big-endian, without its mark": ("time [s]\n" + rows(T)).encode("utf-16-be"),
     "UTF-16": ("time [s]\n" + rows(T)).encode("utf-16"),
@@ -88,7 +100,8 @@ PAIRS: dict[str, str | bytes] = {
     "units in a line, none for e": "speed,restitution\nm/s,\n" + rows(V, E),
     "units in a line, a dash for e": "speed;e\n[m/s];[-]\n" + rows(V, E, sep=";"),
     "a dash for e": "speed [m/s],e [-]\n" + rows(V, E),
-    "comments after numbers": "speed [m/s],e\n" + rows(V, [f"{e:.5f}  # trial {i}" for i, e in enumerate(E)]),
+    "comments after numbers": "speed [m/s],e\n"
+    + rows(V, [f"{e:.5f}  # trial {i}" for i, e in enumerate(E)]),
     "semicolons and commas": "v/(m/s);e\n" + rows(V, E, sep=";", comma=True),
 }
 TRACKS: dict[str, str | bytes] = {
@@ -97,7 +110,8 @@ TRACKS: dict[str, str | bytes] = {
     "y downwards": "t [s],y [m]\n" + rows(FILM[0], 0.6 - FILM[1]),
     "Tracker": "mass A\t\t\nt\tx\ty\n" + rows(FILM[0], 0 * FILM[0], FILM[1], sep="\t"),
     "Tracker, commas": "mass A,,\nt,x,y\n" + rows(FILM[0], 0 * FILM[0], FILM[1]),
-    "Tracker with units": "mass A\t\t\nt (s)\tx (m)\ty (m)\n" + rows(FILM[0], 0 * FILM[0], FILM[1], sep="\t"),
+    "Tracker with units": "mass A\t\t\nt (s)\tx (m)\ty (m)\n"
+    + rows(FILM[0], 0 * FILM[0], FILM[1], sep="\t"),
     "Logger Pro": "Time\tPosition\nt\ty\ns\tm\n" + rows(*FILM, sep="\t"),
     "Vernier": "Latest: Time (s),Latest: Position (m)\n" + rows(*FILM),
 }
@@ -108,7 +122,9 @@ REFUSED = {("track", "Tracker, commas")}
 
 def is_right(data: Dataset, kind: str) -> bool:
     if kind == "times":
-        return isinstance(data, TouchTimes) and np.allclose(np.diff(data.times), np.diff(T), atol=2e-5)
+        return isinstance(data, TouchTimes) and np.allclose(
+            np.diff(data.times), np.diff(T), atol=2e-5
+        )
     if kind == "heights":
         return isinstance(data, Heights) and np.allclose(data.heights, H, atol=2e-4)
     if kind == "pairs":
@@ -121,7 +137,9 @@ def is_right(data: Dataset, kind: str) -> bool:
 
 
 @pytest.mark.parametrize(("kind", "name", "content"), ALL, ids=[f"{k}: {n}" for k, n, _ in ALL])
-def test_a_table_is_read_as_it_says(tmp_path: Path, kind: str, name: str, content: str | bytes) -> None:
+def test_a_table_is_read_as_it_says(
+    tmp_path: Path, kind: str, name: str, content: str | bytes
+) -> None:
     path = tmp_path / "data.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     if (kind, name) in REFUSED:
@@ -177,7 +195,8 @@ def test_a_comma_is_a_decimal_sign_where_one_number_of_the_file_says_so(tmp_path
     [
         "# speed [m/s],restitution\n" + rows(V, E),  # numpy.savetxt
         "# made by hand\n# speed [m/s];restitution\n" + rows(V, E).replace(",", ";"),
-        ",speed [m/s],restitution\n" + rows([str(i) for i in range(len(V))], V, E),  # pandas, with its index
+        ",speed [m/s],restitution\n"
+        + rows([str(i) for i in range(len(V))], V, E),  # pandas, with its index
         "#,speed [m/s],restitution\n" + rows([str(i + 1) for i in range(len(V))], V, E),
     ],
 )

@@ -45,7 +45,14 @@ def _bounce(law: HuntCrossley, mass: float, speed: float) -> tuple[float, float,
     turned.direction = parted.direction = -1  # type: ignore[attr-defined]
     parted.terminal = True  # type: ignore[attr-defined]
     run: Any = solve_ivp(
-        rate, (0, 50), [0, 1, 0], "DOP853", rtol=1e-12, atol=1e-14, events=[turned, parted], max_step=0.05
+        rate,
+        (0, 50),
+        [0, 1, 0],
+        "DOP853",
+        rtol=1e-12,
+        atol=1e-14,
+        events=[turned, parted],
+        max_step=0.05,
     )
     inward, whole = run.y_events[0][0][2], run.y_events[1][0][2]
     energy = mass * speed**2
@@ -54,14 +61,20 @@ def _bounce(law: HuntCrossley, mass: float, speed: float) -> tuple[float, float,
 
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.5, 2.0, 3.0])
 @pytest.mark.parametrize("mass", [0.01, 100.0])
-def test_the_factor_3_2_alpha_k_depends_on_neither_exponent_nor_mass(exponent: float, mass: float) -> None:
-    """α read off simulated bounces of λ = (3/2) α k, as v goes to 0, is the α that was put in: eq. (15)."""
+def test_the_factor_3_2_alpha_k_depends_on_neither_exponent_nor_mass(
+    exponent: float, mass: float
+) -> None:
+    """α read off simulated bounces of λ = (3/2) α k, as v goes to 0, is
+    the α that was put in: eq. (15).
+    """
     alpha = 0.3
     slopes = []
     for speed in (0.004, 0.002):
         e, _, _ = _bounce(HuntCrossley(K, alpha, exponent), mass, speed)
         slopes.append((1.0 - e) / (alpha * speed))
-    assert 2.0 * slopes[1] - slopes[0] == pytest.approx(1.0, abs=3e-6)  # what is left goes with (α v)²
+    assert 2.0 * slopes[1] - slopes[0] == pytest.approx(
+        1.0, abs=3e-6
+    )  # what is left goes with (α v)²
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.5])
@@ -131,8 +144,14 @@ def test_10_is_worst_where_contact_starts_and_ends() -> None:
     approximate = ap.speed_at(K, MASS, 1.5, depth, x)
     inward = approximate / closed_form.rate_at(law, MASS, 0.6, x, "approach") - 1.0
     outward = approximate / -closed_form.rate_at(law, MASS, 0.6, x, "rebound") - 1.0
-    assert inward.min() == inward[0] == pytest.approx(float(BY_NAME["speed in"].error(0.3)), rel=1e-9)
-    assert outward.max() == outward[0] == pytest.approx(float(BY_NAME["speed out"].error(0.3)), rel=1e-9)
+    assert (
+        inward.min() == inward[0] == pytest.approx(float(BY_NAME["speed in"].error(0.3)), rel=1e-9)
+    )
+    assert (
+        outward.max()
+        == outward[0]
+        == pytest.approx(float(BY_NAME["speed out"].error(0.3)), rel=1e-9)
+    )
 
 
 @pytest.mark.parametrize("name", BY_NAME)

@@ -42,5 +42,7 @@ def test_without_gravity_a_body_leaves_once_and_for_good() -> None:
     scene = load_scene("steel-plane")
     setting = Setting("reference", "hunt-crossley", 1e-6, {"alpha": ALPHA})
     path = registry.engine("reference").trajectory(scene, setting, Launch(0.2), 1e-3)
-    assert math.isclose(-path.rate[-1] / 0.2, float(closed_form.restitution(ALPHA, 0.2)), rel_tol=1e-12)
+    assert math.isclose(
+        -path.rate[-1] / 0.2, float(closed_form.restitution(ALPHA, 0.2)), rel_tol=1e-12
+    )
     assert path.force[-1] == 0

@@ -1,4 +1,6 @@
-"""The closed forms of eq. (16) against 50-digit arithmetic, the paper's case, and what must always hold."""
+"""The closed forms of eq. (16) against 50-digit arithmetic, the paper's
+case, and what must always hold.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ INCH, POUND, LBF = 0.0254, 0.45359237, 4.4482216152605
 K3 = 3.1e7 * LBF / INCH**1.5  # of section 3.1
 Mp = Any  # mpmath has no types
 
-# α s/in, v_i in/s, e, x_m in, F_max lb of the case of section 3.1: e as in 50-digit arithmetic, x_m and F_max
-# the true extremes of the loop, which coarse samples of it fall short of.
+# α s/in, v_i in/s, e, x_m in, F_max lb of the case of section 3.1: e as in 50-digit arithmetic, x_m
+# and F_max the true extremes of the loop, which coarse samples of it fall short of.
 PAPER_CASE = [
     (0.008, 4, "0.9689892665", "3.0461e-04", "164.96"),
     (0.008, 8, "0.9398278563", "5.2399e-04", "373.16"),
@@ -75,7 +77,9 @@ def true_extremes(law: HuntCrossley, mass: float, speed: float) -> tuple[float, 
 
         peak = mpmath.findroot(log_force_slope, (speed / 1000, speed / 2), solver="anderson")
         force = k * _true_depth(law, mass, speed, peak) ** n * (1 + a * peak)
-        return float(mpmath.re(_true_depth(law, mass, speed, mpmath.mpf(0)))), float(mpmath.re(force))
+        return float(mpmath.re(_true_depth(law, mass, speed, mpmath.mpf(0)))), float(
+            mpmath.re(force)
+        )
 
 
 @pytest.mark.parametrize(
@@ -89,7 +93,9 @@ def test_a_quadrature_has_the_moments_of_its_weight(count: int, a: float, b: flo
 
 
 def true_duration(law: HuntCrossley, mass: float, speed: float) -> float:
-    """∫ sin(θ)^-p (q/y) dθ in 30 digits over θ = s^((n+1)/2), whose ends are smooth; q/y by Lambert's W."""
+    """∫ sin(θ)^-p (q/y) dθ in 30 digits over θ = s^((n+1)/2), whose ends
+    are smooth; q/y by Lambert's W.
+    """
     with mpmath.workdps(30):
         n, d = mpmath.mpf(law.exponent), mpmath.mpf(law.alpha) * 3 / 2 * speed
         g = d - mpmath.log1p(d)
@@ -102,27 +108,39 @@ def true_duration(law: HuntCrossley, mass: float, speed: float) -> float:
         def integrand(s: Mp) -> Mp:
             theta = s**power
             shape = (mpmath.sin(theta) / theta if theta else mpmath.mpf(1)) ** -p
-            return power * shape * (ratio(top * mpmath.cos(theta)) + ratio(-top * mpmath.cos(theta)))
+            return (
+                power * shape * (ratio(top * mpmath.cos(theta)) + ratio(-top * mpmath.cos(theta)))
+            )
 
-        ends = [(mpmath.pi * part) ** (1 / power) for part in (0, mpmath.mpf("0.25"), mpmath.mpf("0.5"))]
+        ends = [
+            (mpmath.pi * part) ** (1 / power) for part in (0, mpmath.mpf("0.25"), mpmath.mpf("0.5"))
+        ]
         depth = ((n + 1) * mass * speed**2 * g / (law.stiffness * d**2)) ** (1 / (n + 1))
         return float(2 * depth * d / ((n + 1) * speed * top) * mpmath.quad(integrand, ends))
 
 
-def law_of(d: float, speed: float = 1.0, exponent: float = 1.5, stiffness: float = K3) -> HuntCrossley:
+def law_of(
+    d: float, speed: float = 1.0, exponent: float = 1.5, stiffness: float = K3
+) -> HuntCrossley:
     return HuntCrossley(stiffness, d / 1.5 / speed, exponent)
 
 
-# --- restitution, to the last digits -------------------------------------------------------------------
+# --- restitution, to the last digits
+# -------------------------------------------------------------------
 
 
 def test_restitution_agrees_with_50_digits_over_sixteen_decades() -> None:
-    d = np.concatenate([np.logspace(-12, 4, 400), np.linspace(0.01, 6, 60), np.linspace(38, 46, 40)])
+    d = np.concatenate(
+        [np.logspace(-12, 4, 400), np.linspace(0.01, 6, 60), np.linspace(38, 46, 40)]
+    )
     truth = [true_restitution(x) for x in d.tolist()]
     assert relative_errors(_restitution_series.restitution_of(d), truth).max() < 1e-15
     # α = d, v = 2/3 or d = 1.5 α v with its own rounding: the contract is 4e-15.
     assert relative_errors(closed_form.restitution(d / 1.5, 1.0), truth).max() < 4e-15
-    assert relative_errors(_restitution_series.one_minus_restitution(d), [1 - e for e in truth]).max() < 1e-15
+    assert (
+        relative_errors(_restitution_series.one_minus_restitution(d), [1 - e for e in truth]).max()
+        < 1e-15
+    )
 
 
 def test_a_speed_has_the_same_bits_in_any_batch() -> None:
@@ -156,7 +174,9 @@ def test_coefficients_are_those_of_the_function(highest: float, series: tuple[fl
             d = _restitution_series.SHIFT * t / (1 - t)
             samples.append(((1 + d) * true_restitution(d) - 1) / t)
         made = [
-            (2 if j else 1) * sum(s * mpmath.cos(j * a) for s, a in zip(samples, angles, strict=True)) / count
+            (2 if j else 1)
+            * sum(s * mpmath.cos(j * a) for s, a in zip(samples, angles, strict=True))
+            / count
             for j in range(count)
         ]
     last = max(j for j, c in enumerate(made) if abs(c) > 1e-17)
@@ -189,7 +209,9 @@ def test_a_million_speeds_take_less_time_than_lambert_w() -> None:
 
 @given(alphas, speeds)
 def test_restitution_solves_the_separated_equation(alpha: float, speed: float) -> None:
-    """d (1 + e) = ln(1 + d) - ln(1 - d e), well conditioned where neither side is small nor 1 - d e is."""
+    """d (1 + e) = ln(1 + d) - ln(1 - d e), well conditioned where
+    neither side is small nor 1 - d e is.
+    """
     d = 1.5 * alpha * speed
     e = float(closed_form.restitution(alpha, speed))
     assert 0 < e <= 1
@@ -230,11 +252,13 @@ def test_the_empirical_law_is_the_first_order_of_the_exact_one(share: float) -> 
     assert abs(e - linear - share**2) <= 1.2 * share**3 + 1e-15
 
 
-# --- the paper's numbers -------------------------------------------------------------------------------
+# --- the paper's numbers
+# -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("share", "e"), [(0.05, 0.952), (0.1, 0.909), (0.2, 0.833), (0.3, 0.768), (0.5, 0.663), (1.0, 0.488)]
+    ("share", "e"),
+    [(0.05, 0.952), (0.1, 0.909), (0.2, 0.833), (0.3, 0.768), (0.5, 0.663), (1.0, 0.488)],
 )
 def test_restitution_over_alpha_v(share: float, e: float) -> None:
     assert round(float(closed_form.restitution(share, 1.0)), 3) == e
@@ -271,7 +295,8 @@ def test_energy_loss_goes_with_the_cube_of_speed() -> None:
     assert relative_errors(loss, truth).max() < 2e-15
 
 
-# --- path, force, time, loop ---------------------------------------------------------------------------
+# --- path, force, time, loop
+# ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -279,7 +304,10 @@ def test_energy_loss_goes_with_the_cube_of_speed() -> None:
     [
         (0.2, 1.5),
         (1.5, 3.0),
-        *(pytest.param(d, n, marks=long_study) for d, n in [(1e-3, 1.5), (0.2, 1.0), (1.5, 1.2), (8.0, 1.5)]),
+        *(
+            pytest.param(d, n, marks=long_study)
+            for d, n in [(1e-3, 1.5), (0.2, 1.0), (1.5, 1.2), (8.0, 1.5)]
+        ),
     ],
 )
 def test_extremes_and_duration_agree_with_many_digits(d: float, n: float) -> None:
@@ -288,14 +316,20 @@ def test_extremes_and_duration_agree_with_many_digits(d: float, n: float) -> Non
     depth, force = true_extremes(law, POUND, 0.4)
     assert closed_form.penetration_max(law, POUND, 0.4) == pytest.approx(depth, rel=2e-15)
     assert closed_form.force_max(law, POUND, 0.4) == pytest.approx(force, rel=4e-15)
-    assert closed_form.duration(law, POUND, 0.4) == pytest.approx(true_duration(law, POUND, 0.4), rel=1e-12)
+    assert closed_form.duration(law, POUND, 0.4) == pytest.approx(
+        true_duration(law, POUND, 0.4), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("n", [1.0, 1.5, 6.0, 10.0])
-@pytest.mark.parametrize(("share", "good"), [(0.05, 1e-13), (2.0, 1e-13), (200.0, 1e-10), (1000.0, 5e-10)])
+@pytest.mark.parametrize(
+    ("share", "good"), [(0.05, 1e-13), (2.0, 1e-13), (200.0, 1e-10), (1000.0, 5e-10)]
+)
 def test_duration_is_as_exact_as_it_says(share: float, good: float, n: float) -> None:
     law = HuntCrossley(K3, share / 0.4, n)
-    assert closed_form.duration(law, POUND, 0.4) == pytest.approx(true_duration(law, POUND, 0.4), rel=good)
+    assert closed_form.duration(law, POUND, 0.4) == pytest.approx(
+        true_duration(law, POUND, 0.4), rel=good
+    )
 
 
 def test_where_nothing_bounces_there_is_no_quadrature() -> None:
@@ -310,7 +344,9 @@ def test_where_nothing_bounces_there_is_no_quadrature() -> None:
 def test_without_dissipation_the_spring_is_left() -> None:
     """n = 1, α = 0: half a period of the linear oscillator; (8) for any n."""
     law = HuntCrossley(1e6, 0.0, 1.0)
-    assert closed_form.duration(law, 4.0, 1.0) == pytest.approx(np.pi * np.sqrt(4.0 / 1e6), rel=1e-14)
+    assert closed_form.duration(law, 4.0, 1.0) == pytest.approx(
+        np.pi * np.sqrt(4.0 / 1e6), rel=1e-14
+    )
     for n in (1.0, 1.5, 3.0):
         law = HuntCrossley(1e6, 0.0, n)
         x = closed_form.penetration_max(law, 4.0, 0.7)
@@ -320,11 +356,15 @@ def test_without_dissipation_the_spring_is_left() -> None:
 
 @settings(max_examples=settings().max_examples // 2)
 @given(arguments, exponents, log_ratio, log_ratio)
-def test_every_stiffness_mass_and_exponent_rebounds_alike(d: float, n: float, k: float, m: float) -> None:
+def test_every_stiffness_mass_and_exponent_rebounds_alike(
+    d: float, n: float, k: float, m: float
+) -> None:
     """e depends on α v_i alone: the loop, which knows them all, ends in the rate -e v_i."""
     law = law_of(d, exponent=n, stiffness=1e8 * k)
     loop = closed_form.loop(law, m, 1.0, 101)
-    assert -loop.rate[-1] == pytest.approx(float(closed_form.restitution(law.alpha, 1.0)), rel=1e-12)
+    assert -loop.rate[-1] == pytest.approx(
+        float(closed_form.restitution(law.alpha, 1.0)), rel=1e-12
+    )
 
 
 @settings(max_examples=settings().max_examples // 3)
@@ -332,7 +372,10 @@ def test_every_stiffness_mass_and_exponent_rebounds_alike(d: float, n: float, k:
 def test_area_of_the_loop_is_the_energy_lost(d: float, n: float) -> None:
     law = law_of(d, exponent=n)
     coarse, fine = (closed_form.loop(law, POUND, 1.0, count) for count in (1001, 2001))
-    areas = [float(np.sum((p.force[1:] + p.force[:-1]) / 2 * np.diff(p.penetration))) for p in (coarse, fine)]
+    areas = [
+        float(np.sum((p.force[1:] + p.force[:-1]) / 2 * np.diff(p.penetration)))
+        for p in (coarse, fine)
+    ]
     limit = areas[1] + (areas[1] - areas[0]) / 3  # the trapezoidal rule is of second order
     assert limit == pytest.approx(float(closed_form.energy_loss(law, POUND, 1.0)), rel=2e-5)
 
@@ -342,7 +385,9 @@ def test_area_of_the_loop_is_the_energy_lost(d: float, n: float) -> None:
 def test_loop_is_whole(d: float, n: float, count: int) -> None:
     law = law_of(d, exponent=n)
     loop = closed_form.loop(law, POUND, 1.0, count)
-    assert loop.time.shape == loop.penetration.shape == loop.rate.shape == loop.force.shape == (count,)
+    assert (
+        loop.time.shape == loop.penetration.shape == loop.rate.shape == loop.force.shape == (count,)
+    )
     assert loop.penetration[[0, -1]].tolist() == loop.force[[0, -1]].tolist() == [0.0, 0.0]
     assert loop.rate[0] == pytest.approx(1.0, rel=1e-13)
     assert loop.time[0] == 0.0
@@ -387,7 +432,8 @@ def test_straightened_rate_is_undone(q: float) -> None:
         assert y * np.sqrt(_phase_path.g_ratio(np.asarray(y))) == pytest.approx(q, rel=1e-10)
 
 
-# --- what is refused -----------------------------------------------------------------------------------
+# --- what is refused
+# -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""The force over one step of an engine: lands on the law's own motion, at the order that is documented."""
+"""The force over one step of an engine: lands on the law's own motion,
+at the order that is documented.
+"""
 
 import math
 from collections.abc import Callable
@@ -6,7 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from compiled_laws import ContactOde, advance, euler_force, restitution, rk4_stage_forces, touch_speed_ode
+from compiled_laws import (
+    ContactOde,
+    advance,
+    euler_force,
+    restitution,
+    rk4_stage_forces,
+    touch_speed_ode,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,7 +37,9 @@ def motion_of(law: HuntCrossley, mass: float = MASS, b: float = 0.0) -> ContactO
 def bounce_euler(
     motion: ContactOde, h: float, speed: float, phase: float
 ) -> tuple[float, list[tuple[float, float, float]]]:
-    """Restitution, and the record (x, v, F/m), of semi-implicit Euler with the force of `euler_force`."""
+    """Restitution, and the record (x, v, F/m), of semi-implicit Euler
+    with the force of `euler_force`.
+    """
     x, v, record = -(2 + phase) * h * speed, speed, []
     while True:
         force = euler_force(motion, h, x, v)
@@ -51,7 +62,9 @@ def bounce_rk4(motion: ContactOde, h: float, speed: float, phase: float) -> floa
 
 
 @pytest.mark.parametrize(("h", "error"), [(1e-6, 1e-9), (1e-5, 1e-6), (2e-5, 5e-6)])
-@pytest.mark.parametrize("bounce", [lambda *a: bounce_euler(*a)[0], bounce_rk4], ids=["euler", "rk4"])
+@pytest.mark.parametrize(
+    "bounce", [lambda *a: bounce_euler(*a)[0], bounce_rk4], ids=["euler", "rk4"]
+)
 def test_restitution_is_the_laws_own_at_every_phase(
     bounce: Callable[..., float], h: float, error: float
 ) -> None:
@@ -67,7 +80,9 @@ def test_restitution_converges_with_at_least_the_documented_order() -> None:
     truth = float(closed_form.restitution(ALPHA, speed))
 
     def worst(h: float) -> float:
-        return max(abs(bounce_euler(motion_of(law), h, speed, phase)[0] - truth) for phase in PHASES[::2])
+        return max(
+            abs(bounce_euler(motion_of(law), h, speed, phase)[0] - truth) for phase in PHASES[::2]
+        )
 
     coarse, fine = worst(1e-5), worst(1e-6)
     assert math.log10(coarse / fine) > 2.0
@@ -81,12 +96,15 @@ def test_the_loop_is_the_laws_own(h: float, share: float) -> None:
     inside = x > 0
     rising = np.append(np.diff(x) > 0, False)
     branches = [
-        closed_form.rate_at(law, MASS, speed, np.maximum(x, 0.0), way) for way in ("approach", "rebound")
+        closed_form.rate_at(law, MASS, speed, np.maximum(x, 0.0), way)
+        for way in ("approach", "rebound")
     ]
     rate = np.where(rising, *branches)
     use = inside & np.isfinite(rate)
     truth = law.force(x[use], rate[use])
-    rms = np.sqrt(np.mean((force[use] - truth) ** 2)) / float(closed_form.force_max(law, MASS, speed))
+    rms = np.sqrt(np.mean((force[use] - truth) ** 2)) / float(
+        closed_form.force_max(law, MASS, speed)
+    )
     assert rms < share
 
 
@@ -137,7 +155,9 @@ def test_a_body_at_rest_under_gravity_stays() -> None:
     chi=st.sampled_from([0.0, 0.1, 1.6]),
 )
 @settings(max_examples=2 * settings().max_examples)
-def test_no_state_is_ever_pulled(x: float, v: float, h: float, n: float, b: float, chi: float) -> None:
+def test_no_state_is_ever_pulled(
+    x: float, v: float, h: float, n: float, b: float, chi: float
+) -> None:
     kappa = STIFFNESS / MASS * 1e-5 ** (1.5 - n)
     motion = touch_speed_ode(kappa, chi, n, b) if chi else ContactOde(kappa, 1.5 * ALPHA, n, b)
     assert 0 <= euler_force(motion, h, x, v) < math.inf
@@ -179,5 +199,7 @@ def test_options_that_are_no_law_are_refused_by_name(options: dict[str, Any], wo
 
 def test_options_make_the_laws() -> None:
     assert law_of({"kind": "force", "alpha": 0.3, "stiffness": 3e10}) == HuntCrossley(3e10, 0.3)
-    assert law_of({"kind": "restitution", "alpha": 0.3, "reading": "linear"}) == Restitution(0.3, "linear")
+    assert law_of({"kind": "restitution", "alpha": 0.3, "reading": "linear"}) == Restitution(
+        0.3, "linear"
+    )
     assert Restitution(0.3, "linear").at(0.5) == pytest.approx(0.85)

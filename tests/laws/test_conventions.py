@@ -25,7 +25,9 @@ def _row(found: Conversion, system: str, parameter: str, nth: int = 0) -> System
 
 
 def _full(**more: Any) -> Conversion:
-    return convert(**{"alpha": ALPHA, "speed": SPEED, "contact_time": 1e-3, "timestep": 1e-3, **more})
+    return convert(
+        **{"alpha": ALPHA, "speed": SPEED, "contact_time": 1e-3, "timestep": 1e-3, **more}
+    )
 
 
 def test_drake_and_simbody_differ_by_the_3_2_that_the_paper_writes_out() -> None:
@@ -62,7 +64,9 @@ def test_mujoco_bounces_with_the_solref_that_convert_prints(nth: int) -> None:
 
 def test_mujoco_bounces_in_one_step_with_the_solref_that_convert_prints() -> None:
     mujoco = pytest.importorskip("mujoco")
-    assert _bounce(mujoco, _row(_full(), "MuJoCo", "solref").text, 1e-3) == pytest.approx(E, rel=1e-9)
+    assert _bounce(mujoco, _row(_full(), "MuJoCo", "solref").text, 1e-3) == pytest.approx(
+        E, rel=1e-9
+    )
 
 
 def _bounce(mujoco: Any, solref: str, timestep: float) -> float:
@@ -162,15 +166,21 @@ def test_bad_requests_are_named(way: dict[str, Any], message: str) -> None:
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize(("asked", "delivered"), [(0.94, 0.9407), (0.8, 0.808), (0.5, 0.550), (0.3, 0.397)])
-def test_chronos_smc_contact_gives_more_than_it_is_asked_for(asked: float, delivered: float) -> None:
+@pytest.mark.parametrize(
+    ("asked", "delivered"), [(0.94, 0.9407), (0.8, 0.808), (0.5, 0.550), (0.3, 0.397)]
+)
+def test_chronos_smc_contact_gives_more_than_it_is_asked_for(
+    asked: float, delivered: float
+) -> None:
     """Chrono's own formula (ChContactSMC, Hertz), integrated with its clamp at F = 0."""
     k, m, v = 3e6, 0.5, 0.7
     beta = math.log(asked) / math.hypot(math.log(asked), math.pi)
 
     def force(x: float, rate: float) -> float:
         sn = 1.5 * k * math.sqrt(max(x, 0.0))  # 2 E* sqrt(R x), of which k x^(1/2) is two thirds
-        return max(0.0, 2.0 / 3.0 * sn * x - 2.0 * math.sqrt(5.0 / 6.0) * beta * math.sqrt(sn * m) * rate)
+        return max(
+            0.0, 2.0 / 3.0 * sn * x - 2.0 * math.sqrt(5.0 / 6.0) * beta * math.sqrt(sn * m) * rate
+        )
 
     x, rate, h = 0.0, v, 2e-7
     while x >= 0.0:  # the midpoint rule

@@ -11,7 +11,8 @@ from hcbench.terms.impact import Impact, Launch, Status
 from hcbench.terms.scene import Material, Scene
 
 STEEL = Material(2e11, 0.3)
-# 2 m/s in, 1.5 m/s out, in contact for 10 ms: 0.5 (2 + 1.5) N s, and the weight's 0.5 x 10 x 0.01 N s.
+# 2 m/s in, 1.5 m/s out, in contact for 10 ms: 0.5 (2 + 1.5) N s, and the
+# weight's 0.5 x 10 x 0.01 N s.
 IMPACT = Impact(Launch(2.0), Status.PARTED, speed_in=2.0, speed_out=1.5, duration=0.01)
 NORMAL = 1.75 + 0.05
 

@@ -27,9 +27,9 @@ FLAT = Surface(math.inf, math.inf, STEEL)
 CYLINDER = Surface(0.02, math.inf, STEEL)
 INCH = 0.0254
 
-# S. P. Timoshenko, J. N. Goodier, "Theory of Elasticity", 3rd ed., McGraw-Hill 1970, section 141: m and n
-# of a, b = m, n (3π/4 P (k1 + k2) / (A + B))^(1/3) for cos θ = (B - A)/(A + B). It is reference [5] of the
-# paper.
+# S. P. Timoshenko, J. N. Goodier, "Theory of Elasticity", 3rd ed., McGraw-Hill 1970, section
+# 141: m and n of a, b = m, n (3π/4 P (k1 + k2) / (A + B))^(1/3) for cos θ = (B - A)/(A + B). It
+# is reference [5] of the paper.
 TIMOSHENKO = {
     30: (2.731, 0.493),
     35: (2.397, 0.530),
@@ -46,8 +46,8 @@ TIMOSHENKO = {
     90: (1.000, 1.000),
 }
 
-# K. L. Johnson, "Contact Mechanics", Cambridge University Press 1985, table 4.1, ν = 0.3: b/a -> largest
-# shear stress over p0, and its depth over b.
+# K. L. Johnson, "Contact Mechanics", Cambridge University Press 1985, table 4.1, ν = 0.3: b/a ->
+# largest shear stress over p0, and its depth over b.
 JOHNSON = {
     0.2: (0.322, 0.745),
     0.4: (0.325, 0.665),
@@ -70,7 +70,8 @@ def test_the_axes_agree_with_the_table_of_timoshenko_and_goodier(
     a, b = bodies.semi_axes(1.0)
     total = bodies.long_curvature + bodies.short_curvature
     unit = (0.75 / (bodies.contact_modulus * total)) ** (1.0 / 3.0)
-    # The table was computed by hand; its worst entry (m, n at 65° ... 75°) is wrong by 2 in the third place.
+    # The table was computed by hand; its worst entry (m, n at 65° ... 75°) is
+    # wrong by 2 in the third place.
     assert a / unit == pytest.approx(printed[0], abs=0.0025)
     assert b / unit == pytest.approx(printed[1], abs=0.0025)
 
@@ -121,8 +122,8 @@ def test_the_pressure_bends_the_surfaces_as_assumed() -> None:
     p0, approach = pair.pressure_max(force), pair.approach(force)
 
     def sunk(x: float, y: float) -> float:
-        # Polar coordinates about the point: the 1/r goes away against r dr, and the chord of p is an
-        # ellipse's.
+        # Polar coordinates about the point: the 1/r goes away against r dr, and
+        # the chord of p is an ellipse's.
         def along(phi: float) -> float:
             c, s = math.cos(phi), math.sin(phi)
             quadratic = (c / a) ** 2 + (s / b) ** 2
@@ -132,7 +133,9 @@ def test_the_pressure_bends_the_surfaces_as_assumed() -> None:
             # ∫ √(inside - 2 linear r - quadratic r²) dr over the ray, in closed form.
             q = quadratic
             half = (inside + linear**2 / q) / (2.0 * math.sqrt(q))
-            return half * (math.pi / 2 - math.asin(linear / root)) - linear * math.sqrt(inside) / (2.0 * q)
+            return half * (math.pi / 2 - math.asin(linear / root)) - linear * math.sqrt(inside) / (
+                2.0 * q
+            )
 
         phis = (np.arange(2000) + 0.5) * 2.0 * math.pi / 2000
         return p0 / (math.pi * pair.contact_modulus) * sum(map(along, phis)) * 2.0 * math.pi / 2000
@@ -144,7 +147,9 @@ def test_the_pressure_bends_the_surfaces_as_assumed() -> None:
 
 @pytest.mark.parametrize("kappa", [0.3, 0.8])
 @pytest.mark.parametrize("depth", [0.2, 0.7])
-def test_the_stresses_below_the_middle_agree_with_a_sum_of_point_loads(kappa: float, depth: float) -> None:
+def test_the_stresses_below_the_middle_agree_with_a_sum_of_point_loads(
+    kappa: float, depth: float
+) -> None:
     """Boussinesq's point load (Johnson, section 3.2) summed over the pressure, on the axis."""
     nu, a, b, z = 0.3, 1.0 / kappa, 1.0, depth
 
@@ -158,7 +163,11 @@ def test_the_stresses_below_the_middle_agree_with_a_sum_of_point_loads(kappa: fl
                 return -p * 3.0 * z**3 / (2.0 * math.pi * rho**5) * jacobian
             u, w = (x, y) if kernel == "x" else (y, x)
             flat = u * u + w * w
-            first = (1.0 - 2.0 * nu) / flat * ((1.0 - z / rho) * (u * u - w * w) / flat + z * w * w / rho**3)
+            first = (
+                (1.0 - 2.0 * nu)
+                / flat
+                * ((1.0 - z / rho) * (u * u - w * w) / flat + z * w * w / rho**3)
+            )
             return p / (2.0 * math.pi) * (first - 3.0 * z * u * u / rho**5) * jacobian
 
         value, _ = dblquad(at, 0.0, math.pi / 2, 1e-9, 1.0, epsabs=1e-9, epsrel=1e-9)

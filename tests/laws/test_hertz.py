@@ -47,9 +47,13 @@ def test_largest_force_is_about_600_lb() -> None:
 def test_all_forms_of_the_theory_agree(force: float) -> None:
     """(5), (6) in K1 and K2, p0 = 3 F/(2 π a²) and a² = R x are one theory."""
     curvature, a = 1 / CASE.relative_radius, math.sqrt(CASE.relative_radius * CASE.approach(force))
-    assert CASE.K1 * CASE.approach(force) ** 1.5 / math.sqrt(curvature) == pytest.approx(force, rel=1e-12)
+    assert CASE.K1 * CASE.approach(force) ** 1.5 / math.sqrt(curvature) == pytest.approx(
+        force, rel=1e-12
+    )
     assert CASE.pressure_max(force) == pytest.approx(1.5 * force / (math.pi * a**2), rel=1e-12)
-    assert CASE.shear_max(force) == pytest.approx(CASE.K2 * (curvature**2 * force) ** (1 / 3), rel=1e-12)
+    assert CASE.shear_max(force) == pytest.approx(
+        CASE.K2 * (curvature**2 * force) ** (1 / 3), rel=1e-12
+    )
     assert CASE.shear_max(force) == pytest.approx(0.31 * CASE.pressure_max(force), rel=1e-14)
 
 
@@ -74,7 +78,10 @@ def test_at_16_in_per_s_the_limit_is_passed_by_not_more_than_about_15_percent() 
     for alpha, share in ((0.002, 1.13), (0.008, 1.117), (0.016, 1.106)):
         law = HuntCrossley(3.1e7 * LBF / INCH**1.5, alpha / INCH)
         pair = hertz.from_stiffness(law.stiffness, 2 * INCH)
-        over = pair.shear_max(float(closed_form.force_max(law, POUND_MASS, 16 * INCH))) / hertz.SHEAR_LIMIT
+        over = (
+            pair.shear_max(float(closed_form.force_max(law, POUND_MASS, 16 * INCH)))
+            / hertz.SHEAR_LIMIT
+        )
         assert over == pytest.approx(share, abs=0.01)
         assert over < 1.15
 
@@ -103,7 +110,9 @@ def test_bodies_may_change_places(one: float, two: float) -> None:
 
 def test_a_rigid_partner_leaves_one_compliance() -> None:
     rigid = Material(1e30, 0.0)
-    assert hertz.contact_modulus(STEEL, rigid) == pytest.approx(STEEL.young_modulus / (1 - 0.3**2), rel=1e-12)
+    assert hertz.contact_modulus(STEEL, rigid) == pytest.approx(
+        STEEL.young_modulus / (1 - 0.3**2), rel=1e-12
+    )
     assert hertz.contact_modulus(STEEL, STEEL) == pytest.approx(
         STEEL.young_modulus / (2 * (1 - 0.3**2)), rel=1e-14
     )

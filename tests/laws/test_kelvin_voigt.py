@@ -1,4 +1,6 @@
-"""Eq. (4): the damped half-sine, its shock, its tension, and the two places where its contact may end."""
+"""Eq. (4): the damped half-sine, its shock, its tension, and the two
+places where its contact may end.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def _exact_force_reading(zeta: float) -> mpmath.mpf:
 @pytest.mark.parametrize("zeta", ZETAS)
 def test_restitution_where_the_force_ends_is_right_to_the_last_digits(zeta: float) -> None:
     exact = _exact_force_reading(zeta)
-    assert abs(float(restitution(zeta, Ending.FORCE) - exact) / float(exact)) < 4e-15 * max(1.0, zeta)
+    assert abs(float(restitution(zeta, Ending.FORCE) - exact) / float(exact)) < 4e-15 * max(
+        1.0, zeta
+    )
 
 
 @pytest.mark.parametrize("zeta", [z for z in ZETAS if z < 0.9999])
@@ -90,8 +94,12 @@ def test_closed_forms_agree_with_the_differential_equation(zeta: float, ending: 
     assert ours.restitution == pytest.approx(-run.y_events[0][0][1] / SPEED, rel=1e-9)
     assert ours.penetration_max == pytest.approx(x.max(), rel=1e-7)
     assert ours.force_max == pytest.approx(force.max(), rel=1e-7)
-    assert ours.tension_max == pytest.approx(max(0.0, -force.min()), rel=1e-7, abs=1e-9 * ours.force_max)
-    assert ours.penetration_left == pytest.approx(run.y_events[0][0][0], abs=1e-9 * ours.penetration_max)
+    assert ours.tension_max == pytest.approx(
+        max(0.0, -force.min()), rel=1e-7, abs=1e-9 * ours.force_max
+    )
+    assert ours.penetration_left == pytest.approx(
+        run.y_events[0][0][0], abs=1e-9 * ours.penetration_max
+    )
     np.testing.assert_allclose(state(law, MASS, SPEED, time)[1], v, atol=1e-10 * SPEED)
 
 
@@ -109,7 +117,9 @@ def test_it_starts_with_a_shock_and_ends_by_pulling() -> None:
 
 
 @pytest.mark.parametrize("ending", Ending)
-def test_energy_lost_goes_with_the_square_of_the_speed_and_is_the_area_of_the_loop(ending: Ending) -> None:
+def test_energy_lost_goes_with_the_square_of_the_speed_and_is_the_area_of_the_loop(
+    ending: Ending,
+) -> None:
     law = _law(0.07)
     losses = [bounce(law, MASS, v, ending).energy_loss for v in (0.1, 0.2, 0.4)]
     assert losses[1] / losses[0] == pytest.approx(4.0, rel=1e-14)

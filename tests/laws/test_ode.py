@@ -40,14 +40,22 @@ def test_agrees_with_the_closed_forms(d: float, exponent: float) -> None:
     assert impact.penetration_max == pytest.approx(
         float(closed_form.penetration_max(law, MASS, SPEED)), rel=TEN_DIGITS
     )
-    assert impact.force_max == pytest.approx(float(closed_form.force_max(law, MASS, SPEED)), rel=TEN_DIGITS)
-    assert impact.duration == pytest.approx(float(closed_form.duration(law, MASS, SPEED)), rel=TEN_DIGITS)
+    assert impact.force_max == pytest.approx(
+        float(closed_form.force_max(law, MASS, SPEED)), rel=TEN_DIGITS
+    )
+    assert impact.duration == pytest.approx(
+        float(closed_form.duration(law, MASS, SPEED)), rel=TEN_DIGITS
+    )
 
 
 @settings(max_examples=settings().max_examples // 6)
 @given(st.floats(0.0, 3.0), st.floats(1e3, 1e12), st.floats(1e-3, 1e3), st.floats(1e-3, 10.0))
-def test_agrees_for_rubber_as_for_steel(share: float, stiffness: float, mass: float, speed: float) -> None:
-    """The ODE is solved in its own units: tolerances mean the same at any stiffness, mass and speed."""
+def test_agrees_for_rubber_as_for_steel(
+    share: float, stiffness: float, mass: float, speed: float
+) -> None:
+    """The ODE is solved in its own units: tolerances mean the same at
+    any stiffness, mass and speed.
+    """
     law = HuntCrossley(stiffness, share / speed)
     impact = ode.impact(law, mass, speed)
     assert impact.restitution == pytest.approx(
@@ -56,7 +64,9 @@ def test_agrees_for_rubber_as_for_steel(share: float, stiffness: float, mass: fl
     assert impact.penetration_max == pytest.approx(
         float(closed_form.penetration_max(law, mass, speed)), rel=TEN_DIGITS
     )
-    assert impact.duration == pytest.approx(float(closed_form.duration(law, mass, speed)), rel=TEN_DIGITS)
+    assert impact.duration == pytest.approx(
+        float(closed_form.duration(law, mass, speed)), rel=TEN_DIGITS
+    )
 
 
 def test_loop_lies_on_the_exact_one() -> None:
@@ -74,7 +84,8 @@ def test_loop_lies_on_the_exact_one() -> None:
     assert loop.penetration[[0, -1]].tolist() == loop.force[[0, -1]].tolist() == [0.0, 0.0]
 
 
-# --- Kelvin-Voigt: two readings of parting -------------------------------------------------------------
+# --- Kelvin-Voigt: two readings of parting
+# -------------------------------------------------------------
 
 
 @pytest.mark.parametrize("ending", list(Ending))
@@ -91,7 +102,9 @@ def test_agrees_with_the_damped_sine(zeta: float, ending: Ending) -> None:
 
 
 def test_a_linear_damper_pulls_before_it_parts_at_the_surface() -> None:
-    """The faults of eq. (4) in Fig. 1: force at touch, tension at the end; none of the second at F = 0."""
+    """The faults of eq. (4) in Fig. 1: force at touch, tension at the
+    end; none of the second at F = 0.
+    """
     law = KelvinVoigt(1e8, 2 * 0.2 * math.sqrt(1e8 * MASS))
     surface, force = (ode.impact(law, MASS, SPEED, ending=ending).loop for ending in Ending)
     assert surface is not None
@@ -110,7 +123,8 @@ def test_an_overdamped_contact_never_parts_at_the_surface() -> None:
     assert impact.reason
 
 
-# --- gravity -------------------------------------------------------------------------------------------
+# --- gravity
+# -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("speed", [1e-3, 0.01, 0.1, 0.4])
@@ -130,7 +144,9 @@ def test_under_gravity_a_spring_alone_still_returns_everything() -> None:
 def test_gravity_presses_deeper_and_takes_more_the_slower_the_impact() -> None:
     law, extra = HuntCrossley(K3, 0.32), []
     for speed in (0.4, 0.1, 0.02, 0.005):
-        without_gravity, with_gravity = (ode.impact(law, MASS, speed, gravity=g) for g in (0.0, 9.81))
+        without_gravity, with_gravity = (
+            ode.impact(law, MASS, speed, gravity=g) for g in (0.0, 9.81)
+        )
         assert with_gravity.penetration_max > without_gravity.penetration_max
         assert with_gravity.duration > without_gravity.duration
         extra.append(without_gravity.restitution - with_gravity.restitution)
@@ -139,7 +155,9 @@ def test_gravity_presses_deeper_and_takes_more_the_slower_the_impact() -> None:
 
 
 def test_under_gravity_a_slow_body_stays() -> None:
-    """Slower than its losses allow, the body cannot get back to the surface: v_o² would be negative."""
+    """Slower than its losses allow, the body cannot get back to the
+    surface: v_o² would be negative.
+    """
     impact = ode.impact(HuntCrossley(K3, 0.3), MASS, 1e-4, gravity=9.81)
     assert impact.status is Status.RESTED
     assert impact.restitution == 0.0
@@ -155,7 +173,8 @@ def test_gravity_on_a_linear_spring_is_a_shifted_sine() -> None:
     assert impact.duration == pytest.approx(touch / math.sqrt(k / MASS), rel=TEN_DIGITS)
 
 
-# --- convergence ---------------------------------------------------------------------------------------
+# --- convergence
+# ---------------------------------------------------------------------------------------
 
 
 def depth_errors(exponent: float, steps: list[float]) -> Any:
@@ -172,7 +191,9 @@ def test_fixed_steps_converge_with_order_eight_where_the_law_is_smooth() -> None
 
 
 def test_touch_costs_a_fixed_step_its_order() -> None:
-    """x^1.5 starts with an unbounded derivative at touch: order n + 1 = 2.5, whatever the integrator's is."""
+    """x^1.5 starts with an unbounded derivative at touch: order n + 1 =
+    2.5, whatever the integrator's is.
+    """
     steps = [0.2, 0.1, 0.05, 0.025]
     order = np.polyfit(np.log(steps), np.log(depth_errors(1.5, steps)), 1)[0]
     assert order == pytest.approx(2.5, abs=0.1)
@@ -186,7 +207,8 @@ def test_error_follows_the_tolerance() -> None:
         assert error < 20 * tolerance
 
 
-# --- what is refused -----------------------------------------------------------------------------------
+# --- what is refused
+# -----------------------------------------------------------------------------------
 
 
 class Fluid:

@@ -23,7 +23,9 @@ SPEEDS = [0.05, 0.2, 1.0, 3.0]
 def energy_balance(law: AdamsImpact, mass: float, speed: float) -> float:
     """e by dT/dx = -F(x, ±√(2T/m)); about the turning point, where T is 0, by dx/dv = -m v/F."""
 
-    def by_depth(sign: float, x: tuple[float, float], energy: float, stop: float) -> tuple[float, float]:
+    def by_depth(
+        sign: float, x: tuple[float, float], energy: float, stop: float
+    ) -> tuple[float, float]:
         def rate(at: float, t: Any) -> float:
             return -float(law.force(max(at, 0.0), sign * math.sqrt(2.0 * max(t[0], 0.0) / mass)))
 
@@ -40,14 +42,20 @@ def energy_balance(law: AdamsImpact, mass: float, speed: float) -> float:
     v = math.sqrt(2.0 * energy / mass)
     slow = 1e-3 * v
     path = solve_ivp(
-        lambda v, x: -mass * v / float(law.force(x[0], v)), (v, -slow), [depth], rtol=1e-10, atol=1e-16
+        lambda v, x: -mass * v / float(law.force(x[0], v)),
+        (v, -slow),
+        [depth],
+        rtol=1e-10,
+        atol=1e-16,
     )
     _, left = by_depth(-1.0, (float(path.y[0, -1]), 0.0), 0.5 * mass * slow**2, 0.0)
     return math.sqrt(left / first)
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-@pytest.mark.parametrize("law", [STEEL, AdamsImpact(1e5, 1.0, 30.0, 1e-3), AdamsImpact(1e9, 2.2, 2e3, 5e-4)])
+@pytest.mark.parametrize(
+    "law", [STEEL, AdamsImpact(1e5, 1.0, 30.0, 1e-3), AdamsImpact(1e9, 2.2, 2e3, 5e-4)]
+)
 def test_adams_loses_what_the_balance_of_energy_says(law: AdamsImpact, speed: float) -> None:
     assert law.restitution(1.0, speed) == pytest.approx(energy_balance(law, 1.0, speed), abs=1e-6)
 
@@ -55,7 +63,9 @@ def test_adams_loses_what_the_balance_of_energy_says(law: AdamsImpact, speed: fl
 def test_adams_without_depth_and_exponent_is_a_spring_and_a_damper_that_do_not_pull() -> None:
     zeta = 0.2
     law = AdamsImpact(1e5, 1.0, 2.0 * zeta * math.sqrt(1e5), 1e-9)
-    assert law.restitution(1.0, 0.5) == pytest.approx(float(kv.restitution(zeta, kv.Ending.FORCE)), abs=1e-5)
+    assert law.restitution(1.0, 0.5) == pytest.approx(
+        float(kv.restitution(zeta, kv.Ending.FORCE)), abs=1e-5
+    )
 
 
 def test_adams_without_damping_keeps_all_and_a_deep_ramp_loses_more_when_fast() -> None:
@@ -64,7 +74,9 @@ def test_adams_without_damping_keeps_all_and_a_deep_ramp_loses_more_when_fast() 
     assert sorted(of, reverse=True) == of
 
 
-def test_restitution_depends_on_mass_in_adams_and_by_newtons_springs_but_not_in_its_mujoco() -> None:
+def test_restitution_depends_on_mass_in_adams_and_by_newtons_springs_but_not_in_its_mujoco() -> (
+    None
+):
     assert STEEL.restitution(2.0, 0.2) > STEEL.restitution(1.0, 0.2)
     semi, mujoco = NewtonSpring(False, 1e4, 20.0), NewtonSpring(True, 1e4, 20.0)
     assert semi.restitution(2.0) > semi.restitution(1.0)
@@ -86,7 +98,9 @@ def test_newtons_semi_implicit_damper_acts_on_the_way_in_only(zeta: float) -> No
 
 
 def test_newtons_default_in_mujoco_is_critical_as_mujocos_is() -> None:
-    assert NewtonSpring(True, 2500.0, 100.0).restitution(1.0) == pytest.approx(math.exp(-2.0), abs=1e-9)
+    assert NewtonSpring(True, 2500.0, 100.0).restitution(1.0) == pytest.approx(
+        math.exp(-2.0), abs=1e-9
+    )
 
 
 def test_convert_and_tune_take_them() -> None:
@@ -124,7 +138,9 @@ def test_the_command_reads_their_units(capsys: pytest.CaptureFixture[str]) -> No
         ["--newton", "mujoco, 2500, 100", "--restitution", "0.5", "--speed", "1"],
     ],
 )
-def test_what_lacks_something_is_one_line(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_lacks_something_is_one_line(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.run(["convert", *words]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 

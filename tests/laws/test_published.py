@@ -12,7 +12,15 @@ from scipy.integrate import solve_ivp
 
 from hcbench.laws import closed_form
 from hcbench.laws.ode import impact
-from hcbench.laws.published import LAWS, Exact, Flores, HuGuo, PublishedLaw, TouchSpeedLaw, law_named
+from hcbench.laws.published import (
+    LAWS,
+    Exact,
+    Flores,
+    HuGuo,
+    PublishedLaw,
+    TouchSpeedLaw,
+    law_named,
+)
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Status
 
@@ -76,7 +84,9 @@ def test_they_are_laws_like_the_others_to_the_simulation(law: PublishedLaw) -> N
 
 @pytest.mark.parametrize("law", ALL, ids=LAWS)
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
-def test_with_v_i_of_each_impact_all_speeds_have_one_restitution(law: PublishedLaw, exponent: float) -> None:
+def test_with_v_i_of_each_impact_all_speeds_have_one_restitution(
+    law: PublishedLaw, exponent: float
+) -> None:
     own = TouchSpeedLaw(law, 3.4e10, 0.8, exponent)
     for speed in (0.0254, 0.508, 5.0):
         bounced = impact(own, 0.45, speed)
@@ -130,7 +140,9 @@ def test_the_exact_law_delivers_what_it_promises_at_every_e() -> None:
 
 
 def test_how_far_the_promises_are_kept() -> None:
-    """Largest |delivered - asked| over 0.05 ... 1: Carvalho-Martins and Hu-Guo keep theirs best above 0.4."""
+    """Largest |delivered - asked| over 0.05 ... 1: Carvalho-Martins and
+    Hu-Guo keep theirs best above 0.4.
+    """
     asked = np.linspace(0.4, 1.0, 601)
     worst = {name: float(np.abs(law.delivered(asked) - asked).max()) for name, law in LAWS.items()}
     order = sorted(worst, key=worst.__getitem__)
@@ -141,7 +153,9 @@ def test_how_far_the_promises_are_kept() -> None:
 
 
 def test_hu_guo_as_published_keeps_its_promise_and_the_halved_one_does_not() -> None:
-    """Some public code divides χ by a further 2; that χ at e is the published one of (1 + e)/2's loss."""
+    """Some public code divides χ by a further 2; that χ at e is the
+    published one of (1 + e)/2's loss.
+    """
     from hcbench.laws._restitution_series import restitution_of
 
     e = np.array([0.8, 0.9, 0.99])

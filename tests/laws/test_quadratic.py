@@ -49,11 +49,15 @@ def test_the_constant_goes_with_the_roots_of_the_mass_and_of_the_exponent_plus_1
 
 
 def test_with_x_to_the_n_no_constant_would_do() -> None:
-    """∮ λ x^n v² dx goes with x_m^(2(n+1)), (11) with x_m^(3(n+1)/2): their ratio is not the same twice."""
+    """∮ λ x^n v² dx goes with x_m^(2(n+1)), (11) with x_m^(3(n+1)/2):
+    their ratio is not the same twice.
+    """
     ratios = []
     for depth in (1e-6, 1e-5):
         value, _ = quad(
-            lambda x, depth=depth: x**1.5 * float(ap.speed_at(K, MASS, 1.5, depth, x)) ** 2, 0.0, depth
+            lambda x, depth=depth: x**1.5 * float(ap.speed_at(K, MASS, 1.5, depth, x)) ** 2,
+            0.0,
+            depth,
         )
         ratios.append(value / _loss(1.5, depth))
     assert ratios[1] / ratios[0] == pytest.approx(10.0**1.25, rel=1e-9)
@@ -81,7 +85,8 @@ def test_the_closed_form_agrees_with_the_differential_equation(exponent: float, 
     def force(x: float, v: float) -> float:
         return float(law.force(max(x, 0.0) * depth, v * speed))
 
-    # In y = x^((n+1)/2) the x^(1/4) at touch, which no integrator likes, is gone; see the module's text.
+    # In y = x^((n+1)/2) the x^(1/4) at touch, which no integrator likes, is
+    # gone; see the module's text.
     half = 0.5 * (exponent + 1.0)
 
     def rate(y: float, w: np.ndarray, way: float) -> list[float]:
@@ -116,7 +121,9 @@ def test_it_bounces_almost_as_16_does() -> None:
     u = np.linspace(0.0, 0.1, 50)
     apart = restitution(1.0, u) - closed_form.restitution(1.0, u)
     assert 0 < apart.max() < 1e-4
-    assert float(restitution(1.0, 1.0) - closed_form.restitution(1.0, 1.0)) == pytest.approx(0.0115, abs=1e-4)
+    assert float(restitution(1.0, 1.0) - closed_form.restitution(1.0, 1.0)) == pytest.approx(
+        0.0115, abs=1e-4
+    )
     assert np.all(restitution(1.0, u, Ending.FORCE) >= restitution(1.0, u))
 
 

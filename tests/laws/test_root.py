@@ -19,7 +19,9 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-@pytest.mark.parametrize(("absolute", "relative"), [(2e-12, 2.0**-50), (1e-300, 1e-15), (1e-3, 1e-9)])
+@pytest.mark.parametrize(
+    ("absolute", "relative"), [(2e-12, 2.0**-50), (1e-300, 1e-15), (1e-3, 1e-9)]
+)
 def test_bits_are_those_of_scipy(name: str, absolute: float, relative: float) -> None:
     function = FUNCTIONS[name]
     ends = np.random.default_rng(1).uniform(0.0, 5.0, (50, 2)) * [-1.0, 1.0]

@@ -135,14 +135,18 @@ def test_what_gravity_does_in_the_step_adds_no_energy_either() -> None:
 
 
 def under_gravity(contact: Contact, x: float, v: float, gain: float, h: float) -> float:
-    """Return the rate, m/s, at which a body leaves a step h of semi-implicit Euler with an impact in it.
+    """Return the rate, m/s, at which a body leaves a step h of
+    semi-implicit Euler with an impact in it.
 
-    x, v: depth and approach rate as the step begins. gain: gravity towards the contact, m/s². Impacts
-    are between rates that have half of the step's gravity; the body then gains the other half.
+    x, v: depth and approach rate as the step begins. gain: gravity towards the
+    contact, m/s². Impacts are between rates that have half of the step's gravity; the
+    body then gains the other half.
     """
     lib = _compile.law_library()
     lib.hcb_under_gravity(ctypes.byref(contact), *map(ctypes.c_double, (x, v, gain, h)), 0)
-    after = collide(np.eye(1), np.array([[1.0], [0.0], [0.0]]), np.array([-v - gain * h / 2]), [contact])
+    after = collide(
+        np.eye(1), np.array([[1.0], [0.0], [0.0]]), np.array([-v - gain * h / 2]), [contact]
+    )
     return float(after.u[0]) - gain * h / 2
 
 
@@ -154,7 +158,9 @@ def test_a_body_leaves_the_step_with_e_squared_of_what_its_flight_keeps() -> Non
 
 
 def test_a_body_that_touched_before_leaves_at_e_times_its_rate() -> None:
-    """Deeper than a step of its own brings it: the impact is at the step's start, then gravity takes g h."""
+    """Deeper than a step of its own brings it: the impact is at the step's
+    start, then gravity takes g h.
+    """
     leaves = under_gravity(Contact(CONSTANT, 0.5, 0.0, 1e-9), 0.1, 1.0, 10.0, 0.01)
     assert leaves == pytest.approx(0.5 * 1.0 - 10.0 * 0.01, rel=1e-12)
 
@@ -177,9 +183,11 @@ def test_a_single_contact_gets_its_restitution_whatever_the_friction() -> None:
             v = -v
         kind, value = int(rng.integers(0, 3)), rng.uniform(0, 1)
         speed = -float(J[0] @ v)
-        e = {LAW: float(restitution(value, speed)), LINEAR: max(0.0, 1 - value * speed), CONSTANT: value}[
-            kind
-        ]
+        e = {
+            LAW: float(restitution(value, speed)),
+            LINEAR: max(0.0, 1 - value * speed),
+            CONSTANT: value,
+        }[kind]
         mu = rng.choice([0.0, rng.uniform(0, 1)])
         after = collide(M, J[:3], v, [Contact(kind, value, mu, 1e-9)])
         gains = energy(M, after.v) > energy(M, v) * (1 + 1e-12)

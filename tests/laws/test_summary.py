@@ -31,8 +31,11 @@ def test_a_row_is_the_closed_forms() -> None:
     row = summarize(law, POUND, 0.2, PAPER_RELATIVE_RADIUS)
     assert row.restitution == closed_form.restitution(0.3, 0.2)
     assert row.restitution_linear == 1 - 0.3 * 0.2
-    assert row.energy_loss_j == pytest.approx(0.5 * POUND * 0.2**2 * (1 - row.restitution**2), rel=1e-13)
+    assert row.energy_loss_j == pytest.approx(
+        0.5 * POUND * 0.2**2 * (1 - row.restitution**2), rel=1e-13
+    )
     assert row.shear_stress_max_pa is not None
     assert (
-        summarize(HuntCrossley(K3, 0.3, 1.2), POUND, 0.2, PAPER_RELATIVE_RADIUS).shear_stress_max_pa is None
+        summarize(HuntCrossley(K3, 0.3, 1.2), POUND, 0.2, PAPER_RELATIVE_RADIUS).shear_stress_max_pa
+        is None
     )

@@ -83,13 +83,17 @@ def in_json(points: Iterable[CurvePoint]) -> Any:
 def test_measure_check_and_the_fixture_give_the_same_curve_to_the_last_bit() -> None:
     speeds = "0.1, 0.3, 1 m/s"
     measured = hb.measure(GOOD, "ball,plate", restitution=0.9, speeds=speeds)
-    (outcome,) = hb.check(GOOD, "ball,plate", restitution=0.9, speeds=speeds, max_error=0.1).outcomes
+    (outcome,) = hb.check(
+        GOOD, "ball,plate", restitution=0.9, speeds=speeds, max_error=0.1
+    ).outcomes
     assert outcome.measurement is not None
     fixture = RestitutionFixture({}, Path.cwd())
     held = fixture(GOOD, "ball,plate", speeds=speeds).matches(0.9, max_error=0.1)
     curve = in_json(measured.curve)
     assert len(curve) == 3
-    assert in_json(outcome.rows) == in_json(outcome.measurement.curve) == in_json(held.curve) == curve
+    assert (
+        in_json(outcome.rows) == in_json(outcome.measurement.curve) == in_json(held.curve) == curve
+    )
 
 
 def test_a_report_folds_impacts_into_the_curve_that_measure_gives() -> None:
@@ -108,10 +112,16 @@ def test_a_report_folds_impacts_into_the_curve_that_measure_gives() -> None:
         "samples": [impact.samples for impact in every],
     }
     folder.add({name: np.array(columns[name]) for name in FOLDED})
-    of_report = [(p.speed, p.speed_in, p.restitution, p.target, p.worst_phase) for p in folder.folded().curve]
+    of_report = [
+        (p.speed, p.speed_in, p.restitution, p.target, p.worst_phase) for p in folder.folded().curve
+    ]
     measured = curve_of(every, lambda _: 0.6)
-    assert of_report == [(p.speed, p.speed_in, p.restitution, p.target, p.worst_phase) for p in measured]
-    assert [point.restitution for point in measured] != [np.median(list(e.values())) for e in speeds.values()]
+    assert of_report == [
+        (p.speed, p.speed_in, p.restitution, p.target, p.worst_phase) for p in measured
+    ]
+    assert [point.restitution for point in measured] != [
+        np.median(list(e.values())) for e in speeds.values()
+    ]
 
 
 STUDY = """schema = 1
@@ -140,7 +150,9 @@ def test_a_report_draws_the_curve_by_which_check_judges_a_study(tmp_path: Path) 
 
 def test_a_printed_row_adds_up() -> None:
     report = hb.check(GOOD, "ball,plate", alpha="0.3 s/m", speeds="0.1:2:3 m/s", max_error=1.0)
-    header, *rows = [line for line in as_text(report).splitlines() if line.startswith(("launch", " "))]
+    header, *rows = [
+        line for line in as_text(report).splitlines() if line.startswith(("launch", " "))
+    ]
     assert header.split()[4:] == ["e", "lowest", "highest", "target", "error", "worst", "phase"]
     assert len(rows) == 3
     for row in rows:
@@ -164,4 +176,7 @@ def test_a_pair_is_measured_by_the_text_that_lists_it() -> None:
     model = Path(GOOD).read_text(encoding="utf-8").replace('"ball"', '"ball, left"')
     (listed,) = hb.pairs(model)
     assert '"' in listed.pair
-    assert hb.measure(model, listed.pair, speeds="0.5 m/s", phases=1).facts.pair == ("ball, left", "plate")
+    assert hb.measure(model, listed.pair, speeds="0.5 m/s", phases=1).facts.pair == (
+        "ball, left",
+        "plate",
+    )

@@ -58,7 +58,8 @@ class Planted:
             return replace(self, contact="")
         if "joint" in fix:
             return replace(
-                self, joint=self.joint.replace("/>", f" {attributes}/>").replace(' damping="50"', "")
+                self,
+                joint=self.joint.replace("/>", f" {attributes}/>").replace(' damping="50"', ""),
             )
         ball = f"{self.ball} {attributes}" if "sphere" in names else self.ball
         plate = f"{self.plate} {attributes}" if "plate" in names else self.plate
@@ -72,7 +73,11 @@ def _last(attributes: str) -> str:
 
 def off(found: Measurement, goal: float | None, asked: tuple[float, ...] = ()) -> float:
     """The largest |e - goal|, the goal being what the model asks for by default."""
-    held = dict(zip(found.request.speeds, asked or found.facts.asked, strict=True)) if goal is None else {}
+    held = (
+        dict(zip(found.request.speeds, asked or found.facts.asked, strict=True))
+        if goal is None
+        else {}
+    )
     return max(
         abs(i.restitution - held.get(i.launch.speed, goal or 0.0)) if i in found.measured else 9.0
         for i in found.impacts
@@ -95,7 +100,11 @@ PLANTED: dict[str, tuple[Planted, str, float | None]] = {
         "refsafe",
         None,
     ),
-    "solref mixed": (Planted('solref=".02 .1"', option=f'{STILL} timestep=".00025"'), "solref-mixing", None),
+    "solref mixed": (
+        Planted('solref=".02 .1"', option=f'{STILL} timestep=".00025"'),
+        "solref-mixing",
+        None,
+    ),
     "solimp mixed": (Planted(IMPULSE, 'solref="0 -950"'), "solimp-mixing", None),
     "the other's priority": (Planted(IMPULSE, 'priority="1"'), "priority", None),
     "the override flag": (
@@ -108,7 +117,11 @@ PLANTED: dict[str, tuple[Planted, str, float | None]] = {
         "solver",
         None,
     ),
-    "impulse under RK4": (Planted(IMPULSE, IMPULSE, f'{STILL} integrator="RK4"'), "integrator", None),
+    "impulse under RK4": (
+        Planted(IMPULSE, IMPULSE, f'{STILL} integrator="RK4"'),
+        "integrator",
+        None,
+    ),
     "impulse under discrete": (
         Planted(IMPULSE, IMPULSE, f'{STILL} integrator="discrete"'),
         "integrator",
@@ -195,12 +208,16 @@ def test_a_planted_cause_is_named_and_its_fix_cures(name: str) -> None:
     others = [c for c in found.causes if c.code != code and "timestep" not in c.fix]
     for other in others:  # fixes that help only together
         cured = cured.pasted(other.fix) if "=" in other.fix else cured
-    again = measure(cured.text(), ("ball", "plate"), speeds=speeds, restitution=wanted, diagnose=False)
+    again = measure(
+        cured.text(), ("ball", "plate"), speeds=speeds, restitution=wanted, diagnose=False
+    )
     assert off(again, goal, found.facts.asked) < 0.02, cause.fix
 
 
 ALONE = [
-    name for name in PLANTED if name not in ("the same under discrete", "a time constant below two steps")
+    name
+    for name in PLANTED
+    if name not in ("the same under discrete", "a time constant below two steps")
 ]
 
 
@@ -231,7 +248,9 @@ def test_a_margin_is_reported_though_it_leaves_e_alone(margin: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "geom", [IMPULSE, f'solref="-10000 -20" {STIFF}', 'solref=".02 .1"'], ids=["impulse", "spring", "ratio"]
+    "geom",
+    [IMPULSE, f'solref="-10000 -20" {STIFF}', 'solref=".02 .1"'],
+    ids=["impulse", "spring", "ratio"],
 )
 def test_a_bounce_as_asked_has_no_causes(geom: str) -> None:
     timestep = "2e-3" if "950" in geom else "1e-4"
@@ -283,11 +302,14 @@ def test_a_box_that_lands_flat_is_asked_what_each_of_its_contacts_is() -> None:
 
 def test_the_law_can_be_what_is_wanted() -> None:
     found = measure(Planted(IMPULSE, IMPULSE).text(), ("ball", "plate"), alpha=0.63)
-    assert found.causes == () or "do not explain" in found.remedy, "one constant cannot follow a law"
+    assert found.causes == () or "do not explain" in found.remedy, (
+        "one constant cannot follow a law"
+    )
     assert max(abs(e) for _, e in found.errors(Wanted(alpha=0.63))) > 0.05
 
 
-# PyBullet ------------------------------------------------------------------------------------------
+# PyBullet
+# ------------------------------------------------------------------------------------------
 
 RADIUS = 0.02
 WORLD = """
@@ -329,8 +351,16 @@ def world(tmp_path: Path, **changes: Any) -> str:
 
 FAR = 1e30
 BULLET: dict[str, tuple[dict[str, Any], str, float]] = {
-    "velocity threshold": ({"world": {"restitutionVelocityThreshold": 0.2}}, "velocity-threshold", 0.8),
-    "predictive contact": ({"ball": {"contactProcessingThreshold": FAR}}, "predictive-contact", 0.8),
+    "velocity threshold": (
+        {"world": {"restitutionVelocityThreshold": 0.2}},
+        "velocity-threshold",
+        0.8,
+    ),
+    "predictive contact": (
+        {"ball": {"contactProcessingThreshold": FAR}},
+        "predictive-contact",
+        0.8,
+    ),
     "slop": ({"world": {"contactSlop": 0.001}, "timestep": 1e-4}, "slop", 0.8),
     "ERP": ({"world": {"contactERP": 0.2, "erp": 0.2}}, "erp", 0.8),
     "damping": ({"ball": {"linearDamping": 20.0}}, "damping", 0.8),
@@ -379,7 +409,9 @@ def test_a_cause_planted_in_pybullet_is_named(name: str) -> None:
     _, code, _ = BULLET[name]
     found = first_look_in_bullet(name)
     codes = [cause.code for cause in found.causes]
-    first = 1 if name == "too few steps on a spring" else 0  # its restitutions, both 0, are printed before
+    first = (
+        1 if name == "too few steps on a spring" else 0
+    )  # its restitutions, both 0, are printed before
     assert codes[first] == code, [(c.code, c.evidence) for c in found.causes]
 
 
@@ -391,8 +423,12 @@ def test_a_pybullet_world_set_up_right_has_no_causes(tmp_path: Path) -> None:
 
 
 @pytest.mark.needs_engine("pybullet")
-def test_gravity_within_a_step_is_the_only_cause_in_a_pybullet_world_set_up_right(tmp_path: Path) -> None:
-    """Bullet reverses the speed of a step's start, up to v h below the touch plane, where e is read."""
+def test_gravity_within_a_step_is_the_only_cause_in_a_pybullet_world_set_up_right(
+    tmp_path: Path,
+) -> None:
+    """Bullet reverses the speed of a step's start, up to v h below
+    the touch plane, where e is read.
+    """
     found = measure(world(tmp_path, gravity=-9.81), speeds=SPEEDS)
     assert [cause.code for cause in found.causes] == ["gravity"]
     for impact in found.measured:

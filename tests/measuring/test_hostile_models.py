@@ -78,7 +78,9 @@ def test_arguments_that_name_no_file_are_refused() -> None:
 
 
 def test_a_binary_model_whose_sizes_ask_for_gigabytes_is_refused(tmp_path: Path) -> None:
-    """MuJoCo would take up to 19 GB for a file of 5 KB before it finds out that its sizes are wrong."""
+    """MuJoCo would take up to 19 GB for a file of 5 KB before it
+    finds out that its sizes are wrong.
+    """
     path = tmp_path / "model.mjb"
     mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(MODEL.format(solref="0.02 1")), str(path))
     sound = path.read_bytes()

@@ -139,8 +139,16 @@ def test_motors_hold_the_pose_by_pd() -> None:
         (SERVOS, {"controller": "lqr"}, "pd, pd:KP,KD, ctrl"),
         (SERVOS, {"controller": "pd:1"}, "two from 0 up"),
         (SERVOS, {"controller": lambda model, data: [1.0]}, "4 finite controls"),
-        (SERVOS, {"controller": lambda model, data: "x"}, "returned 'x'; expected 4 finite controls"),
-        (SERVOS, {"controller": lambda: None}, r"a function of \(\); expected a function of \(model, data\)"),
+        (
+            SERVOS,
+            {"controller": lambda model, data: "x"},
+            "returned 'x'; expected 4 finite controls",
+        ),
+        (
+            SERVOS,
+            {"controller": lambda: None},
+            r"a function of \(\); expected a function of \(model, data\)",
+        ),
         (SERVOS, {"controller": 3}, "a function"),
     ],
 )
@@ -202,7 +210,12 @@ def test_check_holds_landings_and_motions_to_limits(
     ]
     (tmp_path / "checks.toml").write_text("\n".join(lines))
     report = check(CheckSpec(model=str(tmp_path / "checks.toml")))
-    assert [outcome.verdict.value for outcome in report.outcomes] == ["passed", "failed", "passed", "failed"]
+    assert [outcome.verdict.value for outcome in report.outcomes] == [
+        "passed",
+        "failed",
+        "passed",
+        "failed",
+    ]
     assert report.exit_code == 1
     assert "limit 'peak < 1'" in report.outcomes[1].message
 

@@ -1,4 +1,6 @@
-"""Bodies on hinges, in any pose, met from any side: held against loops over mj_step written by hand."""
+"""Bodies on hinges, in any pose, met from any side: held against
+loops over mj_step written by hand.
+"""
 
 import json
 from pathlib import Path
@@ -125,7 +127,13 @@ HOPPER = """<body name="trunk" pos="0 0 1"><joint type="slide" axis="0 0 1"/>
   <geom name="toe" type="sphere" pos="-.15 0 -.3" size=".04"/></body></body></body>"""
 # (bodies; geom that moves; its body; other; qpos at touch; which of qpos goes up)
 SHAPES: dict[str, tuple[str, str, str, list[float], int]] = {
-    "box": (FREE.format(name="b", z=1, shape='type="box" size=".1 .05 .1"'), "b", "floor", [0, 0, 0.1], 2),
+    "box": (
+        FREE.format(name="b", z=1, shape='type="box" size=".1 .05 .1"'),
+        "b",
+        "floor",
+        [0, 0, 0.1],
+        2,
+    ),
     "cylinder": (
         FREE.format(name="b", z=1, shape='type="cylinder" size=".1 .05"'),
         "b",
@@ -141,7 +149,8 @@ SHAPES: dict[str, tuple[str, str, str, list[float], int]] = {
         2,
     ),
     "two balls": (
-        FREE.format(name="b", z=2, shape='size=".1"') + FREE.format(name="c", z=1, shape='size=".15"'),
+        FREE.format(name="b", z=2, shape='size=".1"')
+        + FREE.format(name="c", z=1, shape='size=".15"'),
         "b",
         "c",
         [0, 0, 1.25],
@@ -171,11 +180,21 @@ def test_e_of_a_shape_is_that_of_a_loop_written_by_hand(name: str, speed: float)
 def test_what_an_actuator_adds_is_distinguished_and_can_be_left_out() -> None:
     touch = touching_pose(mujoco.MjModel.from_xml_string(ARM.format(kp=0)), [0.2, 0.5])
     pose = {"qpos": touch, "ctrl": touch[0] + 0.02}  # it presses on
-    held = measure(ARM.format(kp=2000), "hand,floor", qpos=pose, speeds=[0.3], phases=1, diagnose=False)
-    off = measure(
-        ARM.format(kp=2000), "hand,floor", qpos=pose, speeds=[0.3], phases=1, actuators=False, diagnose=False
+    held = measure(
+        ARM.format(kp=2000), "hand,floor", qpos=pose, speeds=[0.3], phases=1, diagnose=False
     )
-    without = measure(ARM.format(kp=0), "hand,floor", qpos=pose, speeds=[0.3], phases=1, diagnose=False)
+    off = measure(
+        ARM.format(kp=2000),
+        "hand,floor",
+        qpos=pose,
+        speeds=[0.3],
+        phases=1,
+        actuators=False,
+        diagnose=False,
+    )
+    without = measure(
+        ARM.format(kp=0), "hand,floor", qpos=pose, speeds=[0.3], phases=1, diagnose=False
+    )
     assert abs(held.facts.shares["actuators"]) > 0.02
     assert off.facts.shares["actuators"] == 0.0
     assert off.curve[0].restitution == pytest.approx(without.curve[0].restitution, abs=1e-9)
@@ -190,7 +209,12 @@ def test_a_pose_comes_from_names_a_file_or_a_live_state(tmp_path: Path) -> None:
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     data.qvel[:] = 7.0  # everything starts at rest
-    options: dict[str, Any] = {"pair": "hand,floor", "speeds": [0.5], "phases": 1, "diagnose": False}
+    options: dict[str, Any] = {
+        "pair": "hand,floor",
+        "speeds": [0.5],
+        "phases": 1,
+        "diagnose": False,
+    }
 
     class Environment:
         unwrapped: Any = None
@@ -227,7 +251,9 @@ TABLE = f"""{HEAD}<body name="table" pos="1 0 .2"><geom name="top" type="box" si
 def test_the_side_is_chosen_and_said() -> None:
     side = measure(TABLE, "box,table", speeds=[0.5], phases=1, diagnose=False).facts
     assert "from the side, along 1 0 0" in side.meeting
-    above = measure(TABLE, "box,table", coming_from="above", speeds=[0.5], phases=1, diagnose=False).facts
+    above = measure(
+        TABLE, "box,table", coming_from="above", speeds=[0.5], phases=1, diagnose=False
+    ).facts
     assert above.normal == pytest.approx((0, 0, -1))
     assert above.point[2] == pytest.approx(0.4, abs=1e-6)
     assert "from above" in above.meeting
@@ -243,7 +269,11 @@ def test_two_that_meet_at_an_edge_are_met_from_above() -> None:
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
-        (ARM.format(kp=0), {"qpos": "shoulder=2"}, r"outside their limits.*shoulder by 24.6 deg.*from qpos"),
+        (
+            ARM.format(kp=0),
+            {"qpos": "shoulder=2"},
+            r"outside their limits.*shoulder by 24.6 deg.*from qpos",
+        ),
         (ARM.format(kp=0), {"qpos": "sholder=1"}, "Did you mean 'shoulder'"),
         (ARM.format(kp=0), {"qpos": "shoulder=1 2"}, "2 numbers; expected 1"),
         (ARM.format(kp=0), {"qpos": "shoulder"}, "joints with their values"),
@@ -267,9 +297,13 @@ def test_a_tether_that_holds_a_body_back_is_named() -> None:
       <body name="ball" pos="0 0 .9"><freejoint/><geom name="ball" size=".05"/><site name="eye"/></body>
       </worldbody><tendon><spatial name="string" limited="true" range="0 .3"><site site="hook"/>
       <site site="eye"/></spatial></tendon></mujoco>"""
-    with pytest.raises(UserError, match=r"held back before it meets 'floor': tendon 'string' .* 0.65 m bey"):
+    with pytest.raises(
+        UserError, match=r"held back before it meets 'floor': tendon 'string' .* 0.65 m bey"
+    ):
         measure(text, "ball,floor")
-    slack = measure(text.replace("0 .3", "0 2"), "ball,floor", speeds=[0.5], phases=1, diagnose=False)
+    slack = measure(
+        text.replace("0 .3", "0 2"), "ball,floor", speeds=[0.5], phases=1, diagnose=False
+    )
     assert slack.curve[0].samples > 0
 
 
@@ -285,7 +319,8 @@ def test_the_pairs_of_a_model_are_listed_with_what_touches(
 ) -> None:
     (tmp_path / "robot.xml").write_text(
         LEGGED.replace(
-            "</mujoco>", '<keyframe><key name="stand" qpos="0 0 .53 1 0 0 0 0"/></keyframe></mujoco>'
+            "</mujoco>",
+            '<keyframe><key name="stand" qpos="0 0 .53 1 0 0 0 0"/></keyframe></mujoco>',
         )
     )
     assert run(["pairs", str(tmp_path / "robot.xml"), "--json"]) == 0
@@ -321,8 +356,12 @@ def test_a_contact_in_force_is_mixed_as_the_engine_does() -> None:
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 def test_a_leg_that_folds_while_it_rises_parts_all_the_same(integrator: str) -> None:
-    """Under RK4 the turning of the contact's direction was taken for a force that never ended: e = 0."""
-    text = LEGGED.replace("gravity", f'integrator="{integrator}" gravity').replace('"1e-3"', '"5e-4"')
+    """Under RK4 the turning of the contact's direction was taken for a
+    force that never ended: e = 0.
+    """
+    text = LEGGED.replace("gravity", f'integrator="{integrator}" gravity').replace(
+        '"1e-3"', '"5e-4"'
+    )
     found = measure(text, "foot,floor", speeds=[1.0], phases=[0.3], gravity=9.81, diagnose=False)
     (impact,) = found.impacts
     model = mujoco.MjModel.from_xml_string(text)
@@ -330,7 +369,9 @@ def test_a_leg_that_folds_while_it_rises_parts_all_the_same(integrator: str) -> 
     qpos = np.array([0, 0, 1.0 - 0.47 + 0.01, 1, 0, 0, 0, 0])
     speed = np.sqrt(impact.speed_in**2 - 2 * 9.81 * 0.01)
     into, out = bounce_by_hand(model, qpos, [0, 0, -speed, 0, 0, 0, 0], "foot", "floor")
-    assert impact.restitution == pytest.approx(out / into, abs=0.02)  # the loop reads steps, not the touch
+    assert impact.restitution == pytest.approx(
+        out / into, abs=0.02
+    )  # the loop reads steps, not the touch
     assert impact.restitution > 0.3
 
 
@@ -340,7 +381,9 @@ def test_a_usd_file_is_refused_with_what_to_convert_it_with(tmp_path: Path) -> N
         measure(tmp_path / "robot.usda", "a,b")
 
 
-def test_xacro_is_refused_with_what_expands_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_xacro_is_refused_with_what_expands_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:leg/></robot>'
     for name in ("robot.urdf.xacro", "robot.urdf"):
         (tmp_path / name).write_text(text)

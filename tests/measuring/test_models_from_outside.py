@@ -41,18 +41,34 @@ MODELS: list[tuple[str, str | None, str]] = [
     (f"{SUITE}finger.xml", "fingertip,spinner", "never touched.*springs and damping of joints"),
     (f"{SUITE}hopper.xml", "foot,floor", MEASURED),
     (f"{SUITE}humanoid.xml", "right_foot,floor", MEASURED),
-    (f"{SUITE}manipulator.xml", "ball,floor", "'ball', which moves with it, would be .* inside 'wall2'"),
+    (
+        f"{SUITE}manipulator.xml",
+        "ball,floor",
+        "'ball', which moves with it, would be .* inside 'wall2'",
+    ),
     (f"{SUITE}manipulator.xml", "thumbtip,floor", "never touched.*springs and damping of joints"),
     (f"{SUITE}pendulum.xml", "pole,floor", "contacts are disabled"),
     (f"{SUITE}quadruped.xml", "toe_front_left,floor", MEASURED),
-    (f"{SUITE}stacker.xml", "box0,floor", "'box0', which moves with it, would be .* inside 'wall2'"),
+    (
+        f"{SUITE}stacker.xml",
+        "box0,floor",
+        "'box0', which moves with it, would be .* inside 'wall2'",
+    ),
     (f"{SUITE}walker.xml", "right_foot,floor", MEASURED),
     (f"{METAWORLD}sawyer_soccer.xml", "soccer_ball1,tablelink", MEASURED),
     (f"{METAWORLD}sawyer_basketball.xml", "basketball,tablelink", MEASURED),
     (f"{METAWORLD}sawyer_drawer.xml", "drawer_link,RetainingWall", MEASURED),
     (f"{METAWORLD}sawyer_reach_push_pick_and_place.xml", "geom:37,tablelink", MEASURED),
-    (f"{METAWORLD}sawyer_hammer.xml", "hammer,tablelink", "'hammer' starts 0.018\\d* m inside 'tablelink'"),
-    (f"{ROBOSUITE}spot/robot.xml", "fr_uleg,fl_uleg", "outside their limits.*fr_kn_leg_joint by 14.6 deg"),
+    (
+        f"{METAWORLD}sawyer_hammer.xml",
+        "hammer,tablelink",
+        "'hammer' starts 0.018\\d* m inside 'tablelink'",
+    ),
+    (
+        f"{ROBOSUITE}spot/robot.xml",
+        "fr_uleg,fl_uleg",
+        "outside their limits.*fr_kn_leg_joint by 14.6 deg",
+    ),
     (f"{ROBOSUITE}panda/robot.xml", "link5,link7", MEASURED),
     (f"{BULLET}soccerball.urdf {BULLET}table/table.urdf", None, MEASURED),
     (f"{BULLET}jenga/jenga.urdf {BULLET}jenga/jenga.urdf", None, MEASURED),
@@ -104,7 +120,10 @@ def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Pa
     """The speeds and phases are none of those that tune saw; the model has a folder of its own."""
     wanted = Wanted(restitution=0.5)
     found = tune_job(
-        str(found_file(file)), [make_request(pair, speeds=[0.3, 1.5])], wanted, output=Output(tmp_path)
+        str(found_file(file)),
+        [make_request(pair, speeds=[0.3, 1.5])],
+        wanted,
+        output=Output(tmp_path),
     )
     (tmp_path / "tuned.xml").write_text(found.written)
     again = measure(tmp_path / "tuned.xml", pair, speeds=[0.35, 0.8, 1.3], phases=5, diagnose=False)

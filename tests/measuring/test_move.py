@@ -10,7 +10,8 @@ import pytest
 from hcbench.measuring import Measurement, measure
 from hcbench.system.errors import UserError
 
-# A chassis with a wheel on a suspension that hangs on the chassis alone; no gravity, nothing else acts.
+# A chassis with a wheel on a suspension that hangs on the chassis alone;
+# no gravity, nothing else acts.
 ROVER = """<mujoco><option timestep="1e-4" gravity="0 0 0"/><worldbody>
 <geom name="ground" type="plane" size="3 3 .1"/><body name="chassis" pos="0 0 .4"><freejoint/>
 <geom type="box" size=".3 .2 .05" mass="20" contype="0" conaffinity="0"/>
@@ -31,7 +32,9 @@ PLANE = """<robot name="plane"><link name="plane"><inertial><mass value="0"/>
 
 
 def launched(move: str | None, **more: Any) -> Measurement:
-    return measure(ROVER, "geom:tyre,ground", speeds=[0.5], phases=[0.3], diagnose=False, move=move, **more)
+    return measure(
+        ROVER, "geom:tyre,ground", speeds=[0.5], phases=[0.3], diagnose=False, move=move, **more
+    )
 
 
 def test_move_launches_the_wheel_the_leg_or_the_whole_robot() -> None:

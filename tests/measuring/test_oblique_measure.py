@@ -23,11 +23,20 @@ from hcbench.terms.scene import load_scene
 from hcbench.workers import call
 
 R, STEP, SPIN = 0.0508, 2e-3, (3.0, -20.0, 7.0)
-SCENE = replace(load_scene("steel-plane"), ball_radius=R, plate_radius=math.inf, friction=0.5, gravity=9.81)
+SCENE = replace(
+    load_scene("steel-plane"), ball_radius=R, plate_radius=math.inf, friction=0.5, gravity=9.81
+)
 TARGET = Target(HuntCrossley(SCENE.stiffness, 0.06, 1.5), SCENE.mass, STEP, 0.3, 1.0)
 IMPULSE = registry.recipe("mujoco.impulse")(TARGET)
-LAUNCHES = [Launch.at_angle(a, v, 0.25, spin=SPIN) for v in (0.3, 1.1) for a in (0.0, math.radians(80.0))]
-ASKED: dict[str, Any] = {"speeds": [0.3, 1.1], "phases": [0.25], "angle": "0, 80 deg", "spin": list(SPIN)}
+LAUNCHES = [
+    Launch.at_angle(a, v, 0.25, spin=SPIN) for v in (0.3, 1.1) for a in (0.0, math.radians(80.0))
+]
+ASKED: dict[str, Any] = {
+    "speeds": [0.3, 1.1],
+    "phases": [0.25],
+    "angle": "0, 80 deg",
+    "spin": list(SPIN),
+}
 
 
 def model(plate: str = "", joint: str = "<freejoint/>", condim: int = 3) -> str:
@@ -50,8 +59,18 @@ def test_benchmark_and_measure_agree_obliquely() -> None:
         assert other.tangential is not None
         assert one.launch == other.launch
         assert one.restitution == pytest.approx(other.restitution, abs=1e-9)
-        for name in ("slip_in", "slip_out", "spin_in", "spin_out", "impulse", "normal_impulse", "energy_out"):
-            assert getattr(one.tangential, name) == pytest.approx(getattr(other.tangential, name), abs=1e-7)
+        for name in (
+            "slip_in",
+            "slip_out",
+            "spin_in",
+            "spin_out",
+            "impulse",
+            "normal_impulse",
+            "energy_out",
+        ):
+            assert getattr(one.tangential, name) == pytest.approx(
+                getattr(other.tangential, name), abs=1e-7
+            )
 
 
 def outcome(text: str, along: str | None = None, gravity: str = "0") -> list[float]:
@@ -102,8 +121,8 @@ def pybullet_outcome() -> tuple[list[tuple[float, float]], list[float]]:
 def test_a_world_of_pybullet_keeps_its_e_obliquely_at_its_own_step() -> None:
     """Bullet reverses the speed of a step's start, up to v h below the touch plane.
 
-    With e of the speeds there, e at the plane is wrong by at most (1/e - e) g h/v, and by half a step's
-    gravity before and after the impact, (1 + e)/2 g h/v.
+    With e of the speeds there, e at the plane is wrong by at most (1/e - e) g h/v, and by half a
+    step's gravity before and after the impact, (1 + e)/2 g h/v.
     """
     impacts, ratios = call(pybullet_outcome, limit=60)
     for speed, e in impacts:
@@ -132,7 +151,10 @@ def test_check_gates_oblique_impacts(tmp_path: Path) -> None:
     report = check(CheckSpec(**asked, angle="0, 80 deg", max_error=0.05))
     assert report.exit_code == 1
     assert "80 deg" in report.outcomes[0].message
-    assert check(CheckSpec(**held, speeds=[0.3], angle="80 deg"), Outputs(baseline=baseline)).exit_code == 0
+    assert (
+        check(CheckSpec(**held, speeds=[0.3], angle="80 deg"), Outputs(baseline=baseline)).exit_code
+        == 0
+    )
     assert check(CheckSpec(**held, baseline=baseline)).exit_code == 0
     path.write_text(model(condim=1))
     assert check(CheckSpec(**held, baseline=baseline)).exit_code == 1
@@ -140,8 +162,14 @@ def test_check_gates_oblique_impacts(tmp_path: Path) -> None:
 
 def test_only_oblique_launches_add_to_the_record() -> None:
     plain = as_record(measure(model(), "ball,plate", speeds=0.5, phases=1, diagnose=False))
-    oblique = as_record(measure(model(), "ball,plate", speeds=0.5, phases=1, angle="45 deg", diagnose=False))
-    assert {*oblique["curve"][0]} - {*plain["curve"][0]} > {"angle_rad", "slip_out_m_per_s", "energy_lost"}
+    oblique = as_record(
+        measure(model(), "ball,plate", speeds=0.5, phases=1, angle="45 deg", diagnose=False)
+    )
+    assert {*oblique["curve"][0]} - {*plain["curve"][0]} > {
+        "angle_rad",
+        "slip_out_m_per_s",
+        "energy_lost",
+    }
     assert {*oblique["impacts"][0]} - {*plain["impacts"][0]} == {"angle_rad", "tangential"}
     json.dumps(oblique)
 
@@ -172,7 +200,9 @@ def test_a_drop_touches_in_its_phase_at_the_speed_of_its_fall(phase: float) -> N
         for p in (phase, phase + 0.2)
     ]  # fmt: skip
     way = STEP * impact.speed_in
-    assert (depths[0] - depths[1]) % way == pytest.approx(0.2 * way, rel=0.05)  # a step's way grows by g h²
+    assert (depths[0] - depths[1]) % way == pytest.approx(
+        0.2 * way, rel=0.05
+    )  # a step's way grows by g h²
 
 
 def test_an_angle_is_that_of_the_touch() -> None:
@@ -200,7 +230,8 @@ def test_a_pyramidal_cone_that_holds_a_sliding_box_too_little_is_a_cause() -> No
 @pytest.mark.needs_engine("pybullet")
 def test_spin_that_bullet_clips_is_a_cause(tmp_path: Path) -> None:
     link = (
-        '<link name="l"><inertial><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0"'
+        '<link name="l"><inertial><mass value="{m}"/>'
+        '<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0"'
     )
     link += ' iyz="0"/></inertial><collision><geometry>{shape}</geometry></collision></link>'
     ball = link.format(m=1, i=1e-3, shape='<sphere radius=".05"/>')

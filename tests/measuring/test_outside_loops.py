@@ -1,7 +1,9 @@
-"""Models that others wrote, made to bounce: `measure` against a loop over `mj_step` that knows nothing of it.
+"""Models that others wrote, made to bounce: `measure` against a loop over
+`mj_step` that knows nothing of it.
 
-The loop sees the distance of the two (`mj_geomDistance`) at each state, and by `mj_jac` how fast their
-nearest points approach at the launch. The contact of the pair gets a spring of 20 steps, so that all bounce.
+The loop sees the distance of the two (`mj_geomDistance`) at each state, and by `mj_jac`
+how fast their nearest points approach at the launch. The contact of the pair gets a
+spring of 20 steps, so that all bounce.
 """
 
 import math

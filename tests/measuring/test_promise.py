@@ -1,4 +1,6 @@
-"""`measure` knows what `tune` wrote: what was promised, what it measures, and a pair that is missing."""
+"""`measure` knows what `tune` wrote: what was promised, what it
+measures, and a pair that is missing.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def test_what_tune_wrote_is_no_cause_and_its_promise_is_compared(tmp_path: Path)
     measured = hcbench.measure(file, "foot,floor", speeds="0.15:1.5:4 m/s")
     assert measured.causes == ()
     note = measured.facts.notes[0]
-    assert note.startswith("Two pairs by hcbench for α = 0.3 s/m by the law: promised 0.022, measured 0.0")
+    assert note.startswith(
+        "Two pairs by hcbench for α = 0.3 s/m by the law: promised 0.022, measured 0.0"
+    )
     assert measured.facts.asked[0] == pytest.approx(float(Restitution(0.3).at(0.15)))
 
 
@@ -40,9 +44,13 @@ def test_a_missing_second_pair_is_named(tmp_path: Path) -> None:
     assert measured.causes[0].title.startswith("1 of the 2 pairs")
 
 
-@pytest.mark.parametrize("curve", [Restitution(0.315), Restitution(0.2, "linear"), ConstantRestitution(0.7)])
+@pytest.mark.parametrize(
+    "curve", [Restitution(0.315), Restitution(0.2, "linear"), ConstantRestitution(0.7)]
+)
 def test_a_promise_reads_back_from_its_text(curve: Restitution | ConstantRestitution) -> None:
     promise = Promise("compliant-pairs", 2, curve, 0.0284, (0.1, 3.0))
     assert Promise.read(promise.text) == promise
     assert Promise.read("something of the user's own") is None
-    assert Promise("x", 1, MeasuredRestitution(((0.1, 0.9), (1.0, 0.8))), 0.1, (0.1, 1.0)).text == ""
+    assert (
+        Promise("x", 1, MeasuredRestitution(((0.1, 0.9), (1.0, 0.8))), 0.1, (0.1, 1.0)).text == ""
+    )

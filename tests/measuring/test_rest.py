@@ -31,7 +31,9 @@ def test_a_ball_lies_as_deep_as_its_constraint_yields_to_its_weight() -> None:
     """d k x = (1 - d) g, k = d/(dmax tc ζ)² (MuJoCo's documentation, Modeling: solver parameters)."""
     found = at_rest('solref=".02 1" solimp=".9 .9 .001 .5 2"')
     assert found.rest is not None
-    assert found.rest.penetration == pytest.approx(0.1 * 9.81 * (0.9 * 0.02) ** 2 / 0.9**2, rel=1e-3)
+    assert found.rest.penetration == pytest.approx(
+        0.1 * 9.81 * (0.9 * 0.02) ** 2 / 0.9**2, rel=1e-3
+    )
     assert found.rest.vibration < 1e-6
     assert found.rest.force_noise < 1e-6
     assert not found.rest_causes

@@ -79,8 +79,8 @@ def test_e_is_that_of_a_loop_that_watches_the_gap(name: str, speed: float) -> No
     assert impact.restitution == pytest.approx(out / into, abs=1e-9)
 
 
-# Bodies without joints: one struck at its end, one that falls on what the floor holds, and, under RK4, one
-# whose heel strikes the floor two steps before.
+# Bodies without joints: one struck at its end, one that falls on what the floor holds, and, under
+# RK4, one whose heel strikes the floor two steps before.
 ROD = """<body name="tip" pos="0 0 .3" euler="0 50 0"><freejoint/>
 <geom name="tip" type="capsule" size=".03 .12" mass=".5" {contact}/></body>"""
 BLOCKS = """<body name="low" pos="0 0 .1"><freejoint/><geom name="low" type="box" size=".2 .2 .1" mass="2"
@@ -103,7 +103,9 @@ def test_e_of_bodies_that_have_no_one_acceleration(body: str, integrator: str, o
     (impact,), model = found.impacts, mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    gap = mujoco.mj_geomDistance(model, data, model.geom("tip").id, model.geom(other).id, 10, np.zeros(6))
+    gap = mujoco.mj_geomDistance(
+        model, data, model.geom("tip").id, model.geom(other).id, 10, np.zeros(6)
+    )
     moved = model.body("tip").jntadr[0]
     data.qpos[model.jnt_qposadr[moved] + 2] -= gap - 2.3 * model.opt.timestep * 0.5
     data.qvel[model.jnt_dofadr[moved] + 2] = -0.5
@@ -131,7 +133,9 @@ def test_a_launch_that_comes_much_faster_than_it_was_sent_is_warned_of() -> None
 
 
 def test_the_energy_that_is_lost_is_what_the_contact_takes() -> None:
-    """An arm that sags all the while, with the tray that the ball falls on, gains more than the ball has."""
+    """An arm that sags all the while, with the tray that the ball falls
+    on, gains more than the ball has.
+    """
     sagging = """<mujoco><option timestep="1e-3"/><worldbody>
     <body name="arm" pos="-1 0 1"><joint name="shoulder" axis="0 1 0"/>
     <geom type="capsule" fromto="0 0 0 .9 0 0" size=".05" mass="40" contype="0" conaffinity="0"/>
@@ -175,7 +179,9 @@ def test_a_robot_that_stands_in_the_floor_is_raised_up_to_a_limit() -> None:
 
 @pytest.mark.parametrize("kv", [12, 40])
 def test_the_integrator_is_named_where_it_alone_takes_half_of_what_the_servos_cost(kv: int) -> None:
-    held = measure(HELD.replace('kv="7"', f'kv="{kv}"'), "geom:tip,floor", speeds=[0.5], restitution=0.87)
+    held = measure(
+        HELD.replace('kv="7"', f'kv="{kv}"'), "geom:tip,floor", speeds=[0.5], restitution=0.87
+    )
     assert [cause.code for cause in held.causes] == ["actuators", "integrator"]
     before = 0.87 - held.curve[0].restitution
     assert held.causes[1].alone <= 0.55 * before

@@ -1,4 +1,5 @@
-"""An engine as someone else would write it: a ball on a plane by Runge-Kutta steps, through the contract.
+"""An engine as someone else would write it: a ball on a plane by
+Runge-Kutta steps, through the contract.
 
 It needs its own file and one entry point (`rk4_engine-1.dist-info`), nothing in hcbench.
 """
@@ -30,7 +31,11 @@ if TYPE_CHECKING:
 
 def law(target: Target) -> dict[str, Any]:
     """Eq. (16) of Hunt & Crossley 1975, as the target has it."""
-    return {"stiffness": target.law.stiffness, "alpha": target.law.alpha, "exponent": target.law.exponent}
+    return {
+        "stiffness": target.law.stiffness,
+        "alpha": target.law.alpha,
+        "exponent": target.law.exponent,
+    }
 
 
 def constant(target: Target) -> dict[str, Any]:
@@ -52,8 +57,23 @@ class Rk4Engine(SteppedEngine):
     def recipes(self) -> Sequence[Recipe]:
         """The law, and one e for all speeds."""
         return [
-            Recipe("rk4", "law", Role.LAW_AND_LOOP, law, "Eq. (16) by Runge-Kutta steps.", forms=("plane",)),
-            Recipe("rk4", "bounce", Role.CONSTANT_E, constant, "One e.", one_step=True, forms=("plane",)),
+            Recipe(
+                "rk4",
+                "law",
+                Role.LAW_AND_LOOP,
+                law,
+                "Eq. (16) by Runge-Kutta steps.",
+                forms=("plane",),
+            ),
+            Recipe(
+                "rk4",
+                "bounce",
+                Role.CONSTANT_E,
+                constant,
+                "One e.",
+                one_step=True,
+                forms=("plane",),
+            ),
         ]
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> RkWorld:
@@ -88,7 +108,9 @@ class RkWorld(World):
     def release(self, launches: Sequence[Launch]) -> RkSimulation:
         """Balls at their starting heights."""
         heights = [launch.clearance(self.timestep) for launch in launches]
-        return RkSimulation(self, -np.array(heights), np.array([launch.speed for launch in launches]))
+        return RkSimulation(
+            self, -np.array(heights), np.array([launch.speed for launch in launches])
+        )
 
 
 class RkSimulation(Simulation):

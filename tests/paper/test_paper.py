@@ -93,7 +93,9 @@ def test_the_page_needs_nothing_from_outside(folder: Path) -> None:
 @long_study
 def test_the_same_bytes_every_time(folder: Path, tmp_path: Path) -> None:
     ticks: list[tuple[int, int]] = []
-    again = build(tmp_path / "new", quick=True, tick=lambda done, total: ticks.append((done, total))).parent
+    again = build(
+        tmp_path / "new", quick=True, tick=lambda done, total: ticks.append((done, total))
+    ).parent
     files = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
     assert files == sorted(p.relative_to(again) for p in again.rglob("*") if p.is_file())
     for file in files:
@@ -141,7 +143,9 @@ def test_the_numbers_are_computed_right(key: tuple[str, str], ours: float) -> No
 
 
 def test_k1_in_metric_units_was_printed_with_a_slip_of_the_conversion() -> None:
-    assert NUMBERS["(5)", "K1 in metric units"].value == pytest.approx(2.19e7 * POUND / 25.4, rel=2e-3)
+    assert NUMBERS["(5)", "K1 in metric units"].value == pytest.approx(
+        2.19e7 * POUND / 25.4, rel=2e-3
+    )
 
 
 def test_a_verdict_goes_by_the_printed_digits() -> None:
@@ -206,7 +210,10 @@ def test_figure_1_pulls_on_the_left_only() -> None:
 
 def test_figure_9_lies_on_its_ellipse_and_figure_8_does_not_close_on_one() -> None:
     with figure_defaults():
-        small, large = vibroimpact_figures.figure_9()[0].axes[1], vibroimpact_figures.figure_8().axes[1]
+        small, large = (
+            vibroimpact_figures.figure_9()[0].axes[1],
+            vibroimpact_figures.figure_8().axes[1],
+        )
     loop, ellipse = _lines(small)[:2]
     assert np.ptp(loop[:, 1]) == pytest.approx(np.ptp(ellipse[:, 1]), rel=0.02)
     assert np.ptp(loop[:, 0]) == pytest.approx(np.ptp(ellipse[:, 0]), rel=1e-3)
@@ -222,7 +229,9 @@ def test_inks_of_like_hue_differ_in_their_dashes() -> None:
         assert numbered_line(one)["linestyle"] != numbered_line(other)["linestyle"]
 
 
-@pytest.mark.parametrize("draw", [later_figures.approximations_figure, later_figures.later_laws_figure])
+@pytest.mark.parametrize(
+    "draw", [later_figures.approximations_figure, later_figures.later_laws_figure]
+)
 def test_lines_that_lie_on_one_another_differ_in_their_dashes(draw: Callable[[], Figure]) -> None:
     lines = [line for line in draw().axes[0].lines if np.size(line.get_xdata()) > 2]
     assert len(lines) >= 7
@@ -243,7 +252,9 @@ def test_the_other_reading_of_4_is_in_the_caption(folder: Path) -> None:
     law = kv.matched(e, time, 1.0, kv.Ending.SURFACE)
     other = impact(law, 1.0, 1.0, ending=kv.Ending.FORCE).restitution
     assert other > e
-    assert f"makes the restitution of (a) {other:.3f}" in (folder / "index.html").read_text(encoding="utf-8")
+    assert f"makes the restitution of (a) {other:.3f}" in (folder / "index.html").read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.adhesion
@@ -260,4 +271,6 @@ def test_the_loop_of_q_2_encloses_the_loss_that_its_restitution_says() -> None:
     law = quadratic.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
     x, force = later_figures._quadratic_loop(law, 0.5)
     e = float(quadratic.restitution(1.0, 0.5))
-    assert np.trapezoid(force, x) == pytest.approx(0.5 * constants.MASS * 0.25 * (1.0 - e**2), rel=1e-3)
+    assert np.trapezoid(force, x) == pytest.approx(
+        0.5 * constants.MASS * 0.25 * (1.0 - e**2), rel=1e-3
+    )

@@ -1,4 +1,6 @@
-"""The files of scenes/two-blocks load in the plain engines and say what the paper's page computes with."""
+"""The files of scenes/two-blocks load in the plain engines and say what
+the paper's page computes with.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +86,16 @@ def test_the_tuned_file_is_what_the_recipe_writes() -> None:
     for one, other in pairs:
         assert (one.tag, one.attrib.keys()) == (other.tag, other.attrib.keys())
         for key, value in one.attrib.items():
-            if key in ("solref", "solimp", "margin", "adhesion", "pos", "timestep", "mass", "diaginertia"):
+            if key in (
+                "solref",
+                "solimp",
+                "margin",
+                "adhesion",
+                "pos",
+                "timestep",
+                "mass",
+                "diaginertia",
+            ):
                 np.testing.assert_allclose(_numbers(value), _numbers(other.attrib[key]), rtol=1e-5)
             else:
                 assert value == other.attrib[key]
@@ -109,7 +120,9 @@ def test_the_tuned_file_runs_in_plain_mujoco_and_loses_what_the_law_loses() -> N
 def test_the_mass_and_the_gap_are_the_systems() -> None:
     root = ET.fromstring(mjcf(TwoBlocks(2.0, -1e-5, LAW, 1e-6)))
     places = {g.get("name"): _numbers(g.get("pos", "0"))[0] for g in root.iter("geom")}
-    assert places["right"] - places["left"] - 2 * two_blocks.RADIUS == pytest.approx(-1e-5, rel=1e-9)
+    assert places["right"] - places["left"] - 2 * two_blocks.RADIUS == pytest.approx(
+        -1e-5, rel=1e-9
+    )
     inertial = next(root.iter("inertial"))
     assert float(inertial.attrib["mass"]) == 2.0
     own = _numbers(inertial.attrib["diaginertia"])[0]

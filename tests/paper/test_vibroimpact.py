@@ -1,4 +1,6 @@
-"""The appendix and section 3.1: a mass in a gap, free and forced, its events, its energy, its loops."""
+"""The appendix and section 3.1: a mass in a gap, free and forced, its
+events, its energy, its loops.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def _touches(run: SimulatedMotion, side: str) -> list[float]:
 
 
 def _imbalance(run: SimulatedMotion) -> float:
-    """The largest error of the energy balance, over all the energy that came in (at the start and by P)."""
+    """The largest error of the energy balance, over all the energy that
+    came in (at the start and by P).
+    """
     total = run.kinetic + run.stored + run.lost - run.put_in
     came_in = abs(total[0]) + float(np.abs(np.diff(run.put_in)).sum())
     return float(np.abs(total - total[0]).max() / came_in) if came_in else 0.0
@@ -71,7 +75,10 @@ def test_without_loss_the_period_is_the_closed_form_to_1e_10(
     """T = 4 (x_m/v_i) √π Γ(1 + 1/(n+1)) / Γ(1/2 + 1/(n+1)), and 2 g/v_i for the flights."""
     law, speed, p = HuntCrossley(stiffness, 0.0, exponent), 0.4, 1.0 / (exponent + 1.0)
     depth = ((exponent + 1.0) * MASS * speed**2 / (2.0 * stiffness)) ** p
-    period = 4.0 * depth / speed * math.sqrt(math.pi) * gamma(1.0 + p) / gamma(0.5 + p) + 2.0 * gap / speed
+    period = (
+        4.0 * depth / speed * math.sqrt(math.pi) * gamma(1.0 + p) / gamma(0.5 + p)
+        + 2.0 * gap / speed
+    )
     run = simulate(_alike(gap, law), 0.0, speed, 4.3 * period)
     touches = _touches(run, "left")
     assert len(touches) == 4
@@ -94,7 +101,9 @@ def test_a_squeezed_mass_without_loss_swings_with_the_period_of_a_quadrature() -
         return top * math.cos(theta) / speed
 
     pieces = [0.0, math.asin(squeeze / top), math.pi / 2 - 1e-9]
-    quarter = sum(quad(slice_of, a, b, epsabs=0, epsrel=1e-12)[0] for a, b in itertools.pairwise(pieces))
+    quarter = sum(
+        quad(slice_of, a, b, epsabs=0, epsrel=1e-12)[0] for a, b in itertools.pairwise(pieces)
+    )
     touches = _touches(run, "right")
     assert len(touches) >= 4
     np.testing.assert_allclose(np.diff(touches), 4.0 * quarter, rtol=1e-8)
@@ -125,13 +134,19 @@ def test_a_forced_piecewise_linear_mass_meets_its_exact_events_to_1e_12_s() -> N
         centre: Any = None  # of the spring in contact
         for event in run.events:
 
-            def motion(t: Any, order: int, t0: Any = t0, q: Any = q, v: Any = v, centre: Any = centre) -> Any:
+            def motion(
+                t: Any, order: int, t0: Any = t0, q: Any = q, v: Any = v, centre: Any = centre
+            ) -> Any:
                 if centre is None:
                     a = force / m
                     if order:
                         return v + a / w * (mpmath.cos(w * t0 + phase) - mpmath.cos(w * t + phase))
                     drift = (v + a / w * mpmath.cos(w * t0 + phase)) * (t - t0)
-                    return q + drift - a / w**2 * (mpmath.sin(w * t + phase) - mpmath.sin(w * t0 + phase))
+                    return (
+                        q
+                        + drift
+                        - a / w**2 * (mpmath.sin(w * t + phase) - mpmath.sin(w * t0 + phase))
+                    )
                 b = force / (m * (w0**2 - w**2))
                 c = q - centre - b * mpmath.sin(w * t0 + phase)
                 s = (v - b * w * mpmath.cos(w * t0 + phase)) / w0
@@ -139,10 +154,14 @@ def test_a_forced_piecewise_linear_mass_meets_its_exact_events_to_1e_12_s() -> N
                 if order:
                     swing = w0 * (s * mpmath.cos(x) - c * mpmath.sin(x))
                     return swing + b * w * mpmath.cos(w * t + phase)
-                return centre + c * mpmath.cos(x) + s * mpmath.sin(x) + b * mpmath.sin(w * t + phase)
+                return (
+                    centre + c * mpmath.cos(x) + s * mpmath.sin(x) + b * mpmath.sin(w * t + phase)
+                )
 
             wall = half if event.side == "right" else -half
-            root = mpmath.findroot(lambda t, motion=motion, wall=wall: motion(t, 0) - wall, event.time)
+            root = mpmath.findroot(
+                lambda t, motion=motion, wall=wall: motion(t, 0) - wall, event.time
+            )
             assert abs(float(root) - event.time) < 1e-12
             assert event.kind == ("touch" if centre is None else "part")
             t0, q, v = root, wall, motion(root, 1)
@@ -161,11 +180,15 @@ def test_forced_runs_close_their_energy_and_agree_with_another_integrator(gap: f
     def rate(t: float, y: np.ndarray) -> list[float]:
         right, left = max(y[0] - half, 0.0), max(-y[0] - half, 0.0)
         force = (
-            drive(t) - K * right**1.5 * (1 + 1.5 * ALPHA * y[1]) + K * left**1.5 * (1 - 1.5 * ALPHA * y[1])
+            drive(t)
+            - K * right**1.5 * (1 + 1.5 * ALPHA * y[1])
+            + K * left**1.5 * (1 - 1.5 * ALPHA * y[1])
         )
         return [y[1], force / MASS]
 
-    other: Any = solve_ivp(rate, (0, 6e-3), [0, 0.02], "DOP853", rtol=1e-12, atol=1e-17, max_step=2e-6)
+    other: Any = solve_ivp(
+        rate, (0, 6e-3), [0, 0.02], "DOP853", rtol=1e-12, atol=1e-17, max_step=2e-6
+    )
     assert run.position[-1] == pytest.approx(other.y[0, -1], abs=1e-9 * np.abs(other.y[0]).max())
     assert run.velocity[-1] == pytest.approx(other.y[1, -1], abs=1e-9 * np.abs(other.y[1]).max())
 
@@ -213,7 +236,9 @@ def test_a_force_that_ended_comes_back_if_the_mass_is_pushed_in_again() -> None:
 
 
 def test_a_grazing_touch_is_not_stepped_over() -> None:
-    """A drive that brings the mass 1e-9 m into the block and out again, within one long step of flight."""
+    """A drive that brings the mass 1e-9 m into the block and out again,
+    within one long step of flight.
+    """
     force, f, reach = 20.0, 50.0, 1e-9
     swing = force / (MASS * (2 * math.pi * f) ** 2)  # q = -swing sin(ω t) with the speed below
     system = _alike(2 * (swing - reach))
@@ -237,7 +262,9 @@ def test_the_summed_loop_over_a_cycle_is_the_energy_lost_in_it() -> None:
     kept = run.stored[-1] - run.stored[0]
     assert area == pytest.approx(float(run.lost[-1] - run.lost[0] + kept), rel=1e-4)
     assert run.events
-    np.testing.assert_allclose(run.resultant, system.resultant(run.position, run.velocity), rtol=1e-12)
+    np.testing.assert_allclose(
+        run.resultant, system.resultant(run.position, run.velocity), rtol=1e-12
+    )
 
 
 def _misfit(system: VibroImpact, amplitude: float, omega: float) -> float:
@@ -256,7 +283,8 @@ def test_small_swings_of_a_squeezed_mass_tend_to_the_ellipse_of_kelvin_and_voigt
     system = _alike(-2 * squeeze)
     shares = np.array([0.4, 0.2, 0.1, 0.05])
     misfits = np.array([_misfit(system, s * squeeze, omega) for s in shares])
-    # The spring's own curvature goes with the cube of the swing, the ellipse's width with its first power.
+    # The spring's own curvature goes with the cube of the swing, the
+    # ellipse's width with its first power.
     np.testing.assert_allclose(np.log2(misfits[:-1] / misfits[1:]), 2.0, atol=0.1)
     linear = linearized(system)
     assert linear.stiffness == pytest.approx(2 * 1.5 * K * math.sqrt(squeeze), rel=1e-9)
@@ -291,7 +319,9 @@ def test_a_small_forced_swing_is_the_linear_one() -> None:
     # Start on the steady swing of the linear model: what is left of a transient is second order.
     w = 2 * math.pi * f
     reply = force / (linear.stiffness - MASS * w**2 + 1j * w * linear.damping)
-    run = simulate(system, reply.imag, (1j * w * reply).imag, 10 / f, Sinusoid(force, f), step_max=0.01 / f)
+    run = simulate(
+        system, reply.imag, (1j * w * reply).imag, 10 / f, Sinusoid(force, f), step_max=0.01 / f
+    )
     assert np.abs(run.position).max() == pytest.approx(abs(reply), rel=1e-3)
     assert abs(reply) == pytest.approx(float(linear.amplitude(force, f)), rel=1e-12)
 
@@ -387,8 +417,12 @@ def test_a_gap_so_negative_that_hertz_ends_is_refused_with_the_limit() -> None:
     law = HuntCrossley(pair.stiffness, ALPHA)
     good = VibroImpact(MASS, -1.9 * pair.depth_max(), law, law, pair.depth_max())
     assert good.squeeze == pytest.approx(0.95 * pair.depth_max())
-    assert pair.depth_max() == pytest.approx(0.005 * 0.0254, rel=1e-12)  # a = R1/10: a² = R x, R = 2 in
-    with pytest.raises(UserError, match=r"gap: -0\.001 m squeezes .* at most 0\.000127 m.*Hertz's law ends"):
+    assert pair.depth_max() == pytest.approx(
+        0.005 * 0.0254, rel=1e-12
+    )  # a = R1/10: a² = R x, R = 2 in
+    with pytest.raises(
+        UserError, match=r"gap: -0\.001 m squeezes .* at most 0\.000127 m.*Hertz's law ends"
+    ):
         VibroImpact(MASS, -1e-3, law, law, pair.depth_max())
 
 
@@ -409,7 +443,9 @@ def test_a_drive_that_is_not_finite_is_named_with_its_time() -> None:
     ],
 )
 def test_a_drive_that_gives_no_force_is_one_line(value: Any, named: str) -> None:
-    with pytest.raises(UserError, match=f"drive: gave {named} at t = 0.0 s; expected a finite force"):
+    with pytest.raises(
+        UserError, match=f"drive: gave {named} at t = 0.0 s; expected a finite force"
+    ):
         simulate(_alike(1e-4), 0.0, 0.1, 0.01, lambda _: value)
 
 

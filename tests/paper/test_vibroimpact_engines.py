@@ -19,7 +19,9 @@ from hcbench.system.errors import UserError
 
 LAW = constants.law(constants.ALPHAS[-1])
 BOTH = pytest.mark.parametrize("where", ["mujoco", "pybullet"])
-TUNED = pytest.mark.parametrize("where", [pytest.param("mujoco", marks=pytest.mark.adhesion), "pybullet"])
+TUNED = pytest.mark.parametrize(
+    "where", [pytest.param("mujoco", marks=pytest.mark.adhesion), "pybullet"]
+)
 
 
 def _system(gap: float, law: Any = LAW) -> VibroImpact:
@@ -36,10 +38,16 @@ def _reference(
 
 
 def _apart(
-    found: EngineTrajectory, system: VibroImpact, position: float, velocity: float, drive: Sinusoid | None
+    found: EngineTrajectory,
+    system: VibroImpact,
+    position: float,
+    velocity: float,
+    drive: Sinusoid | None,
 ) -> float:
     """Largest distance from the reference, over its amplitude."""
-    wanted = _reference(system, position, velocity, round(float(found.time[-1]), 5), drive)(found.time)
+    wanted = _reference(system, position, velocity, round(float(found.time[-1]), 5), drive)(
+        found.time
+    )
     return float(np.abs(found.position - wanted).max() / np.abs(wanted).max())
 
 
@@ -73,7 +81,11 @@ def test_a_forced_mass_follows_the_reference_and_closer_at_finer_steps(
     start = 0.1 if gap >= 0.0 else 0.0
     errors = [
         _apart(
-            simulate_in_engine(where, system, 0.0, start, until, drive, timestep=h), system, 0.0, start, drive
+            simulate_in_engine(where, system, 0.0, start, until, drive, timestep=h),
+            system,
+            0.0,
+            start,
+            drive,
         )
         for h in (8e-6, 2e-6)
     ]
@@ -84,7 +96,9 @@ def test_a_forced_mass_follows_the_reference_and_closer_at_finer_steps(
 @BOTH
 def test_both_blocks_press_at_once_on_a_squeezed_mass(where: str) -> None:
     system = _system(-1e-5)
-    found = simulate_in_engine(where, system, 0.0, 0.0, 2e-3, Sinusoid(400.0, 3000.0), timestep=1e-6)
+    found = simulate_in_engine(
+        where, system, 0.0, 0.0, 2e-3, Sinusoid(400.0, 3000.0), timestep=1e-6
+    )
     wanted = system.resultant(found.position, found.velocity)
     assert np.abs(found.resultant - wanted).max() < 0.02 * np.abs(wanted).max()
 
@@ -99,7 +113,9 @@ def test_native_contact_is_right_at_the_first_impact(where: str) -> None:
 
 
 @TUNED
-def test_staggered_pairs_stay_with_the_law_and_a_constant_restitution_parts_from_it(where: str) -> None:
+def test_staggered_pairs_stay_with_the_law_and_a_constant_restitution_parts_from_it(
+    where: str,
+) -> None:
     system, drive = _system(1.5e-3), Sinusoid(150.0, 90.0)
     found = simulate_in_engine(where, system, 0.0, 0.1, 0.03, drive, timestep=4e-6, tuned_at=0.4)
     apart = _apart(found, system, 0.0, 0.1, drive)
@@ -108,7 +124,9 @@ def test_staggered_pairs_stay_with_the_law_and_a_constant_restitution_parts_from
 
 @pytest.mark.adhesion
 def test_staggered_pairs_of_both_blocks_add_up_to_the_summed_loop() -> None:
-    """Rows share in the highest impedance: of the recipe's own 0.5 the two sides would disturb each other."""
+    """Rows share in the highest impedance: of the recipe's own 0.5 the two
+    sides would disturb each other.
+    """
     system = _system(-1e-5)
     drive = Sinusoid(1200.0, 3e3)
     found = simulate_in_engine("mujoco", system, 0.0, 0.0, 1e-3, drive, timestep=1e-6, tuned_at=0.4)
@@ -132,7 +150,9 @@ def test_a_spring_damper_jumps_where_it_meets_a_block_and_the_law_does_not() -> 
 
 def test_systems_that_an_engine_cannot_have_are_refused() -> None:
     with pytest.raises(UserError, match="the same law"):
-        simulate_in_engine("mujoco", VibroImpact(1.0, 1e-3, LAW, HuntCrossley(1e9, 0.1)), 0.0, 0.1, 0.01)
+        simulate_in_engine(
+            "mujoco", VibroImpact(1.0, 1e-3, LAW, HuntCrossley(1e9, 0.1)), 0.0, 0.1, 0.01
+        )
     with pytest.raises(UserError, match="the same law"):
         simulate_in_engine("mujoco", _system(1e-3, KelvinVoigt(1e6, 1.0)), 0.0, 0.1, 0.01)
     with pytest.raises(UserError, match="timestep: 0"):

@@ -31,7 +31,9 @@ def printed() -> dict[str, list[str]]:
     return {}
 
 
-def output(command: str, printed: dict[str, list[str]], capsys: pytest.CaptureFixture[str]) -> list[str]:
+def output(
+    command: str, printed: dict[str, list[str]], capsys: pytest.CaptureFixture[str]
+) -> list[str]:
     """The lines of a command, single-spaced; each command runs once."""
     if command not in printed:
         run(list(words(command)))

@@ -51,9 +51,13 @@ def _imports(path: Path) -> set[str]:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hcbench"):
             parts = (node.module or "").split(".")
-            found |= {_room_of(parts[1:])} if len(parts) > 1 else {alias.name for alias in node.names}
+            found |= (
+                {_room_of(parts[1:])} if len(parts) > 1 else {alias.name for alias in node.names}
+            )
         elif isinstance(node, ast.Import):
-            found |= {_room_of(a.name.split(".")[1:]) for a in node.names if a.name.startswith("hcbench.")}
+            found |= {
+                _room_of(a.name.split(".")[1:]) for a in node.names if a.name.startswith("hcbench.")
+            }
     return found
 
 
@@ -65,7 +69,9 @@ def test_imports_run_one_way(path: Path) -> None:
 
 
 def _imported(node: ast.AST) -> Iterator[str]:
-    """Modules, and what may be one, that a node imports, in functions too; not those for types alone."""
+    """Modules, and what may be one, that a node imports, in functions
+    too; not those for types alone.
+    """
     if isinstance(node, ast.ImportFrom) and node.module:
         yield from (f"{node.module}.{alias.name}" for alias in node.names)
     for child in ast.iter_child_nodes(node):
@@ -79,7 +85,9 @@ def test_no_circle_of_imports() -> None:
     graph: dict[str, set[str]] = {}
     for name, path in files.items():
         found = list(_imported(ast.parse(path.read_text(encoding="utf-8"))))
-        graph[name] = {full if full in files else full.rpartition(".")[0] for full in found} & files.keys()
+        graph[name] = {
+            full if full in files else full.rpartition(".")[0] for full in found
+        } & files.keys()
     list(TopologicalSorter(graph).static_order())  # a CycleError names the modules
 
 
@@ -88,8 +96,8 @@ def test_only_the_front_door_imports_by_a_string() -> None:
     assert [str(p) for p in MODULES if by_name.search(p.read_text(encoding="utf-8"))] == []
 
 
-# Short re-exports that keep documented imports alive, other libraries' words, threads that cases cite, and
-# examples that a user types.
+# Short re-exports that keep documented imports alive, other libraries' words, threads that cases
+# cite, and examples that a user types.
 ABOUT_ENGINES = {
     "contact/mujoco.py",
     "contact/pybullet.py",
@@ -116,11 +124,15 @@ def test_what_knows_an_engine_is_in_its_folder(path: Path) -> None:
 
 def test_an_engine_comes_in_by_one_entry_point() -> None:
     mine = [
-        entry for entry in distribution("hcbench").entry_points if entry.value.startswith("hcbench.engines")
+        entry
+        for entry in distribution("hcbench").entry_points
+        if entry.value.startswith("hcbench.engines")
     ]
     assert {entry.group for entry in mine} == {"hcbench.engines"}
     assert sorted(entry.name for entry in mine) == sorted(
-        p.name.replace("_", "-") for p in (ROOT / "engines").iterdir() if (p / "engine.py").is_file()
+        p.name.replace("_", "-")
+        for p in (ROOT / "engines").iterdir()
+        if (p / "engine.py").is_file()
     )
 
 

@@ -17,7 +17,9 @@ ANCHORS = re.findall(r"^### ([\w-]+)$", PAGE.read_text(encoding="utf-8"), re.MUL
 CODE = re.compile(r"[a-z]+(-[a-z]+)*")
 MIXED = {
     "{name}-mixing": ("solref-mixing", "solimp-mixing"),
-    "promised-{name}": tuple(f"promised-{name}" for name in ("timestep", "integrator", "cone", "impratio")),
+    "promised-{name}": tuple(
+        f"promised-{name}" for name in ("timestep", "integrator", "cone", "impratio")
+    ),
 }
 NO_CAUSE = {"restitution"}  # a fix alone, of another module
 

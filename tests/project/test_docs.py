@@ -33,13 +33,17 @@ def commands(page: Path) -> list[str]:
     lines = []
     for kind, block in FENCE.findall(page.read_text(encoding="utf-8")):
         named = [line.strip() for line in block.replace("\\\n", " ").splitlines()]
-        lines += [line.removeprefix("$ ") for line in named if kind != "console" or line.startswith("$ ")]
+        lines += [
+            line.removeprefix("$ ") for line in named if kind != "console" or line.startswith("$ ")
+        ]
     return [line for line in lines if line.startswith("hcbench ")]
 
 
 def evaluate(page: Path) -> None:
     """Run the Python blocks of a page, one after the other; the first that fails raises."""
-    document = Sybil(parsers=[PythonCodeBlockParser(), SkipParser()], path=str(page.parent)).parse(page)
+    document = Sybil(parsers=[PythonCodeBlockParser(), SkipParser()], path=str(page.parent)).parse(
+        page
+    )
     for example in document.examples():
         example.evaluate()
 
@@ -57,9 +61,9 @@ def test_the_site_builds_without_a_warning_and_loads_nothing_from_outside(tmp_pa
     linked = subprocess.run(folder, capture_output=True, text=True, check=False)
     assert not linked.returncode, f"links and requests: {linked.stdout}{linked.stderr}"
     for style in out.rglob("*.css"):
-        assert not re.search(r"(@import|url\()\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")), (
-            style
-        )
+        assert not re.search(
+            r"(@import|url\()\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")
+        ), style
     commands = (out / "reference" / "commands.html").read_text(encoding="utf-8")
     names = (out / "reference" / "api.html").read_text(encoding="utf-8")
     assert all(f'id="hcbench-{name}"' in commands for name in app.commands)
@@ -67,7 +71,9 @@ def test_the_site_builds_without_a_warning_and_loads_nothing_from_outside(tmp_pa
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_every_command_that_a_page_shows_is_one(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_command_that_a_page_shows_is_one(
+    page: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(click.Path, "convert", lambda self, value, param, ctx: Path(str(value)))
     for line in commands(page):
         words = shlex.split(line.split(" > ")[0], comments=True)[1:]
@@ -85,7 +91,9 @@ def test_every_command_that_a_page_shows_is_one(page: Path, monkeypatch: pytest.
 @pytest.mark.parametrize(
     "page", [p for p in PAGES if "```python" in p.read_text(encoding="utf-8")], ids=lambda p: p.name
 )
-def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_of_a_page_runs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for file in (ROOT / "examples").glob("*.xml"):
         shutil.copy(file, tmp_path)
     shutil.copy(ROOT / "examples" / "good.xml", tmp_path / "ball.xml")
@@ -96,7 +104,9 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
         evaluate(page)
         return
     pytest.importorskip("pybullet")
-    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_docs as t; "
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_docs as t; "
+    )
     code += f"t.evaluate(t.Path({str(page)!r}))"  # its clients are those of a process
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert not done.returncode, done.stderr

@@ -50,7 +50,9 @@ def test_the_example_of_a_public_name_prints_what_it_shows(name: str, folder: Pa
     test = doctest.DocTestParser().get_doctest(text or "", {}, name, None, 0)
     assert test.examples
     lines: list[str] = []
-    failed, _ = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=lines.append)
+    failed, _ = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(
+        test, out=lines.append
+    )
     assert not failed, "".join(lines)
 
 
@@ -80,7 +82,9 @@ def test_a_result_shows_itself_in_twelve_lines_and_as_a_table(name: str, folder:
     result = RESULTS[name]()
     lines = repr(result).splitlines()
     assert 1 <= len(lines) <= 12 and max(map(len, lines)) <= 100
-    assert not any("object at 0x" in line or line.startswith(f"{type(result).__name__}(") for line in lines)
+    assert not any(
+        "object at 0x" in line or line.startswith(f"{type(result).__name__}(") for line in lines
+    )
     frame = result.to_frame()
     assert len(frame) and len(frame.columns) > 1
     assert "<t" in result._repr_html_()

@@ -1,4 +1,6 @@
-"""Plain English by its shape: first words of docstrings, sentences, paragraphs and numbers of pages."""
+"""Plain English by its shape: first words of docstrings, sentences,
+paragraphs and numbers of pages.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ import hcbench
 
 ROOT = Path(hcbench.__file__).parents[1]
 
-# Shapes that a reader has to read twice -> what to write instead. Case counts, white space is one space.
-# An editor shows the first words of a docstring alone: they have rules of their own.
+# Shapes that a reader has to read twice -> what to write instead. Case counts, white space is one
+# space. An editor shows the first words of a docstring alone: they have rules of their own.
 FIRST_WORDS = {
     r"(What|Whether|Where|How|Why|When|Who|Which|That|As|Of|Its?)\b": "begin with a noun or a verb",
     r"((The |An? )?\w+'s?|Theirs|Ours)[.,;:]": "name the thing: a possessive alone has no noun",
@@ -58,12 +60,21 @@ CODE_ROOMS = sorted({_room(p) for p in FILES if p.suffix == ".py"})
 
 def _strings(tree: ast.AST) -> Iterator[tuple[int, str]]:
     """(line, text) of every string, a formatted one whole with {} for its fields."""
-    parts = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    parts = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.JoinedStr)
+        for part in node.values
+    }
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
-            text = "".join(str(v.value) if isinstance(v, ast.Constant) else "{}" for v in node.values)
+            text = "".join(
+                str(v.value) if isinstance(v, ast.Constant) else "{}" for v in node.values
+            )
             yield node.lineno, text
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in parts:
+        elif (
+            isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in parts
+        ):
             yield node.lineno, node.value
 
 
@@ -140,7 +151,9 @@ def test_a_docstring_begins_with_a_noun_or_a_verb(room: str) -> None:
 
 
 PAGES = sorted(p for p in FILES if p.suffix == ".md")
-NO_PROSE = re.compile(r"^ *```.*?^ *```$|^<!--.*?-->$|^ *\|.*?$|^#.*?$|^!\[.*?$", re.MULTILINE | re.DOTALL)
+NO_PROSE = re.compile(
+    r"^ *```.*?^ *```$|^<!--.*?-->$|^ *\|.*?$|^#.*?$|^!\[.*?$", re.MULTILINE | re.DOTALL
+)
 CODE = re.compile(r"^ *```.*?^ *```$|<!--.*?-->|`[^`]*`|not \.028", re.MULTILINE | re.DOTALL)
 PARAGRAPH = re.compile(r"\n\s*\n|\n(?= *(?:[-*]|\d+\.) )")
 NO_ZERO = re.compile(r"(?<=[\s(±=<>|])\.\d+(?![\dgfe])")

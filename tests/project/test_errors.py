@@ -32,7 +32,9 @@ def _own() -> list[type[BaseException]]:
             except ImportError:  # of an engine that is not installed
                 continue
     kinds = {kind for kind in _below(BaseException) if kind.__module__.split(".")[0] == "hcbench"}
-    return sorted((kind for kind in kinds if not issubclass(kind, Warning)), key=lambda kind: kind.__name__)
+    return sorted(
+        (kind for kind in kinds if not issubclass(kind, Warning)), key=lambda kind: kind.__name__
+    )
 
 
 def _made(kind: type[BaseException]) -> BaseException:

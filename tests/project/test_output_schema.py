@@ -20,8 +20,28 @@ import output_schema  # type: ignore[import-not-found]  # noqa: E402
 BALL = ("examples/good.xml", "--pair", "ball,plate")
 COMMANDS = (
     ("measure", *BALL, "--speeds", "0.5, 1 m/s", "--angle", "0, 45 deg", "--alpha", "0.3"),
-    ("check", "examples/broken.xml", "--pair", "ball,plate", "--speeds", "1 m/s", "--restitution", "0.9"),
-    ("tune", "mujoco", "--recipe", "impulse", "--restitution", "0.8", "--timestep", "2 ms", "--gravity", "0"),
+    (
+        "check",
+        "examples/broken.xml",
+        "--pair",
+        "ball,plate",
+        "--speeds",
+        "1 m/s",
+        "--restitution",
+        "0.9",
+    ),
+    (
+        "tune",
+        "mujoco",
+        "--recipe",
+        "impulse",
+        "--restitution",
+        "0.8",
+        "--timestep",
+        "2 ms",
+        "--gravity",
+        "0",
+    ),
     ("tune MODEL", *BALL, "--restitution", "0.5"),
     ("fit", "examples/recording/drop.wav"),
     ("pairs", "examples/good.xml"),
@@ -44,7 +64,13 @@ def test_an_output_has_the_fields_of_the_schema(
 
 def test_an_unknown_field_is_not_in_the_schema() -> None:
     row = {"system": "a", "parameter": "b", "value": [1.0], "unit": "", "note": ""}
-    known = {"restitution": 0.9, "restitution_linear": 0.9, "rows": [row], "missing": [], "caveats": []}
+    known = {
+        "restitution": 0.9,
+        "restitution_linear": 0.9,
+        "rows": [row],
+        "missing": [],
+        "caveats": [],
+    }
     whole = {"alpha_s_per_m": 0.3, "speed_m_per_s": None, **known}
     convert = TypeAdapter(output_schema.OUTPUTS["convert"])
     assert convert.validate_python(whole) == whole
@@ -60,7 +86,9 @@ def test_an_unknown_field_is_not_in_the_schema() -> None:
     ],
     ids=["JSON", "CSV"],
 )
-def test_a_page_has_the_tables_that_are_written_from_the_types(page: Path, tables: Callable[[], str]) -> None:
+def test_a_page_has_the_tables_that_are_written_from_the_types(
+    page: Path, tables: Callable[[], str]
+) -> None:
     text = page.read_text(encoding="utf-8")
     assert text.split(output_schema.BEGIN)[1].split(output_schema.END)[0] == tables()
 

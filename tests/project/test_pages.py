@@ -21,7 +21,9 @@ import pictures  # type: ignore[import-not-found]  # noqa: E402
 PAGES = sorted(p for p in DOCS.rglob("*.md") if "_build" not in p.parts)
 HOW_TOS = [p for p in PAGES if p.parent.name == "howto"]
 CODE = re.compile(r"^ *```.*?^ *```$|<!--.*?-->|^<!--- .*?$", re.MULTILINE | re.DOTALL)
-SHOWN = re.compile(r"!\[[^\]]+\]\([^)]+\.(svg|png)\)|^```(console\n\$ .*\n(?!```)|text\n)", re.MULTILINE)
+SHOWN = re.compile(
+    r"!\[[^\]]+\]\([^)]+\.(svg|png)\)|^```(console\n\$ .*\n(?!```)|text\n)", re.MULTILINE
+)
 
 
 def name(page: Path) -> str:
@@ -42,7 +44,9 @@ def test_a_page_has_a_picture_or_an_output(page: Path) -> None:
     assert SHOWN.search(text)
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md", ROOT / "examples" / "README.md"], ids=str)
+@pytest.mark.parametrize(
+    "page", [*PAGES, ROOT / "README.md", ROOT / "examples" / "README.md"], ids=str
+)
 def test_no_page_advises_a_package_that_is_not_published(page: Path) -> None:
     assert not re.search(r"pip install ['\"]?hcbench", page.read_text(encoding="utf-8"))
 
@@ -65,6 +69,8 @@ def test_cards_and_pictures_are_those_of_their_data() -> None:
     curves = json.loads(cards.CURVES.read_text(encoding="utf-8"))
     text = cards.PAGE.read_text(encoding="utf-8")
     assert text.split(cards.BEGIN)[1].split(cards.END)[0] == cards.written(curves)
-    drawn = {cards.picture_file(curve): cards.picture(curve) for curve in curves} | pictures.pictures()
+    drawn = {
+        cards.picture_file(curve): cards.picture(curve) for curve in curves
+    } | pictures.pictures()
     assert all(path.read_text(encoding="utf-8") == svg for path, svg in drawn.items())
     assert set(cards.FOLDER.glob("*.svg")) <= set(drawn)

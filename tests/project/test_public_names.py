@@ -1,4 +1,6 @@
-"""The names that hcbench promises: each is documented, and a wrong argument is an error that names it."""
+"""The names that hcbench promises: each is documented, and a wrong
+argument is an error that names it.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,13 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.Scene": FIELDS,
     "hcbench.Setting": {"engine": "reference", "name": "x", "timestep": 1e-3},
     "hcbench.Study": STUDY,
-    "hcbench.Target": {"law": LAW, "mass": 0.45, "timestep": 1e-3, "speed_min": 0.1, "speed_max": 0.5},
+    "hcbench.Target": {
+        "law": LAW,
+        "mass": 0.45,
+        "timestep": 1e-3,
+        "speed_min": 0.1,
+        "speed_max": 0.5,
+    },
     "hcbench.Wanted": {"alpha": 0.3},
     "hcbench.check": {"model": "no-such.xml", "pair": "a,b"},
     "hcbench.convert": {"alpha": 0.3, "speed": 0.5},
@@ -115,7 +123,8 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.contact.pybullet.remove": {"number": 0, "client": None},
     "hcbench.contact.pybullet.load": {"client": None},
 }
-# Records of results, which only hcbench makes; exceptions; and what is about a model or client of an engine.
+# Records of results, which only hcbench makes; exceptions; and what is about a
+# model or client of an engine.
 MADE_BY_HCBENCH = {
     "Answer",
     "Impact",
@@ -154,7 +163,9 @@ def client() -> Iterator[int]:
 
     number = pybullet.connect(pybullet.DIRECT)
     for mass in (1.0, 0.0):
-        shape = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.1, physicsClientId=number)
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_SPHERE, radius=0.1, physicsClientId=number
+        )
         pybullet.createMultiBody(mass, shape, physicsClientId=number)
     yield number
     pybullet.disconnect(number)
@@ -166,7 +177,9 @@ def arguments(name: str, client: int) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("name", "parameter"), list(calls()))
-def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str, client: int) -> None:
+def test_a_wrong_argument_is_an_error_of_ours_or_none(
+    name: str, parameter: str, client: int
+) -> None:
     """241 of 580 such calls raised TypeError, AttributeError and the like."""
     for value in WRONG:
         try:
@@ -190,7 +203,12 @@ def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str,
         ("hcbench.engine", "name", ["x"], "^name: .*expected text$"),
         ("hcbench.measure", "pair", 7, "^pair: 7; expected two names, first the one that moves$"),
         ("hcbench.tune", "engine", "my.xml", "^engine: 'my.xml', a model; .* Use `tune_model`"),
-        ("hcbench.fit_force", "speeds", 1.0, "^speeds: unknown argument; expected one of: file, kind"),
+        (
+            "hcbench.fit_force",
+            "speeds",
+            1.0,
+            "^speeds: unknown argument; expected one of: file, kind",
+        ),
         ("hcbench.load_study", "path", 7, "^path: 7; expected text or a path$"),
         ("hcbench.measure", "limit", "60 m", "^limit: '60 m'.*expected a unit that converts to s"),
         ("hcbench.law", "alpha", "0.3 m/s", "^alpha: .*expected a unit that converts to s/m"),
@@ -210,7 +228,10 @@ def test_the_error_names_the_argument(
 
 @pytest.mark.parametrize("value", WRONG, ids=[str(i) for i in range(len(WRONG))])
 def test_what_is_handed_to_methods_and_to_fits_is_checked_too(value: Any, tmp_path: Path) -> None:
-    setting, reference = hcbench.Setting("reference", "hunt-crossley", 1e-5), hcbench.engine("reference")
+    setting, reference = (
+        hcbench.Setting("reference", "hunt-crossley", 1e-5),
+        hcbench.engine("reference"),
+    )
     right: dict[str, Any] = {"scene": SCENE, "setting": setting, "launches": [hcbench.Launch(0.1)]}
     for slot in right:
         if slot != "launches" or not isinstance(value, list | tuple) or value:

@@ -1,6 +1,7 @@
 """The wheel in every Python of this machine, in environments of its own: `make test-pythons`.
 
-Takes minutes and the package index. Each command runs as a stranger would run it, from an empty folder.
+Takes minutes and the package index. Each command runs as a stranger
+would run it, from an empty folder.
 """
 
 from __future__ import annotations
@@ -59,13 +60,16 @@ timesteps = "1e-3 s"
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
     subprocess.run(
-        [sys.executable, "-m", "uv", "build", "--wheel", "-q", "-o", str(folder), str(ROOT)], check=True
+        [sys.executable, "-m", "uv", "build", "--wheel", "-q", "-o", str(folder), str(ROOT)],
+        check=True,
     )
     return next(folder.glob("*.whl"))
 
 
 @pytest.fixture(scope="module", params=PYTHONS)
-def installed(request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(
+    request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     """An empty folder beside a new environment with the wheel."""
     folder = tmp_path_factory.mktemp(f"python{request.param}")
     uv = [sys.executable, "-m", "uv"]
@@ -106,7 +110,9 @@ def test_what_a_stranger_types_first_runs(installed: Path, command: str) -> None
         assert ADD in page.read_text(encoding="utf-8")
 
 
-def test_an_engine_by_name_ends_with_the_command_that_adds_it_and_then_runs(installed: Path) -> None:
+def test_an_engine_by_name_ends_with_the_command_that_adds_it_and_then_runs(
+    installed: Path,
+) -> None:
     missing = run(installed, "tune pybullet@3.2.6 --restitution 0.9 --timestep 1e-3")
     assert missing.returncode == 3
     assert "hcbench engines add pybullet@3.2.6 --python 3.11" in missing.stderr

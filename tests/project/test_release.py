@@ -46,7 +46,9 @@ COMMANDS = [
     "cases run mujoco pybullet",
     "plugin mujoco",
 ]
-README = re.findall(r"^\$ hcbench (.*)$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+README = re.findall(
+    r"^\$ hcbench (.*)$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE
+)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,9 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # of its own, for users without a home
     has_home = os.access(Path.home(), os.W_OK)
     cache = {} if has_home else {"UV_CACHE_DIR": str(tmp_path_factory.mktemp("cache"))}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **cache})
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, **cache}
+    )
     if done.returncode and "fetch" in done.stderr:
         pytest.skip("no package index to take the build backend from")
     assert done.returncode == 0, done.stderr
@@ -66,7 +70,9 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The command of an environment that has the wheel, its dependencies, and nothing of this repository."""
+    """The command of an environment that has the wheel, its dependencies,
+    and nothing of this repository.
+    """
     folder = tmp_path_factory.mktemp("env")
     venv.create(folder, with_pip=False)
     paths = {"base": str(folder), "platbase": str(folder)}
@@ -103,7 +109,9 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", [*README, *COMMANDS], ids=lambda c: " ".join(c.split()[:2]))
-def test_the_wheel_runs_what_the_readme_shows(installed: Path, elsewhere: Path, command: str) -> None:
+def test_the_wheel_runs_what_the_readme_shows(
+    installed: Path, elsewhere: Path, command: str
+) -> None:
     done = subprocess.run(
         f'"{installed}" {command}',
         shell=True,
@@ -128,7 +136,12 @@ def test_it_is_the_wheel_that_ran(installed: Path, elsewhere: Path) -> None:
     code = "import hcbench; print(hcbench.__file__)"
     python = str(installed.with_name("python"))
     place = subprocess.run(
-        [python, "-c", code], cwd=elsewhere, env=ENVIRONMENT, capture_output=True, text=True, check=True
+        [python, "-c", code],
+        cwd=elsewhere,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert not Path(place.stdout.strip()).is_relative_to(ROOT)
     assert Path(place.stdout.strip()).is_relative_to(installed.parents[1])
@@ -138,7 +151,14 @@ def test_the_sdist_has_what_it_takes_to_test_and_to_cite(dist: Path) -> None:
     (sdist,) = dist.glob("*.tar.gz")
     with tarfile.open(sdist) as tar:
         names = {name.partition("/")[2] for name in tar.getnames()}
-    assert {"CITATION.cff", "SECURITY.md", "LICENSE", "CHANGELOG.md", "README.md", "docs/index.md"} <= names
+    assert {
+        "CITATION.cff",
+        "SECURITY.md",
+        "LICENSE",
+        "CHANGELOG.md",
+        "README.md",
+        "docs/index.md",
+    } <= names
     assert {
         "tests/project/test_release.py",
         "examples/good.xml",

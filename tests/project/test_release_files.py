@@ -1,4 +1,6 @@
-"""Files of a release, without building it: versions, links, the recipe, the paper, and what is missing."""
+"""Files of a release, without building it: versions, links, the recipe,
+the paper, and what is missing.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ import yaml
 from release_check import facts
 
 ROOT = Path(__file__).parents[2]
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
+    "project"
+]
 PAPER = (ROOT / "paper.md").read_text(encoding="utf-8")
 CITATION: dict[str, Any] = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
 
@@ -27,8 +31,12 @@ def recipe() -> dict[str, Any]:
         assert from_recipe_dir
         return tomllib.loads((ROOT / "conda" / "recipe" / name).read_text(encoding="utf-8"))
 
-    template = jinja2.Template((ROOT / "conda" / "recipe" / "meta.yaml").read_text(encoding="utf-8"))
-    content: dict[str, Any] = yaml.safe_load(template.render(load_file_data=load_file_data, PYTHON="python"))
+    template = jinja2.Template(
+        (ROOT / "conda" / "recipe" / "meta.yaml").read_text(encoding="utf-8")
+    )
+    content: dict[str, Any] = yaml.safe_load(
+        template.render(load_file_data=load_file_data, PYTHON="python")
+    )
     return content
 
 
@@ -36,7 +44,9 @@ def test_the_recipe_has_the_version_the_dependencies_and_the_command_of_the_proj
     content = recipe()
     assert content["package"] == {"name": "hcbench", "version": PROJECT["version"]}
     of_conda = {"mujoco": "mujoco-python", "matplotlib": "matplotlib-base"}
-    everywhere = [re.match(r"([\w-]+)(.*)", text) for text in PROJECT["dependencies"] if ";" not in text]
+    everywhere = [
+        re.match(r"([\w-]+)(.*)", text) for text in PROJECT["dependencies"] if ";" not in text
+    ]
     wanted = [f"{of_conda.get(found[1], found[1])} {found[2]}" for found in everywhere if found]
     assert content["requirements"]["run"] == [f"python {PROJECT['requires-python']}", *wanted]
     assert content["build"]["entry_points"] == ["hcbench = hcbench.__main__:main"]
@@ -49,7 +59,9 @@ def test_zenodo_and_the_citation_say_the_same() -> None:
     assert zenodo["description"] == CITATION["abstract"]
     assert zenodo["keywords"] == CITATION["keywords"]
     assert zenodo["license"] == CITATION["license"] == PROJECT["license"]
-    assert [person["name"] for person in zenodo["creators"]] == [a["name"] for a in CITATION["authors"]]
+    assert [person["name"] for person in zenodo["creators"]] == [
+        a["name"] for a in CITATION["authors"]
+    ]
     assert zenodo["related_identifiers"][0]["identifier"] == CITATION["references"][0]["doi"]
 
 
@@ -93,7 +105,9 @@ def test_every_number_of_the_paper_with_decimals_is_one_of_those() -> None:
 
 
 def test_every_reference_of_the_paper_is_cited_and_listed() -> None:
-    listed = re.findall(r"^@\w+\{(\w+),", (ROOT / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE)
+    listed = re.findall(
+        r"^@\w+\{(\w+),", (ROOT / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE
+    )
     assert sorted(set(re.findall(r"@(\w+)\]", PAPER))) == sorted(listed)
 
 
@@ -108,8 +122,16 @@ def ready(tmp_path: Path) -> Path:
         shutil.copy(ROOT / name, tmp_path / name)
     version = PROJECT["version"]
     fill(tmp_path / "pyproject.toml", r"https://[\w.]*\.invalid", "https://example.org")
-    fill(tmp_path / "pyproject.toml", r'(authors = \[\{ name = "[^"]*")', r'\1, email = "a@example.org"')
-    fill(tmp_path / "CHANGELOG.md", rf"^## {re.escape(version)} \(.*\)$", f"## {version} (2027-01-31)")
+    fill(
+        tmp_path / "pyproject.toml",
+        r'(authors = \[\{ name = "[^"]*")',
+        r'\1, email = "a@example.org"',
+    )
+    fill(
+        tmp_path / "CHANGELOG.md",
+        rf"^## {re.escape(version)} \(.*\)$",
+        f"## {version} (2027-01-31)",
+    )
     fill(tmp_path / "CITATION.cff", r"^# doi: .*$", "doi: 10.5281/zenodo.1")
     fill(
         tmp_path / "CITATION.cff",
@@ -123,7 +145,9 @@ def ready(tmp_path: Path) -> Path:
 
 def fill(file: Path, pattern: str, replacement: str) -> None:
     """Replace a pattern in a file, which has it."""
-    text, count = re.subn(pattern, replacement, file.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    text, count = re.subn(
+        pattern, replacement, file.read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
     assert count, (file.name, pattern)
     file.write_text(text, encoding="utf-8")
 
@@ -158,7 +182,9 @@ def test_what_blocks_a_release_is_named(
         ("paper.md", r"^date: .*$", "paper.md has no date"),
     ],
 )
-def test_what_can_follow_a_release_is_named(ready: Path, name: str, pattern: str, sentence: str) -> None:
+def test_what_can_follow_a_release_is_named(
+    ready: Path, name: str, pattern: str, sentence: str
+) -> None:
     fill(ready / name, pattern, "" if "date" not in pattern else "date:")
     missing = facts(ready)
     assert not missing.blocking

@@ -32,7 +32,9 @@ def test_the_reports_of_a_clone_are_small(tracked: dict[str, bytes]) -> None:
     assert sum(map(len, tracked.values())) <= 5e6
 
 
-def test_each_file_of_a_report_is_the_one_that_was_written_with_the_others(tracked: dict[str, bytes]) -> None:
+def test_each_file_of_a_report_is_the_one_that_was_written_with_the_others(
+    tracked: dict[str, bytes],
+) -> None:
     """The costs of steps apart, which no two runs have the same."""
     for manifest in (name for name in tracked if name.endswith(MANIFEST)):
         digests = json.loads(tracked[manifest])["files"]
@@ -47,4 +49,6 @@ def test_pages_link_to_nothing_that_a_clone_lacks(tracked: dict[str, bytes]) -> 
     for name, content in tracked.items():
         if name.endswith(".html"):
             links = re.findall(r'<a [^>]*href="([^"#:]+)"', content.decode("utf-8"))
-            assert not [link for link in links if str(Path(name).parent / link) not in tracked], name
+            assert not [link for link in links if str(Path(name).parent / link) not in tracked], (
+                name
+            )

@@ -1,4 +1,6 @@
-"""Pages show what the commands print: every session is run again, in an empty folder with the examples."""
+"""Pages show what the commands print: every session is run again, in an
+empty folder with the examples.
+"""
 
 from __future__ import annotations
 
@@ -52,8 +54,18 @@ def test_lines_left_out_may_be_any() -> None:
 def test_a_session_is_written_again_with_the_same_lines_left_out() -> None:
     printed = ["head 1.2.3", "a 0.11", "b", "c 0.33", "tail"]
     assert rewritten((), printed) == ["head ...", "a 0.11", "b", "c 0.33", "tail"]
-    assert rewritten(("head 1...", "...", "c 0.30", "..."), printed) == ["head 1...", "...", "c 0.33", "..."]
-    assert rewritten(("...", "b", "...", "c 0.33", "tail"), printed) == ["...", "b", "c 0.33", "tail"]
+    assert rewritten(("head 1...", "...", "c 0.30", "..."), printed) == [
+        "head 1...",
+        "...",
+        "c 0.33",
+        "...",
+    ]
+    assert rewritten(("...", "b", "...", "c 0.33", "tail"), printed) == [
+        "...",
+        "b",
+        "c 0.33",
+        "tail",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""The table of versions: what was measured is what the page says, of the commands and floors that are."""
+"""The table of versions: what was measured is what the page says, of
+the commands and floors that are.
+"""
 
 from __future__ import annotations
 
@@ -25,4 +27,7 @@ def test_every_command_works_on_the_floors_and_on_the_newest() -> None:
 
 def test_every_command_of_hcbench_is_among_those_that_are_run() -> None:
     run = {command.split()[0] for command in versions.COMMANDS}
-    assert set(cli.app.commands) - run == {"completion", "paper"}  # no engine; minutes: make test-pythons
+    assert set(cli.app.commands) - run == {
+        "completion",
+        "paper",
+    }  # no engine; minutes: make test-pythons

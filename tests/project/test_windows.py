@@ -38,5 +38,7 @@ assert cli.run(["convert", "--alpha=0.3 s/m", "--speed=0.5 m/s"]) == 0
 
 
 def test_every_module_imports_and_a_command_runs_without_what_windows_lacks() -> None:
-    done = subprocess.run([sys.executable, "-c", WITHOUT_POSIX], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_POSIX], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr

@@ -12,7 +12,9 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
-TARGETS = set(re.findall(r"^([a-z][\w-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+TARGETS = set(
+    re.findall(r"^([a-z][\w-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+)
 # Programs that a workflow may start, besides make and python -m, whose arguments are looked up.
 PROGRAMS = {"make", "python", ".venv/bin/uv"}
 
@@ -28,7 +30,9 @@ def read(path: Path) -> dict[str, Any]:
 def commands(job: dict[str, Any]) -> list[str]:
     """The command lines of a job's steps, without the text of here-documents."""
     texts = [step["run"] for step in job["steps"] if "run" in step]
-    texts = [re.sub(r"<<'(\w+)'\n.*?^\1$", "", text, flags=re.DOTALL | re.MULTILINE) for text in texts]
+    texts = [
+        re.sub(r"<<'(\w+)'\n.*?^\1$", "", text, flags=re.DOTALL | re.MULTILINE) for text in texts
+    ]
     return [line.strip() for text in texts for line in text.splitlines() if line.strip()]
 
 
@@ -72,10 +76,16 @@ FORMS = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
 LABELLED = {"textarea", "input", "dropdown", "checkboxes"}
 
 
-@pytest.mark.parametrize("path", [path for path in FORMS if path.stem != "config"], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "path", [path for path in FORMS if path.stem != "config"], ids=lambda p: p.name
+)
 def test_github_can_load_an_issue_form(path: Path) -> None:
     form = read(path)
-    assert {"name", "description", "body"} <= set(form) <= {"name", "description", "body", "labels", "title"}
+    assert (
+        {"name", "description", "body"}
+        <= set(form)
+        <= {"name", "description", "body", "labels", "title"}
+    )
     identities = [each["id"] for each in form["body"] if "id" in each]
     assert len(set(identities)) == len(identities)
     assert LABELLED & {each["type"] for each in form["body"]}

@@ -1,4 +1,6 @@
-"""The measured data: files of PyTorch without PyTorch, faults of published numbers, starts of tosses."""
+"""The measured data: files of PyTorch without PyTorch, faults of
+published numbers, starts of tosses.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,11 @@ class _Tensor:
 
 class _Pickler(pickle.Pickler):
     def persistent_id(self, obj: object) -> object:
-        return ("storage", DoubleStorage, "0", "cpu", obj.size) if isinstance(obj, np.ndarray) else None
+        return (
+            ("storage", DoubleStorage, "0", "cpu", obj.size)
+            if isinstance(obj, np.ndarray)
+            else None
+        )
 
 
 @pytest.fixture
@@ -89,7 +95,9 @@ def test_a_file_that_would_run_code_is_refused(tmp_path: Path) -> None:
         def __reduce__(self) -> tuple[Any, ...]:
             return print, ("harm",)
 
-    (tmp_path / "0.pt").write_bytes(b"".join(pickle.dumps(x) for x in (1, 2, 3)) + pickle.dumps(Harmful()))
+    (tmp_path / "0.pt").write_bytes(
+        b"".join(pickle.dumps(x) for x in (1, 2, 3)) + pickle.dumps(Harmful())
+    )
     with pytest.raises(UserError, match="is not a tensor"):
         read_tensor(tmp_path / "0.pt")
 
@@ -184,7 +192,9 @@ def _as_hostile(arguments: tuple[Any, ...], storage: Floats) -> bytes:
         (0, (0, 10**30), (1, 1)),
     ],
 )
-def test_a_tensor_is_read_from_within_its_storage_alone(tmp_path: Path, arguments: tuple[Any, ...]) -> None:
+def test_a_tensor_is_read_from_within_its_storage_alone(
+    tmp_path: Path, arguments: tuple[Any, ...]
+) -> None:
     (tmp_path / "0.pt").write_bytes(_as_hostile(arguments, np.arange(200.0)))
     with pytest.raises(UserError, match=r"storage|do not agree|whole numbers"):
         read_tensor(tmp_path / "0.pt")
@@ -208,7 +218,9 @@ def test_an_archive_that_is_compressed_is_refused_before_it_is_unpacked(tmp_path
         (b"\x80\x05\x96" + struct.pack("<Q", 1 << 40) + b".", "only 1 remain"),
     ],
 )
-def test_a_pickle_that_no_tensor_has_is_refused_unread(tmp_path: Path, pickled: bytes, reason: str) -> None:
+def test_a_pickle_that_no_tensor_has_is_refused_unread(
+    tmp_path: Path, pickled: bytes, reason: str
+) -> None:
     (tmp_path / "0.pt").write_bytes(pickled)
     with pytest.raises(UserError, match=reason):
         read_tensor(tmp_path / "0.pt")

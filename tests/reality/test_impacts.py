@@ -1,4 +1,6 @@
-"""Impacts read from poses: what was put into synthetic tosses is read from them, and what the cube's say."""
+"""Impacts read from poses: what was put into synthetic tosses is read from
+them, and what the cube's say.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from hcbench.reality.motion import Tosses
 from hcbench.reality.twin import twins
 from hcbench.sim.toss import engines
 
-WHOLE = pytest.mark.skipif("HCBENCH_REALITY" not in os.environ, reason="make test-reality: all tosses")
+WHOLE = pytest.mark.skipif(
+    "HCBENCH_REALITY" not in os.environ, reason="make test-reality: all tosses"
+)
 
 
 @pytest.mark.parametrize(
@@ -42,7 +46,9 @@ def test_an_impact_is_good_if_its_e_is_known_and_one_vertex_was_struck(
 
 def first(tosses: Tosses) -> list[ImpactRead]:
     """Good impacts that end a toss' first flight."""
-    return [each for each in read_impacts(tosses.body, tosses.motions) if each.good and each.order == 0]
+    return [
+        each for each in read_impacts(tosses.body, tosses.motions) if each.good and each.order == 0
+    ]
 
 
 def synthetic(e: float, tosses: Tosses, timestep: float) -> list[ImpactRead]:
@@ -67,7 +73,9 @@ def test_e_of_the_cube() -> None:
     tosses = cube.cases((0, 1, 2, 3)).of(lambda each: each.number % 3 == 0)
     impacts = first(tosses)
     assert np.median([each.e for each in impacts]) == pytest.approx(0.245, abs=0.015)
-    assert np.median([each.friction for each in impacts if each.slip > 0.3]) == pytest.approx(0.176, abs=0.01)
+    assert np.median([each.friction for each in impacts if each.slip > 0.3]) == pytest.approx(
+        0.176, abs=0.01
+    )
 
 
 @WHOLE

@@ -1,4 +1,6 @@
-"""A user's own toss: from a table of poses to impacts, errors of engines' settings, and what to type next."""
+"""A user's own toss: from a table of poses to impacts, errors of engines'
+settings, and what to type next.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +41,19 @@ def test_a_toss_tells_its_impacts_and_how_near_each_setting_is(toss: Path, tmp_p
     assert code == 0, output
     assert "hcbench tune MODEL" in output
     with (tmp_path / "own" / "scores.csv").open(encoding="utf-8") as file:
-        errors = {(row["engine"], row["setting"]): float(row["error"]) for row in csv.DictReader(file)}
+        errors = {
+            (row["engine"], row["setting"]): float(row["error"]) for row in csv.DictReader(file)
+        }
     assert errors["pybullet", "nothing set"] > errors["pybullet", "plug-in constant e"]
     with (tmp_path / "own" / "impacts.csv").open(encoding="utf-8") as file:
         first = next(csv.DictReader(file))
     assert 0.2 < float(first["e"]) < 0.3
     assert 0.15 < float(first["friction"]) < 0.2
-    assert (tmp_path / "own" / "pairs.csv").read_text().startswith("trial,speed [m/s],restitution,u_rest")
+    assert (
+        (tmp_path / "own" / "pairs.csv")
+        .read_text()
+        .startswith("trial,speed [m/s],restitution,u_rest")
+    )
 
 
 def test_a_box_of_mjcf_has_the_size_mass_and_inertia_that_are_written(tmp_path: Path) -> None:

@@ -20,9 +20,13 @@ from hcbench.reality.study import RealityRequest, RealityResults
 from hcbench.system.errors import UserError
 
 COLUMNS = "set,engine,setting,cone,error,error_low,error_high,unit,rotation_deg,n"
-ELLIPTIC = SettingScore("cube", "mujoco", "friction alone", "elliptic", 13.3, 12.4, 14.4, "%", 14.8, 341)
+ELLIPTIC = SettingScore(
+    "cube", "mujoco", "friction alone", "elliptic", 13.3, 12.4, 14.4, "%", 14.8, 341
+)
 PYRAMIDAL = replace(ELLIPTIC, cone="pyramidal", error=23.2, error_low=22.0, error_high=24.5)
-PLUGIN = replace(ELLIPTIC, setting="plug-in constant e", error=11.8, error_low=11.0, error_high=12.7)
+PLUGIN = replace(
+    ELLIPTIC, setting="plug-in constant e", error=11.8, error_low=11.0, error_high=12.7
+)
 OTHER = replace(PLUGIN, engine="pybullet", cone="", error=12.2, error_low=11.4, error_high=13.1)
 
 
@@ -34,7 +38,11 @@ def test_the_table_has_the_columns_that_others_read() -> None:
     text = csv_text([ELLIPTIC, replace(ELLIPTIC, set="ball", rotation_deg=None)])
     assert text.splitlines()[0] == COLUMNS
     rows = list(csv.DictReader(io.StringIO(text)))
-    assert (rows[0]["error"], rows[0]["rotation_deg"], rows[1]["rotation_deg"]) == ("13.3", "14.8", "")
+    assert (rows[0]["error"], rows[0]["rotation_deg"], rows[1]["rotation_deg"]) == (
+        "13.3",
+        "14.8",
+        "",
+    )
 
 
 def test_the_cost_of_the_pyramidal_cone_is_told_where_the_intervals_are_apart() -> None:

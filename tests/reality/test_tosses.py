@@ -15,7 +15,9 @@ from hcbench.reality.identify import committed, search, smooth_least, values_of
 from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, POSITION, SPIN, VELOCITY, Body, Toss, engines
 
-WHOLE = pytest.mark.skipif("HCBENCH_REALITY" not in os.environ, reason="make test-reality: all tosses")
+WHOLE = pytest.mark.skipif(
+    "HCBENCH_REALITY" not in os.environ, reason="make test-reality: all tosses"
+)
 MODULES = dict(engines())
 VALIDATION = cube.VALIDATION
 
@@ -43,7 +45,9 @@ def test_a_toss_flies_along_a_parabola_with_its_spin(name: str) -> None:
     )
     (states,) = module.simulate(body, module.SETTINGS[0], (), 2e-3, [start])
     time = 2e-3 * np.arange(51)
-    assert states[:, POSITION][:, 2] == pytest.approx(1.0 + 0.5 * time - 0.5 * GRAVITY * time**2, abs=1e-9)
+    assert states[:, POSITION][:, 2] == pytest.approx(
+        1.0 + 0.5 * time - 0.5 * GRAVITY * time**2, abs=1e-9
+    )
     assert states[:, VELOCITY][:, 2] == pytest.approx(0.5 - GRAVITY * time, abs=1e-9)
     assert states[:, SPIN][:, 1] == pytest.approx(300.0, rel=1e-6)
 
@@ -97,7 +101,9 @@ def test_the_plug_in_is_as_near_to_the_ellipse_as_the_rigid_law() -> None:
         ("plug-in constant e, elliptic", 11.8, 13.2, 1.7),
     ],
 )
-def test_errors_of_identified_settings(setting: str, error: float, rotation: float, within: float) -> None:
+def test_errors_of_identified_settings(
+    setting: str, error: float, rotation: float, within: float
+) -> None:
     outcome = judged("cube", "mujoco", setting, VALIDATION)
     assert outcome.rotations is not None
     assert outcome.errors.mean() == pytest.approx(error, abs=1.0)

@@ -18,14 +18,20 @@ SCENE = replace(load_scene("steel-plane"), gravity=STANDARD_GRAVITY)
 
 def endings(speed: float, timestep: float) -> set[Status]:
     """Ends of impacts at one speed and 16 phases, m/s and s, by MuJoCo's plug-in with an e of 0.98."""
-    setting = Setting("mujoco", "any", timestep, {"law": {"kind": "restitution", "restitution": 0.98}})
+    setting = Setting(
+        "mujoco", "any", timestep, {"law": {"kind": "restitution", "restitution": 0.98}}
+    )
     launches = [Launch.touching(speed, (i + 0.5) / 16, timestep, SCENE.gravity) for i in range(16)]
     return {impact.status for impact in registry.engine("mujoco").run(SCENE, setting, launches)}
 
 
 @pytest.mark.parametrize("timestep", [4e-3, 1.0 / 60.0])
-def test_a_body_bounces_at_the_lowest_speed_of_the_band_and_rests_at_a_tenth_less(timestep: float) -> None:
-    """Rest is a rate of 1.1 g h or less as a step begins; at the touch it is half a g h more: 1.6 g h."""
+def test_a_body_bounces_at_the_lowest_speed_of_the_band_and_rests_at_a_tenth_less(
+    timestep: float,
+) -> None:
+    """Rest is a rate of 1.1 g h or less as a step begins; at the touch
+    it is half a g h more: 1.6 g h.
+    """
     low, _ = default_band(timestep, STANDARD_GRAVITY)
     assert low > PAPER[0]
     assert endings(low, timestep) == {Status.PARTED}

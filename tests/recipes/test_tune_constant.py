@@ -1,4 +1,6 @@
-"""One number for a band of speeds: what theory leaves is all that is left, in MuJoCo and in PyBullet."""
+"""One number for a band of speeds: what theory leaves is all that is
+left, in MuJoCo and in PyBullet.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +27,23 @@ ALPHAS = (0.002, 0.004, 0.008, 0.016)
 
 
 def target_of(alpha: float, timestep: float, **more: Any) -> Target:
-    return Target(HuntCrossley(STEEL_STIFFNESS, alpha / INCH), STEEL_MASS, timestep, INCH, 20 * INCH, **more)
+    return Target(
+        HuntCrossley(STEEL_STIFFNESS, alpha / INCH), STEEL_MASS, timestep, INCH, 20 * INCH, **more
+    )
 
 
 @pytest.mark.parametrize(
     ("alpha", "constant", "residual"),
-    [(0.002, 0.97977, 0.0182), (0.004, 0.96095, 0.0351), (0.008, 0.92694, 0.0651), (0.016, 0.87020, 0.1141)],
+    [
+        (0.002, 0.97977, 0.0182),
+        (0.004, 0.96095, 0.0351),
+        (0.008, 0.92694, 0.0651),
+        (0.016, 0.87020, 0.1141),
+    ],
 )
-def test_the_best_constant_and_what_it_leaves(alpha: float, constant: float, residual: float) -> None:
+def test_the_best_constant_and_what_it_leaves(
+    alpha: float, constant: float, residual: float
+) -> None:
     e, left = minimax_constant(target_of(alpha, 1e-3))
     assert e == pytest.approx(constant, abs=1e-5)
     assert left == pytest.approx(residual, abs=5e-5)
@@ -40,7 +51,9 @@ def test_the_best_constant_and_what_it_leaves(alpha: float, constant: float, res
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 3.0])
 def test_a_law_that_steps_do_not_resolve_is_softened_until_they_do(exponent: float) -> None:
-    """The shortest contact, at the highest speed of a band, then lasts as many steps as were asked for."""
+    """The shortest contact, at the highest speed of a band, then lasts
+    as many steps as were asked for.
+    """
     stiff = Target(HuntCrossley(STEEL_STIFFNESS, 0.3, exponent), STEEL_MASS, 1e-3, 0.1, 0.5)
     for steps in (24.0, 60.0):
         soft = resolvable_law(stiff, steps)
@@ -79,7 +92,10 @@ def test_spring_damper_has_the_constant_at_every_speed(timestep: float, integrat
     setting = SPRING_DAMPER(target, integrator)
     lasts = contact_time(target)
     flight = simulated(
-        pasted(dict(setting.options), timestep, STEEL_MASS), timestep, SPEEDS, 1.3 * lasts + 4 * timestep
+        pasted(dict(setting.options), timestep, STEEL_MASS),
+        timestep,
+        SPEEDS,
+        1.3 * lasts + 4 * timestep,
     )
     # The phase of the touch is what 20 steps leave; it has no mean.
     assert np.abs(flight.restitution.mean(axis=1) - e).max() < (2e-4 if timestep < 1e-5 else 1e-3)
@@ -100,7 +116,9 @@ def test_the_closed_form_of_a_contact_that_only_pushes(e: float) -> None:
     assert -v[-1] == pytest.approx(e, rel=1e-9)
 
 
-def bullet(options: dict[str, Any], timestep: float, speeds: np.ndarray, phases: int = 4) -> np.ndarray:
+def bullet(
+    options: dict[str, Any], timestep: float, speeds: np.ndarray, phases: int = 4
+) -> np.ndarray:
     """Restitution by PyBullet's own calls, in the order in which they work; shape (speeds, phases)."""
     import pybullet as p
 

@@ -1,4 +1,6 @@
-"""Searches tell how far they are, and an interrupt in the middle of one hands out the best until then."""
+"""Searches tell how far they are, and an interrupt in the middle of one
+hands out the best until then.
+"""
 
 from __future__ import annotations
 
@@ -114,7 +116,16 @@ def test_the_command_prints_what_a_search_has_found_when_it_is_interrupted(
         yield tick
 
     monkeypatch.setattr("hcbench.cli.tune_engine.progress", impatient)
-    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-6", "--recipe", "soft"]
+    arguments = [
+        "tune",
+        "mujoco",
+        "--alpha",
+        "0.008 s/in",
+        "--timestep",
+        "1e-6",
+        "--recipe",
+        "soft",
+    ]
     assert run([*arguments, "--json"] if as_json else arguments) == 130
     caught = capsys.readouterr()
     (line,) = caught.err.splitlines()
@@ -131,7 +142,9 @@ def test_the_command_prints_what_a_search_has_found_when_it_is_interrupted(
         assert "solref=" in caught.out
 
 
-def test_an_interrupt_before_anything_was_found_is_just_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_before_anything_was_found_is_just_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def interrupt(*_: Any) -> Any:
         raise KeyboardInterrupt
 

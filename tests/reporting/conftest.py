@@ -39,7 +39,9 @@ def page(results: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Browser]:
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright, which drives a browser, is not here")
+    api = pytest.importorskip(
+        "playwright.sync_api", reason="Playwright, which drives a browser, is not here"
+    )
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
         pytest.skip(f"no browser here to open the page in: looked for {', '.join(BROWSERS)}")
@@ -54,7 +56,9 @@ def opening(chromium: Browser) -> Iterator[Callable[..., Page]]:
     """Opens a page; what it asks for or complains of fails the test."""
     contexts, trouble = [], []
 
-    def open_page(address: str, choice: str = "", width: int = 1300, to: str = "", **how: Any) -> Page:
+    def open_page(
+        address: str, choice: str = "", width: int = 1300, to: str = "", **how: Any
+    ) -> Page:
         contexts.append(chromium.new_context(viewport={"width": width, "height": 900}, **how))
         page = contexts[-1].new_page()
         page.on("console", lambda message: trouble.append(message.text))

@@ -1,4 +1,6 @@
-"""The explorer in a real browser: every control, the keyboard, a phone, the dark, and what axe-core says."""
+"""The explorer in a real browser: every control, the keyboard, a phone,
+the dark, and what axe-core says.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ if TYPE_CHECKING:
 
 HEIGHT, GRAVITY, ALPHA = 0.01, 9.81, ALPHAS[1]
 SPEEDS = (0.1, 0.2, 0.4)
-LAWS = [(alpha, speed) for alpha in (0.0, 0.05, 0.315, 3.0, 30.0) for speed in (1e-4, 0.02, 0.3, 5.0)]
+LAWS = [
+    (alpha, speed) for alpha in (0.0, 0.05, 0.315, 3.0, 30.0) for speed in (1e-4, 0.02, 0.3, 5.0)
+]
 STEPS = {
     **{("single", name): (1e-3, 2e-3) for name in ("stock", "impulse")},
     ("explicit", "law"): (1e-6, 1e-5),
@@ -54,7 +58,9 @@ def bouncing(step: float) -> pd.DataFrame:
 @pytest.fixture(scope="module")
 def results() -> Results:
     """Two engines with and without gravity, one setting dropped too."""
-    found = small_results([(*key, h, ALPHAS, SPEEDS) for key, steps in STEPS.items() for h in steps])
+    found = small_results(
+        [(*key, h, ALPHAS, SPEEDS) for key, steps in STEPS.items() for h in steps]
+    )
     with_gravity = {"gravity_m_per_s2": GRAVITY}
     tables = {
         name: pd.concat([getattr(found, name).assign(**with_gravity), getattr(found, name)])
@@ -74,7 +80,9 @@ def results() -> Results:
             for h in steps
         )
     ]
-    rests = pd.DataFrame([{**run, "followed_s": 6.0, "depth_m": 0.0, "motion_m": 0.0} for run in lying])
+    rests = pd.DataFrame(
+        [{**run, "followed_s": 6.0, "depth_m": 0.0, "motion_m": 0.0} for run in lying]
+    )
     return dataclasses.replace(
         found,
         study=study,
@@ -120,7 +128,9 @@ def words(page: Page, name: str) -> str:
 def lines(page: Page, name: str) -> list[str]:
     """The lines of a plot, as they are drawn."""
     return list(
-        page.locator(f"#explorer-{name} .line").evaluate_all("all => all.map(e => e.getAttribute('d'))")
+        page.locator(f"#explorer-{name} .line").evaluate_all(
+            "all => all.map(e => e.getAttribute('d'))"
+        )
     )
 
 
@@ -216,10 +226,14 @@ def test_a_point_of_the_curve_shows_the_loop_of_that_impact(page: Page, results:
         assert max(loop[1]) == pytest.approx(impact["penetration_max_m"], rel=1e-3)
         assert max(loop[2]) == pytest.approx(impact["force_max_n"], rel=1e-3)
         assert run["e"][at] == pytest.approx(impact["restitution"], abs=1e-5)
-        deep, hard = re.findall(r"([\d.]+) µm deep.*at most ([\d.]+) N", words(page, "loop-words"))[0]
+        deep, hard = re.findall(r"([\d.]+) µm deep.*at most ([\d.]+) N", words(page, "loop-words"))[
+            0
+        ]
         assert float(deep) == pytest.approx(1e6 * impact["penetration_max_m"], rel=5e-3)
         assert float(hard) == pytest.approx(impact["force_max_n"], rel=5e-3)
-        assert float(re.findall(r"e = ([\d.]+)", reading(page))[0]) == pytest.approx(run["e"][at], abs=6e-5)
+        assert float(re.findall(r"e = ([\d.]+)", reading(page))[0]) == pytest.approx(
+            run["e"][at], abs=6e-5
+        )
         assert len(lines(page, "loop")) == len(lines(page, "force")) == 1
     assert len(seen) == dots.count() >= len(SPEEDS)
 
@@ -265,7 +279,11 @@ def test_the_ranking_follows_the_choices_and_puts_settings_into_the_plots(page: 
     page.select_option("#explorer-gravity", "0")
     page.select_option("#explorer-step", "0.00001")
     assert "without gravity" in words(page, "where")
-    law = page.locator("#explorer-ranking-body tr", has_text="explicit law").locator("td").all_inner_texts()
+    law = (
+        page.locator("#explorer-ranking-body tr", has_text="explicit law")
+        .locator("td")
+        .all_inner_texts()
+    )
     assert law[-5:-1] == ["–", "–", "–", "✓"], "the paper's claims, of few steps in contact"
 
 
@@ -281,7 +299,9 @@ def test_the_address_holds_the_choice(page: Page, opened: Callable[..., Page]) -
         assert words(again, name) == words(page, name)
     assert lines(again, "curve") == lines(page, "curve")
     assert again.get_by_role("checkbox", name=re.compile("spring")).is_checked()
-    nonsense = opened("#engine=ode&step=x&gravity=7&alpha=-3&setting=%3Cb%3E&speed=1e999&toggled=,,&tab=no")
+    nonsense = opened(
+        "#engine=ode&step=x&gravity=7&alpha=-3&setting=%3Cb%3E&speed=1e999&toggled=,,&tab=no"
+    )
     assert words(nonsense, "say") == words(opened(), "say")
 
 
@@ -308,7 +328,18 @@ def test_it_works_by_keyboard_alone(page: Page) -> None:
             assert page.evaluate(focused) == "explorer-tab-steps"
             page.keyboard.press("ArrowLeft")
             break
-    wanted = ("engine", "step", "gravity", "alpha", "copy", "curve", "play", "rate", "time", "tab-loop")
+    wanted = (
+        "engine",
+        "step",
+        "gravity",
+        "alpha",
+        "copy",
+        "curve",
+        "play",
+        "rate",
+        "time",
+        "tab-loop",
+    )
     assert {f"explorer-{name}" for name in wanted} <= set(found)
     assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") != "none"
 
@@ -322,7 +353,9 @@ def test_copying_gives_what_to_paste(opened: Callable[..., Page]) -> None:
     assert pasted == page.locator("#explorer-paste-text").text_content()
 
 
-def test_the_text_takes_the_readers_two_names_and_kind(page: Page, opened: Callable[..., Page]) -> None:
+def test_the_text_takes_the_readers_two_names_and_kind(
+    page: Page, opened: Callable[..., Page]
+) -> None:
     page.fill("#explorer-first-name", "foot")
     page.fill("#explorer-second-name", "floor")
     text = json.loads(page.locator("#explorer-paste-text").text_content() or "")
@@ -362,7 +395,9 @@ def test_balls_play_once_and_stop_when_asked(page: Page, opened: Callable[..., P
     assert balls.count() == len(re.findall("mm", spoken)) >= 2
     assert opened().evaluate("clock.running") > 0, "it plays as the page opens"
     calm = opened(reduced_motion="reduce")
-    assert calm.evaluate("[clock.running, clock.time]") == [0, 0], "but for readers who want no motion"
+    assert calm.evaluate("[clock.running, clock.time]") == [0, 0], (
+        "but for readers who want no motion"
+    )
     moments = []
     for _ in range(3):
         calm.click("#explorer-play")
@@ -378,20 +413,26 @@ def test_balls_play_once_and_stop_when_asked(page: Page, opened: Callable[..., P
 def test_axe_finds_nothing_and_nothing_sticks_out(
     opened: Callable[..., Page], width: int, scheme: Any
 ) -> None:
-    pytest.importorskip("axe_playwright_python", reason="axe-core, which checks accessibility, is not here")
+    pytest.importorskip(
+        "axe_playwright_python", reason="axe-core, which checks accessibility, is not here"
+    )
     page = opened(width=width, color_scheme=scheme)
     page.evaluate((resources.files("axe_playwright_python") / "axe.min.js").read_text("utf-8"))
     for tab in ("loop", "steps", "numbers", "text"):
         page.click(f"#explorer-tab-{tab}")
         scope = "document" if tab == "loop" else "'#explorer-body'"
-        found = page.evaluate(f"axe.run({scope}, {{resultTypes: ['violations']}}).then(r => r.violations)")
+        found = page.evaluate(
+            f"axe.run({scope}, {{resultTypes: ['violations']}}).then(r => r.violations)"
+        )
         assert [(v["id"], [n["target"] for n in v["nodes"]][:3]) for v in found] == []
         assert page.evaluate("document.documentElement.scrollWidth") <= width
     background = page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert (sum(map(int, re.findall(r"\d+", background)[:3])) < 200) == (scheme == "dark")
 
 
-def test_without_a_script_the_answer_and_a_picture_stay(opened: Callable[..., Page], page: Page) -> None:
+def test_without_a_script_the_answer_and_a_picture_stay(
+    opened: Callable[..., Page], page: Page
+) -> None:
     still = opened(java_script_enabled=False)
     assert words(still, "say") == words(page, "say")
     assert still.locator("#figure-overview img").is_visible()
@@ -405,7 +446,9 @@ SOFT = """<mujoco><option timestep="0.0002" integrator="Euler"/><worldbody>
 </worldbody></mujoco>"""
 
 
-def test_a_measurements_page_has_the_same_explorer(opened: Callable[..., Page], tmp_path: Path) -> None:
+def test_a_measurements_page_has_the_same_explorer(
+    opened: Callable[..., Page], tmp_path: Path
+) -> None:
     (tmp_path / "soft.xml").write_text(SOFT)
     verb: Any = hcbench.measure
     found = verb(tmp_path / "soft.xml", pair="ball,plate", speeds=[0.2, 0.4], phases=2, alpha=0.1)

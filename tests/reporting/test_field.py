@@ -44,7 +44,12 @@ RUNS = [
     {"engine": "mujoco", "recipe": "impulse", "timesteps": "1e-5, 1e-3 s"},
     {"engine": "mujoco", "recipe": "impulse", "timesteps": "1e-3 s", "gravity": "9.81 m/s^2"},
     {"engine": "mujoco", "recipe": "impulse", "timesteps": "0.016666666666666666 s"},
-    {"engine": "mujoco", "recipe": "impulse", "timesteps": "0.016666666666666666 s", "gravity": "9.81 m/s^2"},
+    {
+        "engine": "mujoco",
+        "recipe": "impulse",
+        "timesteps": "0.016666666666666666 s",
+        "gravity": "9.81 m/s^2",
+    },
     {"engine": "mujoco", "recipe": "staggered", "timesteps": "1e-5 s"},
     {"engine": "mujoco@0.1", "recipe": "impulse", "timesteps": "1e-3 s"},
 ]
@@ -72,7 +77,9 @@ def test_the_best_setting_is_the_one_nearest_to_the_law(view: FieldView) -> None
     assert view.follows_law(best)
     coarse = view.best("mujoco", 0.0, 1e-3)
     assert coarse is not None
-    assert view.error(coarse) == pytest.approx(view.constant_error(1e-3), rel=1e-3), "one e, the best"
+    assert view.error(coarse) == pytest.approx(view.constant_error(1e-3), rel=1e-3), (
+        "one e, the best"
+    )
 
 
 @pytest.mark.adhesion
@@ -143,7 +150,9 @@ def test_slow_impacts_that_stay_down_are_a_column_and_no_error(side_by_side: Fie
     assert (cell.text, cell.below) == (f"rest below {below:.2g}\u00a0m/s", "restitution")
 
 
-def test_a_setting_that_adds_energy_is_no_choice_and_its_cells_say_so(side_by_side: FieldView) -> None:
+def test_a_setting_that_adds_energy_is_no_choice_and_its_cells_say_so(
+    side_by_side: FieldView,
+) -> None:
     row = rows(side_by_side, 9.81, 1 / 60)["dart"]
     assert (row["constant"].text, row["constant"].below) == ("adds energy", "restitution")
     assert re.fullmatch(
@@ -198,7 +207,9 @@ def test_an_engine_says_its_own_features() -> None:
     assert engine.features.licence.text == "Apache-2.0"
 
 
-def test_the_page_and_its_tables_are_the_same_bytes_the_costs_apart(view: FieldView, tmp_path: Path) -> None:
+def test_the_page_and_its_tables_are_the_same_bytes_the_costs_apart(
+    view: FieldView, tmp_path: Path
+) -> None:
     for name in ("one", "two"):
         build(view.results, tmp_path / name)
     one, two = (
@@ -207,7 +218,9 @@ def test_the_page_and_its_tables_are_the_same_bytes_the_costs_apart(view: FieldV
     )
     assert one.keys() == two.keys()
     own = ("hcbench-files.json", COST)
-    assert [p for p in one if one[p].read_bytes() != two[p].read_bytes() and p.name not in own] == []
+    assert [
+        p for p in one if one[p].read_bytes() != two[p].read_bytes() and p.name not in own
+    ] == []
     page = one.keys() and (tmp_path / "one" / "index.html").read_text(encoding="utf-8")
     assert "hcbench engines add mujoco@0.1" in page
     cost = (tmp_path / "one" / COST).read_text(encoding="utf-8").splitlines()
@@ -241,8 +254,12 @@ def data() -> dict[str, Any]:
     return dict(json.loads(found[1]))
 
 
-def cell_of(data: dict[str, Any], gravity: float, step: float, engine: str, column: str) -> list[Any]:
-    (table,) = (each for each in data["tables"] if (each["gravity"], each["step"]) == (gravity, step))
+def cell_of(
+    data: dict[str, Any], gravity: float, step: float, engine: str, column: str
+) -> list[Any]:
+    (table,) = (
+        each for each in data["tables"] if (each["gravity"], each["step"]) == (gravity, step)
+    )
     return list(dict(table["rows"])[engine][list(COLUMNS).index(column)])
 
 
@@ -258,7 +275,9 @@ def test_each_error_of_the_committed_page_is_of_the_committed_run(
                 continue
             case = Case(engine, cell[1], table["gravity"], table["step"])
             if not scores[case]["rested"]:
-                assert cell[3] == pytest.approx(scores[case]["max_error_law"], rel=1e-3, abs=2e-10), case
+                assert cell[3] == pytest.approx(
+                    scores[case]["max_error_law"], rel=1e-3, abs=2e-10
+                ), case
                 seen += 1
     assert seen > 100
 
@@ -266,7 +285,9 @@ def test_each_error_of_the_committed_page_is_of_the_committed_run(
 def test_the_committed_page_shows_its_first_table_without_a_script(data: dict[str, Any]) -> None:
     text = (COMMITTED / "index.html").read_text(encoding="utf-8")
     body = text.partition('<tbody id="field-rows">')[2].partition("</tbody>")[0]
-    shown = [html.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in re.findall(r"<a .*?</a>", body)]
+    shown = [
+        html.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in re.findall(r"<a .*?</a>", body)
+    ]
     (table,) = (each for each in data["tables"] if (each["gravity"], each["step"]) == (9.81, 1e-3))
     signs = {grade: sign for grade, (sign, _) in GRADES.items()}
     cells = [cell for _, row in table["rows"] for cell in row]
@@ -276,16 +297,25 @@ def test_the_committed_page_shows_its_first_table_without_a_script(data: dict[st
 
 def test_the_committed_run_is_of_the_study_in_the_wheel(scores: dict[Case, Any]) -> None:
     study = load_study(find_study("field"))
-    asked = {(run.engine, run.recipe, run.scene.gravity, h) for run in study.runs for h in run.timesteps}
+    asked = {
+        (run.engine, run.recipe, run.scene.gravity, h) for run in study.runs for h in run.timesteps
+    }
     assert set(scores) == asked
 
 
 ANY, COARSE = (1e-6, 1e-5, 1e-4, 1e-3, 1 / 240, 1 / 60), (1e-4, 1e-3, 1 / 240, 1 / 60)
-# What each engine's best settings came to by hand, without gravity: how far e is off the law, or off the best
-# constant e, at most, at these steps; of two digits or so, which is what they are rounded to.
+# What each engine's best settings came to by hand, without gravity: how far e is off
+# the law, or off the best constant e, at most, at these steps; of two digits or so,
+# which is what they are rounded to.
 BY_HAND = [
     ("drake", "continuous", "law", 1e-8, ANY),
-    ("opensim", "force", "law", 1e-8, (1e-6, 1e-4, 1e-3)),  # .00001 where a long step overlooks the touch
+    (
+        "opensim",
+        "force",
+        "law",
+        1e-8,
+        (1e-6, 1e-4, 1e-3),
+    ),  # .00001 where a long step overlooks the touch
     ("exudyn", "contact-law", "law", 2e-5, (1e-6,)),
     ("exudyn", "restitution", "constant", 2e-5, (1e-6,)),
     ("dart", "restitution", "constant", 1e-10, ANY),
@@ -310,9 +340,16 @@ BY_HAND = [
 
 @pytest.mark.parametrize(("engine", "setting", "wanted", "most", "steps"), BY_HAND)
 def test_each_engine_at_its_best_is_as_good_as_by_hand(
-    scores: dict[Case, Any], engine: str, setting: str, wanted: str, most: float, steps: tuple[float, ...]
+    scores: dict[Case, Any],
+    engine: str,
+    setting: str,
+    wanted: str,
+    most: float,
+    steps: tuple[float, ...],
 ) -> None:
-    """The best constant is off the law by as much at both ends: another is further off at one of them."""
+    """The best constant is off the law by as much at both ends: another
+    is further off at one of them.
+    """
     for h in steps:
         score = scores[Case(engine, setting, 0.0, h)]
         least = 0.0 if wanted == "law" else score["constant_error_law"]
@@ -353,6 +390,9 @@ def test_the_page_says_what_tune_says(data: dict[str, Any]) -> None:
     by_kind = {choice["kind"]: choice for choice in answer["choices"]}
     for kind, column in (("settings", "settings"), ("exact", "plugin")):
         text, setting, *_ = cell_of(data, 9.81, 1e-3, "mujoco", column)
-        assert (text, setting) == (wording.error(by_kind[kind]["max_error"]), by_kind[kind]["setting"])
+        assert (text, setting) == (
+            wording.error(by_kind[kind]["max_error"]),
+            by_kind[kind]["setting"],
+        )
     assert cell_of(data, 9.81, 1 / 60, "mujoco", "settings")[0] == "not run"
     assert cell_of(data, 9.81, 1 / 240, "pybullet", "plugin")[3] < 1e-6

@@ -1,4 +1,6 @@
-"""The field page in a real browser: its choices, what a cell opens to, a phone, the dark, and axe-core."""
+"""The field page in a real browser: its choices, what a cell opens to, a
+phone, the dark, and axe-core.
+"""
 
 from __future__ import annotations
 
@@ -66,11 +68,15 @@ def test_the_table_follows_the_step_and_sorts_by_any_column(page: Page) -> None:
 
 @pytest.mark.parametrize(("width", "scheme"), [(1300, "light"), (380, "dark")])
 def test_axe_finds_nothing_and_nothing_is_cut(page: Page, width: int, scheme: str) -> None:
-    pytest.importorskip("axe_playwright_python", reason="axe-core, which checks accessibility, is not here")
+    pytest.importorskip(
+        "axe_playwright_python", reason="axe-core, which checks accessibility, is not here"
+    )
     page.set_viewport_size({"width": width, "height": 900})
     page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
     page.evaluate((resources.files("axe_playwright_python") / "axe.min.js").read_text("utf-8"))
-    violations = page.evaluate("axe.run(document, {resultTypes: ['violations']}).then(r => r.violations)")
+    violations = page.evaluate(
+        "axe.run(document, {resultTypes: ['violations']}).then(r => r.violations)"
+    )
     assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []
     assert page.evaluate(CUT) == []
     contrasts = page.evaluate(CONTRAST)

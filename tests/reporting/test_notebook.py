@@ -34,7 +34,11 @@ def tuned() -> Any:
 SHOWN = {
     "measured": (measured, "ball on plate", "Restitution between"),
     "tuned": (tuned, "MuJoCo: impulse", "largest error of e"),
-    "results": (small_results, "A steel ball", "With nothing set single does not bounce like the law."),
+    "results": (
+        small_results,
+        "A steel ball",
+        "With nothing set single does not bounce like the law.",
+    ),
 }
 
 
@@ -46,7 +50,9 @@ def test_a_result_shows_itself(name: str) -> None:
     assert title in html
     assert fact in html
     assert not re.search(r"<script|https?://(?!www\.w3\.org|purl|creativecommons|matplotlib)", html)
-    ElementTree.fromstring(re.sub(r'src="[^"]*"', "", html).replace("&nbsp;", " "))  # every tag is closed
+    ElementTree.fromstring(
+        re.sub(r'src="[^"]*"', "", html).replace("&nbsp;", " ")
+    )  # every tag is closed
     with mpl.rc_context({"axes.grid": False, "lines.linewidth": 9.0}):
         figure = result.plot()
         assert mpl.rcParams["lines.linewidth"] == 9.0

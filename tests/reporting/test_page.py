@@ -1,4 +1,6 @@
-"""The page in a real browser: headless Chromium, spoken to over a pipe, with nothing else installed."""
+"""The page in a real browser: headless Chromium, spoken to over a
+pipe, with nothing else installed.
+"""
 
 from __future__ import annotations
 
@@ -44,11 +46,14 @@ class Browser:
         from_browser, to_us = os.pipe()
         quiet = os.open(os.devnull, os.O_RDWR)
         inherited = [(os.POSIX_SPAWN_DUP2, quiet, fd) for fd in (0, 1, 2)]
-        # Chromium reads from 3 and writes to 4; high numbers first, lest one pipe end covers another.
+        # Chromium reads from 3 and writes to 4; high numbers first, lest
+        # one pipe end covers another.
         high = [os.dup(fd) for fd in (from_us, to_us)]
         inherited += [(os.POSIX_SPAWN_DUP2, high[0], 3), (os.POSIX_SPAWN_DUP2, high[1], 4)]
         arguments = [program, *FLAGS.split(), f"--user-data-dir={profile}", "about:blank"]
-        self.process = os.posix_spawn(program, arguments, os.environ, file_actions=inherited, setpgroup=0)
+        self.process = os.posix_spawn(
+            program, arguments, os.environ, file_actions=inherited, setpgroup=0
+        )
         for fd in (from_us, to_us, quiet, *high):
             os.close(fd)
         self.reader, self.writer = from_browser, to_browser
@@ -89,7 +94,9 @@ class Browser:
 
     def open(self, url: str) -> None:
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Network", "Runtime", "Log"):
             self.call(f"{domain}.enable")
         self.resize(1280)
@@ -102,7 +109,9 @@ class Browser:
         self.call("Emulation.setDeviceMetricsOverride", **size)
 
     def value(self, expression: str) -> Any:
-        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer
         return answer["result"]["value"]
 
@@ -120,7 +129,9 @@ def results() -> Results:
 
     return dataclasses.replace(
         plain,
-        settings=[{**s, "setting": HOSTILE} if s["setting"] == "impulse" else s for s in plain.settings],
+        settings=[
+            {**s, "setting": HOSTILE} if s["setting"] == "impulse" else s for s in plain.settings
+        ],
         table=ImpactTable.of(renamed(plain.impacts), plain.study),
         loops=renamed(plain.loops),
         scores=renamed(plain.scores),
@@ -146,7 +157,9 @@ def browser(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Br
 
 
 def test_the_page_raises_no_errors(browser: Browser) -> None:
-    browser.value("new Promise(done => requestAnimationFrame(() => setTimeout(() => done(0), 100)))")
+    browser.value(
+        "new Promise(done => requestAnimationFrame(() => setTimeout(() => done(0), 100)))"
+    )
     assert [e["entry"]["text"] for e in browser.seen("Log.entryAdded")] == []
     assert browser.seen("Runtime.consoleAPICalled") == []
     assert browser.seen("Runtime.exceptionThrown") == []
@@ -182,7 +195,9 @@ def test_figures_show_ink_not_blank_paper(browser: Browser) -> None:
 
 def test_names_stay_text(browser: Browser) -> None:
     assert browser.value("document.title").startswith(f"A ball {HOSTILE}")
-    assert browser.value("document.querySelector('header .kicker').textContent") == f"A ball {HOSTILE}"
+    assert (
+        browser.value("document.querySelector('header .kicker').textContent") == f"A ball {HOSTILE}"
+    )
     browser.value("change({engine: 'single', step: 1e-3}), 0")
     assert HOSTILE in browser.value("document.querySelector('.ranking').textContent")
     assert browser.value("[...document.scripts].map(s => s.id)") == ["explorer-data", ""]
@@ -210,7 +225,12 @@ def test_on_a_phone_verdicts_and_captions_are_on_the_screen(browser: Browser, wi
         "[...document.querySelectorAll({!r})].filter(e => e.checkVisibility())"
         ".map(e => Math.round(e.getBoundingClientRect().right))"
     )
-    for what in (".ranking th, .ranking td:not(:empty)", "caption", "figcaption", "#explorer-curve"):
+    for what in (
+        ".ranking th, .ranking td:not(:empty)",
+        "caption",
+        "figcaption",
+        "#explorer-curve",
+    ):
         found = browser.value(ends.format(what))
         assert found, what
         assert 0 < min(found) <= max(found) <= width, what

@@ -24,7 +24,10 @@ SPRING_ROW: dict[str, Any] = {
 }
 
 
-DAMPER_ROW: dict[str, Any] = {"solref": [0.0, -1926.9348713286079], "solimp": [0.1, 0.9, 1e-3, 0.5, 2.0]}
+DAMPER_ROW: dict[str, Any] = {
+    "solref": [0.0, -1926.9348713286079],
+    "solimp": [0.1, 0.9, 1e-3, 0.5, 2.0],
+}
 
 
 def test_pasted_mujoco_text_compiles_to_the_same_numbers() -> None:

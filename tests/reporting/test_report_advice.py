@@ -23,7 +23,9 @@ BROKEN = RunKey("explicit", "broken", 1e-3)
 def test_what_is_advised_names_what_follows_the_law_and_what_does_not(view: View) -> None:
     said = " ".join(ranking.advised(view)).replace(wording.NBSP, " ")
     assert "With nothing set single does not bounce like the law." in said
-    assert "single impulse, step 1 ms: wrong by at most 0.041, as good as the best constant e." in said
+    assert (
+        "single impulse, step 1 ms: wrong by at most 0.041, as good as the best constant e." in said
+    )
     assert "explicit law, step 1 µs: wrong by at most" in said
     assert "spring-damper" not in said
 
@@ -46,7 +48,9 @@ def test_a_law_without_damping_has_a_page_too(tmp_path: Path) -> None:
     lossless = small_results([("explicit", "law", 1e-6, (0.0,), SPEEDS)])
     study = {**lossless.study, "alphas": [0.0], "main_alpha": 0.0}
     page = build(dataclasses.replace(lossless, study=study), tmp_path)
-    words_of_it = re.sub(r"base64,[^\"]*|<style>.*</style>", "", page.read_text(encoding="utf-8"), flags=re.S)
+    words_of_it = re.sub(
+        r"base64,[^\"]*|<style>.*</style>", "", page.read_text(encoding="utf-8"), flags=re.S
+    )
     assert "explicit" in words_of_it
     assert not re.search(r"\b(nan|inf)\b", words_of_it)
 
@@ -69,7 +73,9 @@ def test_a_study_of_the_law_alone_has_a_page_too(results: Results, tmp_path: Pat
         (BROKEN, "loses impacts", "bad", "no loop to judge"),
     ],
 )
-def test_verdicts_go_by_the_scores(view: View, run: RunKey, bounce: str, grade: str, loop: str) -> None:
+def test_verdicts_go_by_the_scores(
+    view: View, run: RunKey, bounce: str, grade: str, loop: str
+) -> None:
     assert ranking.verdict(view, run) == ranking.RunVerdict(bounce, grade, loop)
 
 

@@ -44,7 +44,11 @@ def test_a_kind_of_setting_has_one_hue_that_stands_out_and_each_setting_its_mark
     looks = plot_style.plot_styles([("mujoco", name) for name in plot_style._RECIPES], "reference")
     assert {look.kind for look in looks.values()} == set(plot_style.KIND_COLOURS)
     of_kind = {
-        kind: [look.marker for name, look in looks.items() if look.kind == kind and name[1] != "restitution"]
+        kind: [
+            look.marker
+            for name, look in looks.items()
+            if look.kind == kind and name[1] != "restitution"
+        ]
         for kind in plot_style.KIND_COLOURS
     }
     assert all(len(set(markers)) == len(markers) for markers in of_kind.values())
@@ -53,7 +57,8 @@ def test_a_kind_of_setting_has_one_hue_that_stands_out_and_each_setting_its_mark
 def test_a_setting_looks_the_same_in_every_study() -> None:
     alone = plot_style.plot_styles([("mujoco", "impulse")], "reference")
     among = plot_style.plot_styles(
-        [("mujoco", "impulse"), ("mujoco", "aaa"), ("nobodys", "impulse"), ("pybullet", "x")], "reference"
+        [("mujoco", "impulse"), ("mujoco", "aaa"), ("nobodys", "impulse"), ("pybullet", "x")],
+        "reference",
     )
     assert alone["mujoco", "impulse"] == among["mujoco", "impulse"]
     assert among["nobodys", "impulse"].dashes != among["mujoco", "impulse"].dashes

@@ -1,4 +1,6 @@
-"""A report's files: the same bytes for the same results, nothing of this machine, nothing left behind."""
+"""A report's files: the same bytes for the same results, nothing of
+this machine, nothing left behind.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from hcbench.system.files import atomic_folder, write_text
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
 
 
 def test_a_later_report_leaves_no_figure_of_an_earlier_one(page: Path, tmp_path: Path) -> None:
@@ -64,23 +68,35 @@ def test_files_beside_the_page(page: Path) -> None:
 
 def test_nothing_of_this_machine_or_day_is_in_the_files(page: Path) -> None:
     for name, content in contents(page.parent).items():
-        for trace in (str(Path.home()), str(page.parent), str(Path(__file__).parent), "Software", "dc:date"):
+        for trace in (
+            str(Path.home()),
+            str(page.parent),
+            str(Path(__file__).parent),
+            "Software",
+            "dc:date",
+        ):
             assert trace.encode() not in content, (name, trace)
 
 
 def test_page_loads_nothing(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     markup = re.sub(r"<script>.*?</script>", "", text, flags=re.S)
-    loaded = re.findall(r'(?:src|srcset|data)="([^"]*)"', markup) + re.findall(r"url\(([^)]*)\)", markup)
+    loaded = re.findall(r'(?:src|srcset|data)="([^"]*)"', markup) + re.findall(
+        r"url\(([^)]*)\)", markup
+    )
     assert loaded
-    assert all(link.startswith(("data:", "%23")) for link in loaded)  # or a part of the same picture
+    assert all(
+        link.startswith(("data:", "%23")) for link in loaded
+    )  # or a part of the same picture
     assert "<script src" not in text
     assert not re.search(r"\b(fetch|XMLHttpRequest|import|WebSocket|sendBeacon)\b\s*\(", text)
     assert "@import" not in text
     assert len(text) < 6_000_000
 
 
-def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, tmp_path: Path) -> None:
+def test_nothing_is_left_behind_where_nothing_can_be_written(
+    results: Results, tmp_path: Path
+) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(UserError, match="can be written"):
         build(results, tmp_path / "file" / "report")

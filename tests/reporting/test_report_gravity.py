@@ -29,7 +29,9 @@ def both(without_gravity: Results, with_gravity: Results) -> Results:
     return dataclasses.replace(without_gravity, settings=settings, table=table, **tables_of_both)
 
 
-def test_the_page_leads_with_what_was_dropped_and_ranks_both(results: Results, tmp_path: Path) -> None:
+def test_the_page_leads_with_what_was_dropped_and_ranks_both(
+    results: Results, tmp_path: Path
+) -> None:
     found = both(results, dropped(results, 9.81, law=(5e-3, 0.0), spring_damper=(5e-3, 0.0)))
     page = build(found, tmp_path).read_text(encoding="utf-8")
     assert "this command finds it" in page

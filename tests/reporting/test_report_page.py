@@ -1,4 +1,6 @@
-"""The default report's page: its size, on paper too, its contrast, and an answer for any α that loads."""
+"""The default report's page: its size, on paper too, its contrast, and
+an answer for any α that loads.
+"""
 
 from __future__ import annotations
 
@@ -153,7 +155,9 @@ def test_between_alphas_that_were_run_settings_have_the_command_and_the_errors_a
 def test_off_the_table_the_text_is_the_command(opened: Callable[..., Page]) -> None:
     page = opened(choice("mujoco", alpha=5, kind="settings"))
     text = page.locator("#explorer-paste-text").inner_text()
-    assert text.startswith('hcbench tune mujoco --alpha "5 s/m" --timestep "0.002 s" --gravity 9.81')
+    assert text.startswith(
+        'hcbench tune mujoco --alpha "5 s/m" --timestep "0.002 s" --gravity 9.81'
+    )
     assert '--speeds "0.0314:0.508 m/s"' in text
     assert '--pair "foot,floor"' in text
     assert page.get_by_role("tab", name="Plug-in").count() == 1

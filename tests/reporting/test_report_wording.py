@@ -33,7 +33,14 @@ def test_small_numbers_in_words(value: float, text: str) -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(1e-6, "1 µs"), (5e-5, "50 µs"), (1e-3, "1 ms"), (1 / 240, "1/240 s"), (4e-3, "4 ms"), (2.0, "2 s")],
+    [
+        (1e-6, "1 µs"),
+        (5e-5, "50 µs"),
+        (1e-3, "1 ms"),
+        (1 / 240, "1/240 s"),
+        (4e-3, "4 ms"),
+        (2.0, "2 s"),
+    ],
 )
 def test_times_in_words(seconds: float, text: str) -> None:
     assert wording.time(seconds).replace(wording.NBSP, " ") == text
@@ -48,7 +55,9 @@ def test_a_study_is_reported_in_the_unit_that_it_is_written_in(results: Results,
     shown = View(dataclasses.replace(results, study={**results.study, "speed_unit": unit}))
     assert ("in/s" in band_text(shown)) == (unit == "in/s")
     assert "m/s" in band_text(shown)
-    tops = [axis.get_xlabel() for axes in overview_figure(shown, [LAW]).axes for axis in axes.child_axes]
+    tops = [
+        axis.get_xlabel() for axes in overview_figure(shown, [LAW]).axes for axis in axes.child_axes
+    ]
     assert ("in/s" in tops) == (unit == "in/s")
 
 

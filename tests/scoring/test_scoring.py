@@ -34,7 +34,9 @@ def law_impact(speed: float, phase: float = 0.5, law: HuntCrossley = LAW) -> Imp
 
 
 def constant_impact(speed: float, e: float, phase: float = 0.5) -> Impact:
-    return Impact(Launch(speed, phase), Status.PARTED, speed_in=speed, speed_out=e * speed, samples=1)
+    return Impact(
+        Launch(speed, phase), Status.PARTED, speed_in=speed, speed_out=e * speed, samples=1
+    )
 
 
 @pytest.fixture(scope="module")
@@ -88,16 +90,24 @@ def test_a_constant_restitution_loses_energy_as_the_square_of_speed() -> None:
 
 def test_no_constant_beats_the_best_constant() -> None:
     e, error = scoring.best_constant(LAW.alpha, SPEEDS)
-    assert scoring.score([constant_impact(v, e) for v in SPEEDS], LAW, MASS).max_error_law == pytest.approx(
-        error
-    )
+    assert scoring.score(
+        [constant_impact(v, e) for v in SPEEDS], LAW, MASS
+    ).max_error_law == pytest.approx(error)
     for other in (e - 0.01, e + 0.01):
-        assert scoring.score([constant_impact(v, other) for v in SPEEDS], LAW, MASS).max_error_law > error
+        assert (
+            scoring.score([constant_impact(v, other) for v in SPEEDS], LAW, MASS).max_error_law
+            > error
+        )
 
 
 @pytest.mark.parametrize(
     ("alpha", "e", "error"),
-    [(0.002, 0.97977, 0.0182), (0.004, 0.96095, 0.0351), (0.008, 0.926935, 0.0651), (0.016, 0.87020, 0.1141)],
+    [
+        (0.002, 0.97977, 0.0182),
+        (0.004, 0.96095, 0.0351),
+        (0.008, 0.926935, 0.0651),
+        (0.016, 0.87020, 0.1141),
+    ],
 )
 def test_the_line_to_beat_for_the_papers_four_alphas(alpha: float, e: float, error: float) -> None:
     constant, largest = scoring.best_constant(alpha / 0.0254, SPEEDS)

@@ -46,7 +46,9 @@ def test_launches_that_are_to_touch_at_a_speed_are_those_of_their_objects(
     spin = (0.0, 2.0, 0.0)
     columns = Launches.touching(speeds, phases, 1e-2, gravity, slips, spin, steps_most, 0.5)
     rows = zip(speeds.tolist(), phases.tolist(), slips.tolist(), strict=True)
-    each = [Launch.touching(v, p, 1e-2, gravity, (s, 0.0), spin, steps_most, 0.5) for v, p, s in rows]
+    each = [
+        Launch.touching(v, p, 1e-2, gravity, (s, 0.0), spin, steps_most, 0.5) for v, p, s in rows
+    ]
     assert list(columns) == each
 
 

@@ -24,7 +24,9 @@ WITH_RECIPES = [name for name in registry.names() if registry.recipes(name)]
 for _name in WITH_RECIPES:
     if registry.is_there(_name):
         _title = f"Test{_name.title()}"
-        globals()[_title] = type(_title, (EngineConformance,), {"engine": _name, **DAMPED.get(_name, {})})
+        globals()[_title] = type(
+            _title, (EngineConformance,), {"engine": _name, **DAMPED.get(_name, {})}
+        )
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -51,7 +53,9 @@ def test_every_engine_that_is_installed_is_tested(engine: str) -> None:
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
-@pytest.mark.parametrize("engine", [name for name in registry.names() if "flores" in registry.recipes(name)])
+@pytest.mark.parametrize(
+    "engine", [name for name in registry.names() if "flores" in registry.recipes(name)]
+)
 def test_later_laws_deliver_what_follows_from_their_chi_at_every_speed_and_phase(
     engine: str, law: PublishedLaw
 ) -> None:

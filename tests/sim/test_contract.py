@@ -1,4 +1,6 @@
-"""One contract, one way to run an impact: whoever asks, one contact has one status and one restitution."""
+"""One contract, one way to run an impact: whoever asks, one contact has
+one status and one restitution.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,16 @@ SOFT_SPRING = {"rows": [{"solref": [-9e4, -1.2], "solimp": [0.5, 0.5, 0.001, 0.5
 def test_an_engine_of_someone_elses_is_one_file_and_one_entry_point() -> None:
     lines = (OUTSIDE / "rk4_engine.py").read_text(encoding="utf-8").count("\n")
     assert lines <= 150
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--noconftest", str(OUTSIDE)]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--noconftest",
+        str(OUTSIDE),
+    ]
     done = subprocess.run(
         [*command, "-c", os.devnull, "--rootdir", str(OUTSIDE)],
         capture_output=True,
@@ -48,7 +59,8 @@ def test_an_engine_of_someone_elses_is_one_file_and_one_entry_point() -> None:
     assert int(passed[1]) >= 14
 
 
-# --- one contact, one status ---------------------------------------------------------------------------
+# --- one contact, one status
+# ---------------------------------------------------------------------------
 
 
 def by_the_benchmark(setting: Setting, speed: float, scene: Any = HEAVY) -> Impact:
@@ -83,7 +95,8 @@ def test_benchmark_and_measure_agree_on_a_model(recipe: str, speed: float, scene
 
 @pytest.mark.needs_engine("pybullet")
 def test_a_slow_contact_is_followed_to_its_end() -> None:
-    # 12 kg at 3 mm/s on a spring of a second's half period: longer than any impact of steel, and a bounce.
+    # 12 kg at 3 mm/s on a spring of a second's half period: longer than any
+    # impact of steel, and a bounce.
     heavy = dataclasses.replace(PLANE, mass=12.0)
     spring = {"solref": [-3.0, -0.3], "solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0]}
     soft = Setting("pybullet", "soft", 1e-3, _bullet_spring(12.0 * 3.0, 12.0 * 0.3))
@@ -98,7 +111,10 @@ def test_a_slow_contact_is_followed_to_its_end() -> None:
 
 def _bullet_spring(stiffness: float, damping: float) -> dict[str, Any]:
     made = dict(setting_for("pybullet.spring-damper", "steel-plane").options)
-    return {**made, "ball": {**made["ball"], "contactStiffness": stiffness, "contactDamping": damping}}
+    return {
+        **made,
+        "ball": {**made["ball"], "contactStiffness": stiffness, "contactDamping": damping},
+    }
 
 
 def test_the_stop_rule_does_not_depend_on_how_steps_are_chunked() -> None:
@@ -143,11 +159,14 @@ def test_a_body_that_creeps_in_an_overlap_without_any_force_is_at_rest() -> None
     assert counts[0] == 3 + 128
 
 
-# --- one mistake, one refusal --------------------------------------------------------------------------
+# --- one mistake, one refusal
+# --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
-def test_a_step_too_coarse_for_the_force_law_is_refused_however_the_ball_gets_its_speed(engine: str) -> None:
+def test_a_step_too_coarse_for_the_force_law_is_refused_however_the_ball_gets_its_speed(
+    engine: str,
+) -> None:
     law = HuntCrossley(PLANE.stiffness, 0.315, PLANE.exponent)
     recipe = registry.recipe(f"{engine}.hunt-crossley")
     setting = recipe(Target(law, PLANE.mass, 1.4e-5, 0.0254, 0.508))
@@ -156,15 +175,20 @@ def test_a_step_too_coarse_for_the_force_law_is_refused_however_the_ball_gets_it
     refused = []
     for launch in (Launch(speed), Launch(0.0, height=fall)):
         with pytest.raises(SettingError) as error:
-            registry.engine(engine).run(HEAVY, dataclasses.replace(setting, timestep=4e-5), [launch])
+            registry.engine(engine).run(
+                HEAVY, dataclasses.replace(setting, timestep=4e-5), [launch]
+            )
         refused.append((error.value.exit_code, type(error.value)))
     assert refused[0] == refused[1] == (2, SettingError)
 
 
-# --- oblique launches ----------------------------------------------------------------------------------
+# --- oblique launches
+# ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("recipe", ["mujoco.impulse", "mujoco.spring-damper", "pybullet.restitution"])
+@pytest.mark.parametrize(
+    "recipe", ["mujoco.impulse", "mujoco.spring-damper", "pybullet.restitution"]
+)
 def test_without_friction_slip_and_spin_leave_the_normal_restitution_as_it_is(recipe: str) -> None:
     setting = setting_for(recipe, "steel-plane")
     straight = Launch(0.3, 0.3)

@@ -1,4 +1,6 @@
-"""The true cup bounces a ball alike on its axis and off it; drops end at the speed and phase asked for."""
+"""The true cup bounces a ball alike on its axis and off it; drops end at
+the speed and phase asked for.
+"""
 
 from __future__ import annotations
 
@@ -67,10 +69,11 @@ def test_only_a_cup_has_an_axis_to_be_off() -> None:
 def test_a_drop_ends_at_the_speed_asked_for_from_about_rest(
     speed: float, phase: float, timestep: float
 ) -> None:
-    """Semi-implicit steps h keep (v + g h/2)² + 2 g z, so that a fall from rest has gained g h/2 at once.
+    """Semi-implicit steps h keep (v + g h/2)² + 2 g z, so that a fall from
+    rest has gained g h/2 at once.
 
-    The fall starts with less than one step's gain: no more is needed to touch at the phase. A speed that a
-    fall from rest gains before the phase comes is reached from rest, at an earlier phase.
+    The fall starts with less than one step's gain: no more is needed to touch at the phase. A speed
+    that a fall from rest gains before the phase comes is reached from rest, at an earlier phase.
     """
     gravity = 9.81
     launch = Launch.dropped(speed, phase, timestep, gravity)
@@ -91,7 +94,9 @@ def test_heights_need_gravity_and_stand_alone() -> None:
     run = {"engine": "mujoco", "recipe": "impulse", "timesteps": "1e-3 s", "heights": "1, 10 mm"}
     study = {"scene": "steel-cup", "alphas": "0.008 s/in", "speeds": "4, 8 in/s"}
     heavy = {**run, "gravity": "9.81 m/s^2"}
-    assert study_from({**study, "run": [heavy]}).runs[0].speeds == pytest.approx((0.14007, 0.44294), rel=1e-4)
+    assert study_from({**study, "run": [heavy]}).runs[0].speeds == pytest.approx(
+        (0.14007, 0.44294), rel=1e-4
+    )
     for wrong in (run, {**heavy, "speeds": "4 in/s"}):
         with pytest.raises(StudyError, match="run 1: heights"):
             study_from({**study, "run": [wrong]})

@@ -1,4 +1,6 @@
-"""Engines as the package index has them, each version in an environment of its own: make test-engines."""
+"""Engines as the package index has them, each version in an environment
+of its own: make test-engines.
+"""
 
 from __future__ import annotations
 

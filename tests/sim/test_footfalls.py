@@ -11,7 +11,9 @@ STEP = 1e-3  # s
 
 
 def landed(*pushes: float) -> FootfallLog:
-    """A foot that the floor pushes by 10 N in steps that begin at these times, s, sliding at 0.5 m/s."""
+    """A foot that the floor pushes by 10 N in steps that begin at
+    these times, s, sliding at 0.5 m/s.
+    """
     foot = FootfallLog(touch=pushes[0], speed=1.0, slide=0.5)
     for time in pushes:
         foot.add(time, STEP, force=10.0, slide=0.5, depth=1e-4)
@@ -19,7 +21,9 @@ def landed(*pushes: float) -> FootfallLog:
 
 
 @pytest.mark.parametrize(("gap", "bounces"), [(0.0, 0), (0.0049, 0), (0.0051, 1), (0.02, 1)])
-def test_a_foot_that_is_off_the_floor_for_more_than_5_ms_has_left_it(gap: float, bounces: int) -> None:
+def test_a_foot_that_is_off_the_floor_for_more_than_5_ms_has_left_it(
+    gap: float, bounces: int
+) -> None:
     foot = landed(0.1, 0.1 + STEP + gap)
     assert foot.bounces == bounces
     # A gap that only chatters belongs to the contact.

@@ -1,4 +1,6 @@
-"""The longest train of bounces that a target allows, against the geometric series of a bouncing ball."""
+"""The longest train of bounces that a target allows, against the
+geometric series of a bouncing ball.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,16 @@ G = 9.81  # m/s²
 
 
 def ends_after(e: float, height: float) -> float:
-    """Time, s, after which a ball with one e for all speeds lies still: a geometric series of flights."""
+    """Time, s, after which a ball with one e for all speeds lies still:
+    a geometric series of flights.
+    """
     fall = np.sqrt(2.0 * height / G)
     return float(fall * (1.0 + e) / (1.0 - e))
 
 
-@pytest.mark.parametrize(("error", "allowed"), [(0.0, 0.9), (0.02, 0.92), (0.05, 0.95), (0.3, 0.95)])
+@pytest.mark.parametrize(
+    ("error", "allowed"), [(0.0, 0.9), (0.02, 0.92), (0.05, 0.95), (0.3, 0.95)]
+)
 def test_an_impact_may_lose_less_by_the_error_but_half_of_the_target_at_least(
     error: float, allowed: float
 ) -> None:

@@ -20,13 +20,17 @@ PARTS = [("body", "ball", 1), ("geom", "ball", 0), ("geom", "plate", 2), ("geom"
         ("plate", ("geom", 2)),
     ],
 )
-def test_the_first_of_a_name_is_meant_unless_its_kind_is_given(request_: str, part: tuple[str, int]) -> None:
+def test_the_first_of_a_name_is_meant_unless_its_kind_is_given(
+    request_: str, part: tuple[str, int]
+) -> None:
     assert find_part(PARTS, request_) == part
 
 
 @pytest.mark.parametrize("request_", ["bal", "body:plate", "body:7", ""])
 def test_what_is_not_there_is_refused_with_the_names_that_are(request_: str) -> None:
-    with pytest.raises(UserError, match=f"no body or geom '{request_}'.*one of: ball, plate, geom:3"):
+    with pytest.raises(
+        UserError, match=f"no body or geom '{request_}'.*one of: ball, plate, geom:3"
+    ):
         find_part(PARTS, request_)
 
 

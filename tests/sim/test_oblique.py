@@ -25,29 +25,38 @@ from hcbench.terms.setting import Setting
 from hcbench.tuning.evaluate import friction_error, oblique_launches
 from hcbench.workers import call
 
-# A solid ball, so that its slip meets 2/7 of its mass, with Coulomb's friction on a plane under gravity.
+# A solid ball, so that its slip meets 2/7 of its mass, with Coulomb's
+# friction on a plane under gravity.
 R = 0.0508
-BALL = replace(load_scene("steel-plane"), ball_radius=R, plate_radius=math.inf, friction=0.5, gravity=9.81)
+BALL = replace(
+    load_scene("steel-plane"), ball_radius=R, plate_radius=math.inf, friction=0.5, gravity=9.81
+)
 MASS, ALPHA, STEP = BALL.mass, 0.315, 2e-3
 ANYHOW = Launch(0.9, 0.3, slip=(0.7, -0.4), spin=(25.0, -10.0, 30.0))
 STICKS, SLIDES = Launch(1.0, 0.6, slip=(0.4, 0.0)), Launch(0.3, 0.2, slip=(2.0, 0.0))
 
 
 def target(timestep: float, low: float = 0.1, high: float = 3.0) -> Target:
-    return Target(HuntCrossley(BALL.stiffness, ALPHA, BALL.exponent), BALL.mass, timestep, low, high)
+    return Target(
+        HuntCrossley(BALL.stiffness, ALPHA, BALL.exponent), BALL.mass, timestep, low, high
+    )
 
 
 def setting(recipe: str, timestep: float = STEP) -> Setting:
     return registry.recipe(recipe)(target(timestep))
 
 
-def run(recipe: str, *launches: Launch, timestep: float = STEP, gravity: float = 9.81) -> list[Impact]:
+def run(
+    recipe: str, *launches: Launch, timestep: float = STEP, gravity: float = 9.81
+) -> list[Impact]:
     made = setting(recipe, timestep)
     return registry.engine(made.engine).run(replace(BALL, gravity=gravity), made, launches)
 
 
 class Judged(NamedTuple):
-    """Largest errors of e and of friction's impulse, largest share of energy gained, impacts without e."""
+    """Largest errors of e and of friction's impulse, largest share of
+    energy gained, impacts without e.
+    """
 
     max_error: float
     impulse_error: float
@@ -87,7 +96,11 @@ def test_a_solid_sphere_that_sticks_rolls_on_with_five_sevenths_of_its_speed() -
 component = st.floats(-30.0, 30.0)
 
 
-@given(st.floats(0.05, 5.0), st.tuples(component, component), st.tuples(component, component, component))
+@given(
+    st.floats(0.05, 5.0),
+    st.tuples(component, component),
+    st.tuples(component, component, component),
+)
 def test_coulombs_law_loses_energy_and_never_turns_the_slip_around(
     speed: float, slip: tuple[float, float], spin: tuple[float, float, float]
 ) -> None:
@@ -138,7 +151,9 @@ def by_hand(before: Floats, after: Floats, impulse: Floats, gravity: float) -> F
     ]
     slip = after[1] - R * after[5], after[2] + R * after[4]
     ratio = math.hypot(*impulse[1:]) / impulse[0]
-    return np.array([speeds[1] / speeds[0], *slip, *after[4:], 1 - energies[1] / energies[0], ratio])
+    return np.array(
+        [speeds[1] / speeds[0], *slip, *after[4:], 1 - energies[1] / energies[0], ratio]
+    )
 
 
 @pytest.mark.parametrize("launch", [ANYHOW, STICKS, SLIDES], ids=str)
@@ -189,7 +204,9 @@ def test_a_loop_by_hand_in_plain_pybullet_agrees(launch: Launch) -> None:
 
 @pytest.mark.needs_engine("pybullet")
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
-def test_the_restitution_of_pybullet_survives_gravity_friction_slip_and_spin(gravity: float) -> None:
+def test_the_restitution_of_pybullet_survives_gravity_friction_slip_and_spin(
+    gravity: float,
+) -> None:
     """At PyBullet's step of 1/240 s its friction is Coulomb's, too."""
     launches = [
         Launch(v, phase, slip=slip, spin=spin)
@@ -203,7 +220,9 @@ def test_the_restitution_of_pybullet_survives_gravity_friction_slip_and_spin(gra
     for impact in registry.engine("pybullet").run(case, made, launches):
         along = impact.tangential
         assert along is not None
-        if not gravity:  # which else changes e by where in the step the ball reverses, as without slip
+        if (
+            not gravity
+        ):  # which else changes e by where in the step the ball reverses, as without slip
             assert impact.restitution == pytest.approx(asked, abs=1e-6)
         coulomb = friction_impulse(along.slip_in, along.normal_impulse, case)
         assert along.impulse == pytest.approx(coulomb, rel=1e-6, abs=1e-9)
@@ -243,7 +262,11 @@ def test_a_cup_of_tendons_has_no_friction() -> None:
 @pytest.mark.parametrize(
     ("recipe", "timestep", "off"),
     [
-        ("mujoco.restitution-law", STEP, 0.04),  # MuJoCo's contact point is v h / 2 deep in the ball
+        (
+            "mujoco.restitution-law",
+            STEP,
+            0.04,
+        ),  # MuJoCo's contact point is v h / 2 deep in the ball
         ("pybullet.restitution-law", 1 / 240, 1e-9),
     ],
 )

@@ -20,8 +20,12 @@ FACES = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Path:
-    """ws/src/arms/urdf/arm.urdf names package://arms/... and package://tools/..., which is elsewhere."""
-    cube = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "".join(f"f {face}\n" for face in FACES)
+    """ws/src/arms/urdf/arm.urdf names package://arms/... and
+    package://tools/..., which is elsewhere.
+    """
+    cube = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "".join(
+        f"f {face}\n" for face in FACES
+    )
     for folder in ("ws/src/arms/meshes", "elsewhere/meshes"):
         (tmp_path / folder).mkdir(parents=True)
         (tmp_path / folder / "cube.obj").write_text(cube)
@@ -35,7 +39,9 @@ def robot(tmp_path: Path) -> Path:
     return file
 
 
-def test_a_package_is_looked_for_above_the_file_unless_it_is_given(robot: Path, tmp_path: Path) -> None:
+def test_a_package_is_looked_for_above_the_file_unless_it_is_given(
+    robot: Path, tmp_path: Path
+) -> None:
     assert folders_of(robot, ()) == {"arms": tmp_path / "ws/src/arms"}
     given = read_packages(f"tools={tmp_path / 'elsewhere'}")
     assert folders_of(robot, given)["tools"] == tmp_path / "elsewhere"
@@ -73,9 +79,13 @@ def test_a_urdf_alone_is_offered_a_floor(robot: Path) -> None:
 
 
 def test_a_file_of_checks_names_packages_from_its_own_folder(robot: Path, tmp_path: Path) -> None:
-    """Packages are found from the file's folder as models are, not from the folder that `check` runs in."""
+    """Packages are found from the file's folder as models are, not from
+    the folder that `check` runs in.
+    """
     checks = tmp_path / "checks.toml"
-    entry = f'model = "{robot.relative_to(tmp_path)}"\npackage = "tools=elsewhere"\nrestitution = 0.5\n'
+    entry = (
+        f'model = "{robot.relative_to(tmp_path)}"\npackage = "tools=elsewhere"\nrestitution = 0.5\n'
+    )
     checks.write_text(f"[[check]]\n{entry}")
     (check,) = checks_of(checks)
     assert check.request.packages == (("tools", str(tmp_path / "elsewhere")),)
@@ -84,7 +94,10 @@ def test_a_file_of_checks_names_packages_from_its_own_folder(robot: Path, tmp_pa
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
-        ('<mesh filename="package://gone/hand.stl"/>', "files of package 'gone'.* package gone=FOLDER"),
+        (
+            '<mesh filename="package://gone/hand.stl"/>',
+            "files of package 'gone'.* package gone=FOLDER",
+        ),
         ('<mesh filename="model://gone/hand.stl"/>', "files of package 'gone'"),
         ('<sphere radius="0.1"/>', "MuJoCo fixes its root link to the world.*engine pybullet"),
         ("<xacro:ball/>", "written in xacro"),

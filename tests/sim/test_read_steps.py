@@ -25,20 +25,28 @@ WORDS = "position, velocity or force is not finite"
 def launches(count: int, seed: int) -> Launches:
     rng = np.random.default_rng(seed)
     table = np.zeros((count, 8))
-    table[:, 0], table[:, 1], table[:, 2] = rng.uniform(0.01, 0.5, count), rng.uniform(0, 1, count), np.nan
+    table[:, 0], table[:, 1], table[:, 2] = (
+        rng.uniform(0.01, 0.5, count),
+        rng.uniform(0, 1, count),
+        np.nan,
+    )
     return Launches.of_table(table)
 
 
 def paths(sent: Launches, gravity: float, seed: int, steps: int = 1000) -> tuple[Floats, Floats]:
-    """Heights and velocities upwards, shape (steps + 1, b), of balls on springs and dampers of all kinds:
-    some part, some rest or creep, some are caught, leave at once, fall through or are not finite.
+    """Heights and velocities upwards, shape (steps + 1, b), of balls on springs and
+    dampers of all kinds: some part, some rest or creep, some are caught, leave at once,
+    fall through or are not finite.
     """
     rng, b = np.random.default_rng(seed), len(sent)
     m, radius = PLANE.mass, PLANE.touch_radius
     kind = rng.integers(0, 8, b)
     k = m * 10.0 ** rng.uniform(4, 6.5, b)
     c = rng.choice([0.0, 0.1, 1.0, 3.0], b) * np.sqrt(k * m)
-    c, k = np.where(kind == 7, 0.0, c), np.where(kind == 6, 0.0, k)  # never pushed; through the plate
+    c, k = (
+        np.where(kind == 7, 0.0, c),
+        np.where(kind == 6, 0.0, k),
+    )  # never pushed; through the plate
     z, u = radius + sent.clearance(STEP), np.where(kind == 2, 1.0, -1.0) * sent.speed
     heights, rising = [z], [u]
     for i in range(steps):
@@ -55,7 +63,9 @@ def paths(sent: Launches, gravity: float, seed: int, steps: int = 1000) -> tuple
     return np.array(heights), np.array(rising)
 
 
-def recorded(sent: Launches, heights: Floats, rising: Floats, gravity: float) -> tuple[Impacts, Flags]:
+def recorded(
+    sent: Launches, heights: Floats, rising: Floats, gravity: float
+) -> tuple[Impacts, Flags]:
     """Impacts read from a record of all steps."""
     radius, fall = PLANE.touch_radius, gravity * STEP
     z, u = heights.T, rising.T
@@ -66,7 +76,13 @@ def recorded(sent: Launches, heights: Floats, rising: Floats, gravity: float) ->
     time: Floats = np.arange(states.shape[2], dtype=np.float64) * STEP
     over = counts > 0
     read = impacts_of(
-        sent.take(over), time, states[:, over], counts[over], ends[over], gravity, SpeedReading.TOUCH_PLANE
+        sent.take(over),
+        time,
+        states[:, over],
+        counts[over],
+        ends[over],
+        gravity,
+        SpeedReading.TOUCH_PLANE,
     )
     return read, over
 
@@ -96,7 +112,9 @@ def test_impacts_are_those_of_a_record_to_the_bit(gravity: float) -> None:
     reading = read(sent, heights, rising, gravity, 64)
     assert np.array_equal(reading.end > 0, over)
     mine = impacts_read(sent.take(over), Reading(*(column[over] for column in reading)), gravity)
-    assert {Status.PARTED, Status.RESTED, Status.NO_TOUCH, Status.DIVERGED} == {i.status for i in mine}
+    assert {Status.PARTED, Status.RESTED, Status.NO_TOUCH, Status.DIVERGED} == {
+        i.status for i in mine
+    }
     # As tuples: from Python 3.13 a dataclass with a NaN is not equal to its copy.
     without_loops = [dataclasses.replace(impact, loop=None) for impact in theirs]
     assert [*map(dataclasses.astuple, mine)] == [*map(dataclasses.astuple, without_loops)]
@@ -106,7 +124,8 @@ def test_float32_is_near_enough() -> None:
     sent = launches(200, 3)
     heights, rising = paths(sent, 9.81, 4)
     exact, rounded = (
-        impacts_read(sent, read(sent, heights, rising, 9.81, bits), 9.81).restitution for bits in (64, 32)
+        impacts_read(sent, read(sent, heights, rising, 9.81, bits), 9.81).restitution
+        for bits in (64, 32)
     )
     both = np.isfinite(exact) & (exact > 0.0) & np.isfinite(rounded)
     assert both.sum() > 50

@@ -32,23 +32,31 @@ RECIPES = [f"{name}.{recipe}" for name in SCRIPTED for recipe in registry.recipe
 
 
 def prints_bounces(recipe: Recipe) -> bool:
-    """Without a rebound the script waits for long; defaults part in steps that float32 hardly tells apart."""
+    """Without a rebound the script waits for long; defaults part in steps
+    that float32 hardly tells apart.
+    """
     in_float32 = registry.engine(recipe.engine).bits == 32 and recipe.role is Role.STOCK
     return recipe.ends is None and not in_float32
 
 
 @pytest.mark.needs_engine
-@pytest.mark.parametrize("recipe", [name for name in RECIPES if prints_bounces(registry.recipe(name))])
+@pytest.mark.parametrize(
+    "recipe", [name for name in RECIPES if prints_bounces(registry.recipe(name))]
+)
 def test_the_script_prints_the_restitution_that_was_measured(recipe: str) -> None:
     setting = setting_for(recipe, "steel-plane")
     engine: Any = registry.engine(setting.engine)
-    impacts = engine.run(PLANE, setting, [Launch(speed, 0.5) for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)])
+    impacts = engine.run(
+        PLANE, setting, [Launch(speed, 0.5) for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)]
+    )
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the engine's own, such as of a graphics library
         exec(engine.script(PLANE, setting), {"__name__": "__main__"})
     numbers = [line.split() for line in printed.getvalue().splitlines() if line.startswith("0.")]
-    told = np.array(numbers, dtype=float)  # others are the engine's own, such as of what it compiles
+    told = np.array(
+        numbers, dtype=float
+    )  # others are the engine's own, such as of what it compiles
     assert told[:, 0].tolist() == [impact.launch.speed for impact in impacts]
     assert told[:, 1] == pytest.approx(
         [i.restitution for i in impacts], abs=1e-6 if engine.bits == 32 else 1e-9
@@ -80,7 +88,9 @@ def test_unknown_options_are_named(name: str) -> None:
 
 
 def test_a_missing_engine_is_one_line_with_the_command() -> None:
-    with pytest.raises(EngineMissing, match=r"^engine 'sled': not installed.*pip install no-such-package$"):
+    with pytest.raises(
+        EngineMissing, match=r"^engine 'sled': not installed.*pip install no-such-package$"
+    ):
         Backend("sled", "no-such-package", "1.0", "1.0").version()
 
 
@@ -90,7 +100,10 @@ def test_an_untested_version_is_named() -> None:
     assert Backend("sled", "numpy", here, here).untried(here) == ""
     untried = Backend("sled", "numpy", "0.1", "0.2")
     assert untried.untried(here) == f"numpy {here} was never tried with hcbench; 0.1 ... 0.2 was"
-    with pytest.raises(EngineFailed, match=r"AttributeError: gone.*0\.1"), untried.explained_errors():
+    with (
+        pytest.raises(EngineFailed, match=r"AttributeError: gone.*0\.1"),
+        untried.explained_errors(),
+    ):
         raise AttributeError("gone")
     with pytest.raises(AttributeError), Backend("sled", "numpy", here, here).explained_errors():
         raise AttributeError("ours")
@@ -102,7 +115,9 @@ def test_a_run_with_an_untested_version_warns(name: str, monkeypatch: pytest.Mon
     from hcbench.sim import simulate
 
     engine: Any = registry.engine(name)
-    monkeypatch.setattr(type(engine), "backend", Backend(name, engine.backend.package, "0.1", "0.1"))
+    monkeypatch.setattr(
+        type(engine), "backend", Backend(name, engine.backend.package, "0.1", "0.1")
+    )
     simulate.require_installed.cache_clear()
     with pytest.warns(UntriedVersionWarning, match="was never tried"):
         engine.run(PLANE, setting_for(f"{name}.stock", "steel-plane"), [Launch(0.4)])
@@ -123,7 +138,9 @@ def test_an_engine_is_a_folder_of_few_statements() -> None:
 def _without_docstrings(path: Path) -> ast.Module:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
+            node
+        ):
             node.body = node.body[1:]
     return tree
 
@@ -145,10 +162,14 @@ def test_the_command_line_says_so_in_one_line() -> None:
 
 @pytest.mark.needs_engine
 @pytest.mark.parametrize("name", SCRIPTED)
-def test_a_package_that_does_not_load_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_that_does_not_load_is_one_line(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     engine: Any = registry.engine(name)
     setting = setting_for(f"{name}.stock", "steel-plane")
-    modules = re.findall(r"^(?:import|from) (\w+)", engine.lines(engine.read(setting), PLANE), re.MULTILINE)
+    modules = re.findall(
+        r"^(?:import|from) (\w+)", engine.lines(engine.read(setting), PLANE), re.MULTILINE
+    )
     for module in {"pydrake.all", *modules} - {"numpy", "logging", "math"}:
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setattr(type(engine), "own_process", False)
@@ -157,7 +178,9 @@ def test_a_package_that_does_not_load_is_one_line(name: str, monkeypatch: pytest
 
 
 @pytest.mark.needs_engine("rapier")
-def test_an_engine_that_gives_up_is_a_record_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_engine_that_gives_up_is_a_record_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     engine: Any = registry.engine("rapier")
     broken = _RESTING.format(lines=engine.lines(engine.table(), PLANE))
     monkeypatch.setattr(type(engine), "lines", lambda *_: broken)

@@ -1,4 +1,6 @@
-"""The speeds of an impact under gravity: read off free states beside the contact, whichever they are."""
+"""The speeds of an impact under gravity: read off free states beside
+the contact, whichever they are.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,12 @@ STEPS = st.floats(1e-4, 5e-3)
 SPEEDS = st.floats(0.1, 5.0)
 
 
-def flight(h: float, g: float, speed: float, phase: float, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Penetration and rate at eight states about the touch at `speed`; share: of g h² in a step's way."""
+def flight(
+    h: float, g: float, speed: float, phase: float, share: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Penetration and rate at eight states about the touch at `speed`;
+    share: of g h² in a step's way.
+    """
     n = np.arange(-4, 4)
     x = [-(speed * phase * h)]
     v = [speed]
@@ -65,4 +71,6 @@ def test_a_launch_touches_at_the_speed_and_phase_it_is_made_for(
         assert at_touch == pytest.approx(speed, rel=1e-9)
     if v > 0:
         steps = 2 * gap / (v + reading.share * g * h + speed) / h  # at the mean speed
-        assert steps % 1 == pytest.approx(phase, abs=1e-6) or steps % 1 == pytest.approx(1.0, abs=1e-6)
+        assert steps % 1 == pytest.approx(phase, abs=1e-6) or steps % 1 == pytest.approx(
+            1.0, abs=1e-6
+        )

@@ -13,10 +13,16 @@ from hcbench.terms.impact import Floats, Launch
 def _path(
     rng: np.random.Generator, steps: int, h: float, g: float, kind: int
 ) -> tuple[Floats, Floats, Floats]:
-    """Penetration, rate and force of a body that lands, and then rests in one of several ways or does not."""
+    """Penetration, rate and force of a body that lands, and then rests in
+    one of several ways or does not.
+    """
     step, touch, speed = np.arange(steps), int(rng.integers(0, 6)), 10 ** rng.uniform(-3, 0.5)
     late = np.maximum(0, step - touch)
-    rate = speed * np.exp(-late * 10 ** rng.uniform(-3, 0)) * np.cos(10 ** rng.uniform(-2.5, -0.3) * late)
+    rate = (
+        speed
+        * np.exp(-late * 10 ** rng.uniform(-3, 0))
+        * np.cos(10 ** rng.uniform(-2.5, -0.3) * late)
+    )
     x = np.where(step < touch, -speed * (touch - step) * h, 0) + np.cumsum(rate) * h
     force = np.where(step >= touch, 1.0 + rng.random(steps), 0.0)
     if kind == 1:  # without force
@@ -52,16 +58,26 @@ def _first_rest(x: Floats, v: Floats, f: Floats, launch: Launch, h: float, g: fl
 def test_rest_is_what_a_loop_over_the_steps_finds_in_chunks_of_any_length() -> None:
     rng, rested = np.random.default_rng(0), 0
     for _ in range(40):
-        count, steps, h = int(rng.integers(1, 12)), int(rng.integers(60, 1200)), 10 ** rng.uniform(-5, -2.5)
+        count, steps, h = (
+            int(rng.integers(1, 12)),
+            int(rng.integers(60, 1200)),
+            10 ** rng.uniform(-5, -2.5),
+        )
         g = float(rng.choice([0.0, 9.81]))
         paths = [_path(rng, steps, h, g, int(rng.integers(0, 4))) for _ in range(count)]
         launches = [Launch(float(max(1e-4, rate[0]))) for _, rate, _ in paths]
-        rule, states, alive = StopRule.for_launches(launches, h, g), np.stack(paths, axis=1), np.arange(count)
+        rule, states, alive = (
+            StopRule.for_launches(launches, h, g),
+            np.stack(paths, axis=1),
+            np.arange(count),
+        )
         cuts = np.unique([0, steps, *rng.integers(1, steps, rng.integers(0, 12))])
         ends: dict[int, tuple[int, int]] = {}
         for start, stop in itertools.pairwise(cuts.tolist()):
             counts, whys = rule.add(*states[:, alive, start:stop])
-            ends |= {int(i): (int(n), int(w)) for i, n, w in zip(alive, counts, whys, strict=True) if n}
+            ends |= {
+                int(i): (int(n), int(w)) for i, n, w in zip(alive, counts, whys, strict=True) if n
+            }
             rule.keep(counts == 0)
             alive = alive[counts == 0]
             if not len(alive):

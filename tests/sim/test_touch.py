@@ -23,7 +23,9 @@ def test_a_straight_approach_takes_one_round(approach: float) -> None:
 
 
 def test_a_curved_approach_converges() -> None:
-    assert travel_by_distance(lambda x: math.sqrt(1 + (2 - x) ** 2) - 1, 1e-3) == pytest.approx(2, abs=0.05)
+    assert travel_by_distance(lambda x: math.sqrt(1 + (2 - x) ** 2) - 1, 1e-3) == pytest.approx(
+        2, abs=0.05
+    )
     assert travel_by_distance(math.cos, 1.0) == pytest.approx(math.pi / 2)
 
 
@@ -50,5 +52,7 @@ def test_a_deep_start_and_a_blocked_way_are_refused() -> None:
     with pytest.raises(SceneError, match=r"'ball' starts 0.02 m inside 'plate'.*Move one away"):
         require_apart(-0.02, 0.1, "ball", "plate")
     require_reachable(0.009, 0.1, ("ball", "plate"), ("'tail'", "'wall'"))
-    with pytest.raises(UserError, match=r"'ball' cannot reach 'plate': 'tail'.* 0.02 m inside 'wall'"):
+    with pytest.raises(
+        UserError, match=r"'ball' cannot reach 'plate': 'tail'.* 0.02 m inside 'wall'"
+    ):
         require_reachable(0.02, 0.1, ("ball", "plate"), ("'tail'", "'wall'"))

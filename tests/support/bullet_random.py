@@ -1,4 +1,6 @@
-"""Random scenes under PyBullet's plug-in, drawn as a covering design, and what contact does in each."""
+"""Random scenes under PyBullet's plug-in, drawn as a covering design,
+and what contact does in each.
+"""
 
 from __future__ import annotations
 
@@ -52,8 +54,8 @@ _NO_TURN = [0, 0, 0, 1]
 
 
 def allowed(row: dict[str, Any]) -> bool:
-    """A constraint holds two bodies; bodies with joints have reduced coordinates; a force of 30 steps
-    a contact is too soft for a body at coarse steps.
+    """A constraint holds two bodies; bodies with joints have reduced coordinates; a force of 30
+    steps a contact is too soft for a body at coarse steps.
     """
     alone = row.get("joint") == "constraint" and row.get("bodies") == 1
     jointed = row.get("joint", "free") not in ("free", "constraint")
@@ -89,7 +91,9 @@ class World:
         self.bodies = [self._body(i) for i in range(row["bodies"])]
         self.held = self._constrain() if row["joint"] == "constraint" else None
         self.links = [
-            (body, link) for body in self.bodies for link in range(-1, bullet.getNumJoints(body, **self.here))
+            (body, link)
+            for body in self.bodies
+            for link in range(-1, bullet.getNumJoints(body, **self.here))
         ]
         self.masses = {one: bullet.getDynamicsInfo(*one, **self.here)[0:3:2] for one in self.links}
         self._set_surfaces()
@@ -133,7 +137,9 @@ class World:
         if len(given) == 1:
             one = given[0]
             place = one.pop("place")
-            return int(bullet.createCollisionShape(**one, collisionFramePosition=place, **self.here))
+            return int(
+                bullet.createCollisionShape(**one, collisionFramePosition=place, **self.here)
+            )
         box, ball, capsule = given
         return int(
             bullet.createCollisionShapeArray(
@@ -153,14 +159,19 @@ class World:
         on_world = joint in ("hinge", "slide", "ball joint")
         size, mass = rng.uniform(0.025, 0.055, 3), float(10 ** rng.uniform(-0.7, 0.7))
         height = {"hinge": 0.16, "ball joint": 0.16, "chain": 0.3, "motor": 0.22}.get(joint, 0.14)
-        at = [*(0.1 * rng.uniform(-1, 1, 2)), height + (0.3 if joint in ("chain", "motor") else 0.2) * i]
+        at = [
+            *(0.1 * rng.uniform(-1, 1, 2)),
+            height + (0.3 if joint in ("chain", "motor") else 0.2) * i,
+        ]
         turn = rng.normal(size=4) if joint != "slide" else np.array(_NO_TURN)
         more: dict[str, Any] = {}
         if on_world:
             kinds = {"hinge": bullet.JOINT_REVOLUTE, "slide": bullet.JOINT_PRISMATIC}
             axis = rng.normal(size=3) if joint != "slide" else np.array([0.2 * rng.normal(), 0, 1])
             arm = np.array([0, 0, 0.0 if joint == "slide" else -0.08])
-            more = self._links([kinds.get(joint, bullet.JOINT_SPHERICAL)], [axis], np.zeros(3), arm, mass)
+            more = self._links(
+                [kinds.get(joint, bullet.JOINT_SPHERICAL)], [axis], np.zeros(3), arm, mass
+            )
             mass, shape, centre = 0.0, -1, np.zeros(3)
         else:
             centre = self._off_centre(size)
@@ -208,7 +219,9 @@ class World:
         frames = []
         for place, rotation in ((at, turn), (other, turned)):
             frames.append(
-                bullet.multiplyTransforms(*bullet.invertTransform(place, rotation), middle, _NO_TURN)
+                bullet.multiplyTransforms(
+                    *bullet.invertTransform(place, rotation), middle, _NO_TURN
+                )
             )
         (pivot, axes), (other_pivot, other_axes) = frames
         bullet.createConstraint(
@@ -247,7 +260,9 @@ class World:
             rate = -abs(rng.normal()) if joint == "slide" else 3 * rng.normal()
             bullet.resetJointState(body, link, 0, rate, **self.here)
             force = rng.choice([0.1, 1, 10]) if joint == "motor" else 0
-            mode = bullet.POSITION_CONTROL if joint == "motor" and k % 2 else bullet.VELOCITY_CONTROL
+            mode = (
+                bullet.POSITION_CONTROL if joint == "motor" and k % 2 else bullet.VELOCITY_CONTROL
+            )
             bullet.setJointMotorControl2(body, link, mode, force=force, **self.here)
 
     def _add_laws(self) -> int:
@@ -303,7 +318,9 @@ class World:
                 bullet.resetJointStateMultiDof(body, link, place, rate.tolist(), **self.here)
 
     def energy(self) -> float:
-        """Kinetic and potential, J, as steps keep it in flight: half a step of gravity in each velocity."""
+        """Kinetic and potential, J, as steps keep it in flight: half a
+        step of gravity in each velocity.
+        """
         return flight_energy(self.masses, GRAVITY, self.h, self.here)
 
     def close(self) -> None:
@@ -318,7 +335,11 @@ def _part(kind: str, half: Floats, rng: Any) -> dict[str, Any]:
         corners = rng.normal(size=(14, 3))
         corners *= half / np.linalg.norm(corners, axis=1)[:, None]
         return {"shapeType": bullet.GEOM_MESH, "vertices": corners.tolist()}
-    shape = {"sphere": bullet.GEOM_SPHERE, "capsule": bullet.GEOM_CAPSULE, "cylinder": bullet.GEOM_CYLINDER}
+    shape = {
+        "sphere": bullet.GEOM_SPHERE,
+        "capsule": bullet.GEOM_CAPSULE,
+        "cylinder": bullet.GEOM_CYLINDER,
+    }
     made = {"shapeType": shape[kind], "radius": float(half[0])}
     return made if kind == "sphere" else made | {"height": 2 * float(half[1])}
 
@@ -336,11 +357,11 @@ class Seen:
 
 
 def simulate(row: dict[str, Any], seed: int, seconds: float, native: bool = False) -> Seen | None:
-    """Simulate a scene with the plug-in, or with Bullet's native contact of e = 0; None if bodies overlap
-    at the start, as energy from that is not contact's.
+    """Simulate a scene with the plug-in, or with Bullet's native contact of e = 0; None if bodies
+    overlap at the start, as energy from that is not contact's.
 
-    What Bullet's own step gains, going on without contact from the velocities after the impacts, is not
-    contact's gain.
+    What Bullet's own step gains, going on without contact from the velocities after the
+    impacts, is not contact's gain.
     """
     world, flight = World(row, seed, "native" if native else "plug-in"), World(row, seed, "none")
     try:
@@ -385,13 +406,19 @@ def _follow(world: World, flight: World, seconds: float) -> Seen:
         if gained > -1e-5 * first:
             gained -= _gain_of_flight(flight, places, before, after, free)
         won += gained
-        low = low if has_force else min(low, won)  # a force gives back what it took in the steps before
+        low = (
+            low if has_force else min(low, won)
+        )  # a force gives back what it took in the steps before
         most = max(most, won - low)
     return Seen(most / first, deepest, world.message())
 
 
 def _gain_of_flight(
-    flight: World, places: list[Any], before: list[Floats], after: list[Floats], reached: list[Floats]
+    flight: World,
+    places: list[Any],
+    before: list[Floats],
+    after: list[Floats],
+    reached: list[Floats],
 ) -> float:
     """Energy (J) that a step of `flight` gains that leads to the rates `after`.
 

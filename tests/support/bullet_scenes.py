@@ -21,11 +21,15 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 RADIUS = 0.05
-Masses = dict[tuple[int, int], Any]  # (mass, inertia about its axes) by (body, link); -1 is the base
+Masses = dict[
+    tuple[int, int], Any
+]  # (mass, inertia about its axes) by (body, link); -1 is the base
 
 
 def flight_energy(masses: Masses, gravity: float, h: float, here: dict[str, Any]) -> float:
-    """Kinetic and potential, J, as steps h keep it in flight: half a step of gravity in each velocity."""
+    """Kinetic and potential, J, as steps h keep it in flight: half a
+    step of gravity in each velocity.
+    """
     total = 0.0
     for (body, link), (mass, inertia) in masses.items():
         at, turn = bullet.getBasePositionAndOrientation(body, **here)
@@ -43,7 +47,12 @@ class Scene:
     """A client of its own; bodies that meet each other and, if there is one, the floor by one law."""
 
     def __init__(
-        self, h: float, law: Law | None, gravity: float = 9.81, floor: bool = True, friction: float = 0.5
+        self,
+        h: float,
+        law: Law | None,
+        gravity: float = 9.81,
+        floor: bool = True,
+        friction: float = 0.5,
     ):
         self.client, self.h, self.law = bullet.connect(bullet.DIRECT), h, law
         self.gravity, self.friction = gravity, friction
@@ -72,9 +81,17 @@ class Scene:
             )
         else:
             shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=size, **self.here)
-        made = int(bullet.createMultiBody(mass, shape, basePosition=at, baseOrientation=turn, **self.here))
-        free = {"linearDamping": 0, "angularDamping": 0, "lateralFriction": self.friction if mass else 1.0}
-        bullet.changeDynamics(made, -1, **free, **self.here)  # Bullet multiplies the friction of the two
+        made = int(
+            bullet.createMultiBody(mass, shape, basePosition=at, baseOrientation=turn, **self.here)
+        )
+        free = {
+            "linearDamping": 0,
+            "angularDamping": 0,
+            "lateralFriction": self.friction if mass else 1.0,
+        }
+        bullet.changeDynamics(
+            made, -1, **free, **self.here
+        )  # Bullet multiplies the friction of the two
         bullet.resetBaseVelocity(made, velocity, spin, **self.here)
         if mass:
             self.bodies.append(made)
@@ -104,10 +121,14 @@ class Scene:
     def state(self) -> tuple[Floats, Floats]:
         """Positions and velocities, shape (bodies, 3)."""
         at = [bullet.getBasePositionAndOrientation(body, **self.here)[0] for body in self.bodies]
-        return np.array(at), np.array([bullet.getBaseVelocity(body, **self.here)[0] for body in self.bodies])
+        return np.array(at), np.array(
+            [bullet.getBaseVelocity(body, **self.here)[0] for body in self.bodies]
+        )
 
     def energy(self) -> float:
-        """Kinetic and potential, J, as steps keep it in flight: half a step of gravity in each velocity."""
+        """Kinetic and potential, J, as steps keep it in flight: half a
+        step of gravity in each velocity.
+        """
         for body in self.bodies:
             link = bullet.getNumJoints(body, **self.here) - 1  # the bob of a pendulum, or the base
             if (body, link) not in self._masses:
@@ -169,7 +190,9 @@ class Scene:
 
 
 def rise(make: Callable[[Law | None], Scene], law: Law, seconds: float) -> float:
-    """Largest energy above the start, less what steps without contact won until then, over the start."""
+    """Largest energy above the start, less what steps without contact
+    won until then, over the start.
+    """
     scene, flight = make(law), make(None).without_contact()
     start = scene.energy()
     own = highest = 0.0
@@ -270,15 +293,23 @@ def tumbling(
     rng = np.random.default_rng(seed)
     made = Scene(h, law, friction=friction)
     turn = rng.normal(size=4)
-    made.body((0, 0, 0.3), size, 1.0, turn / np.linalg.norm(turn), rng.normal(size=3), 5 * rng.normal(size=3))
+    made.body(
+        (0, 0, 0.3),
+        size,
+        1.0,
+        turn / np.linalg.norm(turn),
+        rng.normal(size=3),
+        5 * rng.normal(size=3),
+    )
     return made.ready()
 
 
 def oblique(seed: int) -> tuple[float, float, float, float]:
-    """Error of e, friction over normal impulse, the friction there is, and energy won, of one random impact.
+    """Error of e, friction over normal impulse, the friction there is, and
+    energy won, of one random impact.
 
-    A ball or the corner of a box that spins, on a floor or on another ball, at any step and friction. e is of
-    the speeds at the touch plane.
+    A ball or the corner of a box that spins, on a floor or on another ball, at any step and
+    friction. e is of the speeds at the touch plane.
     """
     rng = np.random.default_rng(seed)
     mu = float(rng.choice([0.0, 0.001, rng.uniform(0, 1)]))
@@ -295,7 +326,9 @@ def oblique(seed: int) -> tuple[float, float, float, float]:
     )
     axes = np.array(bullet.getMatrixFromQuaternion(turn)).reshape(3, 3)
     if on_ball:  # off-centre
-        normal = np.array([*aside, np.sqrt((size[0] + RADIUS) ** 2 - aside @ aside)]) / (size[0] + RADIUS)
+        normal = np.array([*aside, np.sqrt((size[0] + RADIUS) ** 2 - aside @ aside)]) / (
+            size[0] + RADIUS
+        )
         at = np.array([0, 0, 0.5]) + (size[0] + RADIUS + gap) * normal
         arm = -size[0] * normal
     else:
@@ -324,7 +357,9 @@ def oblique(seed: int) -> tuple[float, float, float, float]:
     flight.close()
     before = np.zeros_like(motions[0])
     before[0] = v, w
-    before[:, 0, 2] -= 0.5 * h * gravity  # the rates whose energy, with the work of gravity, flight keeps
+    before[:, 0, 2] -= (
+        0.5 * h * gravity
+    )  # the rates whose energy, with the work of gravity, flight keeps
     after = before + motions[0] - motions[1]
     # An impact comes first, then the body turns freely for the step.
     after[0, 1] = axes @ before_turning(axes.T @ masses[0][1] @ axes, axes.T @ motions[0][0, 1], h)
@@ -336,7 +371,9 @@ def oblique(seed: int) -> tuple[float, float, float, float]:
 
     def kinetic(motion: Floats) -> float:
         pairs = zip(masses, motion, strict=True)
-        return float(sum(0.5 * m * one[0] @ one[0] + 0.5 * one[1] @ i @ one[1] for (m, i), one in pairs))
+        return float(
+            sum(0.5 * m * one[0] @ one[0] + 0.5 * one[1] @ i @ one[1] for (m, i), one in pairs)
+        )
 
     u, impulse = rate(before) @ normal, motions[0][0, 0] - motions[1][0, 0]
     if u > -0.1:

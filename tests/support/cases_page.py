@@ -1,6 +1,8 @@
-"""The tables of docs/reference/cases.md: `python -m cases_page` writes them from what is measured and known.
+"""The tables of docs/reference/cases.md: `python -m cases_page` writes them
+from what is measured and known.
 
-`python -m cases_page results.json ...` judges the results first, in place of what was measured before.
+`python -m cases_page results.json ...` judges the results first, in
+place of what was measured before.
 """
 
 from __future__ import annotations
@@ -45,7 +47,9 @@ def tables() -> dict[str, str]:
         for case in the_cases()["cases"]
     ]
     return {
-        "cases": table([("case", "what it asks", "runs", "tolerance", "source of the true value"), *asked]),
+        "cases": table(
+            [("case", "what it asks", "runs", "tolerance", "source of the true value"), *asked]
+        ),
         "matrix": table([rows[0], *(row.values() for row in rows)]),
         "changes": "\n".join(f"- {line}" for line in regressions(measured())),
         "known": table([("engine", "case", "reason"), *known]),
@@ -55,7 +59,8 @@ def tables() -> dict[str, str]:
 
 def _tolerance(case: dict[str, Any]) -> str:
     limits = {
-        f"{each['value']:g}: {each['reason'].lower()}": name for name, each in case["tolerance"].items()
+        f"{each['value']:g}: {each['reason'].lower()}": name
+        for name, each in case["tolerance"].items()
     }
     return "; ".join(limits)
 

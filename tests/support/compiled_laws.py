@@ -26,7 +26,9 @@ class ContactOde:
 
 
 def touch_speed_ode(kappa: float, chi: float, n: float, b: float = 0.0) -> ContactOde:
-    """The motion under a law with chi > 0 whose v_i is the touch speed of each impact; b is constant."""
+    """The motion under a law with chi > 0 whose v_i is the touch speed
+    of each impact; b is constant.
+    """
     return ContactOde(kappa, 0.0, n, b, chi, float(closed_form.restitution(chi / 1.5, 1.0)), b)
 
 
@@ -44,7 +46,9 @@ def _call(name: str, *values: float) -> float:
     return float(function(*map(c_double, values)))
 
 
-def touch_speed(kappa: float, n: float, chi: float, e: float, load: float, x: float, v: float) -> float:
+def touch_speed(
+    kappa: float, n: float, chi: float, e: float, load: float, x: float, v: float
+) -> float:
     """The speed at which an impact began."""
     return _call("hcb_touch_speed", kappa, n, chi, e, load, x, v)
 

@@ -141,7 +141,12 @@ def cradle(n: int, h: float, law: Law | None, angle: float = 0.5) -> Scene:
         body = spec.worldbody.add_body(name=f"b{i}", pos=[2 * RADIUS * i, 0, 1.0])
         body.add_joint(name=f"b{i}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
         body.add_geom(
-            name=f"b{i}", type=BALL, size=[RADIUS, 0, 0], pos=[0, 0, -0.5], mass=1.0, friction=[0, 0, 0]
+            name=f"b{i}",
+            type=BALL,
+            size=[RADIUS, 0, 0],
+            pos=[0, 0, -0.5],
+            mass=1.0,
+            friction=[0, 0, 0],
         )
     made = Scene(spec, law)
     made.spec.add_key(name="start", qpos=[angle] + [0.0] * (n - 1))
@@ -153,7 +158,8 @@ def pile(
 ) -> Scene:
     """Boxes and balls of 100:1 in mass that fall on each other.
 
-    By the integrator `implicit`: under Euler a box that spins fast about unequal axes wins energy in flight.
+    By the integrator `implicit`: under Euler a box that spins fast about
+    unequal axes wins energy in flight.
     """
     rng = np.random.default_rng(seed)
     friction = float(rng.choice([0.0, 0.001, 0.1, 0.5, 1.0]))
@@ -205,7 +211,11 @@ def chain(
             spec.add_exclude(bodyname1=f"l{i - 1}", bodyname2=f"l{i}")
         else:
             parent.add_freejoint()
-        shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [0.03, 0, 0, 0.12, 0, 0], "condim": 3}
+        shape = {
+            "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+            "fromto": [0.03, 0, 0, 0.12, 0, 0],
+            "condim": 3,
+        }
         mass = 10 ** rng.uniform(-0.5, 0.5)
         parent.add_geom(name=f"l{i}", size=[0.025, 0, 0], mass=mass, friction=[0.3, 0, 0], **shape)
     if geared:
@@ -242,9 +252,11 @@ def before_turning(model: Any, body: int, w: Floats) -> Floats:
 
 
 def kept_in_flight(model: Any, data: Any) -> float:
-    """Kinetic and potential energy, J, as steps keep it in flight: half a step of gravity in each velocity.
+    """Kinetic and potential energy, J, as steps keep it in flight: half a
+    step of gravity in each velocity.
 
-    Their energy at whole steps is not: of a body thrown upward it falls by m g h v until it is back.
+    Their energy at whole steps is not: of a body thrown upward it
+    falls by m g h v until it is back.
     """
     arm = data.xipos - data.subtree_com[model.body_rootid]
     v = data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm)
@@ -287,7 +299,9 @@ class Seen:
 
     @property
     def growth(self) -> float:
-        """The largest energy over that at the start, of the kinetic and potential energy there is to lose."""
+        """The largest energy over that at the start, of the kinetic and
+        potential energy there is to lose.
+        """
         return float((self.energy.max() - self.energy[0]) / self.scale)
 
     @property

@@ -15,10 +15,14 @@ if TYPE_CHECKING:
     Factors = Mapping[str, Sequence[Any]]
 
 
-def covering_rows(factors: Factors, count: int, allowed: Callable[[Row], bool], seed: int = 0) -> list[Row]:
-    """Rows with one level of each factor, each level by the pairs that came least so far; ties are drawn.
+def covering_rows(
+    factors: Factors, count: int, allowed: Callable[[Row], bool], seed: int = 0
+) -> list[Row]:
+    """Rows with one level of each factor, each level by the pairs that
+    came least so far; ties are drawn.
 
-    allowed: of a row that has some of its factors. The first rows of a longer design are those of a shorter.
+    allowed: of a row that has some of its factors. The first rows of a longer
+    design are those of a shorter.
     """
     rng = np.random.default_rng(seed)
     came: Counter[tuple[Any, ...]] = Counter()

@@ -25,6 +25,7 @@ def law_of(row: dict[str, Any]) -> Law:
     """Return the law that a row of a design names."""
     if row["law"] != "force":
         return _OF_RESTITUTION[row["law"]]
-    # The contact of 1 kg at 1 m/s lasts 30 steps: T = 2.94 (m/k)^0.4 v^-0.2 of Hertz's theory, with its 5/4.
+    # The contact of 1 kg at 1 m/s lasts 30 steps: T = 2.94 (m/k)^0.4 v^-0.2 of
+    # Hertz's theory, with its 5/4.
     duration = _STEPS_A_CONTACT * row["step"]
     return HuntCrossley(stiffness=1.25 * (2.94 / duration) ** 2.5, alpha=0.3)

@@ -1,4 +1,6 @@
-"""Free flight: the speed at the touch plane, by what semi-implicit steps keep, and how a body turns."""
+"""Free flight: the speed at the touch plane, by what semi-implicit
+steps keep, and how a body turns.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +14,19 @@ if TYPE_CHECKING:
 
 
 def speed_at_plane(gap: float, upwards: float, gravity: float, step: float) -> float:
-    """Speed at the touch plane of a body `gap` m above it with a velocity upwards, m/s, at steps of `step` s.
+    """Speed at the touch plane of a body `gap` m above it with a velocity
+    upwards, m/s, at steps of `step` s.
 
-    A step adds -g h to the velocity u and then h u to the height z: (u - g h/2)² + 2 g z stays the same.
+    A step adds -g h to the velocity u and then h u to the height z: (u -
+    g h/2)² + 2 g z stays the same.
     """
     return math.sqrt(max(0.0, (upwards - 0.5 * gravity * step) ** 2 + 2.0 * gravity * gap))
 
 
 def turned_freely(inertia: Floats, w: Floats, step: float) -> Floats:
-    """Angular velocity a step later, by Euler's equations, in body axes, shape (3,). inertia: (3, 3)."""
+    """Angular velocity a step later, by Euler's equations, in body
+    axes, shape (3,). inertia: (3, 3).
+    """
     inverse, k = np.linalg.inv(inertia), step / 16
 
     def rate(w: Floats) -> Floats:

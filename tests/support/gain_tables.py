@@ -1,5 +1,5 @@
-"""Tables of docs/reference/plugins.md, and that of the energy that contact gains in random scenes, by
-class.
+"""Tables of docs/reference/plugins.md, and that of the energy that contact
+gains in random scenes, by class.
 """
 
 from __future__ import annotations
@@ -27,9 +27,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "plugins.md"
 
 @dataclass
 class Gains:
-    """Each scene's gain of energy over the first, NaN where none is known, and what else became of it.
+    """Each scene's gain of energy over the first, NaN where none is
+    known, and what else became of it.
 
-    deeper: than with native contact, m. named: by the plug-in. diverged: where native contact does not.
+    deeper: than with native contact, m. named: by the plug-in. diverged:
+    where native contact does not.
     """
 
     gain: Floats
@@ -46,9 +48,9 @@ class Gains:
     def require_no_more_than(self, mark: str, classes: Mapping[str, list[int]]) -> None:
         """Assert that these scenes are of the page's population, in each class.
 
-        Scenes in which bodies tumble end elsewhere on another processor, whose sums round otherwise: so the
-        largest gain of some scenes does not bound the next. The scenes that gain more than the page's 99 %
-        are few, as a binomial has them, and none gains more than 1 %.
+        Scenes in which bodies tumble end elsewhere on another processor, whose sums round
+        otherwise: so the largest gain of some scenes does not bound the next. The scenes that gain
+        more than the page's 99 % are few, as a binomial has them, and none gains more than 1 %.
         """
         said = on_the_page(mark)
         assert not (self.diverged & ~self.named).any()
@@ -95,7 +97,9 @@ def on_the_page(mark: str) -> dict[str, list[str]]:
     """The page's cells by class."""
     begin, end = _marks(mark)
     table = PAGE.read_text(encoding="utf-8").split(begin)[1].split(end)[0]
-    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.strip().splitlines()[2:]]
+    lines = [
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in table.strip().splitlines()[2:]
+    ]
     return {cells[0]: cells[1:] for cells in lines}
 
 

@@ -1,8 +1,9 @@
-"""An engine without an error: exact flight between impacts that are integrated; another route to true values.
+"""An engine without an error: exact flight between impacts that are
+integrated; another route to true values.
 
-An impact of balls is a stiff spring and damper with Coulomb's friction, integrated through the contact. Boxes
-rest where forces of the corners within the cones of friction can carry them, found by linear programming, and
-bounce by the least impulses of the corners that turn their speeds round.
+An impact of balls is a stiff spring and damper with Coulomb's friction, integrated through the
+contact. Boxes rest where forces of the corners within the cones of friction can carry them, found
+by linear programming, and bounce by the least impulses of the corners that turn their speeds round.
 """
 
 from __future__ import annotations
@@ -46,7 +47,12 @@ class Ideal:
     def make(self, world: dict[str, Any]) -> None:
         self.h, self.g = world["timestep"], np.array(world["gravity"])
         e = math.prod(world["materials"]) if "materials" in world else world["restitution"]
-        self.e, self.ratio, self.friction, self.floor = e, damping_ratio(e), world["friction"], world["floor"]
+        self.e, self.ratio, self.friction, self.floor = (
+            e,
+            damping_ratio(e),
+            world["friction"],
+            world["floor"],
+        )
         moving = [body for body in world["bodies"] if not body.get("fixed")]
         self.fixed = [body for body in world["bodies"] if body.get("fixed")]
         self.x, self.v, self.w = (
@@ -121,7 +127,9 @@ class Ideal:
             slip = relative + closing * n - radius * np.cross(self.w[a] + self._of(self.w, b), n)
             speed = np.linalg.norm(slip)
             most = speed * effective * 2 / 7 / dt  # of friction: what stops the slip within dt
-            along = -slip / speed * min(self.friction * max(force, 0.0), most) if speed > 0 else 0 * n
+            along = (
+                -slip / speed * min(self.friction * max(force, 0.0), most) if speed > 0 else 0 * n
+            )
             self.v[a] += dt * shares[0] * (max(force, 0.0) * n + along)
             self.w[a] += dt * np.cross(-radius * n, along) * 2.5 * shares[0] / radius**2
             if b >= 0:
@@ -138,7 +146,9 @@ class Ideal:
         arms, inverse = self._corners()
         normal = np.array([[*UP, *np.cross(arm, UP)] for arm in arms])
         speeds = normal @ np.concatenate([self.v[0], self.w[0]])
-        impulses = lsq_linear(normal @ inverse @ normal.T, -(1 + self.e) * speeds, bounds=(0, np.inf)).x
+        impulses = lsq_linear(
+            normal @ inverse @ normal.T, -(1 + self.e) * speeds, bounds=(0, np.inf)
+        ).x
         change = inverse @ normal.T @ impulses
         self.v[0], self.w[0] = self.v[0] + change[:3], self.w[0] + change[3:]
 
@@ -154,7 +164,9 @@ class Ideal:
         return bool(pressed and abs(self.v[0][2]) < 1e-6)
 
     def _rest(self, left: float) -> None:
-        """On the floor: a ball slides and rolls by Coulomb's friction; a box stays if corners carry it."""
+        """On the floor: a ball slides and rolls by Coulomb's friction; a
+        box stays if corners carry it.
+        """
         if not self.round:
             self.carried = self.carried or self._carried()
             assert self.carried
@@ -171,10 +183,15 @@ class Ideal:
         self.v[0][2] = 0.0
 
     def _carried(self) -> bool:
-        """Say whether forces of the corners, within cones of friction of eight edges, balance the weight."""
+        """Say whether forces of the corners, within cones of friction of
+        eight edges, balance the weight.
+        """
         arms, _ = self._corners()
         angles = [k * math.pi / 4 for k in range(8)]
-        edges = [np.array([self.friction * math.cos(a), self.friction * math.sin(a), 1.0]) for a in angles]
+        edges = [
+            np.array([self.friction * math.cos(a), self.friction * math.sin(a), 1.0])
+            for a in angles
+        ]
         columns = np.array([[*edge, *np.cross(arm, edge)] for arm in arms for edge in edges]).T
         weight = np.array([*(self.mass[0] * self.g), 0.0, 0.0, 0.0])
         return bool(linprog(np.ones(columns.shape[1]), A_eq=columns, b_eq=-weight).success)

@@ -1,4 +1,6 @@
-"""Tests that take long: searches, of `make test-searches`, and other studies, of `make test-all` alone."""
+"""Tests that take long: searches, of `make test-searches`, and other
+studies, of `make test-all` alone.
+"""
 
 import os
 

@@ -1,10 +1,10 @@
 """Other machines, simulated: `python -m machines [PYTEST ARGUMENTS]` runs the tests on each.
 
-A machine joins what makes one unlike another: the kernels that OpenBLAS picks by processor, the instructions
-that NumPy uses, threads, the seed of hashes, clock, language, user, home and the folder of the checkout. Each
-runs in a clone of the commit that is checked out, with an environment that `make` made there. The table at
-the end has the result on each, and what of a machine could not be had here; the exit code is 1 where one
-failed.
+A machine joins what makes one unlike another: the kernels that OpenBLAS picks by processor, the
+instructions that NumPy uses, threads, the seed of hashes, clock, language, user, home and the
+folder of the checkout. Each runs in a clone of the commit that is checked out, with an environment
+that `make` made there. The table at the end has the result on each, and what of a machine could not
+be had here; the exit code is 1 where one failed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ _STRANGER = "nobody"
 
 
 def other_kernels(processor: str = "Prescott") -> dict[str, str]:
-    """Environment of a process that computes as on an old processor: NumPy without what can be disabled."""
+    """Environment of a process that computes as on an old processor:
+    NumPy without what can be disabled.
+    """
     used = numpy_kernels.__cpu_features__
     features = [name for name in numpy_kernels.__cpu_dispatch__ if used.get(name)]
     return {"OPENBLAS_CORETYPE": processor, "NPY_DISABLE_CPU_FEATURES": " ".join(features)}
@@ -34,9 +36,10 @@ def other_kernels(processor: str = "Prescott") -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """One machine. environment: what it sets. instructions: what of the processor, in NumPy's words, its
-    kernels cannot run without. home: whether its user has one. stranger: whether the user is another than
-    this one. folder: the name of its checkout's folder."""
+    """One machine. environment: what it sets. instructions: what of the processor, in NumPy's
+    words, its kernels cannot run without. home: whether its user has one. stranger: whether the
+    user is another than this one. folder: the name of its checkout's folder.
+    """
 
     name: str
     environment: dict[str, str]
@@ -51,19 +54,34 @@ MACHINES = (
         "Prescott, no SIMD in NumPy, 4 threads, C, Kathmandu, no home",
         {
             **other_kernels("Prescott"),
-            **{"OMP_NUM_THREADS": "4", "PYTHONHASHSEED": "7", "TZ": "Asia/Kathmandu", "LC_ALL": "C"},
+            **{
+                "OMP_NUM_THREADS": "4",
+                "PYTHONHASHSEED": "7",
+                "TZ": "Asia/Kathmandu",
+                "LC_ALL": "C",
+            },
         },
         home=False,
     ),
     Machine(
         "Haswell, 1 thread, UTC, another user",
-        {"OPENBLAS_CORETYPE": "Haswell", "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0", "TZ": "UTC"},
+        {
+            "OPENBLAS_CORETYPE": "Haswell",
+            "OMP_NUM_THREADS": "1",
+            "PYTHONHASHSEED": "0",
+            "TZ": "UTC",
+        },
         instructions="AVX2",
         stranger=True,
     ),
     Machine(
         "SkylakeX, 4 threads, LANG=C, a path with spaces",
-        {"OPENBLAS_CORETYPE": "SkylakeX", "OMP_NUM_THREADS": "4", "PYTHONHASHSEED": "7", "LANG": "C"},
+        {
+            "OPENBLAS_CORETYPE": "SkylakeX",
+            "OMP_NUM_THREADS": "4",
+            "PYTHONHASHSEED": "7",
+            "LANG": "C",
+        },
         instructions="AVX512_SKX",
         folder="a check out",
     ),
@@ -71,7 +89,12 @@ MACHINES = (
         "Zen, no SIMD in NumPy, 1 thread, Chatham, another user, a path with spaces",
         {
             **other_kernels("Zen"),
-            **{"OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "7", "TZ": "Pacific/Chatham", "LANG": "C.UTF-8"},
+            **{
+                "OMP_NUM_THREADS": "1",
+                "PYTHONHASHSEED": "7",
+                "TZ": "Pacific/Chatham",
+                "LANG": "C.UTF-8",
+            },
         },
         instructions="AVX2",
         stranger=True,
@@ -81,7 +104,12 @@ MACHINES = (
         "Nehalem, no SIMD in NumPy, 4 threads, Caracas, no home, another user",
         {
             **other_kernels("Nehalem"),
-            **{"OMP_NUM_THREADS": "4", "PYTHONHASHSEED": "0", "TZ": "America/Caracas", "LC_ALL": "C"},
+            **{
+                "OMP_NUM_THREADS": "4",
+                "PYTHONHASHSEED": "0",
+                "TZ": "America/Caracas",
+                "LC_ALL": "C",
+            },
         },
         home=False,
         stranger=True,
@@ -132,7 +160,8 @@ def run(machine: Machine, arguments: list[str]) -> Result:
 
 
 def _as_a_stranger(python: str) -> tuple[str, dict[str, Any], str]:
-    """A Python that another user can run, what makes a process his, and why there is none of that, if so.
+    """A Python that another user can run, what makes a process his, and
+    why there is none of that, if so.
 
     The Python in use may lie in the home of root, where nobody else can read.
     """
@@ -155,16 +184,21 @@ def _as_a_stranger(python: str) -> tuple[str, dict[str, Any], str]:
 def _check_out(folder: Path, python: str) -> None:
     """A clone of the repository, and its environment as a newcomer makes it.
 
-    Copies, no hard links: a file that is given to another user must not be the one of this checkout or of uv.
+    Copies, no hard links: a file that is given to another user must not be the
+    one of this checkout or of uv.
     """
-    subprocess.run(["git", "clone", "--quiet", "--no-hardlinks", str(ROOT), str(folder)], check=True)
+    subprocess.run(
+        ["git", "clone", "--quiet", "--no-hardlinks", str(ROOT), str(folder)], check=True
+    )
     copies = {**os.environ, "UV_LINK_MODE": "copy"}
     make = ["make", "--no-print-directory", ".venv/.installed", f"PYTHON={python}"]
     subprocess.run(make, cwd=folder, env=copies, check=True)
 
 
 def _environment(machine: Machine, folder: Path) -> dict[str, str]:
-    """The environment of the machine's processes; its home and its folder of temporary files are made."""
+    """The environment of the machine's processes; its home and its
+    folder of temporary files are made.
+    """
     environment = {name: os.environ[name] for name in _KEPT if name in os.environ}
     folders = {"TMPDIR": folder.parent / "tmp"}
     if machine.home:
@@ -189,7 +223,9 @@ def main(arguments: list[str]) -> int:
     words = os.environ.get("HCBENCH_MACHINES", "").split()
     machines = [each for each in MACHINES if not words or any(word in each.name for word in words)]
     if subprocess.run(["git", "diff", "--quiet", "HEAD"], cwd=ROOT, check=False).returncode:
-        print("Changes that are not committed are left out: each machine has a clone of the last commit.")
+        print(
+            "Changes that are not committed are left out: each machine has a clone of the last commit."
+        )
     results = []
     for machine in machines:
         print(f"\n=== {machine.name}", flush=True)

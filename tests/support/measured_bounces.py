@@ -33,7 +33,9 @@ def trials(make: Any, truth: float, count: int = TRIALS) -> tuple[float, float]:
     off, held = [], 0
     for seed in range(count):
         data = make(seed)
-        found = fit_law(LAWS["hunt-crossley"], [data], float(np.exp(np.log(data.pairs()[0]).mean())))
+        found = fit_law(
+            LAWS["hunt-crossley"], [data], float(np.exp(np.log(data.pairs()[0]).mean()))
+        )
         values = np.array(
             [
                 LAWS["hunt-crossley"].describe(tuple(p), found.reference)["alpha"]
@@ -56,8 +58,18 @@ def wav(path: Path, kind: str, sound: np.ndarray, rate: int = 44100) -> Path:
     if kind == "24":
         whole = np.round(sound * (2**23 - 1)).astype("<i4")
         data = whole.view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
-        head = b"RIFF" + (36 + len(data)).to_bytes(4, "little") + b"WAVEfmt " + (16).to_bytes(4, "little")
-        head += b"\1\0\1\0" + rate.to_bytes(4, "little") + (3 * rate).to_bytes(4, "little") + b"\3\0\x18\0"
+        head = (
+            b"RIFF"
+            + (36 + len(data)).to_bytes(4, "little")
+            + b"WAVEfmt "
+            + (16).to_bytes(4, "little")
+        )
+        head += (
+            b"\1\0\1\0"
+            + rate.to_bytes(4, "little")
+            + (3 * rate).to_bytes(4, "little")
+            + b"\3\0\x18\0"
+        )
         path.write_bytes(head + b"data" + len(data).to_bytes(4, "little") + data)
         return path
     both = np.stack([0.01 * sound, sound], axis=1)

@@ -1,15 +1,17 @@
 """Mutants: small changes of the physics, each of which the tests of its own room must notice.
 
-`python -m mutants [WORDS]` copies the checkout, makes one change after another in the copy, and runs the
-tests of each. With words, it takes the mutants whose file has one of them. It prints for each mutant the test
-that killed it, or SURVIVED. At the end the killers run once more without a change: one that fails then proves
-nothing. The exit code is 1 where a mutant survives, a text to change is gone, or a killer proves nothing.
+`python -m mutants [WORDS]` copies the checkout, makes one change after another in the copy, and
+runs the tests of each. With words, it takes the mutants whose file has one of them. It prints for
+each mutant the test that killed it, or SURVIVED. At the end the killers run once more without a
+change: one that fails then proves nothing. The exit code is 1 where a mutant survives, a text to
+change is gone, or a killer proves nothing.
 
-A survivor is a gap in the tests of its room: write the statement that is missing, and keep the mutant.
+A survivor is a gap in the tests of its room: write the statement that
+is missing, and keep the mutant.
 
-No library does this plainly. mutmut 3 changes code in functions only, and a quarter of these mutants are
-constants of a module or C code. cosmic-ray changes Python alone, by operators of its own, none of which makes
-1.3 of 1.6. Both run one command for all mutants.
+No library does this plainly. mutmut 3 changes code in functions only, and a quarter of these
+mutants are constants of a module or C code. cosmic-ray changes Python alone, by operators of its
+own, none of which makes 1.3 of 1.6. Both run one command for all mutants.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ _EVENLY = ("share = step_shares(phase[rows], starts)", "share = np.repeat(1.0 / 
 class Mutant:
     """One change: `before`, which the file has once, becomes `after`.
 
-    file: in hcbench/. function: the function or constant that changes. why: the statement that is then wrong.
+    file: in hcbench/. function: the function or constant that changes. why:
+    the statement that is then wrong.
     tests: files of the room, or their folder.
     """
 
@@ -347,7 +350,10 @@ MUTANTS = (
         "all[i].rate[k] - w->h / 2 * fall_along",
         "all[i].rate[k] + w->h / 2 * fall_along",
         "impacts of the plug-in are between rates with half of the step's gravity",
-        ("tests/engines/bullet/test_plugin_slow_impacts.py", "tests/engines/bullet/test_contact_pybullet.py"),
+        (
+            "tests/engines/bullet/test_plugin_slow_impacts.py",
+            "tests/engines/bullet/test_contact_pybullet.py",
+        ),
     ),
     Mutant(
         "engines/reference/engine.py",
@@ -406,7 +412,9 @@ def _copy_checkout(folder: Path) -> None:
     By its time and size Python knows whether a file is the one that it compiled.
     """
     listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
-    names = subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, encoding="utf-8").stdout
+    names = subprocess.run(
+        listed, cwd=ROOT, check=True, capture_output=True, encoding="utf-8"
+    ).stdout
     for name in filter(None, names.split("\0")):
         if (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -414,7 +422,9 @@ def _copy_checkout(folder: Path) -> None:
 
 
 def _run(folder: Path, tests: Sequence[str], *options: str) -> subprocess.CompletedProcess[str]:
-    """Run tests of the copy, on its own package. TimeoutExpired after LIMIT_S for each file or folder."""
+    """Run tests of the copy, on its own package. TimeoutExpired after
+    LIMIT_S for each file or folder.
+    """
     environment = {
         **os.environ,
         "PYTHONPATH": str(folder),  # before the checkout, which is installed as editable
@@ -457,7 +467,9 @@ def main(words: list[str]) -> int:
     if not mutants:
         print(f"No mutant's file has one of these words: {' '.join(words)}")
         return 1
-    with tempfile.TemporaryDirectory(prefix="hcbench-mutants-", ignore_cleanup_errors=True) as above:
+    with tempfile.TemporaryDirectory(
+        prefix="hcbench-mutants-", ignore_cleanup_errors=True
+    ) as above:
         folder = Path(above) / "checkout"
         _copy_checkout(folder)
         fates = []

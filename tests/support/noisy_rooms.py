@@ -1,7 +1,8 @@
 """Recordings of a bouncing ball as rooms and phones spoil them; shares no code with `hcbench fit`.
 
-A drop is heard as clicks of struck modes on one of five surfaces, with early reflections and a decaying tail.
-Noise lies over it, and where asked for a disturbance: knocks, talk, a second ball, a phone's automatic gain.
+A drop is heard as clicks of struck modes on one of five surfaces, with early reflections and a
+decaying tail. Noise lies over it, and where asked for a disturbance: knocks, talk, a second
+ball, a phone's automatic gain.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ FLOORS = {
     "stone": Floor(90e-6, ((2600, 3e-3, 0.5), (6100, 2e-3, 0.5), (9700, 1.5e-3, 0.4)), (0.06, 0.3)),
     "tile": Floor(110e-6, ((1900, 9e-3, 0.6), (4700, 6e-3, 0.4), (8800, 3e-3, 0.3)), (0.08, 0.4)),
     "glass": Floor(80e-6, ((3400, 25e-3, 0.5), (7900, 14e-3, 0.4)), (0.06, 0.3)),
-    "steel": Floor(70e-6, ((1500, 60e-3, 0.4), (4100, 35e-3, 0.4), (9300, 16e-3, 0.3)), (0.08, 0.4)),
+    "steel": Floor(
+        70e-6, ((1500, 60e-3, 0.4), (4100, 35e-3, 0.4), (9300, 16e-3, 0.3)), (0.08, 0.4)
+    ),
     "wood": Floor(260e-6, ((420, 14e-3, 0.8), (1350, 7e-3, 0.5), (3100, 4e-3, 0.3)), (0.3, 0.9)),
 }
 
@@ -59,13 +62,19 @@ def struck(floor: Floor, times: np.ndarray, speeds: np.ndarray, count: int, rng:
             reach = 1.0 / (1.0 + (frequency * length) ** 4 / 4.0)
             phase = rng.uniform(0, 2 * np.pi)
             level = share * reach * rng.uniform(0.6, 1.4)
-            heard += level * np.exp(-t / decay) * (np.sin(2 * np.pi * frequency * t + phase) - np.sin(phase))
+            heard += (
+                level
+                * np.exp(-t / decay)
+                * (np.sin(2 * np.pi * frequency * t + phase) - np.sin(phase))
+            )
         sound[begin : begin + len(t)] += speed * rng.uniform(0.85, 1.15) * heard
     return sound
 
 
 def in_room(sound: Sound, echo: float, tail: float, rng: Rng) -> Sound:
-    """Eight early reflections within 45 ms, up to `echo` of the direct sound, and a tail of `tail` s."""
+    """Eight early reflections within 45 ms, up to `echo` of the direct
+    sound, and a tail of `tail` s.
+    """
     answer = np.zeros(int((0.05 + 2 * tail) * RATE) + 1)
     answer[0] = 1.0
     for gain in echo * rng.uniform(0.15, 1.0, 8):
@@ -106,7 +115,9 @@ def knock(rng: Rng) -> Sound:
     t = np.arange(int(0.12 * RATE)) / RATE
     sound = np.exp(-t / rng.uniform(0.2e-3, 1.5e-3)) * rng.standard_normal(len(t))
     for _ in range(3):
-        sound += np.exp(-t / rng.uniform(4e-3, 25e-3)) * np.sin(2 * np.pi * rng.uniform(150, 4500) * t)
+        sound += np.exp(-t / rng.uniform(4e-3, 25e-3)) * np.sin(
+            2 * np.pi * rng.uniform(150, 4500) * t
+        )
     return np.asarray(sound / np.abs(sound).max())
 
 
@@ -117,8 +128,12 @@ def talk(count: int, rng: Rng) -> Sound:
         t = np.arange(int(rng.uniform(0.08, 0.3) * RATE)) / RATE
         pitch = rng.uniform(90, 220)
         voice = lfilter([1.0], [1.0, -0.95], np.sign(np.sin(2 * np.pi * pitch * t)))
-        voice = sosfilt(butter(2, [300, rng.uniform(1500, 3500)], "bandpass", fs=RATE, output="sos"), voice)
-        syllable = voice / np.abs(voice).max() * np.sin(np.pi * np.linspace(0, 1, len(t))).clip(0) ** 0.5
+        voice = sosfilt(
+            butter(2, [300, rng.uniform(1500, 3500)], "bandpass", fs=RATE, output="sos"), voice
+        )
+        syllable = (
+            voice / np.abs(voice).max() * np.sin(np.pi * np.linspace(0, 1, len(t))).clip(0) ** 0.5
+        )
         if rng.random() < 0.4:
             burst = rng.standard_normal(int(0.02 * RATE)) * np.exp(
                 -np.arange(int(0.02 * RATE)) / (3e-3 * RATE)
@@ -132,7 +147,9 @@ def talk(count: int, rng: Rng) -> Sound:
 def automatic_gain(sound: Sound, rng: Rng) -> Sound:
     """A phone turns itself down after a loud sound and slowly up again, and clips."""
     block = 128
-    power = np.sqrt((sound[: len(sound) // block * block].reshape(-1, block) ** 2).mean(axis=1)) + 1e-9
+    power = (
+        np.sqrt((sound[: len(sound) // block * block].reshape(-1, block) ** 2).mean(axis=1)) + 1e-9
+    )
     attack, release = np.exp(-block / RATE / 4e-3), np.exp(-block / RATE / rng.uniform(0.1, 0.6))
     level, gains = power[:20].mean(), []
     for now in power:
@@ -149,7 +166,12 @@ DISTURBANCES = (
 
 
 def drop(
-    floor: str, noise: str, decibels: float, disturbance: str | None, rng: Rng, alpha: float | None = None
+    floor: str,
+    noise: str,
+    decibels: float,
+    disturbance: str | None,
+    rng: Rng,
+    alpha: float | None = None,
 ) -> Heard:
     """One drop from 0.3 to 1 m with e scattered by 0.3 to 0.8 %, recorded for some seconds.
 

@@ -1,4 +1,6 @@
-"""Notebooks run without Jupyter: a cell prints, and shows its last expression as text, HTML or a picture."""
+"""Notebooks run without Jupyter: a cell prints, and shows its last
+expression as text, HTML or a picture.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def executed(path: Path) -> list[list[dict[str, Any]]]:
     names: dict[str, Any] = {}
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     with chdir(path.parent):
-        return [_run("".join(cell["source"]), names) for cell in cells if cell["cell_type"] == "code"]
+        return [
+            _run("".join(cell["source"]), names) for cell in cells if cell["cell_type"] == "code"
+        ]
 
 
 def _run(source: str, names: dict[str, Any]) -> list[dict[str, Any]]:
@@ -40,9 +44,15 @@ def _run(source: str, names: dict[str, Any]) -> list[dict[str, Any]]:
             shown = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
     outputs: list[dict[str, Any]] = []
     if printed.getvalue():
-        outputs.append({"output_type": "stream", "name": "stdout", "text": _lines(printed.getvalue())})
+        outputs.append(
+            {"output_type": "stream", "name": "stdout", "text": _lines(printed.getvalue())}
+        )
     if shown is not None:
-        about: dict[str, Any] = {"output_type": "execute_result", "metadata": {}, "execution_count": None}
+        about: dict[str, Any] = {
+            "output_type": "execute_result",
+            "metadata": {},
+            "execution_count": None,
+        }
         outputs.append({**about, "data": _data(shown)})
     return outputs
 

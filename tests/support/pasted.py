@@ -99,7 +99,9 @@ for text, h, g, launches in json.load(sys.stdin):
 """
 
 
-def bullet_bounces(given: Sequence[tuple[str, float, float, Launches]], folder: Path) -> list[list[float]]:
+def bullet_bounces(
+    given: Sequence[tuple[str, float, float, Launches]], folder: Path
+) -> list[list[float]]:
     """e of the launches of each (text, step s, gravity m/s², launches), in one plain script.
 
     Of Bullet's own restitution, speed out over the speed that it reverses, at the start of a step.
@@ -108,5 +110,7 @@ def bullet_bounces(given: Sequence[tuple[str, float, float, Launches]], folder: 
     done = subprocess.run(
         command, input=json.dumps(given), capture_output=True, text=True, check=True, cwd=folder
     )
-    found = iter([float(line.split()[2]) for line in done.stdout.splitlines() if line.startswith("e =")])
+    found = iter(
+        [float(line.split()[2]) for line in done.stdout.splitlines() if line.startswith("e =")]
+    )
     return [[next(found) for _ in launches] for *_, launches in given]

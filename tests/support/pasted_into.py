@@ -1,4 +1,6 @@
-"""Models of others for a text of hcbench: a covering design of what their options, defaults and pairs say."""
+"""Models of others for a text of hcbench: a covering design of what their
+options, defaults and pairs say.
+"""
 
 from __future__ import annotations
 
@@ -71,5 +73,7 @@ def model_of(row: dict[str, Any], text: str, ball: str = "ball", plate: str = "p
       </body>
       <body pos="{scale} 0 {0.1 * scale}"><freejoint/><geom name="other" size="{0.1 * scale}"/></body>
     </worldbody>"""
-    order = [text, *after, world] if row["place"] == "first" else [world, *after[1:], text, after[0]]
+    order = (
+        [text, *after, world] if row["place"] == "first" else [world, *after[1:], text, after[0]]
+    )
     return "\n".join(["<mujoco>", *parts, *order, "</mujoco>"])

@@ -1,4 +1,6 @@
-"""Plain MuJoCo, nothing of hcbench's engines: rows pasted as pairs of a fresh scene, simulated and read."""
+"""Plain MuJoCo, nothing of hcbench's engines: rows pasted as pairs of a
+fresh scene, simulated and read.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,11 @@ INCH = 0.0254
 
 
 def pasted(
-    options: dict[str, Any], timestep: float, mass: float, gravity: float = 0.0, radius: float = 2 * INCH
+    options: dict[str, Any],
+    timestep: float,
+    mass: float,
+    gravity: float = 0.0,
+    radius: float = 2 * INCH,
 ) -> str:
     """A scene of a ball that slides along z over a plane, with one massless copy of its geom a row."""
     rows = options["rows"]
@@ -44,14 +50,18 @@ def pasted(
 
 @dataclass(frozen=True)
 class Flight:
-    """restitution: (speeds, phases), NaN where still closed. x, v: (speeds, phases, steps), m and m/s."""
+    """restitution: (speeds, phases), NaN where still closed. x, v:
+    (speeds, phases, steps), m and m/s.
+    """
 
     restitution: Floats
     x: Floats
     v: Floats
 
 
-def simulated(xml: str, timestep: float, speeds: Floats, duration: float, phases: int = 8) -> Flight:
+def simulated(
+    xml: str, timestep: float, speeds: Floats, duration: float, phases: int = 8
+) -> Flight:
     model = mujoco.MjModel.from_xml_string(xml)
     phase = (np.arange(phases) + 0.37) / phases
     v_i, before = (grid.ravel() for grid in np.meshgrid(speeds, phase, indexing="ij"))

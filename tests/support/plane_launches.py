@@ -25,7 +25,9 @@ def target(alpha: float, timestep: float) -> Target:
     return Target(law, PLANE.mass, timestep, 0.0254, 0.508)
 
 
-def run(setting: Setting, scene: object = PLANE, speeds: tuple[float, ...] = SPEEDS) -> list[Impact]:
+def run(
+    setting: Setting, scene: object = PLANE, speeds: tuple[float, ...] = SPEEDS
+) -> list[Impact]:
     launches = [Launch(v, p) for v in speeds for p in PHASES]
     return registry.engine(setting.engine).run(scene, setting, launches)  # type: ignore[arg-type]
 

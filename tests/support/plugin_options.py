@@ -1,4 +1,6 @@
-"""MuJoCo's options under which the restitution plug-in is measured, and the energy it wins under each."""
+"""MuJoCo's options under which the restitution plug-in is measured, and
+the energy it wins under each.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-from contact_scenes import BOX, HALF, RADIUS, Scene, add_body, kept_in_flight, pile, stack, tumbling, world
+from contact_scenes import (
+    BOX,
+    HALF,
+    RADIUS,
+    Scene,
+    add_body,
+    kept_in_flight,
+    pile,
+    stack,
+    tumbling,
+    world,
+)
 
 from hcbench.contact.mujoco import Restitution
 
@@ -36,20 +49,35 @@ def rows() -> Iterator[tuple[str, dict[str, Any]]]:
         yield f"flag `{flag.lower()}` off", {"disable": flag}
 
 
-def scenes(seeds: Sequence[int], cone: str, options: dict[str, Any]) -> Iterator[Callable[[], Scene]]:
+def scenes(
+    seeds: Sequence[int], cone: str, options: dict[str, Any]
+) -> Iterator[Callable[[], Scene]]:
     """A stack, and of each seed a thrown box and a pile."""
     h = (1e-3, 2e-3, 4e-3)
-    own = {name: value for name, value in options.items() if name in ("integrator", "solver", "noslip")}
+    own = {
+        name: value for name, value in options.items() if name in ("integrator", "solver", "noslip")
+    }
     yield partial(stack, 4, 2e-3, HALF, friction=1.0, cone=cone, **own)
     for seed in seeds:
         yield partial(
-            tumbling, seed, h[seed % 3], (HALF, Restitution(0.315))[seed % 2], friction=0.5, cone=cone, **own
+            tumbling,
+            seed,
+            h[seed % 3],
+            (HALF, Restitution(0.315))[seed % 2],
+            friction=0.5,
+            cone=cone,
+            **own,
         )
-        yield partial(pile, seed, h[seed % 3], HALF, n=4, cone=cone, **({"integrator": "Euler"} | own))
+        yield partial(
+            pile, seed, h[seed % 3], HALF, n=4, cone=cone, **({"integrator": "Euler"} | own)
+        )
 
 
-def energy_won(make: Callable[[], Scene], options: dict[str, Any], seconds: float) -> tuple[float, float]:
-    """Energy that contact wins beyond the step without contact, over the start's: in the worst step, in all.
+def energy_won(
+    make: Callable[[], Scene], options: dict[str, Any], seconds: float
+) -> tuple[float, float]:
+    """Energy that contact wins beyond the step without contact, over the
+    start's: in the worst step, in all.
 
     options: condim of all geoms; enable, disable: a flag by MuJoCo's name.
     """
@@ -99,13 +127,20 @@ def at_rest(kind: str, h: float, options: dict[str, Any]) -> Scene:
     if kind == "table":
         table = spec.worldbody.add_body(name="table", pos=[0, 0, 0.1])
         table.add_joint(name="table", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
-        table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.5, 0.02, 0], mass=20)
+        table.add_geom(
+            name="table", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.5, 0.02, 0], mass=20
+        )
         add_body(spec, "b0", (0, 0, 0.12 + RADIUS))
         return Scene(spec, HALF, [("table", [1.0])])
     if kind == "pile":  # bricks, each on two
         for i, (x, row) in enumerate([(-2.2, 0), (0, 0), (2.2, 0), (-1.1, 1), (1.1, 1), (0, 2)]):
             add_body(
-                spec, f"b{i}", (x * RADIUS, 0, (2 * row + 1) * RADIUS), BOX, (RADIUS,) * 3, 10.0 ** (row - 1)
+                spec,
+                f"b{i}",
+                (x * RADIUS, 0, (2 * row + 1) * RADIUS),
+                BOX,
+                (RADIUS,) * 3,
+                10.0 ** (row - 1),
             )
         return Scene(spec, HALF)
     if kind == "heap":  # what falls on each other, and lies
@@ -113,10 +148,18 @@ def at_rest(kind: str, h: float, options: dict[str, Any]) -> Scene:
         for i in range(6):
             at = (*rng.uniform(-0.03, 0.03, 2), 0.1 + 0.15 * i)
             add_body(
-                spec, f"b{i}", at, BOX, rng.uniform(0.03, 0.06, 3), friction=0.5, quat=rng.normal(size=4)
+                spec,
+                f"b{i}",
+                at,
+                BOX,
+                rng.uniform(0.03, 0.06, 3),
+                friction=0.5,
+                quat=rng.normal(size=4),
             )
         return Scene(spec, HALF)
     for i in range(4 if kind == "stack" else 1):
         up = RADIUS * (2 * i + 1)
-        add_body(spec, f"b{i}", (up * np.sin(tip), 0, up * np.cos(tip)), BOX, (RADIUS,) * 3, quat=quat)
+        add_body(
+            spec, f"b{i}", (up * np.sin(tip), 0, up * np.cos(tip)), BOX, (RADIUS,) * 3, quat=quat
+        )
     return Scene(spec, HALF)

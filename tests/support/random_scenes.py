@@ -39,7 +39,9 @@ CLASSES = ("shape", "floor", "joint", "centre", "integrator", "cone", "solver", 
 
 
 def allowed(row: dict[str, Any]) -> bool:
-    """An equality holds two bodies; a force of 30 steps a contact is too soft for a body at coarse steps."""
+    """An equality holds two bodies; a force of 30 steps a contact is too
+    soft for a body at coarse steps.
+    """
     alone = row.get("joint") == "equality" and row.get("bodies") == 1
     soft = row.get("law") == "force" and row.get("step", 0.0) > 1e-3
     return not (alone or soft)
@@ -103,7 +105,9 @@ def _world(row: dict[str, Any]) -> Any:
 
 
 def _set_flag(option: Any, name: str, is_on: bool) -> None:
-    """A flag of MuJoCo's, which is among those that enable in some versions, and that disable in others."""
+    """A flag of MuJoCo's, which is among those that enable in some
+    versions, and that disable in others.
+    """
     if (enables := getattr(mujoco.mjtEnableBit, f"mjENBL_{name}", None)) is not None:
         option.enableflags |= int(enables) if is_on else 0
     elif (disables := getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", None)) is not None:
@@ -121,12 +125,16 @@ def _add_floor(spec: Any, row: dict[str, Any], rng: Any) -> None:
     elif row["floor"] == "box":
         shape = {"type": kind.mjGEOM_BOX, "size": [2, 2, 0.2], "pos": [0, 0, -0.2]}
     elif row["floor"] == "mesh":
-        corners = np.array([[x, y, z] for x in (-2, 2) for y in (-2, 2) for z in (-0.4, 0)], dtype=float)
+        corners = np.array(
+            [[x, y, z] for x in (-2, 2) for y in (-2, 2) for z in (-0.4, 0)], dtype=float
+        )
         spec.add_mesh(name="slab", uservert=corners.ravel())
         shape = {"type": kind.mjGEOM_MESH, "meshname": "slab"}
     else:
         heights = rng.uniform(0, 1, (16, 16)).astype(float)
-        spec.add_hfield(name="ground", nrow=16, ncol=16, size=[2, 2, 0.02, 0.3], userdata=heights.ravel())
+        spec.add_hfield(
+            name="ground", nrow=16, ncol=16, size=[2, 2, 0.02, 0.3], userdata=heights.ravel()
+        )
         shape = {"type": kind.mjGEOM_HFIELD, "hfieldname": "ground"}
     spec.worldbody.add_geom(name="floor", **shape, **_surface(row))
 
@@ -151,7 +159,9 @@ def _add_part(spec: Any, row: dict[str, Any], i: int, rng: Any) -> None:
     _add_geoms(spec, body, row, f"b{i}", rng, off)
     if row["joint"] in ("chain", "tendon", "motor"):
         child = body.add_body(name=f"c{i}", pos=[0.12, 0, 0])
-        child.add_joint(name=f"k{i}", type=kind.mjJNT_HINGE, axis=[0, 1, 0], armature=1e-3, pos=[-0.06, 0, 0])
+        child.add_joint(
+            name=f"k{i}", type=kind.mjJNT_HINGE, axis=[0, 1, 0], armature=1e-3, pos=[-0.06, 0, 0]
+        )
         _add_geoms(spec, child, row, f"c{i}", rng, 0.0)
         spec.add_exclude(bodyname1=f"b{i}", bodyname2=f"c{i}")
 
@@ -171,7 +181,12 @@ def _add_geoms(spec: Any, body: Any, row: dict[str, Any], name: str, rng: Any, o
             shape = {"meshname": f"{name} mesh"}
         place = at + (0.06 * k * rng.normal(size=3) if k else 0)
         body.add_geom(
-            name=f"{name} {k}", type=kind, mass=mass / len(parts), pos=place, **shape, **_surface(row)
+            name=f"{name} {k}",
+            type=kind,
+            mass=mass / len(parts),
+            pos=place,
+            **shape,
+            **_surface(row),
         )
 
 
@@ -221,7 +236,11 @@ def energy(model: Any, data: Any) -> float:
     """
     mujoco.mj_forward(model, data)
     total = float(data.energy.sum())
-    length, gain, bias = data.actuator_length, model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1]
+    length, gain, bias = (
+        data.actuator_length,
+        model.actuator_gainprm[:, 0],
+        model.actuator_biasprm[:, 1],
+    )
     total -= float((gain * data.ctrl * length + 0.5 * bias * length**2).sum())
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         return total
@@ -247,8 +266,8 @@ class Seen:
 def simulate(made: Made, seconds: float, native: bool = False) -> Seen:
     """Simulate a scene of the design with the plug-in, or with MuJoCo's native contact.
 
-    What MuJoCo's own step gains, going on without contact from the velocities after the impacts, is not
-    contact's gain.
+    What MuJoCo's own step gains, going on without contact from the velocities after the
+    impacts, is not contact's gain.
     """
     warned: list[str] = []
     mujoco.set_mju_user_warning(warned.append)
@@ -275,7 +294,10 @@ def _follow(made: Made, seconds: float, native: bool) -> tuple[float, float]:
     for _ in range(round(seconds / model.opt.timestep)):
         alone.qpos[:], alone.qvel[:] = data.qpos, data.qvel
         mujoco.mj_step(model, data)
-        if not np.isfinite(data.qpos).all() or data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
+        if (
+            not np.isfinite(data.qpos).all()
+            or data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number
+        ):
             return np.nan, np.nan
         if data.ncon:
             depth = max(depth, -float(data.contact.dist.min()))
@@ -283,7 +305,9 @@ def _follow(made: Made, seconds: float, native: bool) -> tuple[float, float]:
         if native or not (data.ncon or touches):
             continue
         won += _gain(free, alone, now, data, first)
-        low = low if made.has_force else min(low, won)  # a force gives back what it took in the steps before
+        low = (
+            low if made.has_force else min(low, won)
+        )  # a force gives back what it took in the steps before
         most = max(most, won - low)
     return most / first, depth
 
@@ -291,7 +315,8 @@ def _follow(made: Made, seconds: float, native: bool) -> tuple[float, float]:
 def _gain(free: Any, alone: Any, now: Any, data: Any, first: float) -> float:
     """Energy (J) that contact won in the step from the state in `alone` to that in `data`.
 
-    What the step won in all, less what a step without contact wins that leads to the same velocities.
+    What the step won in all, less what a step without contact wins
+    that leads to the same velocities.
     """
     places, rates = alone.qpos.copy(), alone.qvel.copy()
     before = energy(free, alone)

@@ -32,7 +32,9 @@ def _settings() -> dict[tuple[str, str], Setting]:
 
 
 def ready_setting(recipe: str, scene: str) -> Setting:
-    """The setting that `hcbench.testing.setting_for` finds, read from the file where it would search."""
+    """The setting that `hcbench.testing.setting_for` finds, read from
+    the file where it would search.
+    """
     return _settings().get((recipe, scene)) or search(recipe, scene)
 
 

@@ -46,16 +46,22 @@ def facts(root: Path) -> Missing:
                 f"The project has no address: set {name} in [project.urls] of pyproject.toml."
             )
     if not re.search(rf"^## {re.escape(version)} \(\d{{4}}-\d\d-\d\d\)$", changes, re.MULTILINE):
-        missing.blocking.append(f"CHANGELOG.md has no date for {version}: write '## {version} (YYYY-MM-DD)'.")
+        missing.blocking.append(
+            f"CHANGELOG.md has no date for {version}: write '## {version} (YYYY-MM-DD)'."
+        )
     if citation["version"] != version:
         missing.blocking.append(f"CITATION.cff has version {citation['version']}: write {version}.")
 
     if not any("email" in author for author in project["authors"]):
-        missing.later.append("No author has an e-mail address: add one to authors in pyproject.toml.")
+        missing.later.append(
+            "No author has an e-mail address: add one to authors in pyproject.toml."
+        )
     if "doi" not in citation:
         missing.later.append("CITATION.cff has no DOI: Zenodo gives one with the first release.")
     if not all("orcid" in author for author in citation["authors"]):
-        missing.later.append("CITATION.cff names no people with an ORCID: JOSS and Zenodo ask for them.")
+        missing.later.append(
+            "CITATION.cff names no people with an ORCID: JOSS and Zenodo ask for them."
+        )
     if not all("affiliation" in author for author in paper["authors"]):
         missing.later.append("paper.md names no people with an affiliation: JOSS asks for them.")
     if not paper.get("date"):
@@ -65,21 +71,29 @@ def facts(root: Path) -> Missing:
 
 def build(folder: Path) -> None:
     """The sdist, and the wheel that is built from it."""
-    subprocess.run([sys.executable, "-m", "uv", "build", "--quiet", "--out-dir", folder, ROOT], check=True)
+    subprocess.run(
+        [sys.executable, "-m", "uv", "build", "--quiet", "--out-dir", folder, ROOT], check=True
+    )
 
 
 def complaints(dist: Path) -> list[str]:
     """Complaints of the tools about the files in dist, a paragraph each; empty if all pass."""
     (sdist,) = dist.glob("*.tar.gz")
     (wheel,) = dist.glob("*.whl")
-    files = {"twine": [sdist, wheel], "check-wheel-contents": [wheel], "cffconvert": [ROOT / "CITATION.cff"]}
+    files = {
+        "twine": [sdist, wheel],
+        "check-wheel-contents": [wheel],
+        "cffconvert": [ROOT / "CITATION.cff"],
+    }
     said = []
     for requirement, command in TOOLS.items():
         arguments = [*command, *map(str, files.get(command[0], [sdist]))]
         uv = [sys.executable, "-m", "uv", "tool", "run", "--quiet", "--from", requirement]
         done = subprocess.run([*uv, *arguments], capture_output=True, text=True, check=False)
         if done.returncode:
-            said.append(f"{command[0]} refuses the files:\n{done.stdout.strip()}\n{done.stderr.strip()}")
+            said.append(
+                f"{command[0]} refuses the files:\n{done.stdout.strip()}\n{done.stderr.strip()}"
+            )
     return said
 
 

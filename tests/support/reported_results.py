@@ -23,7 +23,9 @@ STOCK = RunKey("single", "stock", 2e-3)
 
 
 def dropped(results: Results, gravity: float, **rests: tuple[float, float]) -> Results:
-    """The same results as if they had been measured under gravity; rests: depth and motion, m, by setting."""
+    """The same results as if they had been measured under gravity; rests:
+    depth and motion, m, by setting.
+    """
 
     def heavy(table: pd.DataFrame) -> pd.DataFrame:
         return table.assign(gravity_m_per_s2=gravity)

@@ -33,7 +33,9 @@ RESTS = 0.02  # m/s and rad/s
 STIFF = 15.0  # of weight times height: N m/rad of the servos that hold a robot
 DAMPED = 0.05  # s, their damping over their stiffness
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
-FREE, SLIDE, HINGE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "SLIDE", "HINGE"))
+FREE, SLIDE, HINGE = (
+    int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "SLIDE", "HINGE")
+)
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
@@ -41,7 +43,8 @@ RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 class Robot:
     """file: of an installed package, or of examples/. feet: a pattern of names of geoms or bodies.
 
-    held: whether servos of the judge hold the joints; else the model's own do, or motors without a control.
+    held: whether servos of the judge hold the joints; else the model's own
+    do, or motors without a control.
     """
 
     name: str
@@ -101,7 +104,11 @@ def _keep_robot(spec: Any) -> None:
     for geom in spec.worldbody.geoms:
         if geom is not next(iter(floors), None):
             spec.delete(geom)
-    floor = floors[0] if floors else spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1])
+    floor = (
+        floors[0]
+        if floors
+        else spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1])
+    )
     floor.name = "floor"
 
 
@@ -163,14 +170,18 @@ def drops(phases: int) -> list[Drop]:
 
 
 def released(model: Any, drop: Drop) -> Any:
-    """Data of the robot over its floor, its joints within their limits and its servos where they are."""
+    """Data of the robot over its floor, its joints within their limits
+    and its servos where they are.
+    """
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     for joint in range(model.njnt):
         at, (low, high) = model.jnt_qposadr[joint], model.jnt_range[joint]
         if model.jnt_limited[joint] and model.jnt_type[joint] in (SLIDE, HINGE):
-            data.qpos[at] = np.clip(data.qpos[at], low + 0.05 * (high - low), high - 0.05 * (high - low))
+            data.qpos[at] = np.clip(
+                data.qpos[at], low + 0.05 * (high - low), high - 0.05 * (high - low)
+            )
     for servo in range(0 if model.nkey else model.nu):
         if model.actuator_biasprm[servo, 1] != 0:
             data.ctrl[servo] = data.qpos[model.jnt_qposadr[model.actuator_trnid[servo, 0]]]
@@ -188,7 +199,9 @@ def released(model: Any, drop: Drop) -> Any:
 
 def _tilt(model: Any, data: Any, angle: float) -> int:
     """Turn the base; the place of its height in qpos."""
-    base = [joint for joint in range(model.njnt) if model.body_parentid[model.jnt_bodyid[joint]] == 0]
+    base = [
+        joint for joint in range(model.njnt) if model.body_parentid[model.jnt_bodyid[joint]] == 0
+    ]
     kind, at = model.jnt_type, model.jnt_qposadr
     if kind[base[0]] == FREE:
         first, turn, turned = at[base[0]], np.zeros(4), np.zeros(4)
@@ -202,7 +215,8 @@ def _tilt(model: Any, data: Any, angle: float) -> int:
 
 @dataclass
 class Landing:
-    """depth: the largest of a foot in the floor, m. gain: of energy, as a share of that of the drop.
+    """depth: the largest of a foot in the floor, m. gain: of energy,
+    as a share of that of the drop.
 
     speed: the fastest of the last tenth, m/s or rad/s. travel: of the centre of mass, m. seconds:
     simulated, to the end or to the fall.
@@ -230,7 +244,9 @@ def feet_of(robot: Robot, model: Any) -> list[int]:
     return [geom for geom in range(model.ngeom) if found[geom] and _meets_floor(model, geom)]
 
 
-def land(model: Any, robot: Robot, drop: Drop, seconds: float, *, to_the_fall: bool = False) -> Landing:
+def land(
+    model: Any, robot: Robot, drop: Drop, seconds: float, *, to_the_fall: bool = False
+) -> Landing:
     """Let the robot land, for so long, or until it falls."""
     data, seen = released(model, drop), Landing()
     free = copy.copy(model)
@@ -285,7 +301,12 @@ class Landings:
 
     @classmethod
     def of(
-        cls, robot: Robot, laws: Sequence[Law], phases: int, seconds: float, step: float | None = None
+        cls,
+        robot: Robot,
+        laws: Sequence[Law],
+        phases: int,
+        seconds: float,
+        step: float | None = None,
     ) -> Landings:
         """Let the robot land. step: s, None: the model's."""
         model, every = compiled(robot, None, step), drops(phases)
@@ -295,7 +316,8 @@ class Landings:
             model = compiled(robot, law, step)
             found.native += native
             found.own += [
-                land(model, robot, drop, one.seconds) for drop, one in zip(every, native, strict=True)
+                land(model, robot, drop, one.seconds)
+                for drop, one in zip(every, native, strict=True)
             ]
         return found
 

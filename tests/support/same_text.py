@@ -1,9 +1,10 @@
-"""Texts that programs print, compared as a reader compares them: words by their letters, numbers by value.
+"""Texts that programs print, compared as a reader compares them: words by
+their letters, numbers by value.
 
-The last digits of a number are the processor's: its instructions and the kernels of NumPy and OpenBLAS round
-sums in other orders. A number with a point or an exponent is the same within `TOLERANCE`; counts, versions
-and dates have the same digits. In a shown text `...` stands for any part; right after a number for its other
-digits.
+The last digits of a number are the processor's: its instructions and the kernels of NumPy and
+OpenBLAS round sums in other orders. A number with a point or an exponent is the same within
+`TOLERANCE`; counts, versions and dates have the same digits. In a shown text `...` stands for any
+part; right after a number for its other digits.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ def is_same(shown: str, printed: str) -> bool:
 
 def is_within(shown: str, printed: str) -> bool:
     """Say whether the shown text is a part of the printed one."""
-    return any(_has_the_values(shown, match) for match in re.finditer(_pattern(shown), printed, re.DOTALL))
+    return any(
+        _has_the_values(shown, match) for match in re.finditer(_pattern(shown), printed, re.DOTALL)
+    )
 
 
 def _pattern(shown: str) -> str:
@@ -51,5 +54,7 @@ def _is_same_value(shown: re.Match[str], printed: str) -> bool:
     value, other = float(shown["number"]), float(printed)
     if shown["cut"]:
         decimals = len(shown["number"].partition(".")[2])
-        other = math.copysign(math.floor(abs(other) * 10**decimals * (1 + TOLERANCE)) / 10**decimals, other)
+        other = math.copysign(
+            math.floor(abs(other) * 10**decimals * (1 + TOLERANCE)) / 10**decimals, other
+        )
     return math.isclose(value, other, rel_tol=TOLERANCE)

@@ -1,8 +1,9 @@
 """Sessions in pages: ```console blocks of `$ command` and its output, which are run and compared.
 
-`python -m sessions [PAGE ...]` (`make sessions`) writes what the commands print now. In a block, a line `...`
-stands for lines that the page leaves out, and `...` within a line for the rest or a part of it: what a writer
-left out, or what another machine prints differently (`MACHINE`). Numbers are compared by value (`same_text`).
+`python -m sessions [PAGE ...]` (`make sessions`) writes what the commands print now. In a block, a
+line `...` stands for lines that the page leaves out, and `...` within a line for the rest or a part
+of it: what a writer left out, or what another machine prints differently (`MACHINE`). Numbers are
+compared by value (`same_text`).
 """
 
 from __future__ import annotations
@@ -69,11 +70,15 @@ def steps(block: str) -> list[Step]:
 
 def page_steps(page: Path) -> list[Step]:
     """All commands of a page's sessions."""
-    return [step for block in BLOCK.findall(page.read_text(encoding="utf-8")) for step in steps(block)]
+    return [
+        step for block in BLOCK.findall(page.read_text(encoding="utf-8")) for step in steps(block)
+    ]
 
 
 def prepare(page: Path, folder: Path) -> Path:
-    """The folder in which a page's commands run: the examples, or a folder that has them in `examples`."""
+    """The folder in which a page's commands run: the examples, or a
+    folder that has them in `examples`.
+    """
     if page.parent.name == "examples":
         shutil.copytree(ROOT / "examples", folder, dirs_exist_ok=True)
     else:
@@ -97,7 +102,9 @@ class Shell:
             return Path(arguments[0]).read_text(encoding="utf-8").splitlines()
         if name == "python" and arguments[0] == "-c":
             return _lines(lambda: exec(arguments[1], {}))
-        assert name == "hcbench", f"a session runs hcbench, python -c, cat and echo alone: {step.command}"
+        assert name == "hcbench", (
+            f"a session runs hcbench, python -c, cat and echo alone: {step.command}"
+        )
         files = [word for word in arguments if FILE.search(word)]
         if any(not word.startswith("examples/") for word in files):
             self.code, lines = _run(arguments)
@@ -108,7 +115,9 @@ class Shell:
 
 @cache
 def _run_once(*arguments: str) -> tuple[int, list[str]]:
-    """Lines of a command that several pages may show: it reads the examples alone, and writes nothing."""
+    """Lines of a command that several pages may show: it reads the
+    examples alone, and writes nothing.
+    """
     return _run(list(arguments))
 
 
@@ -149,16 +158,22 @@ def rewritten(shown: tuple[str, ...], printed: list[str]) -> list[str]:
         first = max(start, end)
         new = printed[first : first + len(part)]
         gap = [LEFT_OUT] if first > end else []
-        lines += gap + [next((old for old in part if is_same(old, line)), elided(line)) for line in new]
+        lines += gap + [
+            next((old for old in part if is_same(old, line)), elided(line)) for line in new
+        ]
         end = first + len(new)
     return lines + [LEFT_OUT] * (end < len(printed))
 
 
 def _places(shown: tuple[str, ...], printed: list[str]) -> Iterator[tuple[int, list[str]]]:
-    """The parts between the lines that a page leaves out, each with the line that begins it most likely."""
+    """The parts between the lines that a page leaves out, each with the
+    line that begins it most likely.
+    """
     text = "\n".join(shown)
     parts = [
-        part.split("\n") for each in re.split(r"^\.\.\.$", text, flags=re.M) if (part := each.strip("\n"))
+        part.split("\n")
+        for each in re.split(r"^\.\.\.$", text, flags=re.M)
+        if (part := each.strip("\n"))
     ]
     end = 0
     for part in parts:
@@ -198,7 +213,9 @@ def update(page: Path) -> bool:
         lines = []
         for step in steps(match[0]):
             printed = shell.printed(step)
-            shown = list(step.shown) if agrees(step.shown, printed) else rewritten(step.shown, printed)
+            shown = (
+                list(step.shown) if agrees(step.shown, printed) else rewritten(step.shown, printed)
+            )
             lines += [f"$ {step.command}", *shown]
         return "\n".join(lines) + "\n"
 

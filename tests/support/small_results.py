@@ -1,4 +1,5 @@
-"""Small Results for tests of the report: impacts integrated here, step by step, with no engine installed.
+"""Small Results for tests of the report: impacts integrated here, step by
+step, with no engine installed.
 
 Engine "explicit" integrates by semi-implicit Euler, "single" turns the speed around in one step.
 """
@@ -63,7 +64,9 @@ def turn_around(restitution: float, step: float) -> Force:
     return lambda x, v: MASS * (1 + restitution) * v / step if x > 0 and v > 0 else 0.0
 
 
-def flights(engine: str, setting: str, alpha: float, step: float, speeds: Sequence[float]) -> list[Impact]:
+def flights(
+    engine: str, setting: str, alpha: float, step: float, speeds: Sequence[float]
+) -> list[Impact]:
     """Impacts over speeds and phases."""
     constant, _ = scoring.best_constant(alpha, np.array(SPEEDS))
     forces = {
@@ -74,7 +77,9 @@ def flights(engine: str, setting: str, alpha: float, step: float, speeds: Sequen
     }
     launches = [Launch(v, phase) for v in speeds for phase in PHASES]
     if setting == "broken":
-        return [Impact(launch, Status.CRASHED, "the engine's process died on it") for launch in launches]
+        return [
+            Impact(launch, Status.CRASHED, "the engine's process died on it") for launch in launches
+        ]
     return [simulated(forces[setting], launch, step) for launch in launches]
 
 
@@ -132,11 +137,17 @@ def small_results(runs: Sequence[tuple[Any, ...]] = RUNS, title: str = "A steel 
             scores.append((*key, *dataclasses.astuple(scoring.score(found, law, MASS))))
             impacts += [(*key, *_row(impact, alpha)) for impact in found]
             kept = [
-                i for i in found if i.loop is not None and i.launch.phase == PHASES[0] and len(speeds) > 1
+                i
+                for i in found
+                if i.loop is not None and i.launch.phase == PHASES[0] and len(speeds) > 1
             ]
             loops += [_loop(key, impact) for impact in kept]
             options = {} if setting == "stock" else {"number": alpha}
-            record = {"options": options, "summary": f"How {setting} bounces.", "notes": ["Holds here."]}
+            record = {
+                "options": options,
+                "summary": f"How {setting} bounces.",
+                "notes": ["Holds here."],
+            }
             settings.append({**dict(zip(RUN_KEY, key, strict=True)), **record})
     study = _study(title)
     return Results(
@@ -155,7 +166,14 @@ def _row(impact: Impact, alpha: float) -> tuple[Any, ...]:
     e = float(closed_form.restitution(alpha, speed)) if known else np.nan
     start = (impact.launch.speed, impact.launch.phase, impact.status.value, impact.reason, speed)
     bounce = (impact.speed_out, impact.restitution, e, 1 - alpha * speed)
-    return (*start, *bounce, impact.duration, impact.penetration_max, impact.force_max, impact.samples)
+    return (
+        *start,
+        *bounce,
+        impact.duration,
+        impact.penetration_max,
+        impact.force_max,
+        impact.samples,
+    )
 
 
 def _loop(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:

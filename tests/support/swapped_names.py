@@ -1,4 +1,6 @@
-"""Two balls of which one bears the name in a law's config, so that another model may have it elsewhere."""
+"""Two balls of which one bears the name in a law's config, so that
+another model may have it elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ import numpy as np
 
 
 def two_balls(names: tuple[str, str]) -> Any:
-    """Two balls over a floor; the one of the name "bouncer" has e = 0.9 there, the other MuJoCo's contact."""
+    """Two balls over a floor; the one of the name "bouncer" has e = 0.9
+    there, the other MuJoCo's contact.
+    """
     balls = "".join(
         f'<body name="{name}" pos="{place} 0 .0501"><freejoint/>'
         f'<geom name="{name}" size=".05" mass="1"/></body>'

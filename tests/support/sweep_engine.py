@@ -1,4 +1,5 @@
-"""An engine for sweeps to trip over: the reference, that dies, hangs or breaks where its notes say so.
+"""An engine for sweeps to trip over: the reference, that dies, hangs or
+breaks where its notes say so.
 
 `installed` registers it by entry points, as any engine is, also for processes that are started.
 """
@@ -33,8 +34,8 @@ NOTES = "HCBENCH_TEST_NOTES"  # the file, in the environment: processes that are
 
 
 class Tripping(Engine):
-    """Notes: {"segfault": [[speed, phase], ...], "hang": ..., "memory": ..., "error": ..., "log": file,
-    "sleep": s}.
+    """Notes: {"segfault": [[speed, phase], ...], "hang": ..., "memory": ..., "error":
+    ..., "log": file, "sleep": s}.
     """
 
     name = "tripping"

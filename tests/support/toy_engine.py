@@ -1,7 +1,9 @@
-"""An engine from outside, whose package is in the wheels of a test only: the law, with an α of its version.
+"""An engine from outside, whose package is in the wheels of a test only: the
+law, with an α of its version.
 
-`registered` makes its adapter known here by an entry point, as any engine's is; `wheels` makes what an
-index would have: versions of its package, and of what a worker needs stand-ins that lead to packages here.
+`registered` makes its adapter known here by an entry point, as any engine's is; `wheels`
+makes what an index would have: versions of its package, and of what a worker needs
+stand-ins that lead to packages here.
 """
 
 from __future__ import annotations
@@ -45,13 +47,17 @@ class ToyEngine(Engine):
     def recipes(self) -> Sequence[Recipe]:
         return [stock("toy", "As it comes.")]
 
-    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Sequence[Impact]:
+    def impacts(
+        self, scene: Scene, setting: Setting, launches: Sequence[Launch]
+    ) -> Sequence[Impact]:
         import toyphysics  # type: ignore[import-not-found]  # in environments only
 
         if any(launch.speed == CRASH_SPEED for launch in launches):
             os.kill(os.getpid(), signal.SIGSEGV)
         own = Setting("reference", "hunt-crossley", setting.timestep, {"alpha": toyphysics.ALPHA})
-        return registry.engine("reference").impacts(scene, own, launches)  # as engines borrow from others
+        return registry.engine("reference").impacts(
+            scene, own, launches
+        )  # as engines borrow from others
 
 
 def registered(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
@@ -72,10 +78,14 @@ def _look_again() -> None:
 
 
 def wheels(folder: Path) -> Path:
-    """Wheels as an index has them: toyphysics 1.0, 2.0, 3.0, which is broken, and 4.0, for another Python."""
+    """Wheels as an index has them: toyphysics 1.0, 2.0, 3.0, which is
+    broken, and 4.0, for another Python.
+    """
     for number in (1, 2):
         wheel(folder, "toyphysics", f"{number}.0", {"toyphysics.py": f"ALPHA = {0.1 * number}\n"})
-    wheel(folder, "toyphysics", "3.0", {"toyphysics.py": "raise OSError('libtoy.so: cannot open')\n"})
+    wheel(
+        folder, "toyphysics", "3.0", {"toyphysics.py": "raise OSError('libtoy.so: cannot open')\n"}
+    )
     wheel(folder, "toyphysics", "4.0", {}, "cp27-cp27m")
     places = [sysconfig.get_path("purelib"), str(Path(str(np.__file__)).parents[1])]
     for name in SHARED:
@@ -84,7 +94,9 @@ def wheels(folder: Path) -> Path:
     return folder
 
 
-def wheel(folder: Path, name: str, version: str, files: dict[str, Any], tag: str = "py3-none") -> None:
+def wheel(
+    folder: Path, name: str, version: str, files: dict[str, Any], tag: str = "py3-none"
+) -> None:
     """One wheel with these files."""
     about = f"{name}-{version}.dist-info"
     files |= {

@@ -31,11 +31,15 @@ def results() -> None:
     assert_type(hb.fit_force("pulse.csv", mass="0.45 kg", speed="0.5 m/s"), ForceFit)
     assert_type(hb.pairs("my.xml"), CandidatePairs)
     assert_type(hb.measure("my.xml", "ball,plate", speeds="0.1:1:5 m/s", phases=8), hb.Measurement)
-    assert_type(hb.measure_trajectory("robot.xml", {"qpos": np.zeros((2, 7))}), TrajectoryTouchdowns)
+    assert_type(
+        hb.measure_trajectory("robot.xml", {"qpos": np.zeros((2, 7))}), TrajectoryTouchdowns
+    )
     assert_type(hb.land("robot.xml", "5, 10 cm", tilt="5 deg", controller="pd:100,1"), hb.Landings)
     assert_type(hb.check("my.xml", ("ball", "plate"), restitution=0.9, speeds=[0.1, 1.0]), Report)
     assert_type(hb.tune("mujoco", alpha="0.3 s/m", timestep="2 ms", kind="exact"), hb.Answer)
-    assert_type(hb.tune_model("my.xml", ["a,floor", "b,floor"], alpha=0.3, write_model="t.xml"), TunedModel)
+    assert_type(
+        hb.tune_model("my.xml", ["a,floor", "b,floor"], alpha=0.3, write_model="t.xml"), TunedModel
+    )
     assert_type(hb.report("study.toml", out="report", quick=True), StudyReport)
     assert_type(hb.load_scene("steel-plane"), hb.Scene)
     assert_type(hb.engine("mujoco"), Engine)

@@ -35,10 +35,27 @@ BEFORE = {
     "pydantic": "2.10.6",
     "click": "8.1.8",
 }
-MUJOCOS = ("3.12.0", "3.13.0", "3.14.0", "3.15.0", "3.16.0", "3.17.0")  # between the floor and the newest
+MUJOCOS = (
+    "3.12.0",
+    "3.13.0",
+    "3.14.0",
+    "3.15.0",
+    "3.16.0",
+    "3.17.0",
+)  # between the floor and the newest
 ADDED = tuple(
     f"mujoco@{version}"
-    for version in ("3.3.0", "3.3.7", "3.4.0", "3.5.0", "3.6.0", "3.7.0", "3.8.0", "3.9.0", "3.10.0")
+    for version in (
+        "3.3.0",
+        "3.3.7",
+        "3.4.0",
+        "3.5.0",
+        "3.6.0",
+        "3.7.0",
+        "3.8.0",
+        "3.9.0",
+        "3.10.0",
+    )
 )
 _LIMIT_S = 600.0  # for one command, on a machine with other work
 LAW = '--alpha "0.3 s/m" --timestep "2 ms" --speeds "0.1:2 m/s"'
@@ -98,7 +115,8 @@ class Row:
         """The command lines without `hcbench`, but for those of pytest."""
         if self.added:
             return tuple(
-                each.replace("ENGINE", self.added) for each in (f"engines add {self.added}", *OF_ADDED)
+                each.replace("ENGINE", self.added)
+                for each in (f"engines add {self.added}", *OF_ADDED)
             )
         bullet = PYBULLET if self.python == "3.11" else ()
         return (*COMMANDS, *bullet)
@@ -107,7 +125,9 @@ class Row:
 def floors() -> dict[str, str]:
     """Each dependency's lowest version in pyproject.toml, in three numbers."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    found = re.findall(r'(?m)^  "([\w-]+)>=([\d.]+)[";,]', text.split("dependencies = [")[1].split("]")[0])
+    found = re.findall(
+        r'(?m)^  "([\w-]+)>=([\d.]+)[";,]', text.split("dependencies = [")[1].split("]")[0]
+    )
     return {name: ".".join([*version.split("."), "0", "0"][:3]) for name, version in found}
 
 
@@ -115,7 +135,10 @@ def rows() -> Iterator[Row]:
     """Every environment of the table, the newest of each Python first."""
     for python in PYTHONS:
         yield Row(f"Python {python}", python)
-    yield Row("all at their floors", pins=tuple(f"{name}=={version}" for name, version in floors().items()))
+    yield Row(
+        "all at their floors",
+        pins=tuple(f"{name}=={version}" for name, version in floors().items()),
+    )
     for package, before in BEFORE.items():
         yield Row(f"{package} {floors()[package]}", pins=(f"{package}=={floors()[package]}",))
         yield Row(f"{package} {before}", pins=(f"{package}=={before}",))
@@ -140,7 +163,9 @@ def run(row: Row) -> dict[str, str]:
     for name in ("good.xml", "broken.xml", "quadruped.xml", "recording/drop.wav", "test_bounce.py"):
         shutil.copy(ROOT / "examples" / name, folder)
     shutil.copy(ROOT / "examples" / "good.xml", folder / "my.xml")
-    (folder / "study.toml").write_text(STUDY.replace("ENGINE", row.added or "mujoco"), encoding="utf-8")
+    (folder / "study.toml").write_text(
+        STUDY.replace("ENGINE", row.added or "mujoco"), encoding="utf-8"
+    )
     said = {command: _said(environment, folder, command) for command in row.commands()}
     if row.pins:
         shutil.rmtree(environment)
@@ -154,7 +179,15 @@ def _install(row: Row, environment: Path, python: str) -> str:
     uv = [sys.executable, "-m", "uv"]
     shutil.rmtree(environment, ignore_errors=True)
     subprocess.run([*uv, "venv", "-q", "--python", _path_of(python), str(environment)], check=True)
-    install = [*uv, "pip", "install", "-q", "--no-build", "--python", str(environment / "bin" / "python")]
+    install = [
+        *uv,
+        "pip",
+        "install",
+        "-q",
+        "--no-build",
+        "--python",
+        str(environment / "bin" / "python"),
+    ]
     pinned = {pin.split("==")[0] for pin in row.pins}
     free = [f"{name}>={floor}" for name, floor in floors().items() if name not in pinned]
     if row.python != "3.11":
@@ -176,7 +209,9 @@ def _install(row: Row, environment: Path, python: str) -> str:
 
 
 def _path_of(python: str) -> str:
-    of_pyenv = Path.home() / ".pyenv" / "versions" / python / "bin" / "python"  # whose shims hide it from uv
+    of_pyenv = (
+        Path.home() / ".pyenv" / "versions" / python / "bin" / "python"
+    )  # whose shims hide it from uv
     return str(of_pyenv) if of_pyenv.exists() else python
 
 
@@ -184,7 +219,17 @@ def _wheel() -> Path:
     """The wheel, built once a run of this script."""
     folder = WORK / "wheel"
     if not (folder / "built").exists():
-        command = [sys.executable, "-m", "uv", "build", "--wheel", "-q", "-o", str(folder), str(ROOT)]
+        command = [
+            sys.executable,
+            "-m",
+            "uv",
+            "build",
+            "--wheel",
+            "-q",
+            "-o",
+            str(folder),
+            str(ROOT),
+        ]
         subprocess.run(command, check=True)
         (folder / "built").touch()
     return next(folder.glob("*.whl"))
@@ -193,7 +238,11 @@ def _wheel() -> Path:
 def _said(environment: Path, folder: Path, command: str) -> str:
     program, _, rest = command.partition(" ")
     pytest = f'"{environment}/bin/python" -W ignore -m pytest -q {rest}'
-    kept = {name: os.environ[name] for name in os.environ if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
+    kept = {
+        name: os.environ[name]
+        for name in os.environ
+        if not name.startswith(("PYTHON", "VIRTUAL_ENV"))
+    }
     try:
         done = subprocess.run(
             pytest if program == "pytest" else f'"{environment}/bin/hcbench" {command}',
@@ -256,8 +305,14 @@ def main(words: list[str]) -> int:
             continue
         measured = json.loads(MEASURED.read_text(encoding="utf-8")) if MEASURED.exists() else {}
         measured[row.name] = said = run(row)
-        print(row.name, {command: text for command, text in said.items() if text} or "all work", flush=True)
-        MEASURED.write_text(json.dumps(measured, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        print(
+            row.name,
+            {command: text for command, text in said.items() if text} or "all work",
+            flush=True,
+        )
+        MEASURED.write_text(
+            json.dumps(measured, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+        )
     PAGE.write_text(page(), encoding="utf-8")
     return 0
 

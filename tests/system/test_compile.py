@@ -59,7 +59,9 @@ def without_digest(library: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "damage", [cut, empty, edited, writable_by_others, linked, without_digest], ids=lambda d: d.__name__
+    "damage",
+    [cut, empty, edited, writable_by_others, linked, without_digest],
+    ids=lambda d: d.__name__,
 )
 def test_a_library_that_is_not_as_it_was_compiled_is_compiled_again(
     library: Path, damage: Callable[[Path], None]
@@ -82,7 +84,9 @@ def test_a_whole_library_is_not_compiled_again(library: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no owners of files")
-def test_a_library_of_another_user_is_not_loaded(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_library_of_another_user_is_not_loaded(
+    library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     uid = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: uid + 1)
     assert not _compile.is_whole(library)
@@ -116,9 +120,13 @@ def test_an_interrupted_compiler_leaves_no_process_and_no_file(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "cc", "pid"]
 
 
-def test_a_full_disk_is_not_answered_with_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_not_answered_with_a_compiler(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compiler = tmp_path / "cc"
-    compiler.write_text(f"#!/bin/sh\necho 'ld: final link failed: {os.strerror(errno.ENOSPC)}' >&2\nexit 1\n")
+    compiler.write_text(
+        f"#!/bin/sh\necho 'ld: final link failed: {os.strerror(errno.ENOSPC)}' >&2\nexit 1\n"
+    )
     compiler.chmod(0o755)
     monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("CC", str(compiler))

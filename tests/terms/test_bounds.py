@@ -33,7 +33,9 @@ def test_a_quantity_beyond_its_bounds_names_slot_value_and_bound(quantity: str) 
     largest = BOUNDS[quantity][1]
     assert units.parse(largest, quantity, least=0.0) == largest
     if largest < 1e29:
-        with pytest.raises(QuantityError, match=rf"^--slot: \S+.*expected .*{re.escape(f'{largest:g}')}"):
+        with pytest.raises(
+            QuantityError, match=rf"^--slot: \S+.*expected .*{re.escape(f'{largest:g}')}"
+        ):
             units.parse(largest * 1.01, quantity, "--slot")
         with beyond_bounds():
             assert units.parse(largest * 1.01, quantity) == largest * 1.01
@@ -70,7 +72,9 @@ def test_what_is_meant_is_admitted() -> None:
         ({"qpos": [0, 0, 1, 0, 0, 0, 0]}, "the quaternion of .* is 0"),
     ],
 )
-def test_a_state_is_held_to_what_poses_are(tmp_path: Path, state: dict[str, object], says: str) -> None:
+def test_a_state_is_held_to_what_poses_are(
+    tmp_path: Path, state: dict[str, object], says: str
+) -> None:
     (tmp_path / "state.json").write_text(json.dumps(state), encoding="utf-8")
     with pytest.raises(UserError, match=says):
         measure(MODEL.format(**PLAIN), "ball,plate", state=tmp_path / "state.json", speeds=0.3)
@@ -85,9 +89,15 @@ def test_complex_numbers_are_no_pose(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["law", "--alpha=0.1", "--speed=1e30"], "--speed: 1e+30 m/s; expected 1e-06 ... 10000 m/s"),
+        (
+            ["law", "--alpha=0.1", "--speed=1e30"],
+            "--speed: 1e+30 m/s; expected 1e-06 ... 10000 m/s",
+        ),
         (["law", "--alpha=0.31 --s/m", "--speed=1"], "--alpha: '0.31 --s/m': not a unit"),
-        (["tune", "mujoco", "--alpha=1e-12", "--speeds=1e9:1e10", "--timestep=1e-3"], "--speeds: 1e+09 m/s"),
+        (
+            ["tune", "mujoco", "--alpha=1e-12", "--speeds=1e9:1e10", "--timestep=1e-3"],
+            "--speeds: 1e+09 m/s",
+        ),
         (["tune", "mujoco", "--alpha=0.3", "--timestep=1e-3", "--corners=1000000"], "1000000"),
         (["fit", "ticks.csv"], "below 0.999, as of a ball"),
         (["fit", "years.csv"], "expected 0 ... 1e+06 s"),
@@ -126,7 +136,8 @@ def test_a_drop_without_end_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "step"), [("1/240 s", 1 / 240), ("1/240", 1 / 240), ("2/480 s", 1 / 240), ("1 ms", 1e-3)]
+    ("text", "step"),
+    [("1/240 s", 1 / 240), ("1/240", 1 / 240), ("2/480 s", 1 / 240), ("1 ms", 1e-3)],
 )
 def test_a_step_is_written_as_a_fraction(text: str, step: float) -> None:
     assert units.parse(text, "timestep") == step

@@ -44,7 +44,9 @@ class File(FileTable):
 
 
 def test_quantities_are_read_in_si_and_repeats_once() -> None:
-    file = validate(File, {"speeds": "1, 2, 1 m/s", "mass": "1 lb", "alpha": 0, "steps": [1e-3]}, StudyError)
+    file = validate(
+        File, {"speeds": "1, 2, 1 m/s", "mass": "1 lb", "alpha": 0, "steps": [1e-3]}, StudyError
+    )
     assert file.speeds == (1.0, 2.0)
     assert file.mass == pytest.approx(0.45359237)
     assert (file.alpha, file.steps, file.rows) == (0.0, (1e-3,), ())
@@ -66,12 +68,18 @@ def test_quantities_are_read_in_si_and_repeats_once() -> None:
         ({"speeds": 1, "a\nb": 2}, "x.toml: a?b: unknown key"),
         ({"speeds": 1, "rows": 3}, "rows: 3; expected a list of rows"),
         ({"speeds": 1, "rows": [{"solref": 1}, 3]}, "rows[1]: 3; expected a table of solref"),
-        ({"speeds": 1, "rows": [{"solref": float("nan")}]}, "rows[0].solref: nan; expected a finite number"),
+        (
+            {"speeds": 1, "rows": [{"solref": float("nan")}]},
+            "rows[0].solref: nan; expected a finite number",
+        ),
         (
             {"speeds": 1, "rows": [{"margin": 1, "solref": 1}]},
             "rows[0].margin: unknown; expected one of: sol",
         ),
-        ({"speeds": 1, "models": {"an-engine": {"ball": 3}}}, "models.an-engine.ball: 3; expected tables of"),
+        (
+            {"speeds": 1, "models": {"an-engine": {"ball": 3}}},
+            "models.an-engine.ball: 3; expected tables of",
+        ),
     ],
 )
 def test_a_mistake_is_one_line_with_the_slot(content: dict[str, Any], said: str) -> None:
@@ -82,8 +90,14 @@ def test_a_mistake_is_one_line_with_the_slot(content: dict[str, Any], said: str)
 
 
 def test_numbers_are_read_by_name() -> None:
-    assert read_numbers({"k": 2, "c": 0.5}, ["k"], ["c", "n"], SettingError, "{}") == {"k": 2.0, "c": 0.5}
-    for options, said in (({}, "option 'k': missing"), ({"k": "2"}, "'2'; expected a finite number")):
+    assert read_numbers({"k": 2, "c": 0.5}, ["k"], ["c", "n"], SettingError, "{}") == {
+        "k": 2.0,
+        "c": 0.5,
+    }
+    for options, said in (
+        ({}, "option 'k': missing"),
+        ({"k": "2"}, "'2'; expected a finite number"),
+    ):
         with pytest.raises(SettingError, match=said):
             read_numbers(options, ["k"], [], SettingError, "option '{}'")
 

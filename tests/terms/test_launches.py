@@ -1,4 +1,6 @@
-"""Launches under gravity: a body that an engine steps reaches the plate at the speed and phase asked for."""
+"""Launches under gravity: a body that an engine steps reaches the plate at
+the speed and phase asked for.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ G, H = 9.8, 0.01  # m/s², s
 
 
 def positions(launch: Launch, substeps: int) -> Floats:
-    """Penetration at the ends of steps, each of semi-implicit substeps: the new speed moves the body."""
+    """Penetration at the ends of steps, each of semi-implicit
+    substeps: the new speed moves the body.
+    """
     x, v = -launch.clearance(H), launch.speed
     path = [x]
     for _ in range(6):
@@ -41,7 +45,9 @@ def test_a_launch_under_gravity_touches_at_its_speed_and_phase(
 
 
 def test_a_body_too_slow_for_a_whole_step_falls_from_rest() -> None:
-    """0.5 g h of its speed is gained by the first step's move: the height has the rest of the energy."""
+    """0.5 g h of its speed is gained by the first step's move: the
+    height has the rest of the energy.
+    """
     slow = 0.8 * G * H
     launch = Launch.touching(slow, 0.9, H, G)
     assert launch.speed == 0.0

@@ -38,12 +38,18 @@ def pairs(tmp_path: Path) -> str:
     [
         ("alpha: 1e+09 s/m", lambda _: hb.law(1e9)),
         ("timestep: 100 s", lambda _: hb.tune("mujoco", alpha=0.3, timestep=100)),
-        ("coming_from: 'up there'", lambda _: hb.measure(BALL, "ball,plate", coming_from="up there")),
+        (
+            "coming_from: 'up there'",
+            lambda _: hb.measure(BALL, "ball,plate", coming_from="up there"),
+        ),
         ("touches: 'all'", lambda path: hb.fit(path, touches="all")),
         ("begin: 'now'", lambda path: hb.fit(path, begin="now")),
         ("end: 'now'", lambda path: hb.fit(path, end="now")),
         ("max_error: -1", lambda _: hb.check(BALL, "ball,plate", restitution=0.9, max_error=-1)),
-        ("points: e = 2 at 0.1 m/s", lambda _: hb.tune("mujoco", points=[(0.1, 2.0)], timestep=1e-3)),
+        (
+            "points: e = 2 at 0.1 m/s",
+            lambda _: hb.tune("mujoco", points=[(0.1, 2.0)], timestep=1e-3),
+        ),
         ("good.xml: no target", lambda _: hb.check(BALL, "ball,plate")),
         ("target: none", lambda _: hb.tune("mujoco", timestep=1e-3)),
         ("stiffness: missing", lambda _: hb.tune("mujoco", alpha=0.3, timestep=1e-3, exponent=2.0)),
@@ -56,7 +62,9 @@ def pairs(tmp_path: Path) -> str:
         ("speed: np.timedelta64", lambda _: hb.law(0.3).e(np.timedelta64(1, "s"))),  # type: ignore[arg-type]
     ],
 )
-def test_an_error_in_python_names_parameters(begins: str, call: Callable[[str], Any], pairs: str) -> None:
+def test_an_error_in_python_names_parameters(
+    begins: str, call: Callable[[str], Any], pairs: str
+) -> None:
     with pytest.raises(HcbenchError) as caught:
         call(pairs)
     assert str(caught.value).startswith(begins)
@@ -77,7 +85,10 @@ def test_a_number_beyond_bounds_is_admitted_as_the_error_says() -> None:
     [
         ("--alpha: 1e+09 s/m; expected 0 ... 10000 s/m. --beyond-bounds", ["law", "--alpha=1e9"]),
         ("target: none; expected one of --alpha", ["tune", "mujoco", "--timestep=1e-3"]),
-        ("--points: 2; expected 0 ... 1", ["tune", "mujoco", "--timestep=1e-3", "--points=0.1:2 m/s"]),
+        (
+            "--points: 2; expected 0 ... 1",
+            ["tune", "mujoco", "--timestep=1e-3", "--points=0.1:2 m/s"],
+        ),
     ],
 )
 def test_an_error_of_a_command_names_options(

@@ -67,7 +67,9 @@ def test_the_built_in_scenes_are_the_case_of_section_3_1(name: str) -> None:
 
 
 def test_the_steel_gives_the_papers_hertz_constant(scene: Scene) -> None:
-    K1 = spheres(scene.ball_radius, scene.plate_radius, scene.ball_material, scene.plate_material).K1
+    K1 = spheres(
+        scene.ball_radius, scene.plate_radius, scene.ball_material, scene.plate_material
+    ).K1
     psi = POUND * 9.80665 / INCH**2
     assert K1 / psi == pytest.approx(2.198e7, rel=5e-4)
     # The paper rounds K3 = K1 sqrt(R) to two digits.
@@ -109,7 +111,9 @@ def test_mujoco_sees_the_penetration_right_on_the_axis(scene: Scene, depth: floa
 
 @pytest.mark.parametrize("angle", [0.02, 0.1, 0.3])
 @pytest.mark.parametrize("azimuth", [0.0, 0.7, 2.0])
-def test_mujoco_sees_the_penetration_right_off_the_axis_of_the_cup(angle: float, azimuth: float) -> None:
+def test_mujoco_sees_the_penetration_right_off_the_axis_of_the_cup(
+    angle: float, azimuth: float
+) -> None:
     scene, depth = load_scene("steel-cup"), 1e-5
     reach = abs(scene.plate_radius) - scene.ball_radius + depth
     sideways = reach * math.sin(angle)
@@ -148,7 +152,14 @@ def test_the_urdf_says_what_the_toml_says(scene: Scene) -> None:
     assert inertia is not None
     assert float(mass.attrib["value"]) == scene.mass
     own = 0.4 * scene.mass * scene.ball_radius**2
-    for axis, value in {"ixx": own, "iyy": own, "izz": own, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}.items():
+    for axis, value in {
+        "ixx": own,
+        "iyy": own,
+        "izz": own,
+        "ixy": 0.0,
+        "ixz": 0.0,
+        "iyz": 0.0,
+    }.items():
         assert float(inertia.attrib[axis]) == pytest.approx(value, rel=1e-13)
     fixed = plate.find("link/inertial/mass")
     assert fixed is not None
@@ -163,7 +174,11 @@ def test_the_urdf_says_what_the_toml_says(scene: Scene) -> None:
 def test_the_drawn_bowl_is_the_scenes_own() -> None:
     scene = load_scene("steel-cup")
     R2 = abs(scene.plate_radius)
-    lines = (scene.models["pybullet"]["plate"].parent / "cup.obj").read_text(encoding="ascii").splitlines()
+    lines = (
+        (scene.models["pybullet"]["plate"].parent / "cup.obj")
+        .read_text(encoding="ascii")
+        .splitlines()
+    )
     points = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)
     off = np.abs(np.linalg.norm(points - [0, 0, R2], axis=1) - R2)
     assert (off < 1e-7).sum() > 500, "the bowl's vertices lie on the sphere of radius R2"
@@ -193,7 +208,11 @@ def test_a_new_scene_is_a_folder_and_no_code(copied: Path) -> None:
         "stiffness = 34064148317.371407": 'stiffness = "8e6 lbf/in^1.5"',
     }.items():
         edit(copied, old, new)
-    mjcf = {'pos="0 0 0.0508"': 'pos="0 0 0.0127"', 'size="0.0508"': 'size="0.0127"', "0.45359237": "0.08"}
+    mjcf = {
+        'pos="0 0 0.0508"': 'pos="0 0 0.0127"',
+        'size="0.0508"': 'size="0.0127"',
+        "0.45359237": "0.08",
+    }
     for old, new in mjcf.items():
         edit(copied, old, new, "scene.xml")
     scene = load_scene(copied)
@@ -223,16 +242,30 @@ def test_a_new_scene_is_a_folder_and_no_code(copied: Path) -> None:
         ("mass = 0.45359237", 'mass = "1 in"', "ball.mass: '1 in': 'in' does not fit"),
         ("mass = 0.45359237", "mass = [1]", "ball.mass: [1]; expected a number or text"),
         ("radius = 0.0254", "radius = -0.0254", "ball.radius: -0.0254 m; expected above 0 m"),
-        ("radius = -0.0508", "radius = -0.0254", "plate.radius: -0.0254 m under a ball of 0.0254 m"),
-        ("poisson_ratio = 0.3", "poisson_ratio = 0.5", "ball.poisson_ratio: 0.5; expected within -1 ... 0.5"),
+        (
+            "radius = -0.0508",
+            "radius = -0.0254",
+            "plate.radius: -0.0254 m under a ball of 0.0254 m",
+        ),
+        (
+            "poisson_ratio = 0.3",
+            "poisson_ratio = 0.5",
+            "ball.poisson_ratio: 0.5; expected within -1 ... 0.5",
+        ),
         ("exponent = 1.5", "exponent = 0.5", "law.exponent: 0.5; expected 1 ... 5"),
         ("[law]", "[law]\nk = 1", "law.k: unknown key; expected one of: stiffness, exponent"),
-        ('scene = "scene.xml"', 'scene = "gone.xml"', "models.mujoco.scene: 'gone.xml' is not there"),
+        (
+            'scene = "scene.xml"',
+            'scene = "gone.xml"',
+            "models.mujoco.scene: 'gone.xml' is not there",
+        ),
         ('scene = "scene.xml"', "scene = 3", "models.mujoco.scene: 3"),
         ("schema = 1", "schema == 1", "not TOML"),
     ],
 )
-def test_a_mistake_in_the_toml_is_one_clear_line(copied: Path, old: str, new: str, said: str) -> None:
+def test_a_mistake_in_the_toml_is_one_clear_line(
+    copied: Path, old: str, new: str, said: str
+) -> None:
     with pytest.raises(SceneError) as caught:
         read_scene(edit(copied, old, new))
     message = str(caught.value)
@@ -246,7 +279,11 @@ def test_a_mistake_in_the_toml_is_one_clear_line(copied: Path, old: str, new: st
     [
         ("</worldbody>", "</world>", "not XML"),
         ('<body name="ball"', '<body name="bal"', "there is no <body name='ball'>"),
-        ('<freejoint name="ball"/>', '<joint type="ball"/>' + 3 * "<joint type='slide'/>", "move freely"),
+        (
+            '<freejoint name="ball"/>',
+            '<joint type="ball"/>' + 3 * "<joint type='slide'/>",
+            "move freely",
+        ),
         ('<geom name="ball"', '<geom name="b"', "no geom 'ball'"),
         ('<geom name="plate"', '<geom name="p"', "no fixed geom 'plate'"),
         ('<geom name="plate" type="plane"', '<geom name="plate" type="plain"', "MuJoCo loads"),
@@ -264,10 +301,19 @@ def test_a_mistake_in_the_toml_is_one_clear_line(copied: Path, old: str, new: st
         ('pos="0 0 0.0508"', 'pos="0 0 0.051"', "overlap by"),
         ('<inertial pos="0 0 0"', '<inertial pos="0 0 0.01"', "off its body's origin"),
         ('mass="0.45359237"', 'mass="heavy"', "mass 'heavy'"),
-        # What is not contact but changes the ball's momentum would be taken for it: e = 0, "rested".
+        # What is not contact but changes the ball's momentum would be
+        # taken for it: e = 0, "rested".
         ("<worldbody>", '<option density="1.2"/><worldbody>', "only gravity to act on it"),
-        ('<freejoint name="ball"/>', '<joint type="free" damping="1"/>', "only gravity to act on it"),
-        ('<freejoint name="ball"/>', '<joint type="free" armature="1"/>', "only gravity to act on it"),
+        (
+            '<freejoint name="ball"/>',
+            '<joint type="free" damping="1"/>',
+            "only gravity to act on it",
+        ),
+        (
+            '<freejoint name="ball"/>',
+            '<joint type="free" armature="1"/>',
+            "only gravity to act on it",
+        ),
         (
             '<freejoint name="ball"/>',
             '<freejoint/><body pos=".1 0 0"><geom size=".01" mass=".1"/></body>',
@@ -275,7 +321,9 @@ def test_a_mistake_in_the_toml_is_one_clear_line(copied: Path, old: str, new: st
         ),
     ],
 )
-def test_a_mistake_in_the_mjcf_is_one_clear_line(copied: Path, old: str, new: str, said: str) -> None:
+def test_a_mistake_in_the_mjcf_is_one_clear_line(
+    copied: Path, old: str, new: str, said: str
+) -> None:
     scene = read_scene(edit(copied, old, new, "scene.xml"))
     with pytest.raises(SceneError) as caught:
         MujocoEngine().run(scene, STOCK, [Launch(0.2)])
@@ -300,7 +348,9 @@ def test_a_smaller_ball_that_touches_is_not_taken_for_the_scenes_own(copied: Pat
 
 @pytest.mark.parametrize("form", ["cup", "plane"])
 @pytest.mark.parametrize("engine", [MujocoEngine(), PybulletEngine()], ids=["mujoco", "pybullet"])
-def test_a_radius_changed_in_the_toml_alone_is_seen_by_both_engines(engine: Engine, form: str) -> None:
+def test_a_radius_changed_in_the_toml_alone_is_seen_by_both_engines(
+    engine: Engine, form: str
+) -> None:
     scene = load_scene(f"steel-{form}")
     R1, R2 = scene.ball_radius, scene.plate_radius
     # Both together, so that a cup leaves the ball as much room as before.
@@ -314,10 +364,30 @@ def test_a_radius_changed_in_the_toml_alone_is_seen_by_both_engines(engine: Engi
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
-        ("ball", 'mass value="0.45359237"', 'mass value="0"', "mass: '0'; expected a mass in kg above 0"),
-        ("ball", 'mass value="0.45359237"', 'mass value="abc"', "mass: 'abc'; expected a mass in kg above 0"),
-        ("ball", 'mass value="0.45359237"', 'mass value="-1"', "mass: '-1'; expected a mass in kg above 0"),
-        ("ball", 'mass value="0.45359237"', 'mass value="inf"', "mass: 'inf'; expected a mass in kg above 0"),
+        (
+            "ball",
+            'mass value="0.45359237"',
+            'mass value="0"',
+            "mass: '0'; expected a mass in kg above 0",
+        ),
+        (
+            "ball",
+            'mass value="0.45359237"',
+            'mass value="abc"',
+            "mass: 'abc'; expected a mass in kg above 0",
+        ),
+        (
+            "ball",
+            'mass value="0.45359237"',
+            'mass value="-1"',
+            "mass: '-1'; expected a mass in kg above 0",
+        ),
+        (
+            "ball",
+            'mass value="0.45359237"',
+            'mass value="inf"',
+            "mass: 'inf'; expected a mass in kg above 0",
+        ),
         ("ball", 'mass value="0.45359237"', "mass", "mass: missing; expected a mass in kg above 0"),
         ("ball", "</robot>", "", "cannot be read: no element found"),
         (
@@ -363,7 +433,9 @@ def test_a_cup_without_its_tendon_and_one_of_another_size_are_refused(tmp_path: 
         folder = tmp_path / new[-7:-1].strip(' "')
         shutil.copytree(own, folder)
         with pytest.raises(SceneError, match=said):
-            MujocoEngine().run(read_scene(edit(folder, old, new, "scene.xml")), STOCK, [Launch(0.2)])
+            MujocoEngine().run(
+                read_scene(edit(folder, old, new, "scene.xml")), STOCK, [Launch(0.2)]
+            )
 
 
 def test_a_scene_without_a_mujoco_model_is_refused() -> None:
@@ -394,12 +466,16 @@ def test_includes_and_asset_folders_work_from_anywhere(
     monkeypatch.chdir(tmp_path)
     (impact,) = MujocoEngine().run(load_scene("mine", tmp_path), STOCK, [Launch(0.2)])
     assert impact.status == "parted"
-    (copied / "more.xml").write_text('<mujoco><include file="more.xml"/></mujoco>', encoding="utf-8")
+    (copied / "more.xml").write_text(
+        '<mujoco><include file="more.xml"/></mujoco>', encoding="utf-8"
+    )
     with pytest.raises(SceneError, match="includes itself"):
         MujocoEngine().run(load_scene(copied), STOCK, [Launch(0.2)])
 
 
-@pytest.mark.parametrize(("name", "reason"), [("a" * 5000, "File name too long"), ("a\0b", "was not found")])
+@pytest.mark.parametrize(
+    ("name", "reason"), [("a" * 5000, "File name too long"), ("a\0b", "was not found")]
+)
 def test_a_name_that_no_folder_can_have_is_refused(name: str, reason: str) -> None:
     with pytest.raises(SceneError, match=reason):
         load_scene(name)
@@ -407,6 +483,8 @@ def test_a_name_that_no_folder_can_have_is_refused(name: str, reason: str) -> No
 
 def test_a_model_whose_name_no_file_can_have_is_refused(copied: Path) -> None:
     text = (copied / "scene.toml").read_text(encoding="utf-8")
-    (copied / "scene.toml").write_text(text.replace("ball.urdf", "b" * 5000 + ".urdf"), encoding="utf-8")
+    (copied / "scene.toml").write_text(
+        text.replace("ball.urdf", "b" * 5000 + ".urdf"), encoding="utf-8"
+    )
     with pytest.raises(SceneError, match="is not there"):
         load_scene(copied)

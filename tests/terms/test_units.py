@@ -31,14 +31,19 @@ def test_text_becomes_the_si_number_it_means(text: object, quantity: str, si: fl
 
 
 @pytest.mark.parametrize(
-    ("si", "unit", "factor"), [(si, unit, f) for si, few in units._USUAL.items() for unit, f in few.items()]
+    ("si", "unit", "factor"),
+    [(si, unit, f) for si, few in units._USUAL.items() for unit, f in few.items()],
 )
-def test_units_that_are_read_without_pint_are_those_of_pint(si: str, unit: str, factor: float) -> None:
+def test_units_that_are_read_without_pint_are_those_of_pint(
+    si: str, unit: str, factor: float
+) -> None:
     assert factor == pytest.approx(units._factor(unit, si), rel=1e-15)
 
 
 def test_a_stiffness_has_the_unit_of_its_exponent() -> None:
-    assert units.parse("1 lbf/in", "stiffness", exponent=1.0) == pytest.approx(4.4482216152605 / 0.0254)
+    assert units.parse("1 lbf/in", "stiffness", exponent=1.0) == pytest.approx(
+        4.4482216152605 / 0.0254
+    )
     with pytest.raises(QuantityError, match=r"N/m\^2"):
         units.parse("1 lbf/in", "stiffness", exponent=2.0)
 
@@ -127,10 +132,14 @@ def test_a_comma_that_may_be_a_decimal_point_makes_no_list(text: str) -> None:
 
 
 @given(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=5), st.sampled_from([",", ", ", " , "]))
-def test_a_unit_at_the_end_holds_for_the_whole_list_as_at_each_value(values: list[float], comma: str) -> None:
+def test_a_unit_at_the_end_holds_for_the_whole_list_as_at_each_value(
+    values: list[float], comma: str
+) -> None:
     texts = [repr(value) for value in values]
     found = units.parse_values(f"{comma.join(texts)} in/s", "speed")
-    assert found == pytest.approx(units.parse_values(comma.join(f"{t} in/s" for t in texts), "speed"))
+    assert found == pytest.approx(
+        units.parse_values(comma.join(f"{t} in/s" for t in texts), "speed")
+    )
     assert found == pytest.approx(np.array(values) * 0.0254)
     if len(texts) > 1:
         with pytest.raises(QuantityError, match="some values"):

@@ -1,4 +1,6 @@
-"""The one answer: its texts do in a user's own model what they promise, and every command gives the same."""
+"""The one answer: its texts do in a user's own model what they promise,
+and every command gives the same.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,9 @@ def bounce(model: Any, radius: float, speed: float, phase: float) -> float:
 
 
 @pytest.mark.parametrize("friction", [0.0, pytest.param(0.5, marks=long_search)])
-def test_each_text_for_mujoco_does_in_a_model_of_other_names_what_it_promises(friction: float) -> None:
+def test_each_text_for_mujoco_does_in_a_model_of_other_names_what_it_promises(
+    friction: float,
+) -> None:
     slides = {"friction": friction} if friction else {}
     answer = asked("mujoco", speeds="0.1:2 m/s", **slides)
     load()
@@ -128,7 +132,9 @@ def test_each_text_for_pybullet_does_in_a_script_of_other_names_what_it_promises
     assert [choice.kind for choice in answer.choices] == ["exact", "constant"]
     given = [(choice.text, launches(choice)) for choice in answer.choices]
     command = [sys.executable, "-c", PLAIN_BULLET, repr(STEP)]
-    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        command, input=json.dumps(given), capture_output=True, text=True, check=True
+    )
     lines = iter([line.split() for line in done.stdout.splitlines() if line[:1].isdigit()])
     for choice, (_, sent) in zip(answer.choices, given, strict=True):
         for _ in sent:
@@ -144,7 +150,16 @@ def test_each_text_for_pybullet_does_in_a_script_of_other_names_what_it_promises
 def test_the_command_and_python_give_the_same_number_and_text(
     engine: str, step: float, alpha: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ["tune", engine, "--alpha", repr(alpha), "--timestep", repr(step), "--pair", "foot,floor"]
+    arguments = [
+        "tune",
+        engine,
+        "--alpha",
+        repr(alpha),
+        "--timestep",
+        repr(step),
+        "--pair",
+        "foot,floor",
+    ]
     assert run([*arguments, "--speeds", "0.1:2 m/s", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     answer = asked(engine, speeds="0.1:2 m/s")
@@ -152,14 +167,25 @@ def test_the_command_and_python_give_the_same_number_and_text(
     assert all(set(choice) >= KEYS for choice in said["choices"])
     assert said["paste"] == answer.best.text
     assert "foot" in said["paste"]
-    assert [never["setting"] for never in said["never"]] == [never.setting for never in answer.never]
+    assert [never["setting"] for never in said["never"]] == [
+        never.setting for never in answer.never
+    ]
 
 
 @pytest.mark.needs_engine("pybullet")
 def test_where_no_setting_of_its_own_passes_the_next_kind_comes_with_exit_1(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    arguments = ["tune", "pybullet", "--alpha", "0.3 s/m", "--timestep", "1 ms", "--speeds", "0.1:2 m/s"]
+    arguments = [
+        "tune",
+        "pybullet",
+        "--alpha",
+        "0.3 s/m",
+        "--timestep",
+        "1 ms",
+        "--speeds",
+        "0.1:2 m/s",
+    ]
     assert run([*arguments, "--settings"]) == 1
     caught = capsys.readouterr()
     assert "pybullet restitution" in caught.out
@@ -200,8 +226,19 @@ def test_the_default_band_is_cut_where_a_step_cannot_bounce_and_says_so() -> Non
     assert asked("pybullet", speeds="0.1:2 m/s").band_note == ""
 
 
-def test_what_gains_energy_is_never_chosen_and_by_name_says_so(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["tune", "mujoco", "--alpha", "0.3", "--timestep", "2 ms", "--recipe", "spring-damper"]
+def test_what_gains_energy_is_never_chosen_and_by_name_says_so(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arguments = [
+        "tune",
+        "mujoco",
+        "--alpha",
+        "0.3",
+        "--timestep",
+        "2 ms",
+        "--recipe",
+        "spring-damper",
+    ]
     assert run([*arguments, "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
     assert said["choices"] == []

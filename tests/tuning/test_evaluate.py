@@ -31,7 +31,9 @@ def is_deep(law: HuntCrossley, timestep: float, depth: float) -> bool:
 
 
 @pytest.mark.parametrize("timestep", [1e-3, 4e-3])
-def test_a_stiff_contact_may_go_as_deep_as_two_and_a_half_steps_of_the_fastest(timestep: float) -> None:
+def test_a_stiff_contact_may_go_as_deep_as_two_and_a_half_steps_of_the_fastest(
+    timestep: float,
+) -> None:
     """Steel gives way by 0.04 mm at 0.5 m/s, and a step of 1 ms goes 0.5 mm."""
     limit = 2.5 * 0.5 * timestep
     assert closed_form.penetration_max(STEEL, SCENE.mass, 0.5) < 0.1 * limit

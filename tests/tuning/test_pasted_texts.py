@@ -100,11 +100,16 @@ def setting_of(name: str, step: float) -> Setting:
 )
 def test_each_setting_of_the_pages_list_for_mujoco(recipe: str, step: float) -> None:
     """In plain MuJoCo e is what hcbench measured of the setting."""
-    setting, scene = setting_of(f"mujoco.{recipe}", step), replace(load_scene("steel-plane"), gravity=0.0)
+    setting, scene = (
+        setting_of(f"mujoco.{recipe}", step),
+        replace(load_scene("steel-plane"), gravity=0.0),
+    )
     text = registry.engine("mujoco").snippet(setting, "plane", NAMES)
     launches = over([0.1, 0.5])
     sent = [Launch(v, phase) for v, phase in launches]
-    measured = [impact.restitution for impact in registry.engine("mujoco").run(scene, setting, sent)]
+    measured = [
+        impact.restitution for impact in registry.engine("mujoco").run(scene, setting, sent)
+    ]
     found = np.array(bounces(plain_mujoco(text, step, 0.0), launches))
     assert np.abs(found - measured).max() < 2e-3
 
@@ -113,9 +118,13 @@ def test_each_setting_of_the_pages_list_for_mujoco(recipe: str, step: float) -> 
 def test_each_setting_of_the_pages_list_for_pybullet(tmp_path: Path) -> None:
     """The URDF that `staggered` writes among them."""
     (links,) = (
-        each for each in json.loads(LINKS.read_text()) if (each["timestep"], each["alpha"]) == (1e-6, 0.008)
+        each
+        for each in json.loads(LINKS.read_text())
+        if (each["timestep"], each["alpha"]) == (1e-6, 0.008)
     )
-    rows = [dict(zip(("onset", "stiffness", "damping"), row, strict=True)) for row in links["links"]]
+    rows = [
+        dict(zip(("onset", "stiffness", "damping"), row, strict=True)) for row in links["links"]
+    ]
     recipe = registry.recipe("pybullet.staggered")
     still = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
     world = {
@@ -150,7 +159,9 @@ def test_what_convert_prints_for_mujoco_and_pybullet(
     assert run(arguments) == 0
     printed = capsys.readouterr().out
     law = float(closed_form.restitution(0.3, SPEED))
-    (stiff,) = re.findall(r"^MuJoCo +solref +(\S+ \S+)\n.*Euler.*; solimp ([\d. ]+)$", printed, re.MULTILINE)
+    (stiff,) = re.findall(
+        r"^MuJoCo +solref +(\S+ \S+)\n.*Euler.*; solimp ([\d. ]+)$", printed, re.MULTILINE
+    )
     solref, solimp = stiff
     numbers = f'condim="1" solref="{solref}" solimp="{solimp} 0.5 2"'
     pair = f'<contact><pair geom1="{FOOT}" geom2="{FLOOR}" {numbers}/></contact>'
@@ -175,7 +186,9 @@ def blocks(path: Path, language: str) -> list[str]:
 
 def test_the_plug_ins_of_the_documentation() -> None:
     given = [
-        text for text in blocks(ROOT / "docs" / "reference" / "plugins.md", "xml") if "<extension>" in text
+        text
+        for text in blocks(ROOT / "docs" / "reference" / "plugins.md", "xml")
+        if "<extension>" in text
     ]
     assert len(given) == 2
     for text in given:
@@ -189,14 +202,19 @@ def commands() -> list[str]:
     """Each `hcbench tune ENGINE` of README and documentation whose answer a plain model can show."""
     words = [step.words for page in PAGES for step in page_steps(page)]
     tunes = [w for w in words if w[1:2] == ["tune"] and w[2] in ("mujoco", "pybullet")]
-    found = dict.fromkeys(shlex.join(w) for w in tunes if not {"--points", "--match", "--json"} & set(w))
+    found = dict.fromkeys(
+        shlex.join(w) for w in tunes if not {"--points", "--match", "--json"} & set(w)
+    )
     assert found
     return list(found)
 
 
 @pytest.mark.parametrize("command", commands())
 def test_what_the_commands_of_readme_and_documentation_print(
-    command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = shlex.split(re.sub(r" --pair \S+", "", command))[1:]
@@ -207,10 +225,14 @@ def test_what_the_commands_of_readme_and_documentation_print(
     if said["engine"] == "mujoco":
         e = bounces(plain_mujoco(said["paste"], said["timestep_s"], target["gravity"]), launches)
     else:
-        (e,) = bullet_bounces([(said["paste"], said["timestep_s"], target["gravity"], launches)], tmp_path)
+        (e,) = bullet_bounces(
+            [(said["paste"], said["timestep_s"], target["gravity"], launches)], tmp_path
+        )
     if target["points"]:
         v, wanted = np.array(target["points"]).T
-        found = float(np.abs(np.array(e) - np.interp([speed for speed, _ in launches], v, wanted)).max())
+        found = float(
+            np.abs(np.array(e) - np.interp([speed for speed, _ in launches], v, wanted)).max()
+        )
     else:
         found = off(e, launches, target["law"]["alpha"])
     assert found <= 1.1 * choice["max_error"] + 1e-6, choice["line"]

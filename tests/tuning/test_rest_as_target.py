@@ -1,4 +1,6 @@
-"""Settings rest as their target does and gain no energy with friction; who asks for a plug-in gets one."""
+"""Settings rest as their target does and gain no energy with friction;
+who asks for a plug-in gets one.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,12 @@ def test_a_plug_in_refuses_several_points_by_name() -> None:
 
 def test_what_gains_energy_where_it_slides_is_never_used() -> None:
     answer = hb.tune(
-        "mujoco", alpha="0.7863 s/m", timestep="4.06 ms", speeds="0.0438:0.915 m/s", gravity=0, friction=0.83
+        "mujoco",
+        alpha="0.7863 s/m",
+        timestep="4.06 ms",
+        speeds="0.0438:0.915 m/s",
+        gravity=0,
+        friction=0.83,
     )
     reasons = {never.setting: never.why for never in answer.never}
     assert "gains energy where it slides and spins" in reasons["impulse"]

@@ -1,4 +1,6 @@
-"""A text of `tune`, pasted into models of others, keeps its promise, or `measure` names what broke it."""
+"""A text of `tune`, pasted into models of others, keeps its promise, or
+`measure` names what broke it.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,10 @@ def choices() -> tuple[Choice, ...]:
     one_e = hcbench.tune("mujoco", restitution=E, timestep=STEP)
     falling = hcbench.tune("mujoco", alpha=0.3, timestep=STEP)
     return tuple(
-        choice for answer in (one_e, falling) for choice in answer.choices if choice.promise is not None
+        choice
+        for answer in (one_e, falling)
+        for choice in answer.choices
+        if choice.promise is not None
     )
 
 

@@ -81,10 +81,19 @@ def test_a_cube_bounces_alike_on_face_edge_and_vertex(
         str(out),
     )
     assert [pair["attitude"] for pair in record["pairs"]] == ["face", "edge", "vertex"]
-    turns = {"face": "1 0 0 0", "edge": ".92388 .382683 0 0", "vertex": ".888074 .325058 -.325058 0"}
+    turns = {
+        "face": "1 0 0 0",
+        "edge": ".92388 .382683 0 0",
+        "vertex": ".888074 .325058 -.325058 0",
+    }
     for turn in turns.values():
         found = measure(
-            out, "cube,floor", speeds=[0.5, 1.0], phases=6, diagnose=False, qpos=f"qpos=0 0 .5 {turn}"
+            out,
+            "cube,floor",
+            speeds=[0.5, 1.0],
+            phases=6,
+            diagnose=False,
+            qpos=f"qpos=0 0 .5 {turn}",
         )
         assert all(i.restitution == pytest.approx(0.2, abs=0.07) for i in found.impacts)
     assert record["passive"]["flat"] is True
@@ -109,10 +118,21 @@ def test_more_than_a_fifth_is_worse_unless_it_stays_small() -> None:
     assert [line.split()[0] for line in worse] == ["penetration", "drift", "solver", "time"]
 
 
-def test_what_gains_nothing_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_gains_nothing_is_not_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "stuck.xml").write_text(STUCK)
     out = tmp_path / "tuned.xml"
-    options = ["--pair", "foot,floor", "--restitution", "0.5", "--write-model", str(out), "--max-error", "1"]
+    options = [
+        "--pair",
+        "foot,floor",
+        "--restitution",
+        "0.5",
+        "--write-model",
+        str(out),
+        "--max-error",
+        "1",
+    ]
     assert run(["tune", str(tmp_path / "stuck.xml"), *options]) == 1
     assert not out.exists()
     captured = capsys.readouterr()

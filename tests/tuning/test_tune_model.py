@@ -1,4 +1,6 @@
-"""A pair tuned in its own model: what is written compiles, keeps the rest, and does what tune prints."""
+"""A pair tuned in its own model: what is written compiles, keeps the
+rest, and does what tune prints.
+"""
 
 import json
 from itertools import islice
@@ -50,15 +52,23 @@ def tuned(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> dict
         pytest.param(ROBOT.format(condim=3), "foot,floor", 0.5, 0.05, marks=long_search),
         (ROBOT.format(condim=3), "foot,floor", 0.0, 0.02),
         pytest.param(
-            ROBOT.format(condim=3).replace("implicitfast", "RK4"), "foot,floor", 0.5, 0.06, marks=long_search
+            ROBOT.format(condim=3).replace("implicitfast", "RK4"),
+            "foot,floor",
+            0.5,
+            0.06,
+            marks=long_search,
         ),
-        pytest.param(BALL.format(condim="", other=OTHER), "second,ball", 0.7, 0.05, marks=long_search),
+        pytest.param(
+            BALL.format(condim="", other=OTHER), "second,ball", 0.7, 0.05, marks=long_search
+        ),
     ],
 )
 def test_measure_finds_no_larger_error_in_the_written_model_than_tune_prints(
     text: str, pair: str, e: float, limit: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The speeds are none of those that tune saw, and at the phases that `measure` and `check` choose."""
+    """The speeds are none of those that tune saw, and at the phases
+    that `measure` and `check` choose.
+    """
     path = tmp_path / "robot.xml"
     path.write_text(text)
     record = tuned(path, capsys, "--pair", pair, "--restitution", str(e))
@@ -81,7 +91,9 @@ def test_two_bodies_of_one_size_have_half_the_mass_and_a_note_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "balls.xml").write_text(BALL.format(condim="", other=OTHER))
-    record = tuned(tmp_path / "balls.xml", capsys, "--pair", "second,ball", "--restitution", "0.7", *FIRST)
+    record = tuned(
+        tmp_path / "balls.xml", capsys, "--pair", "second,ball", "--restitution", "0.7", *FIRST
+    )
     mass = 4 / 3 * 3.14159265 * 0.1**3 * 1000
     assert record["pairs"][0]["effective_mass_kg"] == pytest.approx(mass / 2, rel=1e-6)
     assert any("Both bodies move" in note for note in record["notes"])
@@ -103,7 +115,9 @@ def test_what_changes_for_the_whole_model_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "robot.xml").write_text(ROBOT.format(condim=3))
-    record = tuned(tmp_path / "robot.xml", capsys, "--pair", "foot,floor", "--restitution", "0.5", *FIRST)
+    record = tuned(
+        tmp_path / "robot.xml", capsys, "--pair", "foot,floor", "--restitution", "0.5", *FIRST
+    )
     assert 'cone="elliptic"' in record["paste"]
     assert any("whole model" in note for note in record["notes"])
     assert 'friction="0.9 0.9 0.01 0.001 0.001"' in record["paste"]
@@ -117,7 +131,11 @@ def test_what_changes_for_the_whole_model_is_named(
         ("nowhere.xml", None, "nowhere.xml is not there"),
         ("cut.xml", "<mujoco", "a model that MuJoCo compiles"),
         ("mesh.xml", '<mujoco><asset><mesh file="no.obj"/></asset></mujoco>', "Error opening file"),
-        ("still.xml", '<mujoco><option timestep="0"/></mujoco>', "timestep: 0 s; expected a step above 0 s"),
+        (
+            "still.xml",
+            '<mujoco><option timestep="0"/></mujoco>',
+            "timestep: 0 s; expected a step above 0 s",
+        ),
         ("nan.xml", BALL.format(condim='mass="nan"', other=""), "has a NaN in it"),
         ("good.mjb", "", "good.mjb"),
     ],
@@ -150,7 +168,11 @@ def test_what_check_advises_and_rows_that_do_not_pull_are_tried() -> None:
     assert isinstance(adapter, TunesModels)
     request = make_request("ball,plate", speeds=[0.1, 2.0])
     settings = list(islice(adapter.model_settings(GOOD, [request], Wanted(restitution=0.5)), 4))
-    assert [each.name for each in settings[1:]] == ["spring and damper", "spring and damper", "one step"]
+    assert [each.name for each in settings[1:]] == [
+        "spring and damper",
+        "spring and damper",
+        "one step",
+    ]
     assert [each.slides for each in settings] == [False, False, False, True]
 
 
@@ -190,7 +212,8 @@ def world():
     assert record["max_error"] < 0.1
 
 
-# An e that falls with speed, several pairs -----------------------------------------------------------
+# An e that falls with speed, several pairs
+# -----------------------------------------------------------
 
 
 def test_e_falls_with_speed_as_wanted_under_gravity_at_two_milliseconds(
@@ -200,8 +223,13 @@ def test_e_falls_with_speed_as_wanted_under_gravity_at_two_milliseconds(
     record = tuned(tmp_path / "robot.xml", capsys, "--pair", "foot,floor", "--alpha", "0.31 s/m")
     assert record["setting"] == "spring and damper"
     assert record["max_error"] < 0.05
-    found = measure(tmp_path / "tuned.xml", "foot,floor", speeds=[0.12, 0.5, 1.9], alpha=0.31, phases=5)
-    assert max(abs(error) for _, error in found.errors(Wanted(alpha=0.31))) < record["max_error"] + 0.005
+    found = measure(
+        tmp_path / "tuned.xml", "foot,floor", speeds=[0.12, 0.5, 1.9], alpha=0.31, phases=5
+    )
+    assert (
+        max(abs(error) for _, error in found.errors(Wanted(alpha=0.31)))
+        < record["max_error"] + 0.005
+    )
     assert found.curve[0].restitution > 0.9
     assert found.curve[2].restitution < 0.68
 
@@ -219,7 +247,9 @@ STACK = f"{HEAD.format(kp=0, damping=0)}{BOXES}</worldbody></mujoco>"
 def legs(text: str, names: list[tuple[str, float, float]], joints: list[str]) -> str:
     """Copies of a leg, and a servo for each of its joints."""
     bodies = "".join(text.format(n=name, x=x, y=y) for name, x, y in names)
-    servos = "".join(f'<position joint="{joint}_{name}"/>' for name, *_ in names for joint in joints)
+    servos = "".join(
+        f'<position joint="{joint}_{name}"/>' for name, *_ in names for joint in joints
+    )
     return f"{bodies}</body></worldbody><actuator>{servos}</actuator></mujoco>"
 
 
@@ -260,7 +290,9 @@ def stands_at(text: str, body: str) -> Any:
     [
         pytest.param(STACK, "top", ["low,floor", "mid,low", "top,mid"], 0.0, marks=long_search),
         (QUADRUPED, "trunk", [f"foot_{name},floor" for name in ("fl", "fr", "rl", "rr")], 0.5),
-        pytest.param(HUMANOID, "trunk", ["foot_left,floor", "foot_right,floor"], 0.0, marks=long_search),
+        pytest.param(
+            HUMANOID, "trunk", ["foot_left,floor", "foot_right,floor"], 0.0, marks=long_search
+        ),
     ],
     ids=["stack", "quadruped", "humanoid"],
 )
@@ -269,7 +301,9 @@ def test_what_stood_stands_when_all_its_contacts_are_tuned(
 ) -> None:
     requests = [make_request(pair, speeds=[0.5]) for pair in pairs]
     found = tune_job(text, requests, Wanted(restitution=e), max_error=1.0)
-    assert [set(pair.facts.pair) for pair in found.pairs] == [set(pair.split(",")) for pair in pairs]
+    assert [set(pair.facts.pair) for pair in found.pairs] == [
+        set(pair.split(",")) for pair in pairs
+    ]
     before, after = stands_at(text, body), stands_at(found.written, body)
     assert before == pytest.approx(after, abs=2e-3)
 
@@ -283,4 +317,6 @@ def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
     )
     assert "spring and damper" in found.name
     assert found.text.count('<pair geom1="foot_') == 4
-    assert stands_at(found.written, "trunk") == pytest.approx(stands_at(HUMANOID, "trunk"), abs=2e-3)
+    assert stands_at(found.written, "trunk") == pytest.approx(
+        stands_at(HUMANOID, "trunk"), abs=2e-3
+    )

@@ -39,7 +39,9 @@ def target(timestep: float, **changes: object) -> Target:
 
 def test_held_out_launches_span_the_band_and_the_step() -> None:
     launches = held_out_launches(target(1e-3))
-    speeds, phases = (np.array([getattr(one, name) for one in launches]) for name in ("speed", "phase"))
+    speeds, phases = (
+        np.array([getattr(one, name) for one in launches]) for name in ("speed", "phase")
+    )
     assert speeds.min() == 0.0254
     assert speeds.max() == 0.508
     assert len(set(speeds[72:])) == len(set(phases[72:])) == len(launches) - 72 >= 400
@@ -51,7 +53,9 @@ def test_held_out_launches_span_the_band_and_the_step() -> None:
     ("engine", "timestep", "match", "recipe"),
     [
         pytest.param("mujoco", 1e-6, "both", "staggered", marks=long_search),
-        pytest.param("mujoco", 1e-6, "restitution", "two-pair", marks=[pytest.mark.adhesion, long_search]),
+        pytest.param(
+            "mujoco", 1e-6, "restitution", "two-pair", marks=[pytest.mark.adhesion, long_search]
+        ),
         ("mujoco", 1e-3, "restitution", "compliant-pairs"),
         pytest.param("pybullet", 1e-3, "restitution", "restitution", marks=long_search),
     ],
@@ -85,7 +89,8 @@ print(candidates("rk4", target, scene, match)[0][0].name)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "recipe"), [(["0.3", "1e-6", "both"], "law"), (["0.0", "1e-3", "restitution"], "bounce")]
+    ("arguments", "recipe"),
+    [(["0.3", "1e-6", "both"], "law"), (["0.0", "1e-3", "restitution"], "bounce")],
 )
 def test_recipes_of_an_engine_written_elsewhere_are_chosen_by_their_roles(
     monkeypatch: pytest.MonkeyPatch, arguments: list[str], recipe: str
@@ -167,11 +172,25 @@ print("\\n".join(out))
     ],
 )
 def test_the_written_scene_does_in_plain_mujoco_what_tune_says(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], recipe: str, timestep: float, within: float | None
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    recipe: str,
+    timestep: float,
+    within: float | None,
 ) -> None:
     scene = tmp_path / "tuned.xml"
-    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", repr(timestep), "--recipe", recipe]
-    # A recipe that is asked for by name is written, even one that tune itself would not recommend: exit 1.
+    arguments = [
+        "tune",
+        "mujoco",
+        "--alpha",
+        "0.008 s/in",
+        "--timestep",
+        repr(timestep),
+        "--recipe",
+        recipe,
+    ]
+    # A recipe that is asked for by name is written, even one that tune itself
+    # would not recommend: exit 1.
     assert run([*arguments, "--gravity", "0", "--write-scene", str(scene), "--json"]) in (0, 1)
     said = json.loads(capsys.readouterr().out)
     done = subprocess.run(
@@ -225,7 +244,16 @@ def test_a_mujoco_without_adhesion_is_one_line_that_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recipe: str
 ) -> None:
     monkeypatch.delattr(mujoco.MjModel, "pair_adhesion", raising=False)
-    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--recipe", recipe]
+    arguments = [
+        "tune",
+        "mujoco",
+        "--alpha",
+        "0.008 s/in",
+        "--timestep",
+        "1e-3",
+        "--recipe",
+        recipe,
+    ]
     assert run(arguments) == 3
     caught = capsys.readouterr()
     assert caught.out == ""
@@ -245,7 +273,9 @@ def test_failed_launches_are_never_a_verdict(
 
 
 @pytest.mark.needs_engine("pybullet")
-def test_a_limit_passed_exits_1_and_prints_its_best_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_limit_passed_exits_1_and_prints_its_best_all_the_same(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     arguments = ["tune", "pybullet", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--constant"]
     assert run([*arguments, "--gravity", "0", "--max-error", "0.01"]) == 1
     caught = capsys.readouterr()
@@ -291,7 +321,9 @@ def test_a_target_of_measured_pairs_is_read_from_a_csv(
     asked = ["tune", "mujoco", "--points", str(file), "--timestep", "1e-3", "--recipe", "impulse"]
     assert run([*asked, "--max-error", "0.1", "--json"]) == 0
     target_json = json.loads(capsys.readouterr().out)["target"]
-    assert np.array(target_json["points"]) == pytest.approx(np.array([[0.1016, 0.97], [0.4064, 0.88]]))
+    assert np.array(target_json["points"]) == pytest.approx(
+        np.array([[0.1016, 0.97], [0.4064, 0.88]])
+    )
 
 
 PAIRS = "4:0.969, 8:0.94, 12:0.912, 16:0.886 in/s"  # e of (16) for 0.008 s/in, to three digits
@@ -304,7 +336,17 @@ PAIRS = "4:0.969, 8:0.94, 12:0.912, 16:0.886 in/s"  # e of (16) for 0.008 s/in, 
 def test_pairs_are_judged_over_their_own_span_unless_an_option_says_otherwise(
     capsys: pytest.CaptureFixture[str], speeds: list[str], band: tuple[float, float]
 ) -> None:
-    arguments = ["tune", "mujoco", "--points", PAIRS, "--timestep", "1e-4", "--recipe", "impulse", "--json"]
+    arguments = [
+        "tune",
+        "mujoco",
+        "--points",
+        PAIRS,
+        "--timestep",
+        "1e-4",
+        "--recipe",
+        "impulse",
+        "--json",
+    ]
     assert run([*arguments, *speeds]) == 0
     asked = json.loads(capsys.readouterr().out)["target"]
     assert (asked["speed_min"], asked["speed_max"]) == pytest.approx(band)
@@ -314,7 +356,17 @@ def test_pairs_are_judged_over_their_own_span_unless_an_option_says_otherwise(
 def test_measured_pairs_get_an_e_that_falls_as_theirs_at_a_coarse_step_too(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    asked = ["tune", "mujoco", "--points", PAIRS, "--timestep", "1e-4", "--max-error", "0.008", "--json"]
+    asked = [
+        "tune",
+        "mujoco",
+        "--points",
+        PAIRS,
+        "--timestep",
+        "1e-4",
+        "--max-error",
+        "0.008",
+        "--json",
+    ]
     assert run(asked) == 0
     assert json.loads(capsys.readouterr().out)["recipe"] == "compliant-pairs"
 
@@ -357,16 +409,28 @@ def test_pairs_have_no_loop(capsys: pytest.CaptureFixture[str]) -> None:
 def test_notes_of_a_softened_contact_do_not_contradict_what_was_measured(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--recipe", "staggered"]
+    arguments = [
+        "tune",
+        "mujoco",
+        "--alpha",
+        "0.008 s/in",
+        "--timestep",
+        "1e-3",
+        "--recipe",
+        "staggered",
+    ]
     assert run([*arguments, "--gravity", "0"]) == 1
     caught = capsys.readouterr()
     printed = caught.out
     assert "'staggered': deep" in caught.err
     assert "mujoco staggered: the given recipe" in printed
     assert "99.7 % of the largest force" in printed
-    assert "- under gravity it rests 9.7e-04 m deep, 1.9 % of the radius; --recipe impulse" in printed
     assert (
-        "- With the law's own stiffness, a body rests about as deep as by the law, without drift." in printed
+        "- under gravity it rests 9.7e-04 m deep, 1.9 % of the radius; --recipe impulse" in printed
+    )
+    assert (
+        "- With the law's own stiffness, a body rests about as deep as by the law, without drift."
+        in printed
     )
 
 

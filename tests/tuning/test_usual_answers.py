@@ -1,4 +1,6 @@
-"""The page, the command and Python say the same of the same question; the page's text is the command's."""
+"""The page, the command and Python say the same of the same question;
+the page's text is the command's.
+"""
 
 from __future__ import annotations
 
@@ -62,12 +64,16 @@ def within(text: str) -> str:
 
 
 @pytest.mark.skipif(HERE != VERSIONS, reason="the answers are of other versions of the engines")
-@pytest.mark.parametrize("question", QUESTIONS if os.environ.get("HCBENCH_ANSWERS") else FEW, ids=str)
+@pytest.mark.parametrize(
+    "question", QUESTIONS if os.environ.get("HCBENCH_ANSWERS") else FEW, ids=str
+)
 def test_page_command_and_python_give_the_same_number_and_text(
     question: Question, small_view: View, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = on_page(question, small_view)
-    for each in page:  # the page's script puts the reader's names in place of the words ball and plate
+    for (
+        each
+    ) in page:  # the page's script puts the reader's names in place of the words ball and plate
         each["text"] = re.sub(r"\b(ball|plate)\b", lambda found: NAMED[found[0]], each["text"])
     names = ("foot", "floor")
     answer = hcbench.tune(question.engine, names, timestep=question.timestep, alpha=question.alpha)

@@ -16,9 +16,13 @@ from hcbench.tuning.usual_errors import Condition, errors_of
 
 TABLE = errors_of(["mujoco", "pybullet"])
 ALL = os.environ.get("HCBENCH_ANSWERS")
-FEW = [each for each in TABLE if (each["timestep"], each["gravity"], each["band"]) == (2e-3, 0.0, [])]
+FEW = [
+    each for each in TABLE if (each["timestep"], each["gravity"], each["band"]) == (2e-3, 0.0, [])
+]
 VERSIONS = usual.file_content()["versions"]
-OTHERS = {engine: registry.require(engine) for engine in VERSIONS if registry.is_there(engine)} != VERSIONS
+OTHERS = {
+    engine: registry.require(engine) for engine in VERSIONS if registry.is_there(engine)
+} != VERSIONS
 
 
 @pytest.mark.skipif(OTHERS, reason="it is of other versions")
@@ -30,7 +34,9 @@ def test_a_row_and_the_plug_ins_band_are_those_of_tune(known: dict[str, Any]) ->
     for alpha, *choices, _ in known["rows"] if ALL else known["rows"][4:5]:
         found = usual_errors.row(condition, alpha)
         for told, choice in zip(choices, found[1:], strict=True):
-            assert (told and [names[told[0]], told[1]]) == (choice and [choice[0], approx(choice[1], 1e-2)])
+            assert (told and [names[told[0]], told[1]]) == (
+                choice and [choice[0], approx(choice[1], 1e-2)]
+            )
     assert usual_errors.lows(condition) == known["lows"]
 
 
@@ -38,7 +44,9 @@ def test_a_row_and_the_plug_ins_band_are_those_of_tune(known: dict[str, Any]) ->
 @pytest.mark.parametrize(
     "known", TABLE if ALL else FEW, ids=lambda known: f"{known['engine']}{known['band']}"
 )
-def test_an_error_of_one_e_between_rows_is_within_a_tenth_of_what_tune_finds(known: dict[str, Any]) -> None:
+def test_an_error_of_one_e_between_rows_is_within_a_tenth_of_what_tune_finds(
+    known: dict[str, Any],
+) -> None:
     """At places that no row knows of: `make test-answers` asks ten of each condition."""
     rows, random = known["rows"], Random(f"{condition_of(known)}")
     told = [i for i in range(len(rows) - 1) if rows[i][3]]
@@ -67,8 +75,13 @@ def test_a_row_that_is_left_out_is_within_a_tenth_of_what_the_others_say() -> No
             line = usual_errors.line([*rows[:i], *rows[i + 1 :]], i - 1)
             if line is not None:
                 told += 1
-                share = math.log(rows[i][0] / rows[i - 1][0]) / math.log(rows[i + 1][0] / rows[i - 1][0])
-                assert line[1] * (line[2] / line[1]) ** share == approx(rows[i][2][1], 0.1), (known, i)
+                share = math.log(rows[i][0] / rows[i - 1][0]) / math.log(
+                    rows[i + 1][0] / rows[i - 1][0]
+                )
+                assert line[1] * (line[2] / line[1]) ** share == approx(rows[i][2][1], 0.1), (
+                    known,
+                    i,
+                )
     assert told > 1500
 
 
@@ -83,7 +96,9 @@ def test_an_error_between_rows_is_known_only_where_all_around_lie_on_one_line() 
             (["soft", 1.2 * error], None),
             (None, None),
         ):
-            assert usual_errors.line([*smooth[:i], [alpha, None, other], *smooth[i + 1 :]], 3) == told
+            assert (
+                usual_errors.line([*smooth[:i], [alpha, None, other], *smooth[i + 1 :]], 3) == told
+            )
 
 
 @pytest.mark.needs_engine("pybullet")

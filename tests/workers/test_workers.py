@@ -1,4 +1,6 @@
-"""The worker process: what goes in comes out, and no crash, hang or print of an engine gets through."""
+"""The worker process: what goes in comes out, and no crash, hang or
+print of an engine gets through.
+"""
 
 from __future__ import annotations
 
@@ -143,7 +145,9 @@ def test_nothing_that_an_engine_prints_gets_out(capfd: pytest.CaptureFixture[str
     assert capfd.readouterr() == ("", "")
 
 
-def test_quiet_silences_c_code_and_gives_the_streams_back(capfd: pytest.CaptureFixture[str]) -> None:
+def test_quiet_silences_c_code_and_gives_the_streams_back(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     with redirect_output():
         ctypes.CDLL(None).puts(b"from C, kept in its buffer")
         os.write(2, b"to stderr\n")
@@ -181,7 +185,9 @@ def test_a_process_at_work_is_given_up_after_the_longest_time_of_the_clock() -> 
 def test_what_always_crashes_is_given_up() -> None:
     found = map_surviving_crashes(halve, range(8), tuple(range(8)), lost=lost, limit=60)
     assert found[:3] == [f"{i}: crashed with SIGSEGV" for i in range(3)]
-    assert all("not tried: the engine died on the 3 before it" in str(reason) for reason in found[3:])
+    assert all(
+        "not tried: the engine died on the 3 before it" in str(reason) for reason in found[3:]
+    )
     assert len(found) == 8
 
 

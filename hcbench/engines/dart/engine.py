@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 class DartOptions(ScriptOptions):
     """A setting's options: none of them means a scene in metres with nothing set.
 
-    restitution: of the ball's shape; the plate's is 1. units_per_metre: of
-    DART's unit of length, 100 for cm.
+    restitution: of the ball's shape; the plate's is 1.
+    units_per_metre: of DART's unit of length, 100 for cm.
     """
 
     restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None
@@ -61,7 +61,11 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     def lines(self, options: DartOptions, scene: Scene) -> str:
         """Skeletons of plate and ball in a World."""
         by_force = isinstance(options.law, HuntCrossley)
-        shapes = "ball_shape.createDynamicsAspect()" if by_force else f"{_SHAPES}\n{_set(options)}".rstrip()
+        shapes = (
+            "ball_shape.createDynamicsAspect()"
+            if by_force
+            else f"{_SHAPES}\n{_set(options)}".rstrip()
+        )
         hook = _hook(options).replace("\n", "\n    ") or "pass"
         return _LINES.format(length=shortest(options.units_per_metre), shapes=shapes, hook=hook)
 
@@ -77,13 +81,19 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
             return Vocabulary(caveats=_CAVEATS)
         note = f"{contact.at}; setRestitutionCoeff on one shape, 1 on the other"
         value = min(1.0, (1.0 + e) * (1.0 + 1e-5) - 1.0)
-        return Vocabulary((SystemValue("DART", "restitution", (value,), "", note),), caveats=_CAVEATS)
+        return Vocabulary(
+            (SystemValue("DART", "restitution", (value,), "", note),), caveats=_CAVEATS
+        )
 
 
 def _set(options: DartOptions) -> str:
     if options.restitution is None and not isinstance(options.law, Restitution):
         return ""
-    e = "" if options.restitution is None else f"\n{_SET_BALL.format(shortest(options.restitution))}"
+    e = (
+        ""
+        if options.restitution is None
+        else f"\n{_SET_BALL.format(shortest(options.restitution))}"
+    )
     return f"plate_shape.getDynamicsAspect().setRestitutionCoeff(1.0)  # they multiply{e}"
 
 
@@ -155,7 +165,9 @@ def units_per_metre(target: Target, e: float) -> float:
     if e * target.speed_min * units <= _THRESHOLD:
         got = f"from {target.speed_min:.4g} m/s on"
         least = _THRESHOLD / (e * units) if e else math.inf
-        raise SettingError("speeds", got, f"{least:.4g} m/s or more: DART bounces within a band of 1000 only")
+        raise SettingError(
+            "speeds", got, f"{least:.4g} m/s or more: DART bounces within a band of 1000 only"
+        )
     return units
 
 

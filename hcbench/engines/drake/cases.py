@@ -1,4 +1,6 @@
-"""Drake: a discrete plant with its default dissipation; boxes touch the floor by patches, not a point."""
+"""Drake: a discrete plant with its default dissipation; boxes touch the
+floor by patches, not a point.
+"""
 
 import logging
 from importlib.metadata import version

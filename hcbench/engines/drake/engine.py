@@ -58,7 +58,9 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
     laws = (HuntCrossley,)
     table = DrakeOptions
     features = Features(
-        law=Feature("F = k x (1 + d v), clipped at 0, d = 1.5 α; a discrete plant by implicit Euler", _DOCS),
+        law=Feature(
+            "F = k x (1 + d v), clipped at 0, d = 1.5 α; a discrete plant by implicit Euler", _DOCS
+        ),
         exponent=Feature("1 (point contact); about 2 (hydroelastic)", _DOCS),
         threshold=Feature("none", "measured down to 10 µm/s"),
         licence=Feature("BSD-3-Clause", "its wheel"),
@@ -77,7 +79,9 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
             # Results of a discrete plant are of two times, so its force is not read.
             if options.plant == "continuous":
                 force = _FORCE
-        return _LINES.format(plant=plant, before=before, after=after, integrator=integrator, force=force)
+        return _LINES.format(
+            plant=plant, before=before, after=after, integrator=integrator, force=force
+        )
 
     def paste(self, options: DrakeOptions, timestep: str) -> str:
         """Plant, properties or law, and integrator."""
@@ -180,7 +184,9 @@ _DEEPEST = 1e-3
 
 
 def _hertz_stiffness(target: Target) -> float:
-    """k, N/m, of the linear spring that goes as deep as the law's at the middle of the band, undamped."""
+    """k, N/m, of the linear spring that goes as deep as the law's at
+    the middle of the band, undamped.
+    """
     n = target.law.exponent
     energy = 0.5 * target.mass * target.speed_min * target.speed_max
     deepest = ((n + 1.0) * energy / target.law.stiffness) ** (1.0 / (n + 1.0))
@@ -189,7 +195,10 @@ def _hertz_stiffness(target: Target) -> float:
 
 def continuous(target: Target) -> dict[str, Any]:
     """Follow the law's e at any step, by an integrator with error control."""
-    pair = {"point_stiffness": 2.0 * _hertz_stiffness(target), "dissipation": target.law.dissipation}
+    pair = {
+        "point_stiffness": 2.0 * _hertz_stiffness(target),
+        "dissipation": target.law.dissipation,
+    }
     return {"plant": "continuous", "accuracy": 2e-11, **pair}
 
 
@@ -208,7 +217,9 @@ def discrete(target: Target) -> dict[str, Any]:
 
 def spring_damper(target: Target) -> dict[str, Any]:
     """One e for all speeds: `sap` damps by c = k τ, τ the sum of the relaxation times."""
-    stiffness, damping = constant.implicit_spring_damper(target, constant.contact_time(target), "continuous")
+    stiffness, damping = constant.implicit_spring_damper(
+        target, constant.contact_time(target), "continuous"
+    )
     pair = {"point_stiffness": 2.0 * stiffness, "relaxation_time": 0.5 * damping / stiffness}
     return {"approximation": "sap", **pair}
 
@@ -245,6 +256,8 @@ _NATIVE = (
         _HALF,
     ),
 )
-_HOOK = "A LeafSystem turns the plant's state into an applied spatial force; add no collision geometry."
+_HOOK = (
+    "A LeafSystem turns the plant's state into an applied spatial force; add no collision geometry."
+)
 _CONTINUOUS = {"plant": "continuous", "accuracy": 1e-8}
 RECIPES = (*_NATIVE, *python_law_recipes("drake", _NATIVE, _HOOK, force=1e-6, common=_CONTINUOUS))

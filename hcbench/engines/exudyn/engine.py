@@ -1,4 +1,6 @@
-"""Exudyn behind the contract of an engine: a ball on a large sphere or in the true cup, by sphere contact."""
+"""Exudyn behind the contract of an engine: a ball on a large sphere or in
+the true cup, by sphere contact.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
     laws = (HuntCrossley,)
     table = ExudynOptions
     features = Features(
-        law=Feature("F = k x^n (1 + 1.5 (1 - e)/max(v_in, V) v): the law if V is above all speeds", _DOCS),
+        law=Feature(
+            "F = k x^n (1 + 1.5 (1 - e)/max(v_in, V) v): the law if V is above all speeds", _DOCS
+        ),
         exponent=Feature("any", _DOCS),
         threshold=Feature("none", "measured down to 0.1 mm/s"),
         licence=Feature("its own text with the clauses of BSD-3-Clause", "its wheel"),
@@ -185,7 +189,9 @@ def contact_law(target: Target) -> dict[str, Any]:
     fastest = target.speed_max
     alpha = target.law.alpha
     if alpha * fastest >= 1.0:
-        raise SettingError("speeds", f"up to {fastest:.4g} m/s", f"below 1/α = {1.0 / alpha:.4g} m/s")
+        raise SettingError(
+            "speeds", f"up to {fastest:.4g} m/s", f"below 1/α = {1.0 / alpha:.4g} m/s"
+        )
     threshold = 2.0 * fastest if alpha * fastest < 1.0 / 3.0 else 0.5 * (fastest + 1.0 / alpha)
     return _contact(target, 1, 1.0 - alpha * threshold, minimumImpactVelocity=threshold)
 
@@ -237,5 +243,10 @@ _NATIVE = (
         within=5e-5,
     ),
 )
-_HOOK = "Runs as springForceUserFunction of a CoordinateSpringDamper between the ball and the ground."
-RECIPES = (*_NATIVE, *python_law_recipes("exudyn", _NATIVE, _HOOK, force=5e-6, common={"solver": "RK44"}))
+_HOOK = (
+    "Runs as springForceUserFunction of a CoordinateSpringDamper between the ball and the ground."
+)
+RECIPES = (
+    *_NATIVE,
+    *python_law_recipes("exudyn", _NATIVE, _HOOK, force=5e-6, common={"solver": "RK44"}),
+)

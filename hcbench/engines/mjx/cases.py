@@ -59,7 +59,10 @@ class MjxBodies(MuJoCo):  # type: ignore[misc, valid-type]
 
     def state(self) -> list[Any]:
         self.now, self.ahead = self.steps(self.models, self.now, self.ahead), 0
-        return [self._state(*each) for each in zip(self.worlds, self.now.qpos, self.now.qvel, strict=True)]
+        return [
+            self._state(*each)
+            for each in zip(self.worlds, self.now.qpos, self.now.qvel, strict=True)
+        ]
 
     def _state(self, world: tuple[Any, Any], q: Any, v: Any) -> Any:
         self.model, self.data = world

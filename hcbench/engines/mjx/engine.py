@@ -91,17 +91,28 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         return law_text(law, _FORCE, _EACH)
 
     def copies(
-        self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
+        self,
+        model: Any,
+        start: Any,
+        bits: int = 0,
+        law: str = "",
+        radius: float = 0.0,
+        device: str = "",
     ) -> MjxCopies:
         """Copies of a model that one vmap steps together.
 
-        start: MjData of what states leave out. bits: 32 or 64; 0 for JAX's own. law: lines of the
-        step function. radius: of the ball, m. Raises SceneError for what MJX does not have,
-        CannotRun without the device.
+        start: MjData of what states leave out.
+        bits: 32 or 64; 0 for JAX's own.
+        law: lines of the step function.
+        radius: of the ball, m.
+
+        Raises SceneError for what MJX does not have, CannotRun without the device.
         """
         if model.nplugin:
             got = "a plug-in, which MJX leaves out without a warning"
-            raise SceneError("model", got, "a model without", "`hcbench tune mjx` puts a law into its step")
+            raise SceneError(
+                "model", got, "a model without", "`hcbench tune mjx` puts a law into its step"
+            )
         # The number of threads must be set before MJX starts XLA.
         if device == "cpu" and in_worker():
             os.environ.setdefault("NPROC", _THREADS)
@@ -123,7 +134,10 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         empty = mjx.make_data(on_device, device=chosen)
         held = {name: jax.device_put(getattr(start, name), chosen) for name in _HELD}
         copies = MjxCopies(
-            on_device, empty.replace(**held), bits, *_compiled(law or "step = mjx.step", radius, bits)
+            on_device,
+            empty.replace(**held),
+            bits,
+            *_compiled(law or "step = mjx.step", radius, bits),
         )
         if device:
             memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
@@ -255,13 +269,17 @@ _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have this i
 _SCATTER = 4e-3
 _ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")
 _SOFT = "The numbers hold at this step and gravity only. e varies with the phase of the step."
-_FLOAT = "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
+_FLOAT = (
+    "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
+)
 _PUSHES = "`two-pair` and `staggered` are refused: MJX ignores a pair's adhesion without a warning."
 
 
 def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
     """Options with an impedance d so far below 1 that float32 resolves 1 - d."""
-    rows = [{**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]]
+    rows = [
+        {**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]
+    ]
     return {**options, "rows": rows}
 
 
@@ -289,7 +307,9 @@ _NATIVE = shared_recipes(
         },
         "soft": {
             "function": changed("mujoco.soft", lambda options: {**options, "precision": "float64"}),
-            "notes": ("Needs float64: in float32 the power of solimp underflows, and nothing bounces.",),
+            "notes": (
+                "Needs float64: in float32 the power of solimp underflows, and nothing bounces.",
+            ),
             "integrators": _STEPS,
             "within": 0.01,
         },
@@ -305,5 +325,7 @@ RECIPES = (
         force=1e-3,
         common={"precision": "float64"},
     ),
-    *python_law_recipes("mjx", _NATIVE, "Runs in the step function, for jit and vmap.", each_impact=5e-6),
+    *python_law_recipes(
+        "mjx", _NATIVE, "Runs in the step function, for jit and vmap.", each_impact=5e-6
+    ),
 )

@@ -44,7 +44,9 @@ class MujocoBodies:
         geoms = [self._body(i, body) for i, body in enumerate(world["bodies"])]
         geoms += ['<geom name="floor" type="plane" size="9 9 1"/>'] * world["floor"]
         friction = f'condim="{3 if mu else 1}" friction="{mu} {mu} 0 0 0"'
-        pairs = [f'<pair geom1="{a}" geom2="{b}" {pair} {friction}/>' for a, b in combinations(names, 2)]
+        pairs = [
+            f'<pair geom1="{a}" geom2="{b}" {pair} {friction}/>' for a, b in combinations(names, 2)
+        ]
         pull = f'gravity="{" ".join(map(str, world["gravity"]))}"'
         option = f'<option timestep="{h}" {pull} cone="elliptic" impratio="1e6"/>'
         parts = f"<worldbody>{''.join(geoms)}</worldbody><contact>{''.join(pairs)}</contact>"

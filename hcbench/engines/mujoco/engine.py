@@ -25,7 +25,14 @@ from hcbench.engines.mujoco.scene import mjcf
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool, MujocoWorld
-from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, LandsRobots, TunesModels
+from hcbench.sim.capabilities import (
+    DescribesContact,
+    Feature,
+    Features,
+    HasPlugin,
+    LandsRobots,
+    TunesModels,
+)
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.standing import UNKNOWN, Standing
@@ -113,7 +120,9 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         if any(row.adhesion for row in options.rows):
             needs.append("MuJoCo 3.11 or later")
         if options.cone:
-            needs.append(f"the {options.cone} cone and impratio {options.impratio:g}, for all contacts")
+            needs.append(
+                f"the {options.cone} cone and impratio {options.impratio:g}, for all contacts"
+            )
         if options.rows:
             needs.append("the names of geoms")
         return tuple(needs)
@@ -126,10 +135,14 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test for energy in the model of the rows, and boxes in plain MuJoCo; whole: all in plain MuJoCo."""
+        """Test for energy in the model of the rows, and boxes in plain
+        MuJoCo; whole: all in plain MuJoCo.
+        """
         from hcbench.engines.mujoco.passivity.judge import certified, flat_with_law, screened
 
-        passivity = certified(scene, setting, train) if whole else screened(scene, setting, speeds, train)
+        passivity = (
+            certified(scene, setting, train) if whole else screened(scene, setting, speeds, train)
+        )
         if passivity is not None:
             return passivity
         passivity = super().passivity(scene, setting, speeds, whole, train)
@@ -171,7 +184,9 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return plugin.install() if install else plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """A path of its suffixes, MJCF text, an MjModel, MjSpec or MjData, or an environment that has one."""
+        """A path of its suffixes, MJCF text, an MjModel, MjSpec or MjData,
+        or an environment that has one.
+        """
         if isinstance(source, str | Path):
             return str(source).lstrip().startswith("<") or super().accepts(source)
         if isinstance(source, list | tuple) and source:
@@ -210,9 +225,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         model, _, state = load_user_model(file, request)
         found = list_pairs(model, request, state)
         if not found and str(file).lower().endswith(".urdf"):
-            got = (
-                "no two parts of this URDF can meet: MuJoCo fixes its root link to the world, without a floor"
-            )
+            got = "no two parts of this URDF can meet: MuJoCo fixes its root link, and has no floor"
             advice = "Measure it with --engine pybullet, or save it as MJCF and add a freejoint"
             raise UserError("model", got, "two parts that collide, one of which moves", advice)
         return found
@@ -232,7 +245,11 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return model_settings(_one_file(source), requests, goal, was, version)
 
     def land(
-        self, source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None = None
+        self,
+        source: Any,
+        request: Request,
+        drops: DropPlan,
+        rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
         """A robot with a free joint over parts of the world."""
         from hcbench.engines.mujoco.model.landing import land
@@ -259,7 +276,9 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
 
         return attitudes_of(_one_file(source), request)
 
-    def standing(self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]) -> Standing:
+    def standing(
+        self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]
+    ) -> Standing:
         """Measure how a user's model stands, in plain steps of the model."""
         from hcbench.engines.mujoco.model.standing import standing
 
@@ -276,7 +295,9 @@ def _one_file(source: Any) -> Any:
     if len(source) == 2 and type(source[1]).__name__ == "MjData":
         return source[1]
     if len(source) != 1:
-        raise UserError("model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF")
+        raise UserError(
+            "model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF"
+        )
     return source[0]
 
 

@@ -5,8 +5,8 @@ Options of a setting: those of MuJoCo, and
         contact, as `hcbench.laws.contact_law.law_of` reads them.
     device: "cpu" or "gpu": all launches are one batch there, and no step leaves it.
 
-Of several <pair>s of the same two geoms it keeps one, without a warning: its scenes have a copy of
-the ball's geom for each.
+Of several <pair>s of the same two geoms it keeps one, without a warning: its scenes have a
+copy of the ball's geom for each.
 """
 
 from __future__ import annotations
@@ -88,13 +88,21 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         return law_text(law, _FORCE, _EACH)
 
     def copies(
-        self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
+        self,
+        model: Any,
+        start: Any,
+        bits: int = 0,
+        law: str = "",
+        radius: float = 0.0,
+        device: str = "",
     ) -> WarpCopies:
         """Copies of a model on one device.
 
-        start: MjData of what states leave out. law: lines that are run before the steps. radius:
-        of the ball, m; 0 for a user's model. Raises SceneError for what Warp does not have,
-        CannotRun without the device.
+        start: MjData of what states leave out.
+        law: lines that are run before the steps.
+        radius: of the ball, m; 0 for a user's model.
+
+        Raises SceneError for what Warp does not have, CannotRun without the device.
         """
         warp = self.backend.module("warp")
         mujoco_warp = self.backend.module("mujoco_warp")
@@ -121,21 +129,31 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         warp = self.backend.module("warp")
         if device == "gpu" and not warp.is_cuda_available():
             raise no_gpu(self.name, "Warp", "Install NVIDIA's driver")
-        return warp.get_device(device.replace("gpu", "cuda")) if device else warp.get_preferred_device()
+        return (
+            warp.get_device(device.replace("gpu", "cuda"))
+            if device
+            else warp.get_preferred_device()
+        )
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """MuJoCo Warp's solref for a bounce in one step."""
         e = contact.restitution
         h = contact.timestep
         note = "bounces in one step; solimp 0.9999 0.9999 0.001"
-        rows = (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
+        rows = (
+            (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),)
+            if e and h
+            else ()
+        )
         return Vocabulary(rows, caveats=_CAVEATS)
 
 
 def with_a_geom_each(xml: str) -> str:
     """MJCF in which each pair but the first has a massless copy of its first geom for itself."""
     root = ET.fromstring(xml)
-    holders = {geom.get("name"): (body, geom) for body in root.iter() for geom in body.findall("geom")}
+    holders = {
+        geom.get("name"): (body, geom) for body in root.iter() for geom in body.findall("geom")
+    }
     for i, pair in enumerate(root.findall("contact/pair")[1:], 2):
         body, original = holders[pair.get("geom1")]
         geom = copy.deepcopy(original)
@@ -180,7 +198,9 @@ class WarpCopies(Copies):
         return np.array(path)
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
-        """Read balls by a kernel after each step; this process counts every _LOOK steps how many ended."""
+        """Read balls by a kernel after each step; this process counts
+        every _LOOK steps how many ended.
+        """
         warp = self._names["wp"]
         kernel = _reading_kernel(warp)
         now = Reading(*map(warp.array, reading))
@@ -287,7 +307,9 @@ _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MuJoCo Warp does not hav
 # Range of e: a float32 position at R has steps of 4 nm.
 _SCATTER = 4e-3
 _COPIES = "MuJoCo Warp keeps one pair of two geoms only: each pair gets a massless copy of the ball's geom."
-_FLOAT = "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
+_FLOAT = (
+    "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
+)
 _ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")
 _SOFT = "The numbers hold at this step and gravity only. e varies with the phase of the step."
 _HUGE = "Keep adhesion near the contact force: at 1e6 N, float32 rounding makes e wrong by 0.1."
@@ -295,7 +317,9 @@ _NOTES = {"notes": (_FLOAT, _COPIES), "integrators": _STEPS, "within": _SCATTER}
 
 
 def compliant_pairs(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:
-    """MuJoCo's pairs, with adhesion as large as the contact's force: beside 1e6 N float32 loses that."""
+    """MuJoCo's pairs, with adhesion as large as the contact's force:
+    beside 1e6 N float32 loses that.
+    """
     enough = 2.0 * target.mass * target.speed_max / target.timestep
 
     def held(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,10 @@ class NewtonBodies:
 
     def __init__(self, solver: str, combine: str | None, options: dict[str, Any]) -> None:
         self.name, self.combine, self.options = f"newton-{solver.lower()}", combine, options
-        self.solver, self.builder = getattr(newton.solvers, f"Solver{solver}"), newton.ModelBuilder()
+        self.solver, self.builder = (
+            getattr(newton.solvers, f"Solver{solver}"),
+            newton.ModelBuilder(),
+        )
 
     def make(self, world: dict[str, Any]) -> None:
         self.h, angle = world["timestep"], 1.5
@@ -28,15 +31,27 @@ class NewtonBodies:
             # The force of the contact ends at e = exp(-2 angle/tan(angle)): solved by iteration.
             for _ in range(99):
                 angle = np.arctan2(2 * angle, -np.log(e))
-            common |= {"ke": (np.pi / 20 / self.h) ** 2, "kd": np.pi / 10 / self.h * np.cos(angle) + 1e-6}
+            common |= {
+                "ke": (np.pi / 20 / self.h) ** 2,
+                "kd": np.pi / 10 / self.h * np.cos(angle) + 1e-6,
+            }
         self.builder.begin_world(gravity=world["gravity"])
         for body in world["bodies"]:
-            i, at, size = -1, (*body["position"], 0, 0, 0, 1), body.get("half", [body.get("radius")] * 3)
+            i, at, size = (
+                -1,
+                (*body["position"], 0, 0, 0, 1),
+                body.get("half", [body.get("radius")] * 3),
+            )
             if not body.get("fixed"):
                 i, at = self.builder.add_body(xform=at), (0.0,) * 6 + (1.0,)
                 self.builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
-            kind, volume = body["shape"].upper(), np.prod(size) * (8 if "half" in body else 4 / 3 * np.pi)
-            cfg = self.builder.ShapeConfig(density=float(body["mass"] / volume), restitution=e, **common)
+            kind, volume = (
+                body["shape"].upper(),
+                np.prod(size) * (8 if "half" in body else 4 / 3 * np.pi),
+            )
+            cfg = self.builder.ShapeConfig(
+                density=float(body["mass"] / volume), restitution=e, **common
+            )
             self.builder.add_shape(body=i, type=newton.GeoType[kind], xform=at, scale=size, cfg=cfg)
         if world["floor"]:
             self.builder.add_ground_plane(cfg=self.builder.ShapeConfig(restitution=floor, **common))
@@ -63,7 +78,9 @@ class NewtonBodies:
         warp.capture_launch(self.captured.graph)
 
     def state(self) -> Any:
-        return np.hstack([self.at.body_q.numpy()[:, :3], self.at.body_qd.numpy()]).reshape(self.worlds, -1, 9)
+        return np.hstack([self.at.body_q.numpy()[:, :3], self.at.body_qd.numpy()]).reshape(
+            self.worlds, -1, 9
+        )
 
 
 # Each solver, how it joins two restitutions, and its options.

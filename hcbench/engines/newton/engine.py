@@ -35,14 +35,17 @@ class PushingRow(OptionTable):
         description="5 numbers, the power 100 at most: higher ones underflow in float32"
     )
     onset: Finite = 0.0
-    adhesion: Literal[0] = Field(0, description="0 N: Newton's pairs cannot pull; `staggered-push` does not")
+    adhesion: Literal[0] = Field(
+        0, description="0 N: Newton's pairs cannot pull; `staggered-push` does not"
+    )
 
 
 class NewtonOptions(ScriptOptions):
     """A setting's options: none of them means SolverXPBD with nothing set.
 
     restitution: of both shapes, for XPBD. ke (N/m), kd (N s/m): of both, SemiImplicit's; MuJoCo
-    makes a solref of them, per unit mass. rows: MuJoCo's contacts, in place of that of the shapes.
+    makes a solref of them, per unit mass.
+    rows: MuJoCo's contacts, in place of that of the shapes.
     """
 
     solver: Literal["XPBD", "SemiImplicit", "MuJoCo"] = "XPBD"
@@ -60,11 +63,15 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
     backend = Backend("newton", "newton", "1.8", "1.8", "pip install 'newton[sim]'")
     table = NewtonOptions
     features = Features(
-        law=Feature("XPBD: an e in one step; SemiImplicit: ke x + kd v in, ke x out; MuJoCo's", "measured"),
+        law=Feature(
+            "XPBD: an e in one step; SemiImplicit: ke x + kd v in, ke x out; MuJoCo's", "measured"
+        ),
         exponent=Feature("XPBD none: rigid; SemiImplicit 1; MuJoCo's solver as MuJoCo", "measured"),
         threshold=Feature("2 g h by XPBD under gravity", "measured"),
         licence=Feature("Apache-2.0", "its wheel"),
-        energy=Feature("XPBD gains none: an e of 1.48, read earlier, was the reading", "measured by heights"),
+        energy=Feature(
+            "XPBD gains none: an e of 1.48, read earlier, was the reading", "measured by heights"
+        ),
     )
 
     def lines(self, options: NewtonOptions, scene: Scene) -> str:
@@ -77,7 +84,9 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
             solver=solver,
             contacts="None" if mujoco or hook == _FORCE else "collisions.contacts()",
             kind="joint" if mujoco else "body",
-            reset="\n    solver.reset(now)  # else it starts from the last accelerations" if mujoco else "",
+            reset="\n    solver.reset(now)  # else it starts from the last accelerations"
+            if mujoco
+            else "",
             hook=hook,
             call="\n    before_step()" if hook else "",
         )
@@ -90,13 +99,18 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
         """Newton's restitution, ke and kd of a contact."""
         e = contact.restitution
         note = "on both shapes, with enable_restitution"
-        rows = [SystemValue("Newton", "restitution", (e,), "", f"{contact.at}; {note}")] if e else []
+        rows = (
+            [SystemValue("Newton", "restitution", (e,), "", f"{contact.at}; {note}")] if e else []
+        )
         if e and contact.contact_time is not None:
             law = kv.matched(e, contact.contact_time, 1.0, kv.Ending.FORCE)
             note = "SolverMuJoCo, for every mass; SolverSemiImplicit reads N/m and N s/m"
-            rows.append(SystemValue("Newton", "ke, kd", (law.stiffness, law.damping), "1/s², 1/s", note))
+            rows.append(
+                SystemValue("Newton", "ke, kd", (law.stiffness, law.damping), "1/s², 1/s", note)
+            )
         return Vocabulary(
-            tuple(rows), caveats=("Newton's SolverXPBD needs enable_restitution, and averages both e.",)
+            tuple(rows),
+            caveats=("Newton's SolverXPBD needs enable_restitution, and averages both e.",),
         )
 
 
@@ -213,7 +227,9 @@ def best_constant(target: Target) -> dict[str, Any]:
 
 def spring_damper(target: Target) -> dict[str, Any]:
     """F = ke x + kd x' going in, ke x coming out, with the law's contact time mid-band."""
-    ke, kd = one_way_spring_damper(target, contact_time(target, STEPS_OF_AN_EXPLICIT_SPRING), "restitution")
+    ke, kd = one_way_spring_damper(
+        target, contact_time(target, STEPS_OF_AN_EXPLICIT_SPRING), "restitution"
+    )
     return {"solver": "SemiImplicit", "ke": ke, "kd": kd}
 
 
@@ -222,10 +238,20 @@ def _without_friction(options: Mapping[str, Any]) -> dict[str, Any]:
     return {"solver": "MuJoCo", "rows": rows}
 
 
-_PAIRS_NOTE = "SolverMuJoCo needs newton[sim]. Each row needs its own sphere and pair; pairs cannot pull."
+_PAIRS_NOTE = (
+    "SolverMuJoCo needs newton[sim]. Each row needs its own sphere and pair; pairs cannot pull."
+)
 _LENT = (
-    ("impulse", 1e-6, "D = (1 + e)/h holds at this step only. Under gravity e varies by (1 + e) g h / v."),
-    ("compliant", 1e-2, "The numbers hold at this step and gravity only. e varies less than with `impulse`."),
+    (
+        "impulse",
+        1e-6,
+        "D = (1 + e)/h holds at this step only. Under gravity e varies by (1 + e) g h / v.",
+    ),
+    (
+        "compliant",
+        1e-2,
+        "The numbers hold at this step and gravity only. e varies less than with `impulse`.",
+    ),
     (
         "staggered-push",
         4e-3,
@@ -258,4 +284,7 @@ _NATIVE = (
     }),
 )  # fmt: skip
 _HOOK = "Before each step, set body_f after clear_forces(), or shape_material_restitution for each world."
-RECIPES = (*_NATIVE, *python_law_recipes("newton", _NATIVE, _HOOK, force=_SCATTER, each_impact=2e-6))
+RECIPES = (
+    *_NATIVE,
+    *python_law_recipes("newton", _NATIVE, _HOOK, force=_SCATTER, each_impact=2e-6),
+)

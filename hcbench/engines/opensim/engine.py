@@ -61,18 +61,24 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
     laws = (HuntCrossley,)
     table = OpensimOptions
     features = Features(
-        law=Feature("Hunt-Crossley with Hertz, as the paper: F = k x^1.5 (1 + 1.5 c x'), c = α", _SOURCE),
+        law=Feature(
+            "Hunt-Crossley with Hertz, as the paper: F = k x^1.5 (1 + 1.5 c x'), c = α", _SOURCE
+        ),
         exponent=Feature("1.5", _SOURCE),
         threshold=Feature("none", "measured down to 10 µm/s"),
         licence=Feature("Apache-2.0", "its wheel"),
-        energy=Feature("e up to 1.008 at its own accuracy of 1e-3: real energy", "measured without gravity"),
+        energy=Feature(
+            "e up to 1.008 at its own accuracy of 1e-3: real energy", "measured without gravity"
+        ),
     )
 
     def lines(self, options: OpensimOptions, scene: Scene) -> str:
         """Model, contact or law, and Manager."""
         contact, integrator = _parts(options)
         return _LINES.format(
-            contact=contact, integrator=indent(integrator, "    "), force="" if options.law else _READ
+            contact=contact,
+            integrator=indent(integrator, "    "),
+            force="" if options.law else _READ,
         )
 
     def paste(self, options: OpensimOptions, timestep: str) -> str:
@@ -87,7 +93,8 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
         """OpenSim's dissipation of a contact."""
         note = "c = α, of HuntCrossleyForce; with an accuracy of 1e-9 or less"
         return Vocabulary(
-            (SystemValue("OpenSim", "dissipation", (contact.alpha,), "s/m", note),), caveats=(_CAVEAT,)
+            (SystemValue("OpenSim", "dissipation", (contact.alpha,), "s/m", note),),
+            caveats=(_CAVEAT,),
         )
 
 
@@ -96,14 +103,19 @@ def _parts(options: OpensimOptions) -> tuple[str, str]:
     law = options.law
     if law is None:
         given = (_STIFFNESS, options.stiffness), (_DISSIPATION, options.dissipation)
-        contact = _CONTACT.format("".join(text.format(shortest(v)) for text, v in given if v is not None))
+        contact = _CONTACT.format(
+            "".join(text.format(shortest(v)) for text, v in given if v is not None)
+        )
     else:
         assert isinstance(law, HuntCrossley)
         contact = _LAW.format(
             k=shortest(law.stiffness), n=shortest(law.exponent), a=shortest(1.5 * law.alpha)
         )
     accuracy = options.accuracy
-    return contact, "" if accuracy is None else f"manager.setIntegratorAccuracy({shortest(accuracy)})"
+    return (
+        contact,
+        "" if accuracy is None else f"manager.setIntegratorAccuracy({shortest(accuracy)})",
+    )
 
 
 _CONTACT = """\

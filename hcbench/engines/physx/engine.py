@@ -41,7 +41,9 @@ class PhysxOptions(ScriptOptions):
 
 
 _SOURCE = "PhysX SDK 5 documentation, Rigid Body Collision: Restitution"
-_CAVEATS = ("PhysX averages the restitutions of both materials; SAPIEN's threshold of 2 m/s must be 0.",)
+_CAVEATS = (
+    "PhysX averages the restitutions of both materials; SAPIEN's threshold of 2 m/s must be 0.",
+)
 
 
 class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
@@ -54,7 +56,9 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
     own_process = True
     table = PhysxOptions
     features = Features(
-        law=Feature("an impulse by Newton's e in one step; a negative e is a spring, F = k x", _SOURCE),
+        law=Feature(
+            "an impulse by Newton's e in one step; a negative e is a spring, F = k x", _SOURCE
+        ),
         exponent=Feature("none: rigid", _SOURCE),
         threshold=Feature(
             "bounce_threshold, 2 m/s in SAPIEN; set before the system is made, 0 is taken",
@@ -91,14 +95,19 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
             return Vocabulary(caveats=_CAVEATS)
         note = f"{contact.at}; on both materials"
         return Vocabulary(
-            (SystemValue("PhysX", "restitution", (contact.restitution,), "", note),), caveats=_CAVEATS
+            (SystemValue("PhysX", "restitution", (contact.restitution,), "", note),),
+            caveats=_CAVEATS,
         )
 
 
 def _parts(options: PhysxOptions) -> tuple[str, str, str]:
-    """Lines of the configuration, of the material, "" for none, and the function of a law, "" for none."""
+    """Lines of the configuration, of the material, "" for none, and the
+    function of a law, "" for none.
+    """
     given = options.model_dump(include={"bounce_threshold", "enable_tgs"}, exclude_none=True)
-    config = ", ".join(["gravity=np.array([0, 0, -gravity])", *(f"{k}={v}" for k, v in given.items())])
+    config = ", ".join(
+        ["gravity=np.array([0, 0, -gravity])", *(f"{k}={v}" for k, v in given.items())]
+    )
     material = ""
     hook = ""
     if isinstance(options.law, HuntCrossley):

@@ -113,7 +113,9 @@ def client() -> BulletClient:
 
 
 def end_clients() -> None:
-    """Disconnect every client of this process: ours, and those that a user's script left when it failed."""
+    """Disconnect every client of this process: ours, and those that a
+    user's script left when it failed.
+    """
     client.cache_clear()
     if (pybullet := sys.modules.get("pybullet")) is not None:
         for connected in filter(pybullet.isConnected, range(_MOST_CLIENTS)):

@@ -1,4 +1,6 @@
-"""PyBullet: restitution and friction are products of two bodies', so each body has the root of the pair's."""
+"""PyBullet: restitution and friction are products of two bodies', so each
+body has the root of the pair's.
+"""
 
 import math
 from importlib.metadata import version

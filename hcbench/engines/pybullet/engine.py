@@ -80,7 +80,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         if setting.options.get("maximal_coordinates"):
             needs.append("both bodies loaded with useMaximalCoordinates=True")
         if setting.options.get("links"):
-            needs.append("radius, mass, inertia and friction of the ball, whose URDF the lines write")
+            needs.append(
+                "radius, mass, inertia and friction of the ball, whose URDF the lines write"
+            )
         return (*needs, "the variables of the two bodies")
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
@@ -106,7 +108,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
 
         if install:
             raise UserError(
-                "--install", "PyBullet has no folder of its own for plug-ins", "pybullet.loadPlugin(path)"
+                "--install",
+                "PyBullet has no folder of its own for plug-ins",
+                "pybullet.loadPlugin(path)",
             )
         return plugin.library()
 
@@ -117,13 +121,19 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         # An ordinary script's function returns nothing: its client is then the first one.
         if source is None:
             return is_connected()
-        return super().accepts(source) or isinstance(source, int | LiveWorld) or hasattr(source, "_client")
+        return (
+            super().accepts(source)
+            or isinstance(source, int | LiveWorld)
+            or hasattr(source, "_client")
+        )
 
     def make_room(self) -> None:
         """End all clients: a script that names none means the first, which must be its own."""
         end_clients()
 
-    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> PybulletModel:
+    def open(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> PybulletModel:
         """A world from files, from a `World`, or from a client."""
         from hcbench.engines.pybullet.model.under_test import open_world
 

@@ -1,4 +1,6 @@
-"""Recorded trajectories as an engine: measured data, or a test's own, through the door that engines use."""
+"""Recorded trajectories as an engine: measured data, or a test's own,
+through the door that engines use.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ _STEP_SPREAD = 0.01
 
 
 class RecordedEngine(Engine):
-    """Hands back the impact that a file holds: what was recorded is what counts, not what was asked for.
+    """Hands back the impact that a file holds: what was recorded is what
+    counts, not what was asked for.
 
     Option "file": a CSV with the columns time_s, penetration_m, rate_m_per_s, force_n (others are
     ignored), even in time, signs as in `terms.impact`; the body is clear of the plate in the
@@ -44,7 +47,10 @@ class RecordedEngine(Engine):
         """The recorded impact for each launch, in order; the scene does not enter."""
         files = _files(setting, len(launches))
         trajectories = {file: read(Path(file)) for file in dict.fromkeys(files)}
-        return [impact_of(launch, trajectories[file]) for file, launch in zip(files, launches, strict=True)]
+        return [
+            impact_of(launch, trajectories[file])
+            for file, launch in zip(files, launches, strict=True)
+        ]
 
 
 def _files(setting: Setting, count: int) -> list[str]:
@@ -79,7 +85,9 @@ def read(file: Path) -> Trajectory:
             rows = list(csv.DictReader(stream))
             header = list(rows[0]) if rows else []
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise SettingError(slot, f"could not be read: {error}", f"a CSV file with {columns}") from error
+        raise SettingError(
+            slot, f"could not be read: {error}", f"a CSV file with {columns}"
+        ) from error
     if not rows:
         raise SettingError(slot, "no rows", f"a line of names and two rows or more, {columns}")
     missing = [name for name in COLUMNS if name not in header]
@@ -98,7 +106,9 @@ def _number(slot: str, index: int, name: str, text: str | None) -> float:
         return float(text or "")
     except ValueError:
         # The names are on line 1.
-        raise SettingError(slot, f"{text!r} on line {index + 2}, column {name!r}", "a number, SI") from None
+        raise SettingError(
+            slot, f"{text!r} on line {index + 2}, column {name!r}", "a number, SI"
+        ) from None
 
 
 def _check_times(slot: str, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:

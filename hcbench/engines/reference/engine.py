@@ -1,4 +1,6 @@
-"""The truth as an engine: the laws of the paper, by closed form or ODE, through the door that engines use."""
+"""The truth as an engine: the laws of the paper, by closed form or ODE,
+through the door that engines use.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ class ReferenceEngine(Engine):
         law = law_of(setting, scene)
         return [self._one(law, scene, setting.timestep, launch) for launch in launches]
 
-    def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+    def trajectory(
+        self, scene: Scene, setting: Setting, launch: Launch, duration: float
+    ) -> Trajectory:
         """Flights and impacts in turn, sampled at the step."""
         law = law_of(setting, scene)
         h = setting.timestep
@@ -65,7 +69,9 @@ class ReferenceEngine(Engine):
         def impact_at(speed: float) -> Impact:
             return _impact(law, scene.mass, speed, scene.gravity, h)
 
-        return successive_bounces(impact_at, scene.gravity, launch.clearance(h), launch.speed, times)
+        return successive_bounces(
+            impact_at, scene.gravity, launch.clearance(h), launch.speed, times
+        )
 
     @staticmethod
     def _one(law: Law, scene: Scene, timestep: float, launch: Launch) -> Impact:
@@ -96,7 +102,9 @@ def law_of(setting: Setting, scene: Scene) -> Law:
     raise SettingError("setting", f"{setting.name!r} of the reference", f"one of: {names}")
 
 
-def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence[str]) -> dict[str, float]:
+def _numbers(
+    setting: Setting, defaults: Mapping[str, float], required: Sequence[str]
+) -> dict[str, float]:
     slot = f"{setting.name} option '{{}}'"
     return {**defaults, **read_numbers(setting.options, required, [*defaults], SettingError, slot)}
 
@@ -118,7 +126,12 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
 
         impact = ode.impact(law, mass, speed, gravity=gravity, count=2 * _POINTS_MIN - 1)
     if impact.loop is not None:
-        for array in (impact.loop.time, impact.loop.penetration, impact.loop.rate, impact.loop.force):
+        for array in (
+            impact.loop.time,
+            impact.loop.penetration,
+            impact.loop.rate,
+            impact.loop.force,
+        ):
             # Shared by every impact that asks for the same.
             array.flags.writeable = False
     return impact
@@ -134,7 +147,9 @@ def _points(duration: float, timestep: float) -> int:
 def _closed_hunt_crossley(law: HuntCrossley, mass: float, speed: float, timestep: float) -> Impact:
     """The impact by the closed forms of eq. (16), without gravity.
 
-    mass: kg. speed: m/s. timestep: s, of the loop's points.
+    mass: kg.
+    speed: m/s.
+    timestep: s, of the loop's points.
     """
     duration = float(closed_form.duration(law, mass, speed))
     count = _points(duration, timestep)
@@ -154,7 +169,9 @@ def _closed_hunt_crossley(law: HuntCrossley, mass: float, speed: float, timestep
 def _closed_kelvin_voigt(law: KelvinVoigt, mass: float, speed: float, timestep: float) -> Impact:
     """The impact of an underdamped spring and damper that ends at the surface, without gravity.
 
-    mass: kg. speed: m/s. timestep: s, of the loop's points.
+    mass: kg.
+    speed: m/s.
+    timestep: s, of the loop's points.
     """
     ending = kelvin_voigt.Ending.SURFACE
     bounce = kelvin_voigt.bounce(law, mass, speed, ending)
@@ -176,7 +193,8 @@ _SAMPLING = "The step only says how densely the loop is sampled."
 
 
 def kelvin_voigt_setting(target: Target) -> dict[str, float]:
-    """Eq. (4) with the best constant restitution of the band and the law's contact time in its middle.
+    """Eq. (4) with the best constant restitution of the band and the
+    law's contact time in its middle.
 
     k and c from e = exp(-β t) and t = π/ω, contact ending at x = 0.
     """

@@ -71,7 +71,12 @@ class _Batch:
     """
 
     def __init__(
-        self, system: TwoSidedContact, y: Floats, checkpoints: Floats, step_max: Floats, observe: Observer
+        self,
+        system: TwoSidedContact,
+        y: Floats,
+        checkpoints: Floats,
+        step_max: Floats,
+        observe: Observer,
     ) -> None:
         """Begin at t = 0, with the first step that the system proposes.
 
@@ -105,7 +110,9 @@ class _Batch:
         goal = self.goal[rows]
         no_goal = goal == NOTHING
         left = self.checkpoints[self.passed[rows], rows] - self.t[rows]
-        h = np.where(no_goal, np.minimum(np.minimum(self.h[rows], self.step_max[rows]), left), self.h[rows])
+        h = np.where(
+            no_goal, np.minimum(np.minimum(self.h[rows], self.step_max[rows]), left), self.h[rows]
+        )
         y, error = self._try(rows, h)
         # A NaN compares false, so that its step is not good.
         good = no_goal & (error <= 1.0)
@@ -148,7 +155,9 @@ class _Batch:
         about growth.
         """
         good = error <= 1.0
-        factor = np.where(np.isfinite(error), 0.9 * np.maximum(error, 1e-16) ** -0.125, _LARGEST_CUT)
+        factor = np.where(
+            np.isfinite(error), 0.9 * np.maximum(error, 1e-16) ** -0.125, _LARGEST_CUT
+        )
         best = h * np.clip(factor, _LARGEST_CUT, np.where(good, _LARGEST_GROWTH, 1.0))
         self.h[rows] = np.where(good & (h < self.h[rows]), np.maximum(self.h[rows], best), best)
         stuck = rows[~good & (best < 1e-13 * self.system.size[0, rows] / self.system.size[1, rows])]
@@ -158,7 +167,9 @@ class _Batch:
 
     def _speed(self, rows: Indices, y: Floats) -> Floats:
         """Velocity at the end of a step, below 0 once it has changed its sign; within 1 it is 0."""
-        return np.asarray(y[1] * np.sign(self.y[1, rows]) / (self.rounding * self.system.size[1, rows]))
+        return np.asarray(
+            y[1] * np.sign(self.y[1, rows]) / (self.rounding * self.system.size[1, rows])
+        )
 
     def _distance(self, rows: Indices, y: Floats) -> Floats:
         """Distance from the nearest switch at the end of a step; within 1 it is 0."""

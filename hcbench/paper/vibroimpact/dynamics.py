@@ -134,7 +134,9 @@ class TwoSidedContact:
         With n = 3/2 the motion begins as x = v t - C t^(7/2): the error of
         the step is about the tolerance.
         """
-        short = min(0.05, 2.0 * self.tolerance ** (2.0 / 7.0)) * self.length[rows] / self.speed[rows]
+        short = (
+            min(0.05, 2.0 * self.tolerance ** (2.0 / 7.0)) * self.length[rows] / self.speed[rows]
+        )
         return np.where((mode == APART).all(axis=0), np.inf, short)
 
     def _sides(self, y: Floats, rows: Indices) -> tuple[Floats, Floats]:

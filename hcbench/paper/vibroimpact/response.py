@@ -102,7 +102,11 @@ def orbits(
 
 
 def _simulate(
-    cases: list[tuple[VibroImpact, Sinusoid]], cycles: int, keep: int, start: Floats, tolerance: float
+    cases: list[tuple[VibroImpact, Sinusoid]],
+    cycles: int,
+    keep: int,
+    start: Floats,
+    tolerance: float,
 ) -> Floats:
     """Simulate these systems and drives side by side; rows as `Orbits` keeps them, shape (5, cases,
     keep).
@@ -112,7 +116,9 @@ def _simulate(
     amplitude = np.array([d.amplitude for _, d in cases])
     omega = 2.0 * np.pi * np.array([d.frequency for _, d in cases])
     phase = np.array([d.phase for _, d in cases])
-    length, speed = np.array([motion_size(s, position, velocity, abs(d.amplitude), d) for s, d in cases]).T
+    length, speed = np.array(
+        [motion_size(s, position, velocity, abs(d.amplitude), d) for s, d in cases]
+    ).T
     contact = TwoSidedContact(
         laws=(system.right, system.left),
         mass=system.mass,
@@ -160,7 +166,11 @@ class _CycleRecorder:
         which = ends[late]
         column = self.column[ends][late]
         self.record[:2, which, column] = y[:, late]
-        self.record[2:, which, column] = self.highest[which], self.lowest[which], self.touches[which]
+        self.record[2:, which, column] = (
+            self.highest[which],
+            self.lowest[which],
+            self.touches[which],
+        )
         self.highest[ends] = self.lowest[ends] = y[0]
         self.touches[ends] = 0.0
         self.column[ends] += 1
@@ -177,7 +187,9 @@ class Linear:
     def amplitude(self, force: float, frequency: Floats | float) -> Floats:
         """Steady amplitude (m) under a sinusoid of `force` N at frequencies (Hz), same shape."""
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
-        return np.asarray(force / np.hypot(self.stiffness - self.mass * omega**2, self.damping * omega))
+        return np.asarray(
+            force / np.hypot(self.stiffness - self.mass * omega**2, self.damping * omega)
+        )
 
     @property
     def resonance(self) -> float:
@@ -211,7 +223,9 @@ def kelvin_voigt_blocks(system: VibroImpact, speed: float) -> VibroImpact:
         require("law", law, isinstance(law, HuntCrossley), "a law of eq. (16) on both sides")
         assert isinstance(law, HuntCrossley)
         e = float(closed_form.restitution(law.alpha, speed))
-        return matched(e, float(closed_form.duration(law, system.mass, speed)), system.mass, Ending.FORCE)
+        return matched(
+            e, float(closed_form.duration(law, system.mass, speed)), system.mass, Ending.FORCE
+        )
 
     right = stand_in(system.right)
     left = stand_in(system.left)

@@ -65,7 +65,9 @@ def simulate(
     for slot, value, unit in (("position", position, "m"), ("velocity", velocity, "m/s")):
         require(slot, value, math.isfinite(value), f"a finite number in {unit}")
     positive("until", until, "s")
-    require("tolerance", tolerance, 1e-15 <= tolerance <= 1e-2, "1e-15 ... 1e-2 of the motion's size")
+    require(
+        "tolerance", tolerance, 1e-15 <= tolerance <= 1e-2, "1e-15 ... 1e-2 of the motion's size"
+    )
     require("step_max", step_max, step_max > 0.0, "a step above 0 s")
     length, speed = motion_size(system, position, velocity, _largest(drive, until), drive)
     contact = TwoSidedContact(
@@ -125,7 +127,11 @@ def _motion_of(
 
 def _force_of(drive: Drive | None, times: Floats) -> Floats:
     """P in N at times (s), same shape."""
-    return np.zeros_like(times) if drive is None else np.array([_checked(drive, float(t)) for t in times])
+    return (
+        np.zeros_like(times)
+        if drive is None
+        else np.array([_checked(drive, float(t)) for t in times])
+    )
 
 
 def _checked(drive: Drive, time: float) -> float:
@@ -171,7 +177,12 @@ def motion_size(
     if squeeze > 0.0:
         stiffness = sum(tangent(law, squeeze)[0] for law in (system.right, system.left))
         energy = start + 0.5 * force**2 / stiffness
-        require("start", energy, energy > 0.0, "a motion: a speed, a position off the middle, or a drive")
+        require(
+            "start",
+            energy,
+            energy > 0.0,
+            "a motion: a speed, a position off the middle, or a drive",
+        )
         return math.sqrt(2.0 * energy / stiffness), math.sqrt(2.0 * energy / system.mass)
 
     def elastic(x: float) -> float:
@@ -182,7 +193,9 @@ def motion_size(
         energy = start + 0.5 * (force / (2.0 * math.pi * drive.frequency)) ** 2 / system.mass
     else:
         energy = start + (force * _solve(elastic, force) if force else 0.0)
-    require("start", energy, energy > 0.0, "a motion: a speed, a position inside a block, or a drive")
+    require(
+        "start", energy, energy > 0.0, "a motion: a speed, a position inside a block, or a drive"
+    )
     depth = _solve(lambda x: elastic(x) * x, 2.0 * energy)
     return depth, math.sqrt(2.0 * energy / system.mass)
 
@@ -198,7 +211,9 @@ def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
     x = depth * np.array([1.0 - 1e-5, 1.0 + 1e-5])
     # The difference over 2e-6 m/s: near v = 0 these laws are straight lines in v.
     v = np.array([-1e-6, 1e-6])
-    return float(np.diff(law.force(x, 0.0))[0] / np.diff(x)[0]), float(np.diff(law.force(depth, v))[0] / 2e-6)
+    return float(np.diff(law.force(x, 0.0))[0] / np.diff(x)[0]), float(
+        np.diff(law.force(depth, v))[0] / 2e-6
+    )
 
 
 def _solve(rising: Drive, wanted: float) -> float:

@@ -34,7 +34,9 @@ class Sinusoid:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        require("amplitude", self.amplitude, math.isfinite(self.amplitude), "a finite amplitude in N")
+        require(
+            "amplitude", self.amplitude, math.isfinite(self.amplitude), "a finite amplitude in N"
+        )
         positive("frequency", self.frequency, "Hz")
         require("phase", self.phase, math.isfinite(self.phase), "a finite phase in rad")
 
@@ -79,7 +81,9 @@ class VibroImpact:
         """F_R - F_L in N, what the blocks do against q; positions (m)
         and velocities (m/s) broadcast.
         """
-        q, v = np.broadcast_arrays(np.asarray(position, dtype=float), np.asarray(velocity, dtype=float))
+        q, v = np.broadcast_arrays(
+            np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
+        )
         half = self.gap / 2.0
         return pressing(self.right, q - half, v) - pressing(self.left, -q - half, -v)
 
@@ -98,7 +102,9 @@ def stored(law: ForceLaw, penetration: float) -> float:
         return 0.0
     if isinstance(law, HuntCrossley):
         return float(law.stiffness * penetration ** (law.exponent + 1.0) / (law.exponent + 1.0))
-    value, _ = quad(lambda x: float(law.force(x, 0.0)), 0.0, penetration, epsabs=0.0, epsrel=1e-13, limit=200)
+    value, _ = quad(
+        lambda x: float(law.force(x, 0.0)), 0.0, penetration, epsabs=0.0, epsrel=1e-13, limit=200
+    )
     return float(value)
 
 

@@ -33,7 +33,10 @@ GRADES = {
     "good": ("✓", "follows the law: the error of e is below a tenth of the best constant e's"),
     "even": ("≈", "about as wrong as the best constant e, or less"),
     "bad": ("✗", "more wrong than the best constant e"),
-    "none": ("", "no number: “–” hcbench has no such setting for the engine; “not run” at this step"),
+    "none": (
+        "",
+        "no number: “–” hcbench has no such setting for the engine; “not run” at this step",
+    ),
 }
 # An e below this does not look like a bounce.
 _SEEN = 0.005
@@ -162,7 +165,9 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
     if not gains:
         launches = sum(view.scenes(case) for case in cases)
         none = "No launch of a setting of this engine ended with more energy than it began with."
-        return MatrixCell("never grows", f"{launches} launches", "good", 0.0, note=f"{none} {note}".strip())
+        return MatrixCell(
+            "never grows", f"{launches} launches", "good", 0.0, note=f"{none} {note}".strip()
+        )
     worst = max(gains, key=view.largest_e)
     high = view.largest_e(worst)
     return MatrixCell(f"e up to {number(high)}", worst.setting, "bad", high, worst, note)
@@ -203,9 +208,13 @@ def _loop(view: FieldView, case: Case | None) -> MatrixCell:
 def _files(engine: str) -> MatrixCell:
     adapter = registry.adapter(registry.base_name(engine))
     if not isinstance(adapter, OpensModels):
-        return MatrixCell("–", note="hcbench opens no model with this engine: it builds the scenes in it.")
+        return MatrixCell(
+            "–", note="hcbench opens no model with this engine: it builds the scenes in it."
+        )
     names = listed([name.removeprefix(".") for name in adapter.suffixes])
-    return MatrixCell(names, note="Models that `hcbench measure`, `tune` and `check` open with this engine.")
+    return MatrixCell(
+        names, note="Models that `hcbench measure`, `tune` and `check` open with this engine."
+    )
 
 
 def grade(view: FieldView, case: Case) -> str:

@@ -37,7 +37,9 @@ def energy_note(engine: str) -> Feature | None:
     return None if features is None else features.energy
 
 
-def features(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[str, list[Feature]]]:
+def features(
+    view: FieldView, probes: Mapping[str, Probe | None]
+) -> list[tuple[str, list[Feature]]]:
     """(engine, its cells in the order of FEATURES).
 
     probes: by engine.
@@ -68,7 +70,9 @@ def _threshold(stated: Feature, seen: str) -> Feature:
     """Slowest bounce: the stated one, followed by the one seen in this run."""
     if not seen:
         return stated
-    return Feature(f"{stated.text}; {seen}".removeprefix("–; "), f"{stated.source}; {RUN}".strip("; "))
+    return Feature(
+        f"{stated.text}; {seen}".removeprefix("–; "), f"{stated.source}; {RUN}".strip("; ")
+    )
 
 
 def _bits(probe: Probe | None) -> str:

@@ -39,7 +39,11 @@ _STOCK: dict[str, Any] = {"color": KIND_COLOURS["stock"], "marker": "X", "marker
 _BEST: dict[str, Any] = {"color": KIND_COLOURS["settings"], "marker": "s", "markersize": 3.5}
 _PLUGIN: dict[str, Any] = {"color": KIND_COLOURS["exact"], "marker": "v", "markersize": 4.0}
 _HEAVY: dict[str, Any] = {"linestyle": (0, (4, 1.6)), "markerfacecolor": "white"}
-_CONSTANT: dict[str, Any] = {"color": KIND_COLOURS["constant"], "linewidth": 1.0, "linestyle": (0, (5, 2))}
+_CONSTANT: dict[str, Any] = {
+    "color": KIND_COLOURS["constant"],
+    "linewidth": 1.0,
+    "linestyle": (0, (5, 2)),
+}
 _LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", "zorder": 1}
 
 

@@ -73,7 +73,9 @@ def _following(
 ) -> list[str]:
     """Engines whose best setting of some kinds follows the law, by their names without versions."""
     best = {engine: view.best(engine, gravity, timestep, *kinds) for engine in engines}
-    return _bases([engine for engine, case in best.items() if case is not None and view.follows_law(case)])
+    return _bases(
+        [engine for engine, case in best.items() if case is not None and view.follows_law(case)]
+    )
 
 
 def _bases(engines: list[str]) -> list[str]:

@@ -53,7 +53,10 @@ def build(
         figures = list(counted((map if pool is None else pool.imap)(save, plans), len(plans), tick))
         probes = {case.engine: probe_of_engine for case, probe_of_engine in _probes(view)}
         write_text(scratch / COST, _costs(view, probes))
-        write_text(scratch / PAGE, page_text(view, figures, {engine: p for engine, (_, p) in probes.items()}))
+        write_text(
+            scratch / PAGE,
+            page_text(view, figures, {engine: p for engine, (_, p) in probes.items()}),
+        )
     return folder / PAGE
 
 
@@ -77,12 +80,16 @@ def _far_from_usual(step: float) -> float:
 def _costs(view: FieldView, probes: dict[str, tuple[Case, probe.Probe | None]]) -> str:
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     costs = [
-        (view.title(c.engine), c.setting, c.timestep, p.cost) for c, p in probes.values() if p is not None
+        (view.title(c.engine), c.setting, c.timestep, p.cost)
+        for c, p in probes.values()
+        if p is not None
     ]
     return probe.csv_of(costs, machine)
 
 
-def page_text(view: FieldView, figures: list[dict[str, Any]], probes: dict[str, probe.Probe | None]) -> str:
+def page_text(
+    view: FieldView, figures: list[dict[str, Any]], probes: dict[str, probe.Probe | None]
+) -> str:
     """The page.
 
     figures: what `draw` returns of each of `drawings`.

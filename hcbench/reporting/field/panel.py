@@ -58,7 +58,12 @@ def tables(view: FieldView) -> list[StepMatrix]:
 def setting_of(view: FieldView, case: Case) -> Setting:
     """The setting that a case ran with."""
     for record in view.results.settings:
-        key = (record["engine"], record["setting"], record["gravity_m_per_s2"], record["timestep_s"])
+        key = (
+            record["engine"],
+            record["setting"],
+            record["gravity_m_per_s2"],
+            record["timestep_s"],
+        )
         if key == tuple(case):
             return Setting(case.engine, case.setting, case.timestep, record["options"])
     raise AssertionError(f"{case} is of the study")

@@ -101,7 +101,9 @@ class FieldView:
     def impacts(self) -> dict[Case, pd.DataFrame]:
         """Each case's impacts, a row each."""
         rows = self.results.table.rows
-        return {case: rows([key]) for case, (key, _) in zip(self.folded, self._of_main, strict=True)}
+        return {
+            case: rows([key]) for case, (key, _) in zip(self.folded, self._of_main, strict=True)
+        }
 
     @cached_property
     def loops(self) -> dict[Case, pd.DataFrame]:
@@ -109,7 +111,9 @@ class FieldView:
         table = self._of_alpha(self.results.loops)
         if table.empty:
             return {}
-        here = table[np.isclose(table["speed_m_per_s"].astype(float), self.study["step_speed"], rtol=1e-9)]
+        here = table[
+            np.isclose(table["speed_m_per_s"].astype(float), self.study["step_speed"], rtol=1e-9)
+        ]
         groups = here.groupby(_KEY, sort=False)
         return {self._case(rows.iloc[0].to_dict()): rows for _, rows in groups}
 
@@ -163,8 +167,12 @@ class FieldView:
 
         One that bounces over the whole band is before any that stays down somewhere.
         """
-        cases = [c for c in self.cases(engine, gravity, timestep, *kinds) if math.isfinite(self.error(c))]
-        return min(cases, key=lambda case: (self.stays_down(case) > 0.0, self.error(case)), default=None)
+        cases = [
+            c for c in self.cases(engine, gravity, timestep, *kinds) if math.isfinite(self.error(c))
+        ]
+        return min(
+            cases, key=lambda case: (self.stays_down(case) > 0.0, self.error(case)), default=None
+        )
 
     def stock(self, engine: str, gravity: float, timestep: float) -> Case | None:
         """The engine with nothing set; None where it did not run so."""

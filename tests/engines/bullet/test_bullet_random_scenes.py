@@ -1,6 +1,8 @@
-"""Energy in random scenes under PyBullet's plug-in: 60 of a design here, 2000 under `make test-plugins`.
+"""Energy in random scenes under PyBullet's plug-in: 60 of a design here,
+2000 under `make test-plugins`.
 
-The long run writes its table into docs/reference/plugins.md; the short one holds what the page says.
+The long run writes its table into docs/reference/plugins.md; the
+short one holds what the page says.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""The laws as Bullet's plug-in: their physics in worlds that a user might have, by plain stepSimulation."""
+"""The laws as Bullet's plug-in: their physics in worlds that a user might
+have, by plain stepSimulation.
+"""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -42,11 +44,19 @@ class World:
         bullet.setPhysicsEngineParameter(numSubSteps=0, physicsClientId=self.client)
 
     def ball(self, mass: float, where: Any = (0, 0, RADIUS), maximal: bool = False) -> int:
-        shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=RADIUS, physicsClientId=self.client)
-        body = bullet.createMultiBody(
-            mass, shape, basePosition=where, useMaximalCoordinates=maximal, physicsClientId=self.client
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_SPHERE, radius=RADIUS, physicsClientId=self.client
         )
-        bullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=self.client)
+        body = bullet.createMultiBody(
+            mass,
+            shape,
+            basePosition=where,
+            useMaximalCoordinates=maximal,
+            physicsClientId=self.client,
+        )
+        bullet.changeDynamics(
+            body, -1, linearDamping=0, angularDamping=0, physicsClientId=self.client
+        )
         return int(body)
 
     def plate(self) -> int:
@@ -98,7 +108,8 @@ def bounce(world: World, ball: int, h: float, speed: float, phase: float, ready:
     world.place(ball, (0, 0, ready + (2 + phase) * h * speed), (0, 0, -speed))
     world.until(
         lambda: (
-            world.velocity(ball)[2] > 0 and world.position(ball)[2] > ready + 2 * h * world.velocity(ball)[2]
+            world.velocity(ball)[2] > 0
+            and world.position(ball)[2] > ready + 2 * h * world.velocity(ball)[2]
         )
     )
     return float(world.velocity(ball)[2] / speed)
@@ -112,7 +123,9 @@ def test_force_law_bounces_as_the_law_at_every_phase(world: World, maximal: bool
     world.add(LAW, ball, plate)
     for speed in (0.0254, 0.2032, 0.508):
         for phase in PHASES[:: 2 if speed < 0.1 else 1]:
-            assert bounce(world, ball, h, speed, phase, RADIUS) == pytest.approx(e_of(speed), abs=2e-6)
+            assert bounce(world, ball, h, speed, phase, RADIUS) == pytest.approx(
+                e_of(speed), abs=2e-6
+            )
 
 
 def test_force_law_at_a_fine_step(world: World) -> None:
@@ -121,7 +134,9 @@ def test_force_law_at_a_fine_step(world: World) -> None:
     ball, plate = world.ball(MASS), world.plate()
     world.add(LAW, ball, plate)
     for phase in (0.1, 0.6):
-        assert bounce(world, ball, h, 0.2032, phase, RADIUS) == pytest.approx(e_of(0.2032), abs=1e-9)
+        assert bounce(world, ball, h, 0.2032, phase, RADIUS) == pytest.approx(
+            e_of(0.2032), abs=1e-9
+        )
 
 
 def test_force_law_in_the_cup(world: World) -> None:
@@ -161,7 +176,9 @@ def test_an_off_axis_hit_in_the_cup_keeps_its_angular_momentum(world: World) -> 
     world.set(2e-6)
     ball, plate = world.ball(MASS), world.plate()  # of the plate only its frame is used
     centre, away = np.array([0, 0, 0.1]), np.array([np.sin(0.4), 0, -np.cos(0.4)])
-    world.place(ball, centre + 0.049 * away, 0.3 * away + 0.2 * np.array([np.cos(0.4), 0, np.sin(0.4)]))
+    world.place(
+        ball, centre + 0.049 * away, 0.3 * away + 0.2 * np.array([np.cos(0.4), 0, np.sin(0.4)])
+    )
     start = np.cross(world.position(ball) - centre, world.velocity(ball))
     world.add(LAW, ball, plate, cup=(0.1, *centre), friction=0.0)
 
@@ -171,7 +188,9 @@ def test_an_off_axis_hit_in_the_cup_keeps_its_angular_momentum(world: World) -> 
     world.until(lambda: left() <= 0)
     world.until(lambda: left() > 1e-6)
     out = (world.position(ball) - centre) / np.linalg.norm(world.position(ball) - centre)
-    assert np.cross(world.position(ball) - centre, world.velocity(ball)) == pytest.approx(start, abs=1e-14)
+    assert np.cross(world.position(ball) - centre, world.velocity(ball)) == pytest.approx(
+        start, abs=1e-14
+    )
     assert -(out @ world.velocity(ball)) / 0.3 == pytest.approx(e_of(0.3), abs=2e-3)
 
 
@@ -233,7 +252,9 @@ def test_a_spinning_ball(world: World, maximal: bool, friction: Any) -> None:
 
 @MAXIMAL
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
-def test_restitution_law_gives_each_impact_its_own(world: World, gravity: float, maximal: bool) -> None:
+def test_restitution_law_gives_each_impact_its_own(
+    world: World, gravity: float, maximal: bool
+) -> None:
     for h in (1e-4, 1e-3, 4e-3):
         world.set(h, gravity)
         ball, plate = world.ball(MASS, maximal=maximal), world.plate()
@@ -282,7 +303,9 @@ def test_a_bounce_train_loses_energy_in_every_impact_and_comes_to_rest(world: Wo
     for _ in range(3000):
         world.step()
         v, z = float(world.velocity(ball)[2]), float(world.position(ball)[2])
-        energy.append(0.5 * v**2 + 9.81 * z - 0.5 * h * 9.81 * v)  # what these steps conserve in flight
+        energy.append(
+            0.5 * v**2 + 9.81 * z - 0.5 * h * 9.81 * v
+        )  # what these steps conserve in flight
         at.append(z)
     assert np.diff(energy).max() < 1e-9
     assert np.ptp(at[-500:]) < 1e-9
@@ -291,7 +314,8 @@ def test_a_bounce_train_loses_energy_in_every_impact_and_comes_to_rest(world: Wo
 @pytest.mark.parametrize("substeps", [0, 2, 5])
 @MAXIMAL
 def test_substeps_are_steps(world: World, substeps: int, maximal: bool) -> None:
-    # Bullet adds external forces up over substeps; the plug-in takes back what the ones before have had.
+    # Bullet adds external forces up over substeps; the plug-in takes back
+    # what the ones before have had.
     for law, h in ((LAW, 1e-5), (Restitution(ALPHA), 1e-3)):
         world.set(h * max(substeps, 1))
         bullet.setPhysicsEngineParameter(numSubSteps=substeps, physicsClientId=world.client)
@@ -318,8 +342,14 @@ def test_what_has_no_law_moves_bit_for_bit_as_before() -> None:
     tracks = []
     for has_law in (False, True):
         world = World(1e-3, 9.81)
-        plate, loose, ball = world.plate(), world.ball(1.0, (0, 0, 0.06)), world.ball(MASS, (1, 0, 2.0))
-        bullet.changeDynamics(loose, -1, restitution=0.5, lateralFriction=0.4, physicsClientId=world.client)
+        plate, loose, ball = (
+            world.plate(),
+            world.ball(1.0, (0, 0, 0.06)),
+            world.ball(MASS, (1, 0, 2.0)),
+        )
+        bullet.changeDynamics(
+            loose, -1, restitution=0.5, lateralFriction=0.4, physicsClientId=world.client
+        )
         world.place(loose, (0, 0, 0.06), (0.3, 0, -1), (1, 2, 3))
         if has_law:
             world.add(Restitution(ALPHA), ball, plate)
@@ -393,7 +423,9 @@ def test_after_a_reset_a_body_has_its_own_links(world: World) -> None:
     """Bullet's client kept the joints of the body that had its id before the reset."""
     for links in (1, 3):
         world.set(1e-3)
-        shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=RADIUS, physicsClientId=world.client)
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_SPHERE, radius=RADIUS, physicsClientId=world.client
+        )
         row = [0.0, 0.0, 0.0]
         chain = bullet.createMultiBody(
             1.0, shape, basePosition=(0, 0, 1),
@@ -421,7 +453,9 @@ def test_a_mass_that_changes_is_seen(world: World) -> None:
     world.add(ConstantRestitution(0.9), one, two)
     for mass in (0.2, 3.0):
         bullet.changeDynamics(one, -1, mass=mass, physicsClientId=world.client)
-        bullet.changeDynamics(two, -1, physicsClientId=world.client)  # nothing: Bullet tells of body -1
+        bullet.changeDynamics(
+            two, -1, physicsClientId=world.client
+        )  # nothing: Bullet tells of body -1
         world.place(one, (0, 0, 0), (0.4, 0, 0))
         world.place(two, (2 * RADIUS, 0, 0), (0, 0, 0))
         world.step()
@@ -443,7 +477,9 @@ def test_oblique_impacts_have_the_e_of_the_law_and_friction_within_its_cone() ->
 def test_friction_is_the_pairs_own_unless_given(world: World, slip: float) -> None:
     world.set(1e-3)
     ball, plate = world.ball(MASS), world.plate()
-    bullet.changeDynamics(ball, -1, lateralFriction=0.6, physicsClientId=world.client)  # and .5 of the plate
+    bullet.changeDynamics(
+        ball, -1, lateralFriction=0.6, physicsClientId=world.client
+    )  # and .5 of the plate
     for given, mu in ((None, 0.3), (0.1, 0.1), (0.0, 0.0)):
         world.place(ball, (0, 0, RADIUS), (slip, 0, -0.5))
         law = world.add(ConstantRestitution(0.8), ball, plate, friction=given)
@@ -451,7 +487,9 @@ def test_friction_is_the_pairs_own_unless_given(world: World, slip: float) -> No
         contact.remove(law, client=world.client)
         assert world.velocity(ball)[2] == pytest.approx(0.4, abs=1e-12)
         # Coulomb while it slides, 2/7 of the slip where it sticks.
-        assert slip - world.velocity(ball)[0] == pytest.approx(min(mu * 0.9, slip * 2 / 7), rel=1e-9)
+        assert slip - world.velocity(ball)[0] == pytest.approx(
+            min(mu * 0.9, slip * 2 / 7), rel=1e-9
+        )
 
 
 LAWS = (ConstantRestitution(1.0), ConstantRestitution(0.5), Restitution(ALPHA))
@@ -494,7 +532,9 @@ def test_a_stack_of_five_stands() -> None:
 
 def test_several_links_are_one_pair(world: World) -> None:
     world.set(1e-3)
-    shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=0.05, physicsClientId=world.client)
+    shape = bullet.createCollisionShape(
+        bullet.GEOM_SPHERE, radius=0.05, physicsClientId=world.client
+    )
     dumbbell = bullet.createMultiBody(
         1.0, shape, basePosition=[0, 0, 0.05], linkMasses=[1.0], linkCollisionShapeIndices=[shape],
         linkVisualShapeIndices=[-1], linkPositions=[[0.2, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
@@ -503,7 +543,9 @@ def test_several_links_are_one_pair(world: World) -> None:
         physicsClientId=world.client,
     )  # fmt: skip
     for link in (-1, 0):
-        bullet.changeDynamics(dumbbell, link, linearDamping=0, angularDamping=0, physicsClientId=world.client)
+        bullet.changeDynamics(
+            dumbbell, link, linearDamping=0, angularDamping=0, physicsClientId=world.client
+        )
     world.add(ConstantRestitution(0.7), (dumbbell, -2), world.plate())
     bullet.resetBaseVelocity(dumbbell, [0, 0, -1], [0, 0, 0], physicsClientId=world.client)
     world.step()
@@ -516,7 +558,10 @@ COMMANDS = [
     ("hunt_crossley stiffness=3e10", "either alpha=, or law= and restitution="),
     ("hunt_crossley stiffness=3e10 alpha=-1", "alpha=-1: needs 0 ... inf"),
     ("hunt_crossley stiffness=3e10 alpha=x", "alpha=x: no number"),
-    ("hunt_crossley stiffness=3e10 law=florez restitution=.8", 'no law "florez", only: first-order'),
+    (
+        "hunt_crossley stiffness=3e10 law=florez restitution=.8",
+        'no law "florez", only: first-order',
+    ),
     ("hunt_crossley stiffness=3e10 law=flores restitution=0", "needs one above 0"),
     ("hunt_crossley stiffness=3e10 alpha=.3 cup=.1", "cup=.1: needs radius,x,y,z"),
     ("hunt_crossley stiffness=3e10 alpha=.3 cup=.01,0,0,0", "smaller sphere"),
@@ -603,7 +648,11 @@ def test_a_body_that_a_constraint_holds_is_named_at_its_first_impact(
     assert capfd.readouterr().err == ""
     world.step(300)
     said = capfd.readouterr().err
-    assert [said.count(f"body {ball} is held by constraint {held}, which") for ball in balls] == [1, 1, 0]
+    assert [said.count(f"body {ball} is held by constraint {held}, which") for ball in balls] == [
+        1,
+        1,
+        0,
+    ]
 
 
 def test_a_joint_that_an_impact_turns_faster_than_bullet_lets_it_is_named(

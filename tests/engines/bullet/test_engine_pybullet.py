@@ -20,7 +20,13 @@ from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.engine import PybulletEngine
 from hcbench.sim import simulate
 from hcbench.sim.backend import installed_version
-from hcbench.system.errors import EngineFailed, EngineMissing, SceneError, SettingError, foreign_errors
+from hcbench.system.errors import (
+    EngineFailed,
+    EngineMissing,
+    SceneError,
+    SettingError,
+    foreign_errors,
+)
 from hcbench.terms.impact import Impact, Launch, Status
 from hcbench.terms.scene import Material, Scene
 from hcbench.terms.setting import Setting
@@ -67,44 +73,68 @@ def steel(form: Form, gravity: float = 0.0) -> Scene:
 
 def restitution(e: float, maximal: bool = True) -> dict[str, Any]:
     ball = {**BALL, "restitution": e}
-    return {"world": WORLD, "ball": ball, "plate": {"restitution": 1.0}, "maximal_coordinates": maximal}
+    return {
+        "world": WORLD,
+        "ball": ball,
+        "plate": {"restitution": 1.0},
+        "maximal_coordinates": maximal,
+    }
 
 
-def spring_damper(stiffness: float, damping: float, timestep: float, maximal: bool = False) -> dict[str, Any]:
+def spring_damper(
+    stiffness: float, damping: float, timestep: float, maximal: bool = False
+) -> dict[str, Any]:
     ball = {**BALL, "contactStiffness": stiffness, "contactDamping": damping - stiffness * timestep}
     plate = {"contactStiffness": 1e30, "contactDamping": 0.0}
     return {"world": WORLD, "ball": ball, "plate": plate, "maximal_coordinates": maximal}
 
 
 def simulated(
-    form: Form, timestep: float, options: dict[str, Any], launches: Sequence[Launch], gravity: float = 0.0
+    form: Form,
+    timestep: float,
+    options: dict[str, Any],
+    launches: Sequence[Launch],
+    gravity: float = 0.0,
 ) -> list[Impact]:
-    return ENGINE.run(steel(form, gravity), Setting("pybullet", "test", timestep, options), launches)
+    return ENGINE.run(
+        steel(form, gravity), Setting("pybullet", "test", timestep, options), launches
+    )
 
 
-# --- restitution ---------------------------------------------------------------------------------------
+# --- restitution
+# ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("maximal", [False, True], ids=["multibody", "maximal"])
 @pytest.mark.parametrize("timestep", [1e-3, 1 / 240, 1e-6])
 @pytest.mark.parametrize("form", FORMS)
-def test_the_restitution_set_is_the_restitution_had(form: Form, timestep: float, maximal: bool) -> None:
+def test_the_restitution_set_is_the_restitution_had(
+    form: Form, timestep: float, maximal: bool
+) -> None:
     for e in (0.25, 0.92694, 1.0):
         impacts = simulated(form, timestep, restitution(e, maximal), EVERY_PHASE)
         assert {impact.status for impact in impacts} == {Status.PARTED}
         assert {impact.samples for impact in impacts} == {1}  # one impulse
-        np.testing.assert_allclose([impact.restitution for impact in impacts], e, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            [impact.restitution for impact in impacts], e, rtol=0, atol=1e-12
+        )
 
 
-def test_under_gravity_bullet_reverses_the_speed_at_the_steps_end_or_start_and_e_is_at_the_plane() -> None:
+def test_under_gravity_bullet_reverses_the_speed_at_the_steps_end_or_start_and_e_is_at_the_plane() -> (
+    None
+):
     h, g, fall = 1e-3, 9.80665, Launch(speed=0.0, height=2e-3)
     for maximal, gain in ((True, 0.0), (False, g * h)):
         (impact,) = simulated("plane", h, restitution(0.9, maximal=maximal), [fall], g)
-        assert impact.speed_in == pytest.approx(math.hypot(math.sqrt(2 * g * 2e-3), g * h / 2), rel=1e-12)
+        assert impact.speed_in == pytest.approx(
+            math.hypot(math.sqrt(2 * g * 2e-3), g * h / 2), rel=1e-12
+        )
         assert impact.loop is not None
         (gap,), (rate,) = -impact.loop.penetration, impact.loop.rate
         left = 0.9 * (rate + gain)
-        after = math.sqrt((left - g * h / 2) ** 2 + 2 * g * (gap + h * left))  # what its flight keeps
+        after = math.sqrt(
+            (left - g * h / 2) ** 2 + 2 * g * (gap + h * left)
+        )  # what its flight keeps
         assert impact.restitution == pytest.approx(after / impact.speed_in, abs=1e-12)
 
 
@@ -123,12 +153,15 @@ def test_predictive_contact_acts_no_earlier_than_the_step_of_the_touch() -> None
     assert 0.19 < impact.speed_in < 0.2
 
 
-# --- springs and dampers -------------------------------------------------------------------------------
+# --- springs and dampers
+# -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("maximal", [False, True], ids=["multibody", "maximal"])
 @pytest.mark.parametrize("form", FORMS)
-def test_force_is_kelvin_voigt_and_belongs_to_the_state_it_acts_from(form: Form, maximal: bool) -> None:
+def test_force_is_kelvin_voigt_and_belongs_to_the_state_it_acts_from(
+    form: Form, maximal: bool
+) -> None:
     k, c, h = 1.2e8, 364.5, 1e-6
     (impact,) = simulated(form, h, spring_damper(k, c, h, maximal), [Launch(0.2, 0.3)])
     loop = impact.loop
@@ -149,18 +182,23 @@ def test_the_loop_holds_the_energy_lost(form: Form) -> None:
     for impact in simulated(form, h, spring_damper(1.2e8, 364.5, h), EVERY_PHASE):
         assert impact.loop is not None
         lost = 0.5 * MASS * (impact.speed_in**2 - impact.speed_out**2)
-        assert np.trapezoid(impact.loop.force, impact.loop.penetration) == pytest.approx(lost, rel=0.01)
+        assert np.trapezoid(impact.loop.force, impact.loop.penetration) == pytest.approx(
+            lost, rel=0.01
+        )
 
 
 def test_the_implicit_step_meets_the_bounce_of_the_continuous_damper() -> None:
     k, c = 1.2e8, 364.5
     zeta = c / (2 * math.sqrt(k * MASS))
-    e = math.exp(-zeta / math.sqrt(1 - zeta**2) * math.acos(2 * zeta**2 - 1))  # until F, not x, is 0 again
+    e = math.exp(
+        -zeta / math.sqrt(1 - zeta**2) * math.acos(2 * zeta**2 - 1)
+    )  # until F, not x, is 0 again
     impacts = simulated("plane", 1e-6, spring_damper(k, c, 1e-6), EVERY_PHASE)
     np.testing.assert_allclose([impact.restitution for impact in impacts], e, rtol=0, atol=5e-4)
 
 
-# --- the same again ------------------------------------------------------------------------------------
+# --- the same again
+# ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -177,14 +215,27 @@ def test_runs_repeat_bit_by_bit_whatever_ran_between(form: Form) -> None:
 
 
 @pytest.mark.parametrize("gravity", [0.0, 9.8])
-@pytest.mark.parametrize("options", [{}, restitution(0.0), restitution(0.9), spring_damper(1e6, 40.0, 1e-5)])
+@pytest.mark.parametrize(
+    "options", [{}, restitution(0.0), restitution(0.9), spring_damper(1e6, 40.0, 1e-5)]
+)
 @pytest.mark.parametrize("form", FORMS)
-def test_a_batch_is_its_launches_one_by_one(form: Form, options: dict[str, Any], gravity: float) -> None:
-    # Also after a launch that ends at rest, in contact: what Bullet remembers of it must not act on the next.
-    launches = [Launch(0.3, 0.1), Launch(0.05, 0.9), Launch(0.508, 0.5), Launch(0.3, 0.1), Launch(0.01, 0.3)]
+def test_a_batch_is_its_launches_one_by_one(
+    form: Form, options: dict[str, Any], gravity: float
+) -> None:
+    # Also after a launch that ends at rest, in contact: what Bullet remembers of
+    # it must not act on the next.
+    launches = [
+        Launch(0.3, 0.1),
+        Launch(0.05, 0.9),
+        Launch(0.508, 0.5),
+        Launch(0.3, 0.1),
+        Launch(0.01, 0.3),
+    ]
     h = 1e-3 if "ball" not in options or "restitution" in options["ball"] else 1e-5
     together = simulated(form, h, options, launches, gravity)
-    assert _same(together, [simulated(form, h, options, [launch], gravity)[0] for launch in launches])
+    assert _same(
+        together, [simulated(form, h, options, [launch], gravity)[0] for launch in launches]
+    )
 
 
 def _same(one: Sequence[Impact], other: Sequence[Impact]) -> bool:
@@ -195,11 +246,18 @@ def _same(one: Sequence[Impact], other: Sequence[Impact]) -> bool:
 def _bits(impact: Impact) -> tuple[Any, ...]:
     loop = impact.loop
     arrays = () if loop is None else (loop.time, loop.penetration, loop.rate, loop.force)
-    numbers = (impact.speed_in, impact.speed_out, impact.duration, impact.penetration_max, impact.force_max)
+    numbers = (
+        impact.speed_in,
+        impact.speed_out,
+        impact.duration,
+        impact.penetration_max,
+        impact.force_max,
+    )
     return impact.status, np.array(numbers).tobytes(), *(array.tobytes() for array in arrays)
 
 
-# --- the user's own PyBullet -----------------------------------------------------------------------------
+# --- the user's own PyBullet
+# -----------------------------------------------------------------------------
 
 
 def _drop_of_their_own(bullet: Any, client: int) -> list[float]:
@@ -207,11 +265,14 @@ def _drop_of_their_own(bullet: Any, client: int) -> list[float]:
     bullet.resetSimulation(physicsClientId=client)
     folder = SCENES / "steel-plane"
     ball, plate = (
-        bullet.loadURDF(str(folder / f), physicsClientId=client) for f in ("ball.urdf", "plate.urdf")
+        bullet.loadURDF(str(folder / f), physicsClientId=client)
+        for f in ("ball.urdf", "plate.urdf")
     )
     bullet.changeDynamics(ball, -1, restitution=0.9, physicsClientId=client)
     bullet.changeDynamics(plate, -1, restitution=1.0, physicsClientId=client)
-    bullet.resetBasePositionAndOrientation(ball, [0, 0, 0.053], [0, 0, 0, 1], physicsClientId=client)
+    bullet.resetBasePositionAndOrientation(
+        ball, [0, 0, 0.053], [0, 0, 0, 1], physicsClientId=client
+    )
     bullet.resetBaseVelocity(ball, [0.1, 0, -0.3], [1, 2, 3], physicsClientId=client)
     heights = []
     for _ in range(60):
@@ -223,7 +284,11 @@ def _drop_of_their_own(bullet: Any, client: int) -> list[float]:
 def test_nothing_leaks_between_the_users_pybullet_and_ours() -> None:
     import pybullet as bullet
 
-    ours = (1e-3, {**restitution(0.9), "world": {**WORLD, "contactBreakingThreshold": 0.5}}, EVERY_PHASE[:3])
+    ours = (
+        1e-3,
+        {**restitution(0.9), "world": {**WORLD, "contactBreakingThreshold": 0.5}},
+        EVERY_PHASE[:3],
+    )
     unseen = simulated("plane", *ours)
     client = bullet.connect(bullet.DIRECT)
     try:
@@ -266,12 +331,17 @@ def test_a_launch_that_kills_the_engine_is_a_record(monkeypatch: pytest.MonkeyPa
     launches = [Launch(0.1), Launch(0.5), Launch(0.2)]
     impacts = simulated("plane", 1e-3, {}, launches)
     assert [impact.launch for impact in impacts] == launches
-    assert [impact.status for impact in impacts] == [Status.NO_TOUCH, Status.CRASHED, Status.NO_TOUCH]
+    assert [impact.status for impact in impacts] == [
+        Status.NO_TOUCH,
+        Status.CRASHED,
+        Status.NO_TOUCH,
+    ]
     assert impacts[1].reason == "crashed with SIGSEGV"
     assert math.isnan(impacts[1].restitution)
 
 
-# --- scenes --------------------------------------------------------------------------------------------
+# --- scenes
+# --------------------------------------------------------------------------------------------
 
 
 def test_a_file_of_the_same_name_in_the_working_directory_is_not_taken(
@@ -313,20 +383,26 @@ def test_the_scene_says_the_mass() -> None:
         ),
     ],
 )
-def test_a_scene_that_cannot_be_loaded_or_says_something_else(change: dict[str, Any], message: str) -> None:
+def test_a_scene_that_cannot_be_loaded_or_says_something_else(
+    change: dict[str, Any], message: str
+) -> None:
     setting = Setting("pybullet", "test", 1e-3)
     with pytest.raises(SceneError, match=message):
         ENGINE.run(replace(steel("plane"), **change), setting, [Launch(0.2)])
 
 
-# --- requests ------------------------------------------------------------------------------------------
+# --- requests
+# ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"solref": [1, 2]}, "option 'solref': unknown; expected one of: world, ball"),
-        ({"world": {"gravity": 1}}, r"option 'world\.gravity': unknown; expected one of setPhysics"),
+        (
+            {"world": {"gravity": 1}},
+            r"option 'world\.gravity': unknown; expected one of setPhysics",
+        ),
         ({"world": {"fixedTimeStep": 1e-3}}, r"'world\.fixedTimeStep': not to be set here"),
         ({"world": {"numSubSteps": 4}}, "reported; use a smaller timestep"),
         ({"ball": {"mass": 1.0}}, "The scene says it"),
@@ -383,7 +459,8 @@ def test_a_plate_that_is_never_reached_is_no_touch() -> None:
     assert impact.status is Status.NO_TOUCH
 
 
-# --- beyond the first bounce ---------------------------------------------------------------------------
+# --- beyond the first bounce
+# ---------------------------------------------------------------------------
 
 
 def test_a_train_of_bounces_is_followed_to_the_end() -> None:
@@ -395,7 +472,9 @@ def test_a_train_of_bounces_is_followed_to_the_end() -> None:
     hits = np.flatnonzero(path.force)
     assert hits[0] == pytest.approx(math.sqrt(2 * height / g) / h, abs=2)
     for hit in hits[:4]:
-        assert path.rate[hit + 1] + g * h == pytest.approx(-e * path.rate[hit] + g * h, abs=2 * g * h)
+        assert path.rate[hit + 1] + g * h == pytest.approx(
+            -e * path.rate[hit] + g * h, abs=2 * g * h
+        )
     peaks = [path.penetration[a:b].min() for a, b in pairwise(hits[:4])]
     np.testing.assert_allclose(peaks, [-height * e ** (2 * n) for n in (1, 2, 3)], rtol=0.05)
 
@@ -412,6 +491,8 @@ def test_a_contact_of_more_steps_than_usual_is_no_rest() -> None:
     """A with_gravity ball stays 0.036 s on the plate, 36 000 steps of 1 µs, and then leaves."""
     with_gravity = replace(steel("plane"), mass=2e5)
     law = {"kind": "force", "alpha": 0.3, "stiffness": with_gravity.stiffness}
-    (impact,) = ENGINE.run(with_gravity, Setting("pybullet", "law", 1e-6, {"law": law}), [Launch(0.3)])
+    (impact,) = ENGINE.run(
+        with_gravity, Setting("pybullet", "law", 1e-6, {"law": law}), [Launch(0.3)]
+    )
     assert impact.status is Status.PARTED, impact.reason
     assert impact.samples > 20_000

@@ -27,7 +27,9 @@ def simulated(files: tuple[str, str], speeds: list[float], gravity: float) -> Me
         (("r2d2.urdf", "plane.urdf"), 9.81),
     ],
 )
-def test_a_launch_has_the_bits_of_one_in_a_fresh_world(files: tuple[str, str], gravity: float) -> None:
+def test_a_launch_has_the_bits_of_one_in_a_fresh_world(
+    files: tuple[str, str], gravity: float
+) -> None:
     speeds = [0.1, 0.100001, 0.5]
     together = simulated(files, speeds, gravity).impacts
     alone = [simulated(files, [speed], gravity).impacts[0] for speed in speeds]
@@ -44,7 +46,9 @@ def test_a_live_world_is_left_as_it_was_and_every_launch_in_it_is_the_first(
     try:
         p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client)
         box = p.loadURDF(str(DATA / "cube_small.urdf"), [0, 0, 0.4], physicsClientId=client)
-        found = measure(client, ("body:1", "body:0"), speeds=[0.1, 0.100001], phases=1, diagnose=False)
+        found = measure(
+            client, ("body:1", "body:0"), speeds=[0.1, 0.100001], phases=1, diagnose=False
+        )
         assert p.getBasePositionAndOrientation(box, physicsClientId=client)[0] == (0, 0, 0.4)
         assert p.getContactPoints(physicsClientId=client) == ()
     finally:

@@ -1,4 +1,6 @@
-"""PyBullet worlds as people write them: scripts without client ids, fixed robots, poses, sides, pairs."""
+"""PyBullet worlds as people write them: scripts without client ids,
+fixed robots, poses, sides, pairs.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -56,7 +58,9 @@ def script(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("function", ["plain", "client"])
-def test_an_ordinary_script_is_measured_and_its_causes_are_tried(script: Path, function: str) -> None:
+def test_an_ordinary_script_is_measured_and_its_causes_are_tried(
+    script: Path, function: str
+) -> None:
     found = measure(f"{script}:{function}", "body:2,body:0", speeds=[0.5, 1.0], phases=2)
     assert "other-body" in {cause.code for cause in found.causes}
     assert all(np.isfinite(c.alone) for c in found.causes)
@@ -79,7 +83,9 @@ def test_a_script_has_the_first_client_to_itself_after_worlds_of_ours(script: Pa
 def test_a_script_that_failed_leaves_no_client_to_the_next(script: Path, tmp_path: Path) -> None:
     """Nor does a file that PyBullet refuses."""
     fails, bad = tmp_path / "fails.py", tmp_path / "bad.urdf"
-    fails.write_text("def world():\n import pybullet as p\n p.connect(p.DIRECT)\n p.loadURDF('none.urdf')\n")
+    fails.write_text(
+        "def world():\n import pybullet as p\n p.connect(p.DIRECT)\n p.loadURDF('none.urdf')\n"
+    )
     bad.write_text('<robot name="r"><link name="a"/><link name="a"/></robot>')
     for broken in (f"{fails}:world", bad):
         with pytest.raises(UserError):
@@ -88,7 +94,9 @@ def test_a_script_that_failed_leaves_no_client_to_the_next(script: Path, tmp_pat
     assert found.curve[0].samples
 
 
-def arm_by_hand(script: str, qpos: list[float], rates: list[float], speed: float, phase: float) -> float:
+def arm_by_hand(
+    script: str, qpos: list[float], rates: list[float], speed: float, phase: float
+) -> float:
     """e of the arm's tip on the plane: the loop that a user writes, over the tip's own velocity."""
     import runpy
 
@@ -165,7 +173,12 @@ def test_files_come_from_above_by_default() -> None:
 
 def test_joints_are_posed_by_name_and_held_within_limits(script: Path) -> None:
     found = measure(
-        f"{script}:plain", TIP, qpos="lbr_iiwa_joint_2=80 deg", speeds=[0.5], phases=1, diagnose=False
+        f"{script}:plain",
+        TIP,
+        qpos="lbr_iiwa_joint_2=80 deg",
+        speeds=[0.5],
+        phases=1,
+        diagnose=False,
     )
     assert found.facts.effective_mass > 0
     with pytest.raises(UserError, match=r"lbr_iiwa_joint_2 by 51.9 deg.*from qpos"):

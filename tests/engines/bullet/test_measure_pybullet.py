@@ -1,4 +1,6 @@
-"""PyBullet worlds of a user's own, measured: held against loops over stepSimulation written by hand."""
+"""PyBullet worlds of a user's own, measured: held against loops over
+stepSimulation written by hand.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,9 @@ RIGHT_BALL = (
 def setup(files: tuple[Path, Path], world: str = "", body: str = "", h: float = H) -> str:
     path = files[0].parent / "setup.py"
     path.write_text(
-        SETUP.format(h=h, world=world or "pass", body=body or "pass", ball=str(files[0]), plate=str(files[1]))
+        SETUP.format(
+            h=h, world=world or "pass", body=body or "pass", ball=str(files[0]), plate=str(files[1])
+        )
     )
     return f"{path}:build"
 
@@ -91,7 +95,9 @@ def setup(files: tuple[Path, Path], world: str = "", body: str = "", h: float = 
 def bounce_by_hand(
     ball: str, plate: str, h: float, gravity: float, speed: float, phase: float
 ) -> tuple[float, float]:
-    """(speed in, speed out): the loop that a user writes. Runs in the worker, as PyBullet's globals leak."""
+    """(speed in, speed out): the loop that a user writes. Runs in the
+    worker, as PyBullet's globals leak.
+    """
     import pybullet as p
 
     c = p.connect(p.DIRECT)
@@ -123,7 +129,9 @@ def bounce_by_hand(
 def test_e_as_loaded_is_that_of_a_loop_written_by_hand(
     files: tuple[Path, Path], gravity: float, speed: float, phase: float
 ) -> None:
-    into, out = call(bounce_by_hand, str(files[0]), str(files[1]), H, gravity, speed, phase, limit=30)
+    into, out = call(
+        bounce_by_hand, str(files[0]), str(files[1]), H, gravity, speed, phase, limit=30
+    )
     found = measure(files, speeds=[speed], phases=[phase], gravity=gravity, diagnose=False)
     (impact,) = found.impacts
     assert impact.speed_in == pytest.approx(into, rel=1e-9)
@@ -144,7 +152,9 @@ def test_as_loaded_means_bullets_own_step_and_no_gravity(files: tuple[Path, Path
 def test_a_world_set_up_right_has_the_e_that_was_set(files: tuple[Path, Path], h: float) -> None:
     built = setup(files, RIGHT_WORLD, RIGHT_BALL, h)
     found = measure(built, phases=8, diagnose=False)
-    assert [i.restitution for i in found.impacts] == pytest.approx([0.8] * len(found.impacts), abs=1e-9)
+    assert [i.restitution for i in found.impacts] == pytest.approx(
+        [0.8] * len(found.impacts), abs=1e-9
+    )
     assert found.spread < 1e-9
 
 
@@ -277,7 +287,9 @@ def test_a_restitution_in_another_simulators_tag_is_reported(files: tuple[Path, 
     assert "<restitution_coefficient> 0.6" in found.causes[0].evidence
     assert float(found.remedy.split()[5]) == pytest.approx(0.6, abs=1e-3)
     files[0].write_text(urdf("ball", SPHERE, 0.7, restitution(0.6)))
-    assert "foreign-restitution" not in [cause.code for cause in measure(files, speeds=[0.5]).causes]
+    assert "foreign-restitution" not in [
+        cause.code for cause in measure(files, speeds=[0.5]).causes
+    ]
 
 
 @pytest.mark.parametrize(
@@ -288,17 +300,26 @@ def test_a_restitution_in_another_simulators_tag_is_reported(files: tuple[Path, 
         (urdf("ball", SPHERE, -1), "mass: '-1"),
         (urdf("ball", SPHERE, float("nan")), "mass: 'nan'"),
         (urdf("ball", '<mesh filename="gone.obj"/>', 1), "gone.obj"),
-        (urdf("ball", '<sphere radius="five"/>', 1), "sphere: radius 'five'; expected a number above 0"),
+        (
+            urdf("ball", '<sphere radius="five"/>', 1),
+            "sphere: radius 'five'; expected a number above 0",
+        ),
         (urdf("ball", '<sphere radius="-0.05"/>', 1), "sphere: radius '-0.05'"),
         (urdf("ball", '<cylinder radius="0.1" length="0"/>', 1), "cylinder: length '0'"),
-        (urdf("ball", '<box size="0.1 0.1"/>', 1), "box: size '0.1 0.1'; expected 3 numbers above 0"),
+        (
+            urdf("ball", '<box size="0.1 0.1"/>', 1),
+            "box: size '0.1 0.1'; expected 3 numbers above 0",
+        ),
         ('<robot name="r"><link name="a"/><link name="a"/></robot>', "'a' more than once"),
         ('<robot name="r"><link name="a"/><link name=""/></robot>', "number 2 has no name"),
         ('<robot name="r"><link name="a"/><link name="b"/></robot>', "2 root links: 'a', 'b'"),
         (chain("fixed", ("a", "b"), ("b", "a")), "links in a circle: 'a', 'b'"),
         (chain("fixed", ("a", "a")), "links in a circle: 'a'"),
         (chain("fixed", ("a", "b"), ("c", "b")), "'b' is the child of 'a' and of 'c'"),
-        (chain("fixed", ("a", "b")).replace('child link="b"', 'child link="z"'), "child link 'z' is not in"),
+        (
+            chain("fixed", ("a", "b")).replace('child link="b"', 'child link="z"'),
+            "child link 'z' is not in",
+        ),
         (chain("glued", ("a", "b")), "type 'glued'; expected one of: revolute"),
         (urdf("ball", '<mesh filename="package://arms/hand.stl"/>', 1), "package arms=FOLDER"),
         # Bullet's own reason, which it prints.
@@ -318,10 +339,14 @@ def test_a_bad_file_is_one_clear_line(files: tuple[Path, Path], text: str, words
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
-def test_a_urdf_is_read_in_the_encoding_that_it_states(files: tuple[Path, Path], encoding: str) -> None:
+def test_a_urdf_is_read_in_the_encoding_that_it_states(
+    files: tuple[Path, Path], encoding: str
+) -> None:
     text = files[0].read_text().replace("ball_link", "kügelchen").partition("?>")[2]
     files[0].write_text(f'<?xml version="1.0" encoding="{encoding}"?>{text}', encoding=encoding)
-    (impact,) = measure(files, "kügelchen,plate_link", speeds=[1.0], phases=[0.3], diagnose=False).impacts
+    (impact,) = measure(
+        files, "kügelchen,plate_link", speeds=[1.0], phases=[0.3], diagnose=False
+    ).impacts
     assert impact.status == Status.PARTED
 
 

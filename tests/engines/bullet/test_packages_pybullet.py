@@ -22,7 +22,9 @@ def test_a_mesh_in_a_package_high_above_the_urdf_is_found_as_loadurdf_finds_it(
     arm = tmp_path / "data" / "robots" / "arm"
     for folder in ("urdf", "meshes"):
         (arm / folder).mkdir(parents=True)
-    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS] + [f"f {face}" for face in (*FACES, "2 6 8", "2 8 4")]
+    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS] + [
+        f"f {face}" for face in (*FACES, "2 6 8", "2 8 4")
+    ]
     (arm / "meshes" / "box.obj").write_text("\n".join(lines))
     box, plane = arm / "urdf" / "box.urdf", arm / "urdf" / "plane.urdf"
     box.write_text(LINK.format(name="box", mass=1, inertia=INERTIA.format(0.01), shape=MESH))

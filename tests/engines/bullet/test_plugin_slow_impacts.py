@@ -23,16 +23,22 @@ def test_it_is_exact_above_the_speed_that_it_names(step: float, alpha: float) ->
     for _ in range(20):  # e at that speed says how high it is
         low = recipe.exact_above(float(target.restitution(low))) * G * step
     launches = [
-        Launch.touching(share * low, phase, step, G) for share in (1.0005, 1.05, 1.3, 2.0) for phase in PHASES
+        Launch.touching(share * low, phase, step, G)
+        for share in (1.0005, 1.05, 1.3, 2.0)
+        for phase in PHASES
     ]
     heavy = replace(scene, mass=target.mass, gravity=G)
     for impact in engine.run(heavy, recipe(target), launches):
-        assert impact.restitution == pytest.approx(float(target.restitution(impact.speed_in)), abs=1e-6)
+        assert impact.restitution == pytest.approx(
+            float(target.restitution(impact.speed_in)), abs=1e-6
+        )
 
 
 @pytest.mark.parametrize("e", [0.9, 0.5])
 def test_it_is_not_below_that_speed_where_bullet_reverses_a_step_early(e: float) -> None:
-    """Up to h U above the plane a body that has e² U² left needs 2 g h U of it: by chance of the phase."""
+    """Up to h U above the plane a body that has e² U² left needs 2 g h U
+    of it: by chance of the phase.
+    """
     step, engine = 1 / 240, registry.engine("pybullet")
     recipe = registry.recipe("pybullet.restitution-law")
     assert recipe.exact_above is not None

@@ -1,4 +1,6 @@
-"""One body has one effective mass: the plug-in's and measure's are Bullet's own force over acceleration."""
+"""One body has one effective mass: the plug-in's and measure's are
+Bullet's own force over acceleration.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ def link(name: str, mass: float, inertia: str, com: str = "0 0 0", turn: str = "
     )
 
 
-def joint(kind: str, parent: str, child: str, origin: str, axis: str = "0 1 0", turn: str = "0 0 0") -> str:
+def joint(
+    kind: str, parent: str, child: str, origin: str, axis: str = "0 1 0", turn: str = "0 0 0"
+) -> str:
     return (
         f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{origin}" rpy="{turn}"/><axis xyz="{axis}"/>'
@@ -42,7 +46,9 @@ def joint(kind: str, parent: str, child: str, origin: str, axis: str = "0 1 0", 
 
 ROUND, LONG, FLAT = "1e-3 1e-3 1e-3", "2e-2 1e-2 2.5e-2", "1e-3 2e-3 2.5e-3"
 HINGED = (
-    link("base", 1, ROUND) + link("arm", 3, "1e-6 1e-6 1e-6") + joint("continuous", "base", "arm", "0.2 0 0")
+    link("base", 1, ROUND)
+    + link("arm", 3, "1e-6 1e-6 1e-6")
+    + joint("continuous", "base", "arm", "0.2 0 0")
 )
 SKEW = (
     link("base", 1, FLAT, "0.01 0.02 0.03", "0.3 0.2 0.1"),
@@ -57,8 +63,10 @@ WRIST = (
 )
 MODELS = {
     "hinged arm": HINGED,
-    "skew hinge": "".join(SKEW) + joint("continuous", "base", "arm", "0.05 -0.02 -0.1", turn="0.4 0.3 0.2"),
-    "spherical": "".join(SKEW) + joint("spherical", "base", "arm", "0.05 -0.02 -0.1", turn="0.4 0.3 0.2"),
+    "skew hinge": "".join(SKEW)
+    + joint("continuous", "base", "arm", "0.05 -0.02 -0.1", turn="0.4 0.3 0.2"),
+    "spherical": "".join(SKEW)
+    + joint("spherical", "base", "arm", "0.05 -0.02 -0.1", turn="0.4 0.3 0.2"),
     "welded": "".join(SKEW) + joint("fixed", "base", "arm", "0.05 -0.02 -0.1", turn="0.4 0.3 0.2"),
     "slide and hinge": WRIST,
     "long axes": WRIST.replace("0 0.6 -0.8", "0 3 -4").replace("0.48 -0.6 0.64", "12 -15 16"),
@@ -73,7 +81,9 @@ CASES = [(model, False, part) for model in MODELS for part in (-1, 0)] + [
 
 
 class Scene:
-    """A robot just inside a plate, at rest, nothing but its joints holding it: in a client of its own."""
+    """A robot just inside a plate, at rest, nothing but its joints
+    holding it: in a client of its own.
+    """
 
     def __init__(self, path: Path, fixed: bool, part: int) -> None:
         self.client, self.part = bullet.connect(bullet.DIRECT), part
@@ -101,7 +111,9 @@ class Scene:
                     self.robot, j, [0.3, 0.1, 0.2, 0.9273618495495703], **self.here
                 )
             elif kind != bullet.JOINT_FIXED:
-                bullet.setJointMotorControl2(self.robot, j, bullet.VELOCITY_CONTROL, force=0, **self.here)
+                bullet.setJointMotorControl2(
+                    self.robot, j, bullet.VELOCITY_CONTROL, force=0, **self.here
+                )
                 bullet.resetJointState(self.robot, j, 0.05 * (j + 1), **self.here)
         for j in range(-1, joints):
             bullet.changeDynamics(
@@ -124,7 +136,11 @@ class Scene:
             linear, turning = bullet.getBaseVelocity(self.robot, **self.here)
         else:
             state = bullet.getLinkState(
-                self.robot, self.part, computeLinkVelocity=1, computeForwardKinematics=1, **self.here
+                self.robot,
+                self.part,
+                computeLinkVelocity=1,
+                computeForwardKinematics=1,
+                **self.here,
             )
             centre, linear, turning = state[0], state[6], state[7]
         return np.array(linear) + np.cross(turning, np.subtract(point, centre))
@@ -134,7 +150,9 @@ class Scene:
         point = self.nearest()[5]
         self.lower(-1.0)
         point = np.add(point, [0, 0, 1.0]).tolist()
-        bullet.applyExternalForce(self.robot, self.part, [0, 0, 1], point, bullet.WORLD_FRAME, **self.here)
+        bullet.applyExternalForce(
+            self.robot, self.part, [0, 0, 1], point, bullet.WORLD_FRAME, **self.here
+        )
         bullet.stepSimulation(**self.here)
         return float(H / self.velocity(point)[2])
 
@@ -176,7 +194,9 @@ def test_effective_mass_is_force_over_acceleration(scene: Scene) -> None:
     law = contact.add(contact.ConstantRestitution(0.3), *pair, client=scene.client, friction=0.0)
     felt = scene.felt_by(law)
     world = World(scene.client, pair[0], scene.plate)
-    with opener(registry.engine("pybullet")).open(world, make_request(speeds=[0.5], phases=[0.5])) as model:
+    with opener(registry.engine("pybullet")).open(
+        world, make_request(speeds=[0.5], phases=[0.5])
+    ) as model:
         facts = model.facts()
     expected = scene.force_over_acceleration()
     assert felt == pytest.approx(expected, rel=1e-6)
@@ -216,7 +236,9 @@ def test_a_planar_joint_has_no_known_effective_mass(tmp_path: Path) -> None:
     path.write_text(f'<robot name="robot">{"".join(parts)}</robot>')
     client = bullet.connect(bullet.DIRECT)
     here = {"physicsClientId": client}
-    plate = bullet.createMultiBody(0, bullet.createCollisionShape(bullet.GEOM_PLANE, **here), **here)
+    plate = bullet.createMultiBody(
+        0, bullet.createCollisionShape(bullet.GEOM_PLANE, **here), **here
+    )
     robot = bullet.loadURDF(str(path), [0, 0, 2], **here)
     found = measure(World(client, robot, plate), speeds=[0.5], phases=[0.5], diagnose=False)
     with pytest.raises(SettingError, match="planar joint"):

@@ -69,7 +69,9 @@ def test_the_shipped_cup_is_what_its_generator_writes(
 
 @pytest.mark.parametrize("form", ["plane", "cup"])
 def test_the_body_is_one_pound_of_a_one_inch_sphere(form: str) -> None:
-    inertial = ElementTree.parse(SCENES / f"steel-{form}" / "ball.urdf").getroot().find("link/inertial")
+    inertial = (
+        ElementTree.parse(SCENES / f"steel-{form}" / "ball.urdf").getroot().find("link/inertial")
+    )
     assert inertial is not None
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     assert mass is not None and float(mass.get("value", "nan")) == MASS

@@ -41,7 +41,20 @@ STIFFNESS = [
     *(2.9523e7, 2.6994e7, 4.368e6, 1.0012e7, 1.1734e7, 1.5593e7),
     *(1.5605e7, 1.9231e7, 2.5633e7, 2.0567e7, 3.7105e7, 3.9372e7),
 ]
-DAMPING = [7.6616, 8.1812, 9.3593, 16.257, 26.919, 46.477, 71.097, 105.04, 223.38, 270.01, 665.56, 805.56]
+DAMPING = [
+    7.6616,
+    8.1812,
+    9.3593,
+    16.257,
+    26.919,
+    46.477,
+    71.097,
+    105.04,
+    223.38,
+    270.01,
+    665.56,
+    805.56,
+]
 LINKS = [
     {"onset": float(x), "stiffness": k, "damping": c - H * k}
     for x, k, c in zip(ONSET, STIFFNESS, DAMPING, strict=True)
@@ -59,11 +72,17 @@ OPTIONS: dict[str, Any] = {
     "links": LINKS,
 }
 SETTING = Setting("pybullet", "staggered", H, OPTIONS)
-# Links (start m, stiffness N/m, damping N s/m of the URDF) as the recipe found them; 1 ... 20 in/s, gravity.
+# Links (start m, stiffness N/m, damping N s/m of the URDF) as the recipe found
+# them; 1 ... 20 in/s, gravity.
 FOUND = json.loads((Path(__file__).parent / "staggered_links.json").read_text(encoding="utf-8"))
 # Step: α in s/in: largest error of e, and of the loop at 2, 8 and 16 in/s.
 MUST = {
-    1e-6: {0.002: (4e-4, 0.003), 0.004: (8e-4, 0.004), 0.008: (1.6e-3, 0.009), 0.016: (2.2e-3, 0.022)},
+    1e-6: {
+        0.002: (4e-4, 0.003),
+        0.004: (8e-4, 0.004),
+        0.008: (1.6e-3, 0.009),
+        0.016: (2.2e-3, 0.022),
+    },
     1e-5: {0.002: (3.5e-3, 0.02), 0.004: (3e-3, 0.02), 0.008: (6e-3, 0.02), 0.016: (9e-3, 0.03)},
 }
 
@@ -79,12 +98,16 @@ def test_the_fits_model_of_bullets_step_is_bullets(gravity: float) -> None:
     contacts = Contacts(np.array([ONSET]), np.array([STIFFNESS]), np.array([DAMPING]))
     model = FittedImpacts(speeds, phases, SCENE.mass, H, gravity, 400).restitution(contacts)[0]
     seen = [impact.restitution for impact in simulated(launches, gravity=gravity)]
-    assert seen == pytest.approx(model, abs=1e-6 if gravity == 0 else 2e-5)  # it takes off a little lower
+    assert seen == pytest.approx(
+        model, abs=1e-6 if gravity == 0 else 2e-5
+    )  # it takes off a little lower
     assert seen == pytest.approx(closed_form.restitution(ALPHA, speeds), abs=2e-3)
 
 
 def test_a_ball_that_slides_loses_mu_times_the_normal_impulse_and_no_e() -> None:
-    straight, oblique = simulated([Launch(0.2, 0.3), Launch(0.2, 0.3, slip=(2.0, 0.0))], friction=0.1)
+    straight, oblique = simulated(
+        [Launch(0.2, 0.3), Launch(0.2, 0.3, slip=(2.0, 0.0))], friction=0.1
+    )
     assert oblique.restitution == pytest.approx(straight.restitution, abs=1e-4)
     assert oblique.tangential is not None
     rubbed = math.hypot(*oblique.tangential.impulse)
@@ -110,7 +133,9 @@ def test_four_links_are_found_that_follow_the_law_five_times_nearer_than_any_con
 
 
 @pytest.mark.parametrize("found", FOUND, ids=lambda found: f"{found['alpha']}-{found['timestep']}")
-def test_what_the_recipe_has_found_follows_the_law_and_its_loop_under_gravity(found: dict[str, Any]) -> None:
+def test_what_the_recipe_has_found_follows_the_law_and_its_loop_under_gravity(
+    found: dict[str, Any],
+) -> None:
     alpha, timestep = found["alpha"], found["timestep"]
     law = HuntCrossley(SCENE.stiffness, alpha / INCH, SCENE.exponent)
     x, k, c = np.array(found["links"]).T
@@ -138,7 +163,9 @@ def test_the_script_writes_the_urdf_and_runs_by_itself(tmp_path: Path) -> None:
     assert "hcbench" not in text
     command = [sys.executable, "-c", text]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    pairs = np.array([line.split() for line in run.stdout.splitlines() if line[0] == "0"], dtype=float)
+    pairs = np.array(
+        [line.split() for line in run.stdout.splitlines() if line[0] == "0"], dtype=float
+    )
     assert pairs[:, 1] == pytest.approx(closed_form.restitution(ALPHA, pairs[:, 0]), abs=2e-3)
     assert (tmp_path / "ball.urdf").read_text(encoding="utf-8").count("<link") == 12
     assert "links = [" in registry.engine("pybullet").snippet(SETTING, "plane")

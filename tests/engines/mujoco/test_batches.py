@@ -36,7 +36,9 @@ MUJOCO, PYBULLET = MujocoEngine(), PybulletEngine()
 PLANE, CUP = load_scene("steel-plane"), load_scene("steel-cup")
 FORMS = pytest.mark.parametrize("form", [PLANE, CUP], ids=["plane", "cup"])
 SCENES = pytest.mark.parametrize(
-    "scene", [dataclasses.replace(PLANE, gravity=9.80665), CUP], ids=["plane under gravity", "cup without"]
+    "scene",
+    [dataclasses.replace(PLANE, gravity=9.80665), CUP],
+    ids=["plane under gravity", "cup without"],
 )
 SHARES_MODELS = tuple(int(n) for n in mujoco.__version__.split(".")[:2]) >= (3, 17)
 NEEDS_SHARED_MODELS = pytest.mark.skipif(
@@ -58,7 +60,9 @@ def made(recipe: str, scene: Scene, timestep: float, **more: Any) -> Setting:
 
 
 def bits(impact: Impact) -> tuple[Any, ...]:
-    record = {f.name: getattr(impact, f.name) for f in dataclasses.fields(impact) if f.name != "loop"}
+    record = {
+        f.name: getattr(impact, f.name) for f in dataclasses.fields(impact) if f.name != "loop"
+    }
     loop = impact.loop
     arrays = () if loop is None else (loop.time, loop.penetration, loop.rate, loop.force)
     return repr(record), *(array.tobytes() for array in arrays)
@@ -114,7 +118,8 @@ def test_mujoco_alone_together_in_threads_and_in_any_chunks_is_the_same(
 
 @NEEDS_SHARED_MODELS
 def test_one_balls_end_is_not_another_s(sizes: Any) -> None:
-    # Deep enough, the damper is beyond what the step can follow: fast balls diverge, slow ones bounce.
+    # Deep enough, the damper is beyond what the step can follow: fast
+    # balls diverge, slow ones bounce.
     deep = {"solref": [-1e9, -1e12], "solimp": STIFF, "onset": 1e-5}
     spring = {"solref": [-2.679e8, -815.0], "solimp": STIFF}
     setting = Setting("mujoco", "test", 1e-6, {"integrator": "Euler", "rows": [spring, deep]})
@@ -156,7 +161,8 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
     assert [i.status for i in on_a_slide] == [i.status for i in free]
     for one, other in zip(on_a_slide, free, strict=True):
         assert one.samples == other.samples
-        # MuJoCo's Newton solver itself is good for 1e-11 under the implicit integrators at d = .9999.
+        # MuJoCo's Newton solver itself is good for 1e-11 under the
+        # implicit integrators at d = .9999.
         assert one.restitution == pytest.approx(other.restitution, abs=1e-11, nan_ok=True)
         assert one.force_max == pytest.approx(other.force_max, rel=1e-9, nan_ok=True)
 
@@ -170,7 +176,10 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
             "a box for a plate",
             ('type="plane" size="0.2 0.2 0.01"', 'type="box" pos="0 0 -.1" size=".2 .2 .1"'),
         ),
-        ("a joint that takes defaults", ('<freejoint name="ball"/>', '<joint name="ball" type="free"/>')),
+        (
+            "a joint that takes defaults",
+            ('<freejoint name="ball"/>', '<joint name="ball" type="free"/>'),
+        ),
         ("a solver cut short", ("<worldbody>", '<option iterations="0"/><worldbody>')),
         ("a solver content early", ("<worldbody>", '<option tolerance="1"/><worldbody>')),
         ("a masses' sum", ("<worldbody>", '<compiler settotalmass="0.45359237"/><worldbody>')),
@@ -193,8 +202,14 @@ JOINT = '<freejoint name="ball"/>'
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("<worldbody>", '<default><joint springdamper=".01 1" limited="true"/></default><worldbody>'),
-        ("<worldbody>", '<default><joint damping="5" armature="1" frictionloss="3"/></default><worldbody>'),
+        (
+            "<worldbody>",
+            '<default><joint springdamper=".01 1" limited="true"/></default><worldbody>',
+        ),
+        (
+            "<worldbody>",
+            '<default><joint damping="5" armature="1" frictionloss="3"/></default><worldbody>',
+        ),
         (JOINT, f"<frame>{JOINT}</frame>"),
         (JOINT, f'<frame euler="30 40 0">{JOINT}</frame>'),
         ("</worldbody>", '<site name="ball#1" pos="0 0 1"/></worldbody>'),
@@ -209,7 +224,9 @@ def test_what_a_free_ball_does_not_feel_a_ball_in_a_batch_does_not_either(
     old: str, new: str, tmp_path: Any, sizes: Any
 ) -> None:
     path = tmp_path / "scene.xml"
-    path.write_text(PLANE.models["mujoco"]["scene"].read_text("utf-8").replace(old, new, 1), "utf-8")
+    path.write_text(
+        PLANE.models["mujoco"]["scene"].read_text("utf-8").replace(old, new, 1), "utf-8"
+    )
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
     setting, launches = made("mujoco.spring-damper", PLANE, 2e-5), at_random(4)
     sizes(compiling=0.0)
@@ -331,7 +348,9 @@ def test_positions_worked_out_are_the_ones_that_bullet_has(scene: Scene) -> None
 
 
 def _recorded_and_asked(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Any:
-    """Impacts that the plug-in recorded, and that Python's functions were asked for, together and alone."""
+    """Impacts that the plug-in recorded, and that Python's functions were
+    asked for, together and alone.
+    """
     with PybulletWorld(scene, setting.timestep, pybullet_options(setting.options), 1.0) as balls:
         recorded = [simulate.impacts_in(balls, some) for some in (launches, launches[:1])]
         assert balls.recorder is not None
@@ -351,8 +370,12 @@ def test_bullet_recorded_is_bullet_asked(scene: Scene, recipe: str, timestep: fl
         assert same(ours, theirs)
 
 
-def _reported_and_worked_out(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> tuple[Any, Any]:
-    """Forces of each ball at each step, (n, b): by Bullet's contact points, and from the balls' momentum."""
+def _reported_and_worked_out(
+    scene: Scene, setting: Setting, launches: Sequence[Launch]
+) -> tuple[Any, Any]:
+    """Forces of each ball at each step, (n, b): by Bullet's contact
+    points, and from the balls' momentum.
+    """
     options = pybullet_options(setting.options)
     with PybulletWorld(scene, setting.timestep, options, 1.0) as balls:
         assert not balls.reports_force
@@ -371,7 +394,9 @@ def _reported_and_worked_out(scene: Scene, setting: Setting, launches: Sequence[
 @pytest.mark.needs_engine("pybullet")
 @SCENES
 @pytest.mark.parametrize(("recipe", "timestep"), [("spring-damper", 1e-5), ("restitution", 1e-3)])
-def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, timestep: float) -> None:
+def test_momentum_tells_the_force_that_bullet_tells(
+    scene: Scene, recipe: str, timestep: float
+) -> None:
     setting = made(f"pybullet.{recipe}", scene, timestep)
     reported, worked_out = call(_reported_and_worked_out, scene, setting, at_random(4), limit=60)
     assert (reported.max(axis=0) > 0).all()
@@ -390,7 +415,9 @@ def _die_in_fast_company(
 
 
 @pytest.mark.needs_engine("pybullet")
-def test_a_launch_that_kills_a_shared_world_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_launch_that_kills_a_shared_world_is_the_only_one_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(simulate, "simulate_all", _die_in_fast_company)
     launches = [*at_random(20), Launch(0.56), Launch(0.57)]
     for impact in PYBULLET.run(PLANE, Setting("pybullet", "test", 1e-3), launches):

@@ -25,7 +25,9 @@ INTEGRATORS = ["Euler", "implicitfast", "implicit", "RK4", *(["discrete"] if HAS
 BALL = f'<freejoint/><geom name="{{0}}" size="{RADIUS}" mass="{{1}}" condim="{{2}}"/>'
 
 
-def plane(h: float, integrator: str = "Euler", gravity: float = 0.0, condim: int = 1, more: str = "") -> Any:
+def plane(
+    h: float, integrator: str = "Euler", gravity: float = 0.0, condim: int = 1, more: str = ""
+) -> Any:
     return mujoco.MjSpec.from_string(f"""<mujoco>
       <option timestep="{h}" integrator="{integrator}" gravity="0 0 {-gravity}"/><worldbody>
       <geom name="plate" type="plane" size="1 1 1" condim="{condim}"/>
@@ -52,7 +54,9 @@ def cup(h: float, integrator: str = "Euler", gravity: float = 0.0) -> Any:
 
 
 def drop(model: Any, speed: float, phase: float, ready: float) -> tuple[float, float]:
-    """(v before, v after) of an impact along z; `ready` is the height of the ball's centre at touch."""
+    """(v before, v after) of an impact along z; `ready` is the height
+    of the ball's centre at touch.
+    """
     data, gap = mujoco.MjData(model), (2 + phase) * model.opt.timestep * speed
     data.qpos[2], data.qvel[2] = ready + gap, -speed
     before = speed
@@ -93,13 +97,17 @@ def momentum(model: Any, data: Any) -> Any:
 @pytest.mark.parametrize("h", [1e-5, 2e-5])
 @pytest.mark.parametrize("scene", ["plane", "cup"])
 def test_force_law_bounces_as_the_law_at_every_phase(integrator: str, h: float, scene: str) -> None:
-    model, ready = (plane(h, integrator), RADIUS) if scene == "plane" else (cup(h, integrator), 0.0254)
+    model, ready = (
+        (plane(h, integrator), RADIUS) if scene == "plane" else (cup(h, integrator), 0.0254)
+    )
     pairs, tendon = ([("ball", "plate")], None) if scene == "plane" else ([], "contact")
     model = plugged(model, pairs, LAW, tendon)
     for speed in (0.0254, 0.2032, 0.508):
         for phase in PHASES:
             _, out = drop(model, speed, phase, ready)
-            assert out / speed == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=5e-6)
+            assert out / speed == pytest.approx(
+                float(closed_form.restitution(ALPHA, speed)), abs=5e-6
+            )
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
@@ -109,7 +117,9 @@ def test_force_law_at_a_fine_step(integrator: str) -> None:
     model = plugged(model, [("ball", "plate")], LAW)
     for phase in PHASES[::3]:
         _, out = drop(model, 0.2032, phase, RADIUS)
-        assert out / 0.2032 == pytest.approx(float(closed_form.restitution(ALPHA, 0.2032)), abs=error)
+        assert out / 0.2032 == pytest.approx(
+            float(closed_form.restitution(ALPHA, 0.2032)), abs=error
+        )
 
 
 def test_two_free_balls_of_unequal_mass() -> None:
@@ -131,7 +141,9 @@ def test_two_free_balls_of_unequal_mass() -> None:
     assert (data.qvel[6] - data.qvel[0]) / 0.4 == pytest.approx(
         float(closed_form.restitution(ALPHA, 0.4)), abs=1e-6
     )
-    assert deepest == pytest.approx(float(closed_form.penetration_max(LAW, effective, 0.4)), rel=1e-2)
+    assert deepest == pytest.approx(
+        float(closed_form.penetration_max(LAW, effective, 0.4)), rel=1e-2
+    )
 
 
 def test_a_ball_on_a_plate_that_moves() -> None:
@@ -142,8 +154,14 @@ def test_a_ball_on_a_plate_that_moves() -> None:
     model = plugged(model, [("ball", "top")], LAW)
     data = mujoco.MjData(model)
     data.qvel[2], data.qvel[6] = -0.25, 0.15
-    run(model, data, lambda: data.qvel[2] > data.qvel[6] and data.qpos[2] - data.qpos[7] > 0.0101 + RADIUS)
-    assert MASS * data.qvel[2] + 3 * data.qvel[6] == pytest.approx(3 * 0.15 - MASS * 0.25, abs=1e-12)
+    run(
+        model,
+        data,
+        lambda: data.qvel[2] > data.qvel[6] and data.qpos[2] - data.qpos[7] > 0.0101 + RADIUS,
+    )
+    assert MASS * data.qvel[2] + 3 * data.qvel[6] == pytest.approx(
+        3 * 0.15 - MASS * 0.25, abs=1e-12
+    )
     assert (data.qvel[2] - data.qvel[6]) / 0.4 == pytest.approx(
         float(closed_form.restitution(ALPHA, 0.4)), abs=1e-6
     )
@@ -173,7 +191,9 @@ def test_a_chain_of_three_that_touch_all_at_once() -> None:
         force = np.maximum(LAW.force(depth, closing), 0.0)
         return np.concatenate([u, (np.append(0.0, force) - np.append(force, 0.0)) / masses])
 
-    truth = solve_ivp(rates, (0, 1e-3), [0, 0, 0, v, 0, 0], rtol=1e-10, atol=1e-14, max_step=2e-6).y[3:, -1]
+    truth = solve_ivp(
+        rates, (0, 1e-3), [0, 0, 0, v, 0, 0], rtol=1e-10, atol=1e-14, max_step=2e-6
+    ).y[3:, -1]
     model = free_balls(h, list(masses), gap=0.0)
     model = plugged(model, [("b0", "b1"), ("b1", "b2")], LAW)
     data = mujoco.MjData(model)
@@ -212,13 +232,19 @@ def test_an_off_axis_hit_in_the_cup() -> None:
     run(model, data, lambda: gap() > 0)
     out = (data.qpos[:3] - centre) / np.linalg.norm(data.qpos[:3] - centre)
     assert np.cross(data.qpos[:3] - centre, data.qvel[:3]) == pytest.approx(start, abs=1e-14)
-    # The wall turns away under the sliding ball at v_t²/R: 1e-3 of the force's acceleration, not in the law.
-    assert -(out @ data.qvel[:3]) / 0.3 == pytest.approx(float(closed_form.restitution(ALPHA, 0.3)), abs=2e-3)
+    # The wall turns away under the sliding ball at v_t²/R: 1e-3 of the force's
+    # acceleration, not in the law.
+    assert -(out @ data.qvel[:3]) / 0.3 == pytest.approx(
+        float(closed_form.restitution(ALPHA, 0.3)), abs=2e-3
+    )
 
 
 def test_a_spinning_ball_with_friction_keeps_momentum_and_slips_less() -> None:
     model = plugged(
-        free_balls(1e-5, [0.3, 0.5], gap=2e-5), [("b0", "b1")], LAW, friction=Friction(0.3, 0.2, 1e-3)
+        free_balls(1e-5, [0.3, 0.5], gap=2e-5),
+        [("b0", "b1")],
+        LAW,
+        friction=Friction(0.3, 0.2, 1e-3),
     )
     data = mujoco.MjData(model)
     data.qpos[1] = 0.4 * RADIUS  # off-centre too
@@ -279,10 +305,14 @@ def test_a_pendulum_hits_with_the_effective_mass_of_its_joint() -> None:
         return bool(data.qvel[0] > 0 and not data.qfrc_passive.any())
 
     run(model, data, over)
-    assert data.qvel[0] / 0.6 == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=5e-4)
+    assert data.qvel[0] / 0.6 == pytest.approx(
+        float(closed_form.restitution(ALPHA, speed)), abs=5e-4
+    )
     inertia = model.body_inertia[1, 1] + 0.3 * 0.25**2 + model.body_inertia[2, 1] + 0.4 * 0.5**2
     mass = inertia / 0.5**2
-    assert max(depth) == pytest.approx(float(closed_form.penetration_max(LAW, mass, speed)), rel=1e-2)
+    assert max(depth) == pytest.approx(
+        float(closed_form.penetration_max(LAW, mass, speed)), rel=1e-2
+    )
 
 
 def test_a_hundred_balls_bounce_each_as_if_alone() -> None:
@@ -301,7 +331,9 @@ def test_a_hundred_balls_bounce_each_as_if_alone() -> None:
     data.qvel[2::6] = -speeds
     for _ in range(60):
         mujoco.mj_step(model, data)
-    assert data.qvel[2::6] / speeds == pytest.approx(closed_form.restitution(ALPHA, speeds), abs=2e-6)
+    assert data.qvel[2::6] / speeds == pytest.approx(
+        closed_form.restitution(ALPHA, speeds), abs=2e-6
+    )
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
@@ -312,13 +344,16 @@ def test_a_box_falls_flat_on_four_contacts(integrator: str) -> None:
           <geom name="plate" type="plane" size="1 1 1"/><body pos="0 0 .05"><freejoint/>
           <geom name="box" type="box" size=".03 .04 .05" mass="{MASS}"/></body></worldbody></mujoco>""")
 
-    # Four springs of k/4 that share a body: each takes the others in to first order, all are of second.
+    # Four springs of k/4 that share a body: each takes the others in to
+    # first order, all are of second.
     for h, error in ((2e-6, 2e-5), (1e-5, 4e-4)):
         model = box(h)
         model = plugged(model, [("box", "plate")], HuntCrossley(STIFFNESS / 4, ALPHA))
         for speed in (0.05, 0.5):
             _, out = drop(model, speed, 0.4, 0.05)
-            assert out / speed == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=error)
+            assert out / speed == pytest.approx(
+                float(closed_form.restitution(ALPHA, speed)), abs=error
+            )
     model = box(1e-3)
     model = plugged(model, [("box", "plate")], Restitution(ALPHA))
     before, out = drop(model, 0.3, 0.4, 0.05)
@@ -336,7 +371,9 @@ def test_a_force_law_bounces_to_the_heights_of_the_law() -> None:
         mujoco.mj_step(model, data)
         if data.qpos[2] - RADIUS > 2e-5:
             energy.append(
-                0.5 * data.qvel[2] ** 2 + 9.81 * (data.qpos[2] - RADIUS) - 0.5 * 2e-5 * 9.81 * data.qvel[2]
+                0.5 * data.qvel[2] ** 2
+                + 9.81 * (data.qpos[2] - RADIUS)
+                - 0.5 * 2e-5 * 9.81 * data.qvel[2]
             )
         if rising and data.qvel[2] <= 0:
             tops.append(float(data.qpos[2] - RADIUS))
@@ -389,7 +426,9 @@ def test_restitution_of_the_linear_reading() -> None:
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 @pytest.mark.parametrize("condim", [1, 3])
-def test_a_bounce_train_loses_energy_in_every_impact_and_comes_to_rest(integrator: str, condim: int) -> None:
+def test_a_bounce_train_loses_energy_in_every_impact_and_comes_to_rest(
+    integrator: str, condim: int
+) -> None:
     h, alpha = 1e-3, 20 * ALPHA  # so that rest comes soon
     model = plane(h, integrator, 9.81, condim)
     model = plugged(model, [("ball", "plate")], Restitution(alpha))
@@ -402,7 +441,8 @@ def test_a_bounce_train_loses_energy_in_every_impact_and_comes_to_rest(integrato
         lag = 0.0 if integrator == "RK4" else 0.5 * h * 9.81 * data.qvel[2]
         energy.append(0.5 * data.qvel[2] ** 2 + 9.81 * data.qpos[2] - lag)
         at.append(float(data.qpos[2]))
-    # Implicit integrators take the solver's force: there rows that rest are softer, and creep by 1e-8 m/s.
+    # Implicit integrators take the solver's force: there rows that rest are
+    # softer, and creep by 1e-8 m/s.
     creep = 10.0 if integrator == "implicitfast" else 1.0
     assert abs(data.qvel[2]) < 1e-9 * creep
     assert np.ptp(at[-500:]) < 1e-9 * creep
@@ -421,4 +461,6 @@ def test_what_rests_stays(integrator: str) -> None:
     # It begins at touch, which is not yet contact, and falls for a step or two; then nothing moves.
     assert heights[20] == pytest.approx([RADIUS, 3 * RADIUS], abs=1e-4)
     # Implicit integrators take the solver's force, so there rows that rest are softer: 2e-7 m/s.
-    assert heights[-1] == pytest.approx(heights[20], abs=2e-7 if integrator == "implicitfast" else 2e-9)
+    assert heights[-1] == pytest.approx(
+        heights[20], abs=2e-7 if integrator == "implicitfast" else 2e-9
+    )

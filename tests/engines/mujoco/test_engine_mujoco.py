@@ -28,10 +28,13 @@ PLANE, CUP = load_scene("steel-plane"), load_scene("steel-cup")
 FORMS = pytest.mark.parametrize("scene", [PLANE, CUP], ids=lambda s: str(s.form))
 ONE_FORCE_A_STEP = pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
 HAS_DISCRETE = pytest.mark.skipif(
-    not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"), reason="this MuJoCo has no integrator 'discrete'"
+    not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"),
+    reason="this MuJoCo has no integrator 'discrete'",
 )
 DISCRETE = pytest.param("discrete", marks=HAS_DISCRETE)
-INTEGRATORS = pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "RK4", DISCRETE])
+INTEGRATORS = pytest.mark.parametrize(
+    "integrator", ["Euler", "implicit", "implicitfast", "RK4", DISCRETE]
+)
 SPEEDS = 0.0254 * np.array([1.0, 8.0, 20.0])
 PHASES = (np.arange(8) + 0.5) / 8
 G = 9.80665
@@ -58,7 +61,9 @@ def impulse(e: float, timestep: float, integrator: str = "Euler") -> Setting:
 
 
 def launches(speeds: Any = SPEEDS, phases: Any = PHASES) -> list[Launch]:
-    return [Launch(float(v), float(p)) for v in np.atleast_1d(speeds) for p in np.atleast_1d(phases)]
+    return [
+        Launch(float(v), float(p)) for v in np.atleast_1d(speeds) for p in np.atleast_1d(phases)
+    ]
 
 
 def same_bits(one: Impact, two: Impact) -> bool:
@@ -83,7 +88,9 @@ def kinetic_energy_lost(impact: Impact, scene: Scene) -> float:
 
 
 def plain_loop(text: str, gap: float, speed: float, steps: int) -> dict[str, np.ndarray]:
-    """mj_step, as a user would write it, on the saved model; the engine's own depth and force each step."""
+    """mj_step, as a user would write it, on the saved model; the engine's
+    own depth and force each step.
+    """
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     data.qpos[2] += gap
@@ -100,7 +107,9 @@ def plain_loop(text: str, gap: float, speed: float, steps: int) -> dict[str, np.
 @FORMS
 @ONE_FORCE_A_STEP
 @pytest.mark.parametrize("gravity", [0.0, G])
-def test_a_trajectory_is_what_a_plain_mujoco_loop_sees(scene: Scene, integrator: str, gravity: float) -> None:
+def test_a_trajectory_is_what_a_plain_mujoco_loop_sees(
+    scene: Scene, integrator: str, gravity: float
+) -> None:
     scene = dataclasses.replace(scene, gravity=gravity)
     own, launch = spring_damper(integrator=integrator), Launch(0.3, 0.3)
     path = ENGINE.trajectory(scene, own, launch, 300e-6)
@@ -151,8 +160,8 @@ def test_an_impulse_gives_the_restitution_asked_at_every_phase(
     scene: Scene, integrator: str, timestep: float, e: float
 ) -> None:
     impacts = ENGINE.run(scene, impulse(e, timestep, integrator), launches())
-    # The implicit integrators start from the contact's force instead of the acceleration that it leads to.
-    # MuJoCo knows that to the round-off of 1 over 1 - d: 1e-16 / 1e-4.
+    # The implicit integrators start from the contact's force instead of the acceleration that it
+    # leads to. MuJoCo knows that to the round-off of 1 over 1 - d: 1e-16 / 1e-4.
     assert [i.restitution for i in impacts] == pytest.approx(
         24 * [e], abs=1e-12 if integrator == "Euler" else 1e-11
     )
@@ -167,7 +176,9 @@ def test_an_impulse_does_not_bounce_where_a_step_has_more_than_one_force(integra
 
 @FORMS
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "RK4"])
-def test_a_spring_and_damper_have_the_restitution_of_their_closed_form(scene: Scene, integrator: str) -> None:
+def test_a_spring_and_damper_have_the_restitution_of_their_closed_form(
+    scene: Scene, integrator: str
+) -> None:
     beta = D / 2
     omega = math.sqrt(S - beta**2)
     # Contact only pushes, so it ends where S x + D x' = 0: at ω t = π - 2 ψ with tan ψ = β/ω.
@@ -178,7 +189,9 @@ def test_a_spring_and_damper_have_the_restitution_of_their_closed_form(scene: Sc
         assert restitution.mean() == pytest.approx(e, abs=2e-4)
         # The damper's force jumps at touch, so e moves with the phase: by about D h over a step.
         assert np.ptp(restitution) < D * 1e-6
-    assert found[0].duration == pytest.approx((math.pi - 2 * math.atan(beta / omega)) / omega, rel=0.02)
+    assert found[0].duration == pytest.approx(
+        (math.pi - 2 * math.atan(beta / omega)) / omega, rel=0.02
+    )
 
 
 @HAS_DISCRETE
@@ -214,7 +227,13 @@ def test_a_contact_too_damped_to_let_go_has_rested() -> None:
 @FORMS
 def test_a_row_starts_at_its_own_depth(scene: Scene) -> None:
     onset = 4e-6
-    loose = [1e-4, 1e-4, 0.001, 0.5, 2.0]  # rows of small impedance add up; stiff ones share the load
+    loose = [
+        1e-4,
+        1e-4,
+        0.001,
+        0.5,
+        2.0,
+    ]  # rows of small impedance add up; stiff ones share the load
     rows = [row(S, 0.0, onset=depth) | {"solimp": loose} for depth in (0.0, onset)]
     (impact,) = ENGINE.run(scene, setting(1e-6, *rows), [Launch(0.3, 0.2)])
     loop = impact.loop
@@ -222,14 +241,17 @@ def test_a_row_starts_at_its_own_depth(scene: Scene) -> None:
     x = loop.penetration
     assert x.max() > 3 * onset
     stretched = np.maximum(x, 0.0) + np.maximum(x - onset, 0.0)
-    assert loop.force == pytest.approx(scene.mass * S * stretched, rel=1e-3, abs=1e-3 * impact.force_max)
+    assert loop.force == pytest.approx(
+        scene.mass * S * stretched, rel=1e-3, abs=1e-3 * impact.force_max
+    )
 
 
 @FORMS
 def test_one_row_is_the_same_with_the_rest_of_the_contact_far_away(scene: Scene) -> None:
     far = row(S, D, onset=1.0)
     alone, both = (
-        ENGINE.run(scene, setting(1e-6, *rows), launches()) for rows in ([row(S, D)], [row(S, D), far])
+        ENGINE.run(scene, setting(1e-6, *rows), launches())
+        for rows in ([row(S, D)], [row(S, D), far])
     )
     for a, b in zip(
         alone, both, strict=True
@@ -242,7 +264,8 @@ def test_one_row_is_the_same_with_the_rest_of_the_contact_far_away(scene: Scene)
 @pytest.mark.adhesion
 def test_adhesion_makes_a_damper_pull() -> None:
     pulls, pushes = (
-        ENGINE.run(PLANE, setting(1e-6, row(S, 20 * D, adhesion=a)), [Launch(0.3)])[0] for a in (1e5, 0.0)
+        ENGINE.run(PLANE, setting(1e-6, row(S, 20 * D, adhesion=a)), [Launch(0.3)])[0]
+        for a in (1e5, 0.0)
     )
     assert pulls.loop is not None
     assert pushes.loop is not None
@@ -274,7 +297,9 @@ def test_a_drop_meets_the_plate_with_the_speed_of_free_fall(scene: Scene, timest
     with_gravity = dataclasses.replace(scene, gravity=G)
     (impact,) = ENGINE.run(with_gravity, impulse(0.9, timestep), [Launch(0.0, height=0.010)])
     fall = G * timestep
-    assert impact.speed_in == pytest.approx(math.hypot(math.sqrt(2 * G * 0.010), fall / 2), rel=1e-9)
+    assert impact.speed_in == pytest.approx(
+        math.hypot(math.sqrt(2 * G * 0.010), fall / 2), rel=1e-9
+    )
     # One step is early or late by up to one: gravity acts on the way there and back.
     assert impact.restitution == pytest.approx(0.9, abs=fall / impact.speed_in)
 
@@ -367,7 +392,9 @@ def test_the_saved_model_keeps_what_else_the_user_wrote(tmp_path: Path) -> None:
     path.write_text(
         own.replace("</mujoco>", more).replace("<worldbody>", "<!-- mine --><worldbody>"), "utf-8"
     )
-    text = model_xml(dataclasses.replace(PLANE, models={"mujoco": {"scene": path}}), spring_damper())
+    text = model_xml(
+        dataclasses.replace(PLANE, models={"mujoco": {"scene": path}}), spring_damper()
+    )
     model = mujoco.MjModel.from_xml_string(text)
     assert (model.npair, model.nexclude, model.opt.density) == (1, 1, 1.2)
     assert model.pair_solref[0].tolist() == [-S, -D]
@@ -422,15 +449,29 @@ def test_a_trajectory_is_nan_from_where_mujoco_gave_up() -> None:
         ({"rows": 3}, "'rows': 3; expected a list"),
         ({"rows": [3]}, "'rows[0]': 3; expected a table"),
         ({"rows": [{"solimp": STIFF}]}, "'rows[0].solref': None; expected a list of 2 numbers"),
-        ({"rows": [row(1.0, 1.0, margin=0.0)]}, "'rows[0].margin': unknown; expected one of: solref"),
+        (
+            {"rows": [row(1.0, 1.0, margin=0.0)]},
+            "'rows[0].margin': unknown; expected one of: solref",
+        ),
         ({"rows": [row(math.nan, 1.0)]}, "'rows[0].solref': nan; expected a finite number"),
-        ({"rows": [row(-0.02, 1.0)]}, "'rows[0].solref': [0.02, -1.0]; expected two numbers above 0"),
-        ({"rows": [row(1.0, 1.0, onset="1 mm")]}, "'rows[0].onset': '1 mm'; expected a finite number"),
-        ({"rows": [row(1.0, 1.0, adhesion=-1.0)]}, "'rows[0].adhesion': -1.0 N; expected 0 N or more"),
+        (
+            {"rows": [row(-0.02, 1.0)]},
+            "'rows[0].solref': [0.02, -1.0]; expected two numbers above 0",
+        ),
+        (
+            {"rows": [row(1.0, 1.0, onset="1 mm")]},
+            "'rows[0].onset': '1 mm'; expected a finite number",
+        ),
+        (
+            {"rows": [row(1.0, 1.0, adhesion=-1.0)]},
+            "'rows[0].adhesion': -1.0 N; expected 0 N or more",
+        ),
         ({"rows": [row(1.0, 1.0) | {"solimp": [1.0, 2.0]}]}, "'rows[0].solimp'"),
     ],
 )
-def test_options_that_mujoco_does_not_have_are_refused_by_name(options: dict[str, Any], said: str) -> None:
+def test_options_that_mujoco_does_not_have_are_refused_by_name(
+    options: dict[str, Any], said: str
+) -> None:
     with pytest.raises(SettingError) as caught:
         ENGINE.run(PLANE, Setting("mujoco", "test", 1e-3, options), [Launch(0.2)])
     assert said in str(caught.value)
@@ -441,7 +482,8 @@ def test_mujocos_own_errors_come_out_as_ours(tmp_path: Path) -> None:
     own = PLANE.models["mujoco"]["scene"].read_text(encoding="utf-8")
     path = tmp_path / "scene.xml"
     asleep = (
-        '<worldbody><!-- --></worldbody><option><flag sleep="enable" island="disable"/></option><worldbody>'
+        "<worldbody><!-- --></worldbody>"
+        '<option><flag sleep="enable" island="disable"/></option><worldbody>'
     )
     path.write_text(own.replace("<worldbody>", asleep), encoding="utf-8")
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
@@ -450,7 +492,9 @@ def test_mujocos_own_errors_come_out_as_ours(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("nothing_kept")
-def test_a_missing_mujoco_is_reported_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_mujoco_is_reported_with_the_way_to_get_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def nothing(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
 
@@ -467,8 +511,14 @@ def test_a_missing_mujoco_is_reported_with_the_way_to_get_it(monkeypatch: pytest
 @pytest.mark.parametrize(
     ("own", "said"),
     [
-        (setting(1e-6, row(S, D, adhesion=1.0)), "mujoco 3.3.0: has no adhesion; expected 3.11 or later"),
-        (spring_damper(integrator="discrete"), "mujoco 3.3.0: has no integrator 'discrete'; expected 3.13"),
+        (
+            setting(1e-6, row(S, D, adhesion=1.0)),
+            "mujoco 3.3.0: has no adhesion; expected 3.11 or later",
+        ),
+        (
+            spring_damper(integrator="discrete"),
+            "mujoco 3.3.0: has no integrator 'discrete'; expected 3.13",
+        ),
     ],
 )
 def test_a_mujoco_too_old_for_a_setting_is_reported(

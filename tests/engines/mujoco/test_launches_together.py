@@ -1,4 +1,6 @@
-"""Launches of a user's model that share an MjData, a stop rule and a reading: the same bits as each alone."""
+"""Launches of a user's model that share an MjData, a stop rule and a
+reading: the same bits as each alone.
+"""
 
 from __future__ import annotations
 

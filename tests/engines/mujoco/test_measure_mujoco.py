@@ -1,4 +1,6 @@
-"""MuJoCo models of a user's own, measured: held against loops over mj_step as the user would write them."""
+"""MuJoCo models of a user's own, measured: held against loops over
+mj_step as the user would write them.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def world(
 
 
 def at_plane(model: Any, z: float, w: float) -> float:
-    """Speed at height 0 of the flight through height z with the velocity w upwards, by steps of Euler's."""
+    """Speed at height 0 of the flight through height z with the velocity
+    w upwards, by steps of Euler's.
+    """
     g, h = -float(model.opt.gravity[2]), float(model.opt.timestep)
     return float(np.sqrt((w - g * h / 2) ** 2 + 2 * g * z))
 
@@ -75,7 +79,9 @@ def only(found: Measurement) -> Impact:
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "implicit"])
 @pytest.mark.parametrize("gravity", ["0 0 0", "0 0 -9.81"])
-@pytest.mark.parametrize(("geom", "timestep"), [(SPRING, 1e-3), (IMPULSE, 2e-3), ('solref=".01 .1"', 5e-4)])
+@pytest.mark.parametrize(
+    ("geom", "timestep"), [(SPRING, 1e-3), (IMPULSE, 2e-3), ('solref=".01 .1"', 5e-4)]
+)
 @pytest.mark.parametrize("phase", [0.125, 0.7])
 def test_e_is_that_of_a_loop_written_by_hand(
     integrator: str, gravity: str, geom: str, timestep: float, phase: float
@@ -83,7 +89,9 @@ def test_e_is_that_of_a_loop_written_by_hand(
     option = f'integrator="{integrator}" gravity="{gravity}" timestep="{timestep}"'
     text = world(geom=geom, option=option)
     impact = only(measure(text, speeds=[0.7], phases=[phase], diagnose=False))
-    into, out = bounced(mujoco.MjModel.from_xml_string(text), 0.1 + (2 + phase) * timestep * 0.7, 0.7)
+    into, out = bounced(
+        mujoco.MjModel.from_xml_string(text), 0.1 + (2 + phase) * timestep * 0.7, 0.7
+    )
     assert impact.speed_in == pytest.approx(into, rel=1e-9)
     assert impact.restitution == pytest.approx(out / into, abs=1e-9)
 
@@ -117,11 +125,15 @@ def test_force_is_paired_with_the_state_it_acts_from() -> None:
     assert m == pytest.approx(4 / 3 * np.pi * 0.1**3 * 1000, rel=1e-12)
     loop = impact.loop
     assert loop is not None
-    assert loop.force.sum() * 1e-5 == pytest.approx(m * (impact.speed_in + impact.speed_out), rel=1e-9)
+    assert loop.force.sum() * 1e-5 == pytest.approx(
+        m * (impact.speed_in + impact.speed_out), rel=1e-9
+    )
     work = float((loop.force * (loop.rate - 0.5 * loop.force * 1e-5 / m)).sum() * 1e-5)
     assert work == pytest.approx(0.5 * m * (impact.speed_in**2 - impact.speed_out**2), rel=1e-9)
     hooke = loop.force / m - 40000 * 0.9999 * loop.penetration - 12 * loop.rate
-    assert np.abs(hooke).max() < 1e-3 * loop.force.max() / m, "F = k x + c v at one and the same state"
+    assert np.abs(hooke).max() < 1e-3 * loop.force.max() / m, (
+        "F = k x + c v at one and the same state"
+    )
 
 
 def test_gravity_is_distinguished_from_the_launch() -> None:
@@ -156,12 +168,16 @@ def test_two_moving_bodies_meet_with_their_reduced_mass() -> None:
     assert found.facts.effective_mass == pytest.approx(1.2, rel=1e-12)
     line = np.array([0, 0.5, 0.2]) / np.hypot(0.5, 0.2)
     assert found.facts.normal == pytest.approx(tuple(line), abs=1e-9)
-    promised = SoftConstraint((-40000, -12), (0.9999, 0.9999, 0.001, 0.5, 2.0), 1e-5).restitution(0.5)
+    promised = SoftConstraint((-40000, -12), (0.9999, 0.9999, 0.001, 0.5, 2.0), 1e-5).restitution(
+        0.5
+    )
     assert only(found).restitution == pytest.approx(promised, abs=2e-4)
 
 
 @pytest.mark.parametrize("zeta", [0.01, 0.2, 0.9, 1.5, 30.0])
-def test_a_contact_of_constant_impedance_is_a_spring_and_damper_that_cannot_pull(zeta: float) -> None:
+def test_a_contact_of_constant_impedance_is_a_spring_and_damper_that_cannot_pull(
+    zeta: float,
+) -> None:
     stiffness, impedance = 4e4, 0.83
     solref = (-stiffness * impedance, -2 * zeta * impedance * np.sqrt(stiffness / impedance))
     found = SoftConstraint(solref, (impedance, impedance, 0.001, 0.5, 2.0), 1e-5).restitution(0.7)
@@ -254,7 +270,9 @@ WALKER = f"""<mujoco><default><geom {SPRING}/></default><worldbody>
 
 
 def test_what_is_in_the_way_is_named() -> None:
-    with pytest.raises(UserError, match=r"'geom:trunk' cannot reach 'floor'.*'tail'.* inside 'floor'"):
+    with pytest.raises(
+        UserError, match=r"'geom:trunk' cannot reach 'floor'.*'tail'.* inside 'floor'"
+    ):
         measure(WALKER, ("geom:trunk", "floor"))
 
 
@@ -271,13 +289,19 @@ def test_other_contacts_are_reported_as_a_cause() -> None:
 def test_a_model_and_a_spec_from_python_are_left_as_they_were() -> None:
     model = mujoco.MjModel.from_xml_string(world())
     before = np.array(model.opt.gravity), model.opt.timestep, np.array(model.geom_solref)
-    kept = [i.restitution for i in measure(model, ("ball", "plate"), gravity=0, timestep=1e-4).impacts]
+    kept = [
+        i.restitution for i in measure(model, ("ball", "plate"), gravity=0, timestep=1e-4).impacts
+    ]
     assert (model.opt.gravity == before[0]).all()
     assert model.opt.timestep == before[1]
     assert (model.geom_solref == before[2]).all()
     spec = mujoco.MjSpec.from_string(world())
-    again = [i.restitution for i in measure(spec, ("ball", "plate"), gravity=0, timestep=1e-4).impacts]
-    text = [i.restitution for i in measure(world(), ("ball", "plate"), gravity=0, timestep=1e-4).impacts]
+    again = [
+        i.restitution for i in measure(spec, ("ball", "plate"), gravity=0, timestep=1e-4).impacts
+    ]
+    text = [
+        i.restitution for i in measure(world(), ("ball", "plate"), gravity=0, timestep=1e-4).impacts
+    ]
     assert kept == again == text
 
 
@@ -313,7 +337,9 @@ def test_includes_assets_defaults_and_keyframes_of_a_file(tmp_path: Path) -> Non
 
 
 def test_the_same_model_measured_again_gives_the_same_bits() -> None:
-    runs = {repr([i.restitution for i in measure(world(), diagnose=False).impacts]) for _ in range(3)}
+    runs = {
+        repr([i.restitution for i in measure(world(), diagnose=False).impacts]) for _ in range(3)
+    }
     assert len(runs) == 1
 
 
@@ -326,7 +352,9 @@ def test_a_ball_that_stays_is_rested_and_has_e_zero() -> None:
 @pytest.mark.parametrize("speed", [1e9, 1e11])
 @beyond_bounds()
 def test_a_speed_that_mujoco_resets_at_once_has_no_e(speed: float) -> None:
-    """At 1e11 m/s, which it resets before the first step, e came out as 0.9, at the speed of the fall."""
+    """At 1e11 m/s, which it resets before the first step, e came out as
+    0.9, at the speed of the fall.
+    """
     model = mujoco.MjModel.from_xml_string(world(geom=IMPULSE, option='gravity="0 0 -9.81"'))
     impacts = measure(model, "sphere,plate", speeds=speed, phases=2, diagnose=False).impacts
     assert {impact.status for impact in impacts} == {Status.DIVERGED}
@@ -381,14 +409,22 @@ NO_TOUCH = 'contype="0" conaffinity="0"'
             "disabled",
         ),
         (
-            world().replace("</mujoco>", '<contact><exclude body1="ball" body2="world"/></contact></mujoco>'),
+            world().replace(
+                "</mujoco>", '<contact><exclude body1="ball" body2="world"/></contact></mujoco>'
+            ),
             ("ball", "plate"),
             "<exclude>",
         ),
-        (world(more=f'<body name="b2" pos="1 0 1">{FREE}<geom size=".1"/></body>'), None, "leaves a choice"),
+        (
+            world(more=f'<body name="b2" pos="1 0 1">{FREE}<geom size=".1"/></body>'),
+            None,
+            "leaves a choice",
+        ),
     ],
 )
-def test_what_cannot_be_measured_is_refused_with_the_reason(text: str, pair: Any, words: str) -> None:
+def test_what_cannot_be_measured_is_refused_with_the_reason(
+    text: str, pair: Any, words: str
+) -> None:
     with pytest.raises(UserError, match=words):
         measure(text, pair)
 
@@ -441,7 +477,9 @@ def test_a_request_that_makes_no_sense(arguments: dict[str, Any], words: str) ->
 
 
 def test_unnamed_geoms_can_be_pointed_at() -> None:
-    text = world().replace('name="plate"', "").replace('name="sphere"', "").replace('name="ball"', "")
+    text = (
+        world().replace('name="plate"', "").replace('name="sphere"', "").replace('name="ball"', "")
+    )
     alone = measure(text, speeds=[0.5], diagnose=False)
     pointed = measure(text, "body:1,geom:0", speeds=[0.5], diagnose=False)
     assert [i.restitution for i in alone.impacts] == [i.restitution for i in pointed.impacts]
@@ -460,6 +498,8 @@ def test_the_promise_is_what_the_engine_keeps_at_a_fine_step(
     solref: tuple[float, float], solimp: tuple[float, float, float, float, float]
 ) -> None:
     geom = f'solref="{solref[0]} {solref[1]}" solimp="{" ".join(map(str, solimp))}"'
-    found = measure(world(geom=geom), speeds=[0.1, 1.0], phases=1, timestep=2e-5, gravity=0, diagnose=False)
+    found = measure(
+        world(geom=geom), speeds=[0.1, 1.0], phases=1, timestep=2e-5, gravity=0, diagnose=False
+    )
     promised = SoftConstraint(solref, solimp, 2e-5).curve([0.1, 1.0])
     assert [p.restitution for p in found.curve] == pytest.approx(promised, abs=1e-3)

@@ -65,10 +65,16 @@ def test_the_model_of_the_rows_finds_a_setting_that_bounces_for_ever_as_plain_st
     """The setting is one that hcbench advised at 1/240 s before its searches looked at energy."""
     rows = [
         {"solref": [-30754.3, -0.960032], "solimp": [1e-4, 1e-4, 1, 0.5, 1]},
-        {"solref": [0, -12.5684], "solimp": [1e-4, 0.29914, 5.28273e-3, 0.381628, 4], "adhesion": 1e6},
+        {
+            "solref": [0, -12.5684],
+            "solimp": [1e-4, 0.29914, 5.28273e-3, 0.381628, 4],
+            "adhesion": 1e6,
+        },
     ]
     setting = Setting("mujoco", "once", 1 / 240, {"rows": rows})
-    found = bounces_in_rows(read_options(setting.options).rows, setting.timestep, G, (0.0254, 0.508))
+    found = bounces_in_rows(
+        read_options(setting.options).rows, setting.timestep, G, (0.0254, 0.508)
+    )
     assert found.max_e > 1.02
     assert 0.2 < found.gains_below < 0.4
     assert found.still_bouncing
@@ -94,7 +100,9 @@ def test_the_whole_gate_passes_what_the_screen_passes_under_friction() -> None:
     gate = certify(contact, slides=True, runs=[runs[2]])
     assert isinstance(screen, Passivity)
     assert screen.sphere
-    assert screen.others.startswith("Other contacts of the model: drift on 10 degrees 2.2 -> 1.5e-06 mm/s")
+    assert screen.others.startswith(
+        "Other contacts of the model: drift on 10 degrees 2.2 -> 1.5e-06 mm/s"
+    )
     assert gate.sphere, gate.warning
     assert gate.slope_drift < 1e-4
     assert gate.flat == screen.flat

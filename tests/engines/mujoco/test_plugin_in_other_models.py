@@ -1,4 +1,6 @@
-"""A model with the plug-in by its XML alone: the viewer's loader, threads, and the libraries above MuJoCo."""
+"""A model with the plug-in by its XML alone: the viewer's loader, threads,
+and the libraries above MuJoCo.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ E = float(closed_form.restitution(ALPHA, SPEED))
 
 @pytest.fixture(params=["hunt-crossley", "restitution-law"])
 def path(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """A file that `hcbench tune mujoco --write-scene` writes, of a ball that just touches its plate."""
+    """A file that `hcbench tune mujoco --write-scene` writes, of a
+    ball that just touches its plate.
+    """
     contact.load()
     scene, step = load_scene("steel-plane"), 1e-5 if request.param == "hunt-crossley" else 1e-3
     target = Target(HuntCrossley(scene.stiffness, ALPHA), scene.mass, step, 0.0254, 0.508)
@@ -156,7 +160,9 @@ def test_a_gymnasium_environment_steps_it(path: str) -> None:
     Drop.metadata["render_fps"] = round(1 / step)
     drop = Drop(path, 1, spaces.Box(-np.inf, np.inf, (7,)))
     drop.reset()
-    assert _bounced(drop.data, lambda: drop.do_simulation(np.zeros(0), 1)) == pytest.approx(E, abs=1e-5)
+    assert _bounced(drop.data, lambda: drop.do_simulation(np.zeros(0), 1)) == pytest.approx(
+        E, abs=1e-5
+    )
 
 
 def test_a_law_of_bodies_is_not_that_of_other_geoms_without_names() -> None:

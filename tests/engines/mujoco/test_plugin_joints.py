@@ -1,4 +1,6 @@
-"""The restitution plug-in of MuJoCo in bodies that are held together: equalities, joints and their limits."""
+"""The restitution plug-in of MuJoCo in bodies that are held together:
+equalities, joints and their limits.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,8 @@ LAW, ELASTIC = Restitution(0.315), ConstantRestitution(1.0)
 
 
 def _bounced(spec: object, velocity: object) -> tuple[float, float]:
-    """Speed of the ball's lowest point after the step in which it touches the floor at 0.3 m/s, over it, and
-    the largest rate of the equalities then, m/s.
+    """Speed of the ball's lowest point after the step in which it touches the floor at 0.3 m/s,
+    over it, and the largest rate of the equalities then, m/s.
     """
     model = plugged(spec, [("a", "floor")], ConstantRestitution(0.8))
     data, jacobian = mujoco.MjData(model), np.zeros((3, model.nv))
@@ -31,11 +33,15 @@ def _bounced(spec: object, velocity: object) -> tuple[float, float]:
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "RK4"])
 @pytest.mark.parametrize("kind", ["weld", "connect"])
 def test_bodies_that_are_held_together_bounce_together(kind: str, integrator: str) -> None:
-    """Off by what turning changes within the step: without the equality in the impact e would be .65."""
+    """Off by what turning changes within the step: without the
+    equality in the impact e would be .65.
+    """
     spec = world(1e-4, gravity=0.0, friction=0.3, integrator=integrator)
     add_body(spec, "a", (0, 0, RADIUS - 1e-6), friction=0.3)
     add_body(spec, "c", (0.3, 0, 0.2), friction=0.3)
-    numbers = [0.15, 0, 0.07] if kind == "connect" else [0, 0, 0, 0.3, 0, 0.15 + 1e-6, 1, 0, 0, 0, 1]
+    numbers = (
+        [0.15, 0, 0.07] if kind == "connect" else [0, 0, 0, 0.3, 0, 0.15 + 1e-6, 1, 0, 0, 0, 1]
+    )
     add_equality(spec, kind, "a", "c", numbers)
     e, rate = _bounced(spec, np.tile([0.1, 0, -0.3, 0, 0, 0], 2))
     assert e == pytest.approx(0.8, abs=2e-4)
@@ -60,7 +66,12 @@ def test_chains_that_fall_win_no_energy(kind: str, integrator: str) -> None:
     """Elastic ones too: the step's Coriolis forces are those of the velocities after the impact."""
     for seed, h, law in ((2, 5e-3, ELASTIC), (3, 1e-3, ConstantRestitution(0.9)), (5, 5e-3, LAW)):
         make = partial(
-            chain, seed, h, integrator=integrator, limited=kind == "limited", geared=kind == "geared"
+            chain,
+            seed,
+            h,
+            integrator=integrator,
+            limited=kind == "limited",
+            geared=kind == "geared",
         )
         assert rise(make, law, 1.0) < 1e-9
 
@@ -68,7 +79,9 @@ def test_chains_that_fall_win_no_energy(kind: str, integrator: str) -> None:
 @pytest.mark.parametrize(
     ("h", "words"), [(5e-3, r'body 1 "l0" turns by 0.15 rad.*timestep of 0.003'), (2e-3, "")]
 )
-def test_a_body_with_joints_that_turns_too_far_in_a_step_is_named_once(h: float, words: str) -> None:
+def test_a_body_with_joints_that_turns_too_far_in_a_step_is_named_once(
+    h: float, words: str
+) -> None:
     scene = chain(2, h, LAW)
     model = scene.model()
     data = scene.data(model)

@@ -1,6 +1,7 @@
 """Robots that land on feet of MuJoCo's restitution plug-in, beside native contact.
 
-`make test-models` lets those of other packages land, too, and writes the table of docs/reference/plugins.md.
+`make test-models` lets those of other packages land, too, and writes the
+table of docs/reference/plugins.md.
 """
 
 from __future__ import annotations
@@ -17,11 +18,22 @@ from robot_landings import GRAVITY, LAWS, QUADRUPED, ROBOTS, Drop, Landings, com
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 TABLE = "landings"
-HEAD = ("robot, step", "drops", "named", "fall", "deeper, mm", "gain, %", "do not rest", "further, mm")
+HEAD = (
+    "robot, step",
+    "drops",
+    "named",
+    "fall",
+    "deeper, mm",
+    "gain, %",
+    "do not rest",
+    "further, mm",
+)
 
 
 def require_what_the_page_says(found: Landings, name: str) -> None:
-    """Assert the page's limits of all landings, and the claim of those that the plug-in does not name."""
+    """Assert the page's limits of all landings, and the claim of those
+    that the plug-in does not name.
+    """
     said, shown = on_the_page(TABLE)[found.label(name)], found.row(name)[1:]
     for column in range(3, 7):
         assert float(shown[column]) <= float(said[column]), (name, HEAD[column + 1])
@@ -53,7 +65,8 @@ def test_the_readmes_quadruped_lands_as_the_page_says() -> None:
 def test_feet_that_slide_do_not_sink(options: dict[str, Any]) -> None:
     """They go in by what they travel down in a step until they touch, and then stay there.
 
-    MuJoCo's cones part what slides, and what the servos change of the slip is not known before the solver.
+    MuJoCo's cones part what slides, and what the servos change of the slip
+    is not known before the solver.
     """
     model = compiled(QUADRUPED, LAWS[0])
     for option, value in options.items():

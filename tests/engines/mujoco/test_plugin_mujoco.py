@@ -37,7 +37,13 @@ from contact_scenes import (
 from hcbench.cli import run as run_command
 from hcbench.cli.engines import plugin
 from hcbench.contact import mujoco as contact
-from hcbench.contact.mujoco import ConstantRestitution, Friction, HuntCrossley, Restitution, TouchSpeedLaw
+from hcbench.contact.mujoco import (
+    ConstantRestitution,
+    Friction,
+    HuntCrossley,
+    Restitution,
+    TouchSpeedLaw,
+)
 from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
 from hcbench.engines.mujoco.scene.mjcf import model_xml
 from hcbench.laws import closed_form
@@ -70,11 +76,18 @@ def _loaded() -> None:
 
 
 def xml(
-    plugin: str, keys: dict[str, str], h: float = 1e-5, rest: str = "", option: str = "", inside: str = ""
+    plugin: str,
+    keys: dict[str, str],
+    h: float = 1e-5,
+    rest: str = "",
+    option: str = "",
+    inside: str = "",
 ) -> str:
     """A ball over a plate with a plug-in, as its user writes it."""
     pair = {} if {"geom1", "body1", "tendon"} & keys.keys() else {"geom1": "ball", "geom2": "plate"}
-    config = "".join(f'<config key="{key}" value="{value}"/>' for key, value in (pair | keys).items())
+    config = "".join(
+        f'<config key="{key}" value="{value}"/>' for key, value in (pair | keys).items()
+    )
     instance = f'<instance name="bounce">{config}</instance>'
     extension = f'<extension><plugin plugin="{plugin}">{instance}</plugin></extension>'
     return BALL.format(h=h, extension=extension, rest=rest, option=option, inside=inside)
@@ -124,7 +137,9 @@ def test_a_restitution_law_keeps_the_engines_own_contact_on() -> None:
 def test_laws_that_came_after_are_named_by_their_slug(law: Any) -> None:
     keys = {"stiffness": "3.4064e10", "law": law.slug, "restitution": "0.7"}
     model = compiled("hcbench.hunt_crossley", keys, rest=EXCLUDE)
-    assert bounce(model, steps=80) == pytest.approx(TouchSpeedLaw(law, 3.4064e10, 0.7).delivered, abs=1e-5)
+    assert bounce(model, steps=80) == pytest.approx(
+        TouchSpeedLaw(law, 3.4064e10, 0.7).delivered, abs=1e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -138,7 +153,12 @@ def test_laws_that_came_after_are_named_by_their_slug(law: Any) -> None:
             "the same body",
         ),
         ("hunt_crossley", {"alpha": "0.3"}, EXCLUDE, '"stiffness" is missing'),
-        ("hunt_crossley", {"stiffness": "1e9"}, EXCLUDE, 'needs "alpha", or "law" and "restitution"'),
+        (
+            "hunt_crossley",
+            {"stiffness": "1e9"},
+            EXCLUDE,
+            'needs "alpha", or "law" and "restitution"',
+        ),
         ("hunt_crossley", {**FORCE_KEYS, "alpha": "-1"}, EXCLUDE, "alpha.*-1, needs 0"),
         (
             "hunt_crossley",
@@ -153,7 +173,12 @@ def test_laws_that_came_after_are_named_by_their_slug(law: Any) -> None:
             EXCLUDE,
             "no law.*only: first",
         ),
-        ("hunt_crossley", {"stiffness": "1e9", "law": "flores", "restitution": "0"}, EXCLUDE, "above 0"),
+        (
+            "hunt_crossley",
+            {"stiffness": "1e9", "law": "flores", "restitution": "0"},
+            EXCLUDE,
+            "above 0",
+        ),
         ("hunt_crossley", {**FORCE_KEYS, "tendon": "cup"}, EXCLUDE, 'no tendon "cup"'),
         ("restitution", {}, "", 'either "alpha" or "restitution"'),
         ("restitution", {"alpha": "1", "reading": "x"}, "", "needs law or linear"),
@@ -198,7 +223,9 @@ def test_a_step_too_coarse_is_warned_of_once(
 
 
 def spec(h: float = 1e-5, more: str = "") -> Any:
-    return mujoco.MjSpec.from_string(BALL.format(h=h, extension="", rest=more, option="", inside=""))
+    return mujoco.MjSpec.from_string(
+        BALL.format(h=h, extension="", rest=more, option="", inside="")
+    )
 
 
 def test_a_law_is_added_to_a_spec_and_stays_in_its_xml() -> None:
@@ -222,7 +249,11 @@ def test_a_law_is_added_to_a_spec_and_stays_in_its_xml() -> None:
         (LAW, {"geoms": ("ball",)}, "2 values"),
         (None, {"geoms": ("ball", "plate")}, "HuntCrossley"),
         (Flores, {"geoms": ("ball", "plate")}, "law"),
-        (Restitution(0.1), {"geoms": ("ball", "plate"), "friction": Friction(0.1, 0.1)}, "friction"),
+        (
+            Restitution(0.1),
+            {"geoms": ("ball", "plate"), "friction": Friction(0.1, 0.1)},
+            "friction",
+        ),
     ],
 )
 def test_what_cannot_be_added_is_refused_by_name(law: Any, pair: dict[str, Any], says: str) -> None:
@@ -238,7 +269,9 @@ def test_attach_says_what_to_write_instead() -> None:
 def test_stiffness_by_hertz_is_that_of_the_paper() -> None:
     steel = Material(young_modulus=206.8e9, poisson_ratio=0.3)
     model = spec().compile()
-    assert contact.hertz_stiffness(model, "ball", "plate", steel, steel) == pytest.approx(3.4064e10, rel=5e-3)
+    assert contact.hertz_stiffness(model, "ball", "plate", steel, steel) == pytest.approx(
+        3.4064e10, rel=5e-3
+    )
     with pytest.raises(SettingError, match="not in the model"):
         contact.hertz_stiffness(model, "torso", "plate", steel, steel)
 
@@ -247,7 +280,9 @@ def test_shapes_that_mujoco_sees_too_coarsely_are_warned_of() -> None:
     require_plugins_in_specs()
     turns = np.linspace(0, 2 * np.pi, 13)[:-1]
     points = [
-        (np.cos(a) * np.sin(p), np.sin(a) * np.sin(p), np.cos(p)) for p in (0.5, 1.5, 2.5) for a in turns
+        (np.cos(a) * np.sin(p), np.sin(a) * np.sin(p), np.cos(p))
+        for p in (0.5, 1.5, 2.5)
+        for a in turns
     ]
     vertices = " ".join(f"{0.05 * x} {0.05 * y} {0.05 * z}" for x, y, z in points)
     made = spec(more=f'<asset><mesh name="rock" vertex="{vertices}"/></asset>')
@@ -316,7 +351,10 @@ def test_rollout_takes_models_of_their_own(integrator: str) -> None:
 
 @pytest.mark.skipif(batch is None, reason="this MuJoCo has no mujoco.batch")
 def test_a_batch_varies_the_numerics_that_a_config_points_to() -> None:
-    rest = EXCLUDE + '<custom><numeric name="loss" data="0.3"/><numeric name="k" data="3e10"/></custom>'
+    rest = (
+        EXCLUDE
+        + '<custom><numeric name="loss" data="0.3"/><numeric name="k" data="3e10"/></custom>'
+    )
     model = compiled("hcbench.hunt_crossley", {"stiffness": "k", "alpha": "loss"}, rest=rest)
     alphas, stiffness = np.array([0.0, 0.1, 0.3, 0.6]), np.array([1e10, 2e10, 3e10, 4e10])
     many = batch.Batch(model, 4, 2)
@@ -353,13 +391,17 @@ def test_the_command_prints_a_path_that_plain_mujoco_loads(capsys: Any, tmp_path
             f"m = mujoco.MjModel.from_xml_path({str(model)!r}); d = mujoco.MjData(m)\n"
             "d.qvel[2] = -0.3; mujoco.mj_step(m, d, nstep=60); print(d.qvel[2] / 0.3)"
         )
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        )
         assert float(done.stdout) == pytest.approx(e(alpha=0.3), abs=1e-5)
         assert done.stderr == ""
 
 
 @pytest.mark.usefixtures("with_cache")
-def test_a_written_scene_says_in_its_first_comment_how_plain_mujoco_loads_it(tmp_path: Path) -> None:
+def test_a_written_scene_says_in_its_first_comment_how_plain_mujoco_loads_it(
+    tmp_path: Path,
+) -> None:
     """Every instruction of the comment is followed to the letter, in processes of their own."""
     model = tmp_path / "drop.xml"
     asked = ["--plugin", "--alpha", "0.3 s/m", "--timestep", "2 ms", "--speeds", "0.1:2 m/s"]
@@ -371,7 +413,10 @@ def test_a_written_scene_says_in_its_first_comment_how_plain_mujoco_loads_it(tmp
     (command, again) = re.findall(r"`hcbench ([a-z ]+)`", comment)
     assert command == again
     printed = subprocess.run(
-        [sys.executable, "-m", "hcbench", *command.split()], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "hcbench", *command.split()],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     (call,) = re.findall(r"mujoco\.mj_loadPluginLibrary\(path\)", comment)
     code = (
@@ -434,7 +479,9 @@ def test_an_engine_without_plug_ins_says_so(capsys: Any) -> None:
     assert "no plug-in" in capsys.readouterr().err
 
 
-def test_without_a_compiler_one_line_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_a_compiler_one_line_names_the_extra(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
@@ -456,10 +503,11 @@ def test_a_compiler_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 def oblique(seed: int, cone: str) -> tuple[float, float, float, float]:
-    """Error of e, friction over normal impulse, the friction there is, and energy won, of one random impact.
+    """Error of e, friction over normal impulse, the friction there is, and
+    energy won, of one random impact.
 
-    A ball or the corner of a box that spins, on a floor or on another ball, at any step and friction. e is of
-    the speeds at the touch plane. MuJoCo's least friction is 1e-5.
+    A ball or the corner of a box that spins, on a floor or on another ball, at any step and
+    friction. e is of the speeds at the touch plane. MuJoCo's least friction is 1e-5.
     """
     rng = np.random.default_rng(seed)
     mu, law = (
@@ -472,10 +520,19 @@ def oblique(seed: int, cone: str) -> tuple[float, float, float, float]:
     kind = (mujoco.mjtGeom.mjGEOM_SPHERE, BOX)[int(rng.integers(2))]
     quat = np.array([1, *rng.uniform(-0.6, 0.6, 3)])
     add_body(
-        spec, "b", (0, 0, 1), kind, rng.uniform(0.03, 0.06, 3), 1.0, mu, quat=quat / np.linalg.norm(quat)
+        spec,
+        "b",
+        (0, 0, 1),
+        kind,
+        rng.uniform(0.03, 0.06, 3),
+        1.0,
+        mu,
+        quat=quat / np.linalg.norm(quat),
     )
     if other := kind != BOX and rng.random() < 0.5:
-        add_body(spec, "o", (0, 0, 0.5), size=(0.05, 0, 0), mass=10 ** rng.uniform(-1, 1), friction=mu)
+        add_body(
+            spec, "o", (0, 0, 0.5), size=(0.05, 0, 0), mass=10 ** rng.uniform(-1, 1), friction=mu
+        )
     model = Scene(spec, law).model()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -500,7 +557,9 @@ def oblique(seed: int, cone: str) -> tuple[float, float, float, float]:
         return 0.0, 0.0, 0.0, 0.0
     half = np.array([0, 0, -gravity * model.opt.timestep / 2, 0, 0, 0] * (model.nv // 6))
     before += half  # the rates whose energy, with the work of gravity, flight keeps
-    lift = 4 * (rows @ half)[0] / model.opt.timestep * data.contact[0].dist  # 2 g x, up to the touch plane
+    lift = (
+        4 * (rows @ half)[0] / model.opt.timestep * data.contact[0].dist
+    )  # 2 g x, up to the touch plane
     u = rows @ before
     mass = full_mass(model, data)
     mujoco.mj_step(model, data)
@@ -524,7 +583,9 @@ def test_oblique_impacts_have_the_e_of_the_law_and_friction_within_its_cone(cone
 
 
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
-@pytest.mark.parametrize(("slip", "mu", "v"), [(2.0, 0.1, 0.3), (2.0, 0.3, 0.3), (40 * 0.0508, 1.0, 0.1)])
+@pytest.mark.parametrize(
+    ("slip", "mu", "v"), [(2.0, 0.1, 0.3), (2.0, 0.3, 0.3), (40 * 0.0508, 1.0, 0.1)]
+)
 def test_a_ball_that_slides_or_spins_bounces_as_high_as_one_that_does_not(
     slip: float, mu: float, v: float, cone: str
 ) -> None:
@@ -569,9 +630,12 @@ def test_stacks_stand(n: int, h: float, integrator: str, law: Any) -> None:
     seen = run(stack(n, h, law, integrator=integrator), 1.5)
     upright = RADIUS * (2 * np.arange(n) + 1)
     assert np.abs(seen.data.qpos[2::7] - upright).max() < 1e-3 * (1 if h < 5e-3 else 1.5)
-    # MuJoCo 3.11 finds three or five corners of two flat boxes 1e-14 m apart, which tips one a little.
+    # MuJoCo 3.11 finds three or five corners of two flat boxes 1e-14 m
+    # apart, which tips one a little.
     meets_flat = tuple(map(int, mujoco.__version__.split(".")[:2])) >= (3, 12)
-    assert np.abs(seen.data.qpos[0::7]).max() < (1e-6 if integrator == "Euler" and meets_flat else 2e-4)
+    assert np.abs(seen.data.qpos[0::7]).max() < (
+        1e-6 if integrator == "Euler" and meets_flat else 2e-4
+    )
     assert np.abs(seen.data.qvel).max() < 1e-6
     assert seen.growth < 1e-9
 

@@ -1,4 +1,6 @@
-"""The restitution plug-in of MuJoCo under the options of a model: solvers, cones, integrators, noslip."""
+"""The restitution plug-in of MuJoCo under the options of a model:
+solvers, cones, integrators, noslip.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,10 @@ def options(**given: Any) -> Any:
 @pytest.mark.parametrize(
     "option",
     [
-        *(options(noslip=n, integrator=i) for n, i in ((1, "Euler"), (5, "implicitfast"), (20, "RK4"))),
+        *(
+            options(noslip=n, integrator=i)
+            for n, i in ((1, "Euler"), (5, "implicitfast"), (20, "RK4"))
+        ),
         *(options(solver="PGS", integrator=i) for i in ("Euler", "implicitfast")),
         *(options(solver="CG", integrator=i) for i in INTEGRATORS),
     ],
@@ -61,7 +66,9 @@ def test_a_box_rests_on_a_slope(integrator: str, cone: str) -> None:
     turned = [np.cos(np.radians(7.5)), 0, np.sin(np.radians(7.5)), 0]
     spec.worldbody.first_geom().quat = turned
     tip = np.radians(15)
-    add_body(spec, "box", (0.05 * np.sin(tip), 0, 0.05 * np.cos(tip)), BOX, (0.05,) * 3, quat=turned)
+    add_body(
+        spec, "box", (0.05 * np.sin(tip), 0, 0.05 * np.cos(tip)), BOX, (0.05,) * 3, quat=turned
+    )
     model = Scene(spec, HALF).model()
     data, fastest = mujoco.MjData(model), 0.0
     mujoco.mj_step(model, data, nstep=500)
@@ -74,13 +81,16 @@ def test_a_box_rests_on_a_slope(integrator: str, cone: str) -> None:
 
 
 def error_of_corner(seed: int, integrator: str) -> float | None:
-    """Error of e of a corner that spins: the impulse acts first, then the body turns freely for a step.
+    """Error of e of a corner that spins: the impulse acts first, then
+    the body turns freely for a step.
 
     None where this box does not meet the plate with one corner.
     """
     rng = np.random.default_rng(seed)
     law = Restitution(0.315)
-    spec = world(2e-3, gravity=0.0, friction=float(rng.choice([0.0, 0.2, 1.0])), integrator=integrator)
+    spec = world(
+        2e-3, gravity=0.0, friction=float(rng.choice([0.0, 0.2, 1.0])), integrator=integrator
+    )
     size = np.array([0.1, 0.05, 0.03])
     add_body(spec, "box", (0, 0, 1), BOX, size, quat=rng.normal(size=4))
     model = Scene(spec, law).model()
@@ -102,7 +112,9 @@ def error_of_corner(seed: int, integrator: str) -> float | None:
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_corner_that_spins_parts_at_the_speed_of_the_law(integrator: str) -> None:
-    errors = [error for seed in range(40) if (error := error_of_corner(seed, integrator)) is not None]
+    errors = [
+        error for seed in range(40) if (error := error_of_corner(seed, integrator)) is not None
+    ]
     assert len(errors) > 15
     assert max(errors) < 1e-8
 
@@ -116,11 +128,17 @@ def test_a_thrown_box_wins_no_energy(solver: str, integrator: str, cone: str) ->
     assert rise(lambda law: make(law=law), HALF, 1.0) < 2e-4
 
 
-@pytest.mark.parametrize(("h", "integrator"), [(2.5e-4, "implicitfast"), (1e-3, "Euler"), (1e-3, "RK4")])
+@pytest.mark.parametrize(
+    ("h", "integrator"), [(2.5e-4, "implicitfast"), (1e-3, "Euler"), (1e-3, "RK4")]
+)
 def test_an_ellipsoid_that_rolls_wins_no_energy(h: float, integrator: str) -> None:
-    """Under Newton and elliptic cones, whose line search left stiffer rows a torque that no contact gives."""
+    """Under Newton and elliptic cones, whose line search left stiffer rows
+    a torque that no contact gives.
+    """
     spec = world(h, friction=0.5, cone="elliptic", integrator=integrator)
-    add_body(spec, "egg", (0, 0, 0.08), mujoco.mjtGeom.mjGEOM_ELLIPSOID, (0.03, 0.06, 0.04), friction=0.5)
+    add_body(
+        spec, "egg", (0, 0, 0.08), mujoco.mjtGeom.mjGEOM_ELLIPSOID, (0.03, 0.06, 0.04), friction=0.5
+    )
     scene = Scene(spec, HALF, [("egg", [0.5, 0.2, -1.0, 4.0, 3.0, -5.0])])
     model = scene.model()
     data = scene.data(model)
@@ -143,8 +161,14 @@ def test_cg_is_refused_where_noslip_takes_its_forces() -> None:
 
 def documented() -> dict[str, tuple[float, float]]:
     """The page's table: largest energy won in a step and in all, of the energy at the start."""
-    table = PAGE.read_text(encoding="utf-8").split("<!-- begin energy -->")[1].split("<!-- end energy -->")[0]
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.strip().splitlines()[2:]]
+    table = (
+        PAGE.read_text(encoding="utf-8")
+        .split("<!-- begin energy -->")[1]
+        .split("<!-- end energy -->")[0]
+    )
+    cells = [
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in table.strip().splitlines()[2:]
+    ]
     return {name: (float(step), float(total)) for name, step, total in cells}
 
 
@@ -161,7 +185,9 @@ def test_no_option_wins_more_energy_than_the_page_says(name: str, option: dict[s
     if flag and not any(one.endswith(f"_{flag}") for one in bits.__members__):
         pytest.skip("this MuJoCo has no such flag")
     cones, seeds, seconds = (CONES, range(3), 1.0) if LONG else (CONES[:1], range(1), 0.3)
-    seen = [energy_won(make, option, seconds) for cone in cones for make in scenes(seeds, cone, option)]
+    seen = [
+        energy_won(make, option, seconds) for cone in cones for make in scenes(seeds, cone, option)
+    ]
     most = np.max(seen, axis=0)
     if LONG:
         print(f"| {name} | {rounded_up(most[0])} | {rounded_up(most[1])} |")
@@ -173,7 +199,9 @@ def test_the_page_has_a_row_for_each_option() -> None:
 
 
 def test_no_flag_of_this_mujoco_is_untried() -> None:
-    """A flag that a later MuJoCo brings must be measured, and named in the plug-in, before it passes."""
+    """A flag that a later MuJoCo brings must be measured, and named in
+    the plug-in, before it passes.
+    """
     text = SOURCE.read_text(encoding="utf-8").split("tried_flags =")[1].split(";")[0]
     tried = set(re.sub(r'["\n]', " ", text).upper().split())
     flags = {
@@ -182,7 +210,10 @@ def test_no_flag_of_this_mujoco_is_untried() -> None:
         for name in bits.__members__
         if name.startswith(("mjENBL_", "mjDSBL_"))
     }
-    assert flags - tried <= {"OVERRIDE", "IPC"}  # refused; of the integrator `discrete`, which is refused
+    assert flags - tried <= {
+        "OVERRIDE",
+        "IPC",
+    }  # refused; of the integrator `discrete`, which is refused
     known = {"mjINT_EULER", "mjINT_RK4", "mjINT_IMPLICIT", "mjINT_IMPLICITFAST", "mjINT_DISCRETE"}
     assert set(mujoco.mjtIntegrator.__members__) <= known
     assert set(mujoco.mjtSolver.__members__) <= {"mjSOL_PGS", "mjSOL_CG", "mjSOL_NEWTON"}

@@ -1,6 +1,8 @@
-"""Energy in random scenes under MuJoCo's plug-ins: 200 of a design here, 2000 under `make test-plugins`.
+"""Energy in random scenes under MuJoCo's plug-ins: 200 of a design here,
+2000 under `make test-plugins`.
 
-The long run writes its table into docs/reference/plugins.md; the short one holds what the page says.
+The long run writes its table into docs/reference/plugins.md; the
+short one holds what the page says.
 """
 
 from __future__ import annotations
@@ -12,7 +14,16 @@ import numpy as np
 import pytest
 from covering import fewest
 from gain_tables import Gains, on_the_page
-from random_scenes import FACTORS, allowed, classes, design, energy, make, simulate, starts_compressed
+from random_scenes import (
+    FACTORS,
+    allowed,
+    classes,
+    design,
+    energy,
+    make,
+    simulate,
+    starts_compressed,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore::hcbench.contact.mujoco.ContactAccuracyWarning")
 
@@ -44,8 +55,12 @@ def test_contact_gains_no_more_than_the_page_says_of_each_class() -> None:
 
 
 @pytest.mark.parametrize("seed", [169, 624, 819, 1386, 1403, 1802, 1993])
-def test_bodies_that_an_impact_would_let_turn_too_far_are_named_and_do_not_diverge(seed: int) -> None:
-    """Coarse steps and e near 1: MuJoCo's own step gains energy without end once such a chain spins."""
+def test_bodies_that_an_impact_would_let_turn_too_far_are_named_and_do_not_diverge(
+    seed: int,
+) -> None:
+    """Coarse steps and e near 1: MuJoCo's own step gains energy
+    without end once such a chain spins.
+    """
     made = make(design(2000)[seed], seed)
     warned: list[str] = []
     mujoco.set_mju_user_warning(warned.append)
@@ -58,7 +73,10 @@ def test_bodies_that_an_impact_would_let_turn_too_far_are_named_and_do_not_diver
     finally:
         mujoco.set_mju_user_warning(None)
     assert not any("unstable" in words for words in warned)
-    assert sum("MuJoCo's own contact, as after the impact it would turn" in words for words in warned) == 1
+    assert (
+        sum("MuJoCo's own contact, as after the impact it would turn" in words for words in warned)
+        == 1
+    )
     alone = mujoco.MjData(made.native)
     alone.qpos[:], alone.qvel[:], alone.ctrl[:] = data.qpos, data.qvel, 0.3
     assert energy(made.native, alone) < 1.2 * first

@@ -33,7 +33,9 @@ def test_what_rests_neither_creeps_nor_vibrates(kind: str, integrator: str, cone
         mujoco.mj_step(model, data)
         velocities = data.cvel[bodies, 3:] if kind != "table" else data.cvel[bodies, 5:]
         fastest = max(fastest, float(np.abs(velocities).max()))
-    drift = np.abs(data.xpos[bodies] - start)[:, 2 if kind == "table" else slice(None)].max() / seconds
+    drift = (
+        np.abs(data.xpos[bodies] - start)[:, 2 if kind == "table" else slice(None)].max() / seconds
+    )
     if LONG:
         print(f"{kind}, {integrator}, {cone}: {fastest:.1e} m/s, {drift:.1e} m of drift a second")
     assert fastest < 1e-8
@@ -49,7 +51,11 @@ OTHERS: dict[str, dict[str, Any]] = {
 
 def documented() -> dict[str, list[float]]:
     """The page's table: the fastest of a box, a stack and a box on a slope, m/s."""
-    table = PAGE.read_text(encoding="utf-8").split("<!-- begin rest -->")[1].split("<!-- end rest -->")[0]
+    table = (
+        PAGE.read_text(encoding="utf-8")
+        .split("<!-- begin rest -->")[1]
+        .split("<!-- end rest -->")[0]
+    )
     rows = [line.split("|") for line in table.strip().splitlines()[2:]]
     return {row[1].strip(): [float(cell) for cell in row[2:-1]] for row in rows}
 

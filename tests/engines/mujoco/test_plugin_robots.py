@@ -1,4 +1,6 @@
-"""Robots on feet of MuJoCo's restitution plug-in: servos press them in each step, and they come to rest."""
+"""Robots on feet of MuJoCo's restitution plug-in: servos press them in
+each step, and they come to rest.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ LEG = """
   </body>
 </body>"""
 SERVOS = "".join(
-    f'<position joint="{side}_{joint}"/>' for side in ("left", "right") for joint in ("hip", "knee", "ankle")
+    f'<position joint="{side}_{joint}"/>'
+    for side in ("left", "right")
+    for joint in ("hip", "knee", "ankle")
 )
 BIPED = f"""
 <mujoco>
@@ -130,7 +134,9 @@ def test_a_robot_rests_no_deeper_than_on_native_contact(name: str, law: Law, til
             assert own["travel"] < native["travel"] + 0.03
 
 
-@pytest.mark.parametrize("options", ({"timestep": 5e-4}, {"integrator": 0}, {"integrator": 1}, {"cone": 1}))
+@pytest.mark.parametrize(
+    "options", ({"timestep": 5e-4}, {"integrator": 0}, {"integrator": 1}, {"cone": 1})
+)
 def test_steps_integrators_and_cones_leave_a_robot_on_its_feet(options: dict[str, Any]) -> None:
     native = landing(robot("quadruped", None, **options), 0.1)
     own = landing(robot("quadruped", ConstantRestitution(0.6), **options), 0.1)
@@ -141,8 +147,8 @@ def test_steps_integrators_and_cones_leave_a_robot_on_its_feet(options: dict[str
 def errors_of_e(law: Law, seed: int, *, motors: bool) -> list[float]:
     """Errors of each foot's e against the law, in a landing with all joints in motion.
 
-    What acts within the step does not count: h J M^-1 (motors and damping - Coriolis forces of the velocities
-    after the impact + J^T of the rows that rest).
+    What acts within the step does not count: h J M^-1 (motors and damping - Coriolis forces of the
+    velocities after the impact + J^T of the rows that rest).
     """
     h, off = 5e-5, mujoco.mjtDisableBit
     model = robot("quadruped", law, timestep=h, integrator=int(mujoco.mjtIntegrator.mjINT_EULER))
@@ -173,12 +179,17 @@ def errors_of_e(law: Law, seed: int, *, motors: bool) -> list[float]:
     acceleration = np.zeros((1, model.nv))
     mujoco.mj_solveM(free, alone, acceleration, force[None])
     after = normal @ (data.qvel - h * acceleration[0])
-    return [float(out / speed - law.at(speed)) for speed, out in zip(-(normal @ before), after, strict=True)]
+    return [
+        float(out / speed - law.at(speed))
+        for speed, out in zip(-(normal @ before), after, strict=True)
+    ]
 
 
 @pytest.mark.parametrize("motors", [False, True])
 @pytest.mark.parametrize("law", [*LAWS[1:], Restitution(0.3)], ids=str)
-def test_each_foot_has_the_e_of_its_own_speed_and_motors_add_their_impulse(law: Law, motors: bool) -> None:
+def test_each_foot_has_the_e_of_its_own_speed_and_motors_add_their_impulse(
+    law: Law, motors: bool
+) -> None:
     """With gravity e is of the speed at the touch plane, g h/2 from that of the step."""
     errors = [error for seed in range(5) for error in errors_of_e(law, seed, motors=motors)]
     assert len(errors) > 15
@@ -186,7 +197,9 @@ def test_each_foot_has_the_e_of_its_own_speed_and_motors_add_their_impulse(law: 
 
 
 @pytest.mark.parametrize(("iterations", "words"), [(1, 'iterations="1".*Set at least 5'), (5, "")])
-def test_a_solver_that_stops_early_is_named_once_where_robots_stand(iterations: int, words: str) -> None:
+def test_a_solver_that_stops_early_is_named_once_where_robots_stand(
+    iterations: int, words: str
+) -> None:
     model = robot("quadruped", LAWS[2], iterations=iterations)
     warned: list[str] = []
     mujoco.set_mju_user_warning(warned.append)
@@ -199,7 +212,9 @@ def test_a_solver_that_stops_early_is_named_once_where_robots_stand(iterations: 
 
 
 @pytest.mark.parametrize(("step", "words"), [(4e-3, "may land more than 1 mm deeper"), (2e-3, "")])
-def test_a_robot_that_may_land_deeper_than_on_native_contact_is_named(step: float, words: str) -> None:
+def test_a_robot_that_may_land_deeper_than_on_native_contact_is_named(
+    step: float, words: str
+) -> None:
     """By more than 1 mm, and at a step of more than an eighth of the contact's time constant."""
     warned: list[str] = []
     mujoco.set_mju_user_warning(warned.append)
@@ -252,7 +267,9 @@ def test_measure_and_check_show_the_plugins_warning_once(tmp_path: Path) -> None
     file.write_text(driven_wheel(), encoding="utf-8")
     measured = hcbench.measure(file, "tyre,floor", speeds=(0.5, 1.0), phases=2, diagnose=False)
     assert sum(STOPS in note for note in measured.facts.notes) == 1
-    (outcome,) = hcbench.check(file, "tyre,floor", restitution=0.5, speeds=(0.5, 1.0), phases=2).outcomes
+    (outcome,) = hcbench.check(
+        file, "tyre,floor", restitution=0.5, speeds=(0.5, 1.0), phases=2
+    ).outcomes
     assert outcome_text(outcome).count(STOPS) == 1
 
 
@@ -281,7 +298,9 @@ def iterations(model: Any, height: float, steps: int) -> Any:
 
 @pytest.mark.parametrize("integrator", ["EULER", "IMPLICITFAST"])
 @pytest.mark.parametrize("name", ["quadruped", "biped"])
-def test_newton_needs_about_two_iterations_while_a_robot_settles(name: str, integrator: str) -> None:
+def test_newton_needs_about_two_iterations_while_a_robot_settles(
+    name: str, integrator: str
+) -> None:
     """Native contact needs one; rows as stiff as those that stand still would need three to five."""
     number = int(getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}"))
     settling = robot(name, Restitution(0.3), integrator=number)
@@ -289,7 +308,9 @@ def test_newton_needs_about_two_iterations_while_a_robot_settles(name: str, inte
 
 
 def test_pgs_keeps_the_forces_of_native_contacts_that_it_starts_from() -> None:
-    """A stack on native contact beside a box on the plug-in's takes no more than without the plug-in."""
+    """A stack on native contact beside a box on the plug-in's takes no
+    more than without the plug-in.
+    """
     require_plugins_in_specs()
     spec = mujoco.MjSpec.from_string(STACK_AND_BOX)
     native = iterations(spec.compile(), 0.0, 400)[200:].mean()

@@ -1,4 +1,6 @@
-"""Everything that a program may do with a model and its state while the restitution plug-in is in contact."""
+"""Everything that a program may do with a model and its state while the
+restitution plug-in is in contact.
+"""
 
 from __future__ import annotations
 
@@ -47,13 +49,20 @@ def after(of: Any, data: Any, steps: int = 200) -> Any:
     return state(of, data)
 
 
-SOLVERS = ['solver="Newton"', 'solver="PGS"', 'noslip_iterations="5"', 'solver="PGS" noslip_iterations="5"']
+SOLVERS = [
+    'solver="Newton"',
+    'solver="PGS"',
+    'noslip_iterations="5"',
+    'solver="PGS" noslip_iterations="5"',
+]
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 def test_inverse_dynamics_give_back_no_force_beyond_what_acts(solver: str, cone: str) -> None:
-    """Inverse dynamics of the accelerations of a step, at rest and in an impact: finite, and no crash."""
+    """Inverse dynamics of the accelerations of a step, at rest and in
+    an impact: finite, and no crash.
+    """
     made = model(f'{solver} cone="{cone}"')
     data = in_contact(made)
     for _ in range(300):
@@ -137,7 +146,9 @@ def test_many_threads_on_one_model_move_as_one() -> None:
 def test_rollout_of_several_models_on_several_threads_is_that_of_each_alone() -> None:
     models = [model(), model(names=("two", "one"))] * 6
     start = np.stack([state(made, mujoco.MjData(made)) for made in models])
-    together, _ = rollout.rollout(models, [mujoco.MjData(models[0]) for _ in range(3)], start, nstep=400)
+    together, _ = rollout.rollout(
+        models, [mujoco.MjData(models[0]) for _ in range(3)], start, nstep=400
+    )
     for made, got in zip(models[:2], together[:2], strict=True):
         assert (got[-1] == after(made, mujoco.MjData(made), 400)).all()
     assert all((together[i] == together[i % 2]).all() for i in range(12))

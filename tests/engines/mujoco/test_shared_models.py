@@ -1,4 +1,6 @@
-"""A user's MuJoCo model that another engine steps is prepared and read as MuJoCo's own; here MuJoCo steps."""
+"""A user's MuJoCo model that another engine steps is prepared and read as
+MuJoCo's own; here MuJoCo steps.
+"""
 
 from __future__ import annotations
 
@@ -81,7 +83,9 @@ class ItselfEngine(SharedModelEngine):
         return MujocoCopies(model, start, self.own_bits)
 
 
-def both(xml: str, pair: str, engine: ItselfEngine, **asked: Any) -> tuple[MujocoModel, ModelUnderTest]:
+def both(
+    xml: str, pair: str, engine: ItselfEngine, **asked: Any
+) -> tuple[MujocoModel, ModelUnderTest]:
     """The model in MuJoCo, and the same model stepped by another engine."""
     request = make_request(pair, **{"speeds": SPEEDS, "phases": [0.1, 0.7], **asked})
     own, shared = (MujocoModel(*load(xml, request), request) for _ in range(2))
@@ -94,7 +98,9 @@ def impacts(model: ModelUnderTest, **asked: Any) -> list[Impact]:
 
 
 def without_loop(impact: Impact) -> tuple[Any, ...]:
-    """Fields of an impact as a tuple: from Python 3.13 a dataclass with a NaN is not equal to its copy."""
+    """Fields of an impact as a tuple: from Python 3.13 a dataclass with
+    a NaN is not equal to its copy.
+    """
     return dataclasses.astuple(dataclasses.replace(impact, loop=None))
 
 
@@ -131,12 +137,18 @@ def test_float32_is_read_to_its_own_precision_and_scatters_where_it_must() -> No
     own, shared = both(ball(), "ball,plate", ItselfEngine(32))
     e = np.array([[i.restitution for i in impacts(model)] for model in (own, shared)])
     assert 0 < np.abs(np.diff(e, axis=0)).max() < 2e-5
-    assert not [s.code for s in shared.suspects(impacts(shared), None) if s.code == "rounded-positions"]
+    assert not [
+        s.code for s in shared.suspects(impacts(shared), None) if s.code == "rounded-positions"
+    ]
     short = {"timestep": 5e-6, "speeds": 0.07, "phases": [0.5]}
     own, shared = both(ball(), "ball,plate", ItselfEngine(32), **short)
-    (found,) = [s for s in shared.suspects(impacts(shared, **short), None) if s.code == "rounded-positions"]
+    (found,) = [
+        s for s in shared.suspects(impacts(shared, **short), None) if s.code == "rounded-positions"
+    ]
     assert "3.5e-07 m where coordinates of 0.05 m are 3.7e-09 m apart" in found.evidence
-    with pytest.raises(SettingError, match=r"1e-06 s in float32: at 0\.9 m/s .* 9e-07 m; .*Use 4e-06"):
+    with pytest.raises(
+        SettingError, match=r"1e-06 s in float32: at 0\.9 m/s .* 9e-07 m; .*Use 4e-06"
+    ):
         both(ball(height=9.0), "ball,plate", ItselfEngine(32), timestep=1e-6)
 
 
@@ -161,15 +173,24 @@ def test_what_an_engine_drops_is_named_and_seen_in_its_bounce() -> None:
             32,
             "impedance-rounding",
         ),
-        (PAIR.format('solref="-1e8 -9" solimp=".0001 .9999 .0001 .5 1017"'), "", 32, "power-underflow"),
+        (
+            PAIR.format('solref="-1e8 -9" solimp=".0001 .9999 .0001 .5 1017"'),
+            "",
+            32,
+            "power-underflow",
+        ),
     ],
 )
-def test_a_contact_that_becomes_another_is_named(pairs: str, lacks: str, bits: int, code: str) -> None:
+def test_a_contact_that_becomes_another_is_named(
+    pairs: str, lacks: str, bits: int, code: str
+) -> None:
     model = mujoco.MjModel.from_xml_string(ball(pairs=pairs))
     (found,) = differences(model, ItselfEngine(lacks=frozenset({lacks})), bits)
     assert found.code == code
     assert (
-        differences(mujoco.MjModel.from_xml_string(ball()), ItselfEngine(lacks=frozenset({lacks})), bits)
+        differences(
+            mujoco.MjModel.from_xml_string(ball()), ItselfEngine(lacks=frozenset({lacks})), bits
+        )
         == []
     )
 

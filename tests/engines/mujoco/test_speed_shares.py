@@ -23,8 +23,12 @@ def test_weight_adds_to_the_approach_of_a_falling_ball_and_damping_takes_from_it
     mujoco.mj_forward(model, data)
     shares = SpeedShares(model, np.zeros(model.ngeom, dtype=np.int8))
     for step in range(4):
-        shares.add(step, data, np.array([-1.0]), others=False)  # its approach is its speed downwards
+        shares.add(
+            step, data, np.array([-1.0]), others=False
+        )  # its approach is its speed downwards
     taken = shares.taken(4)
     assert taken[WEIGHT] == pytest.approx(-4 * 10.0 * H)
     assert taken[PASSIVE] == pytest.approx(4 * DRAG * 3.0 / 0.5 * H)
-    assert [taken[name] for name in NAMES if name not in (WEIGHT, PASSIVE)] == [0.0] * (len(NAMES) - 2)
+    assert [taken[name] for name in NAMES if name not in (WEIGHT, PASSIVE)] == [0.0] * (
+        len(NAMES) - 2
+    )

@@ -1,7 +1,8 @@
-"""MuJoCo's compliant pairs at robots' steps: what they promise, in loops over mj_step that share no code.
+"""MuJoCo's compliant pairs at robots' steps: what they promise, in loops
+over mj_step that share no code.
 
-Random speeds and phases that no fit saw; e of the speeds at the touch plane, by what a step of semi-implicit
-Euler keeps in free flight.
+Random speeds and phases that no fit saw; e of the speeds at the touch plane, by what a step of
+semi-implicit Euler keeps in free flight.
 """
 
 from __future__ import annotations
@@ -53,7 +54,9 @@ def model(
 ) -> Any:
     if friction:
         given = (given[0].with_friction(friction, timestep, IMPRATIO), *given[1:])
-    texts = (" ".join(f"{key}={text!r}" for key, text in pair_attributes(row).items()) for row in given)
+    texts = (
+        " ".join(f"{key}={text!r}" for key, text in pair_attributes(row).items()) for row in given
+    )
     pairs = "".join(f'<pair geom1="ball" geom2="plate" {text}/>' for text in texts)
     return mujoco.MjModel.from_xml_string(f"""<mujoco>
       <option timestep="{timestep}" gravity="0 0 {-g}" cone="elliptic" impratio="{IMPRATIO}"/><worldbody>
@@ -116,19 +119,28 @@ def test_e_falls_as_the_law_at_robots_steps_with_friction_too(
     [
         (Restitution(0.05), 0.045),
         (Restitution(0.165), 0.035),
-        (MeasuredRestitution(((0.1, 0.98), (0.5, 0.91), (1.0, 0.84), (2.0, 0.75), (3.0, 0.67))), 0.035),
+        (
+            MeasuredRestitution(((0.1, 0.98), (0.5, 0.91), (1.0, 0.84), (2.0, 0.75), (3.0, 0.67))),
+            0.035,
+        ),
     ],
     ids=["hard", "rubber", "pairs of rubber"],
 )
 def test_other_materials(curve: RestitutionCurve, most: float) -> None:
     smooth = model(rows(curve, 2e-3), 2e-3)
-    off = [abs(bounce(smooth, speed, phase)[0] - float(curve.at(speed))) for speed, phase, _ in at_random()]
+    off = [
+        abs(bounce(smooth, speed, phase)[0] - float(curve.at(speed)))
+        for speed, phase, _ in at_random()
+    ]
     assert max(off) < most
 
 
 def test_rows_that_may_not_pull() -> None:
     smooth = model(rows(LAW, 2e-3, adhesive=False), 2e-3)
-    off = [abs(bounce(smooth, speed, phase)[0] - float(LAW.at(speed))) for speed, phase, _ in at_random()]
+    off = [
+        abs(bounce(smooth, speed, phase)[0] - float(LAW.at(speed)))
+        for speed, phase, _ in at_random()
+    ]
     assert max(off) < 0.04
 
 

@@ -1,4 +1,6 @@
-"""One contact, all numbers searched: far better than one constant e, and as good as one contact can be."""
+"""One contact, all numbers searched: far better than one constant e, and
+as good as one contact can be.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +20,14 @@ HELD_OUT = np.array([1.0, 1.37, 3.3, 8.0, 20.0]) * INCH
 
 
 def target_of(alpha: float, timestep: float) -> Target:
-    return Target(HuntCrossley(STEEL_STIFFNESS, alpha / INCH), STEEL_MASS, timestep, INCH, 20 * INCH)
+    return Target(
+        HuntCrossley(STEEL_STIFFNESS, alpha / INCH), STEEL_MASS, timestep, INCH, 20 * INCH
+    )
 
 
-@pytest.mark.parametrize(("alpha", "must"), [(0.002, 0.0018), pytest.param(0.016, 0.011, marks=long_search)])
+@pytest.mark.parametrize(
+    ("alpha", "must"), [(0.002, 0.0018), pytest.param(0.016, 0.011, marks=long_search)]
+)
 def test_restitution_follows_speed(alpha: float, must: float) -> None:
     target = target_of(alpha, 1e-5)
     flight = simulated(pasted(dict(SOFT(target).options), 1e-5, STEEL_MASS), 1e-5, HELD_OUT, 0.4)

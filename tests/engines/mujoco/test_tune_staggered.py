@@ -1,4 +1,6 @@
-"""Staggered pairs carry eq. (16) in plain MuJoCo: restitution, loop, any mass, any band, any exponent."""
+"""Staggered pairs carry eq. (16) in plain MuJoCo: restitution, loop,
+any mass, any band, any exponent.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ def target_of(
     return Target(law, mass, timestep, band[0] * INCH, band[1] * INCH)
 
 
-def measured(target: Target, speeds: np.ndarray, integrator: str = "Euler", phases: int = 8) -> Flight:
+def measured(
+    target: Target, speeds: np.ndarray, integrator: str = "Euler", phases: int = 8
+) -> Flight:
     setting = STAGGERED(target, integrator)
     law = resolvable_law(target)
     longest = float(closed_form.duration(law, target.mass, speeds[[0, -1]]).max())
@@ -47,7 +51,9 @@ def restitution_error(flight: Flight, target: Target, speeds: np.ndarray) -> flo
 
 
 def loop_error(flight: Flight, target: Target, speeds: np.ndarray) -> float:
-    """Worst root mean square distance in force at equal penetration and branch, over the law's largest."""
+    """Worst root mean square distance in force at equal penetration and
+    branch, over the law's largest.
+    """
     law, worst = resolvable_law(target), 0.0
     for i, speed in enumerate(speeds):
         truth = closed_form.loop(law, target.mass, float(speed), 2001)
@@ -76,7 +82,9 @@ def test_restitution_and_loop_are_those_of_the_law(alpha: float) -> None:
 @pytest.mark.adhesion
 @pytest.mark.parametrize("exponent", [1.0, 2.0])
 @pytest.mark.parametrize("alpha", [0.002, 0.016])
-def test_other_exponents_have_the_same_restitution_and_their_own_loop(alpha: float, exponent: float) -> None:
+def test_other_exponents_have_the_same_restitution_and_their_own_loop(
+    alpha: float, exponent: float
+) -> None:
     target = target_of(alpha, 1e-6, exponent)
     flight = measured(target, HELD_OUT)
     # A linear spring switched on between two steps scatters e by (h ω)²/8 whatever else is right.
@@ -90,7 +98,8 @@ def test_other_exponents_have_the_same_restitution_and_their_own_loop(alpha: flo
 def test_at_ten_microseconds_only_the_step_is_left(alpha: float) -> None:
     target = target_of(alpha, 1e-5)
     flight = measured(target, HELD_OUT)
-    # The law itself, integrated in 16 steps, scatters by 6e-4 with the phase; its mean does not move.
+    # The law itself, integrated in 16 steps, scatters by 6e-4 with the
+    # phase; its mean does not move.
     assert restitution_error(flight, target, HELD_OUT) < 1.5e-3
     mean = flight.restitution.mean(axis=1) - target.restitution(HELD_OUT)
     assert np.abs(mean).max() < 5e-5
@@ -100,7 +109,9 @@ def test_at_ten_microseconds_only_the_step_is_left(alpha: float) -> None:
 @pytest.mark.adhesion
 @pytest.mark.parametrize("timestep", [1e-4, 5e-4, 1e-3, 2e-3])
 @pytest.mark.parametrize("alpha", ALPHAS)
-def test_coarse_steps_soften_the_spring_and_keep_the_restitution(alpha: float, timestep: float) -> None:
+def test_coarse_steps_soften_the_spring_and_keep_the_restitution(
+    alpha: float, timestep: float
+) -> None:
     target = target_of(alpha, timestep)
     flight = measured(target, HELD_OUT)
     assert (flight.x > 0).sum(axis=-1).min() >= 20
@@ -125,7 +136,8 @@ def test_other_integrators_that_hold(integrator: str) -> None:
 
 @pytest.mark.adhesion
 @pytest.mark.parametrize(
-    ("mass", "band"), [(0.001, (1.0, 20.0)), (1000.0, (0.5, 3.0)), (0.2, (10.0, 12.0)), (5.0, (0.1, 40.0))]
+    ("mass", "band"),
+    [(0.001, (1.0, 20.0)), (1000.0, (0.5, 3.0)), (0.2, (10.0, 12.0)), (5.0, (0.1, 40.0))],
 )
 @pytest.mark.parametrize("alpha", [0.0005, 0.02])
 def test_any_mass_and_any_band(alpha: float, mass: float, band: tuple[float, float]) -> None:
@@ -145,7 +157,9 @@ def test_no_loss_is_springs_alone() -> None:
 
 def test_numbers_are_per_unit_effective_mass() -> None:
     one = staggered_rows(target_of(0.008, 1e-6))
-    double = Target(HuntCrossley(2 * STEEL_STIFFNESS, 0.008 / INCH), 2 * STEEL_MASS, 1e-6, INCH, 20 * INCH)
+    double = Target(
+        HuntCrossley(2 * STEEL_STIFFNESS, 0.008 / INCH), 2 * STEEL_MASS, 1e-6, INCH, 20 * INCH
+    )
     for row, twin in zip(one, staggered_rows(double), strict=True):
         assert twin.stiffness == pytest.approx(row.stiffness, rel=1e-6)
         assert twin.damping == pytest.approx(row.damping, rel=1e-6)
@@ -176,7 +190,9 @@ def test_two_free_bodies_meet_off_axis_with_their_effective_mass() -> None:
     target = target_of(0.008, 1e-6, mass=first * second / (first + second))
     rows = STAGGERED(target).options["rows"]
     geom = f'type="sphere" size="{INCH!r}" contype="0" conaffinity="0"'
-    copies = "".join(f'<geom name="a{i}" mass="{0.0 if i else first!r}" {geom}/>' for i in range(len(rows)))
+    copies = "".join(
+        f'<geom name="a{i}" mass="{0.0 if i else first!r}" {geom}/>' for i in range(len(rows))
+    )
     pairs = "".join(
         f'<pair geom1="a{i}" geom2="b" condim="1" margin="{-row["onset"]!r}" adhesion="{row["adhesion"]!r}"'
         f' solref="{" ".join(map(repr, row["solref"]))}" solimp="{" ".join(map(repr, row["solimp"]))}"/>'
@@ -195,7 +211,9 @@ def test_two_free_bodies_meet_off_axis_with_their_effective_mass() -> None:
     for _ in range(260):
         mujoco.mj_step(model, data)
     apart = data.qvel[6:9] - data.qvel[:3]
-    assert float(apart @ normal) / speed == pytest.approx(float(target.restitution(speed)), abs=3e-5)
+    assert float(apart @ normal) / speed == pytest.approx(
+        float(target.restitution(speed)), abs=3e-5
+    )
     assert np.abs(np.cross(apart, normal)).max() < 1e-9
     assert data.qvel[1] == pytest.approx(0.3, abs=1e-9)
 
@@ -213,7 +231,8 @@ def test_under_gravity_it_is_the_law_under_gravity() -> None:
         force = np.where(x > 0, target.law.force(np.maximum(x, 0.0), v), 0.0)
         v = v + timestep * (gravity - force / STEEL_MASS)
         x = x + timestep * v
-    # Not quite its own error: the dampers' impedance holds back a part of the weight while they act.
+    # Not quite its own error: the dampers' impedance holds back a part
+    # of the weight while they act.
     assert np.abs((flight.v[..., -1] - v) / speeds[:, None]).max() < 1e-4
 
 
@@ -221,7 +240,9 @@ def test_under_gravity_it_is_the_law_under_gravity() -> None:
 def test_a_ball_let_down_on_the_plate_comes_to_rest() -> None:
     """The oscillation dies with the law's own rate (3/4) α g, and there is no creep."""
     alpha, timestep, gravity = 0.02, 1e-5, 9.81
-    xml = pasted(dict(STAGGERED(target_of(alpha, timestep)).options), timestep, STEEL_MASS, gravity=gravity)
+    xml = pasted(
+        dict(STAGGERED(target_of(alpha, timestep)).options), timestep, STEEL_MASS, gravity=gravity
+    )
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     sag = (STEEL_MASS * gravity / STEEL_STIFFNESS) ** (1 / 1.5)

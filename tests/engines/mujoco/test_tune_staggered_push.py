@@ -31,7 +31,9 @@ def setting_for(target: Target) -> Setting:
 
 
 def cup(target: Target) -> mujoco.MjModel:
-    """A ball of 1 in that is free in a cup of 2 in, a tendon's limit a row, pasted into a fresh scene."""
+    """A ball of 1 in that is free in a cup of 2 in, a tendon's limit a
+    row, pasted into a fresh scene.
+    """
     setting = setting_for(target)
     limits = "".join(
         f'<spatial limited="true" range="0 {INCH + row["onset"]!r}" margin="0"'
@@ -87,7 +89,9 @@ def test_in_a_true_cup_on_and_off_the_axis(angle: float) -> None:
     top, deep = len(truth.time) // 2, int(np.argmax(x))
     inside = np.flatnonzero(np.array(x) > 0)
     going_in = np.interp(np.array(x)[inside], truth.penetration[: top + 1], truth.force[: top + 1])
-    coming_out = np.interp(np.array(x)[inside], truth.penetration[top:][::-1], truth.force[top:][::-1])
+    coming_out = np.interp(
+        np.array(x)[inside], truth.penetration[top:][::-1], truth.force[top:][::-1]
+    )
     off = np.array(force)[inside] - np.where(inside <= deep, going_in, coming_out)
     assert float(np.sqrt(np.mean(off**2))) < 0.005 * truth.force.max()
 

@@ -32,7 +32,9 @@ def test_restitution_at_a_fine_step(alpha: float) -> None:
 
 
 @pytest.mark.adhesion
-@pytest.mark.parametrize(("alpha", "timestep"), [(0.002, 2e-3), (0.004, 1e-3), (0.008, 5e-4), (0.016, 1e-4)])
+@pytest.mark.parametrize(
+    ("alpha", "timestep"), [(0.002, 2e-3), (0.004, 1e-3), (0.008, 5e-4), (0.016, 1e-4)]
+)
 def test_restitution_at_coarse_steps_with_a_softer_spring(alpha: float, timestep: float) -> None:
     target = target_of(alpha, timestep)
     assert contact_duration(target) == pytest.approx(36 * timestep)

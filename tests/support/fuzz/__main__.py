@@ -1,4 +1,5 @@
-"""`make fuzz`: random inputs in one process, some as processes, signals at random times, calls, and mutated files.
+"""`make fuzz`: random inputs in one process, some as processes, signals at random
+times, calls, and mutated files.
 
 Prints what went wrong with its number, by which `--only` runs it again; exit 1 where anything did.
 """
@@ -98,7 +99,9 @@ def as_processes(numbers: range, folder: Path) -> list[str]:
             )
         except (subprocess.TimeoutExpired, ValueError) as error:  # a null in an argument is none's
             wrong += (
-                [_told(number, arguments, "hung", "")] if isinstance(error, subprocess.TimeoutExpired) else []
+                [_told(number, arguments, "hung", "")]
+                if isinstance(error, subprocess.TimeoutExpired)
+                else []
             )
             continue
         wrong += [
@@ -110,7 +113,9 @@ def as_processes(numbers: range, folder: Path) -> list[str]:
 
 
 def signals(count: int, folder: Path) -> list[str]:
-    """Send signals at random times to commands that take a while: exit 130, or what it had come to, and nothing left."""
+    """Send signals at random times to commands that take a while: exit 130, or what it
+    had come to, and nothing left.
+    """
     study = folder / "study.toml"
     study.write_text(
         'scene = "steel-plane"\nalphas = 0.3\nspeeds = "0.1:0.5:20"\nphases = 4\n'
@@ -149,11 +154,16 @@ def signals(count: int, folder: Path) -> list[str]:
         # Before Python has begun to run hcbench, a signal is Python's own.
         early = process.returncode in (-kind, 130) and "Traceback" in err and "hcbench" not in err
         if (process.returncode not in (0, 1, 130, -kind)) or ("Traceback" in err and not early):
-            wrong.append(_told(number, arguments, f"exit {process.returncode} after {kind.name}", err))
+            wrong.append(
+                _told(number, arguments, f"exit {process.returncode} after {kind.name}", err)
+            )
         left = [p.name for p in folder.rglob(".hcbench-*") if p.name.endswith((".new", ".scratch"))]
         if left:
             wrong.append(_told(number, arguments, f"left {left} after {kind.name}", err))
-    print(f"{count} signals: {len(wrong)} faults; exit codes {dict(sorted(codes.items()))}", flush=True)
+    print(
+        f"{count} signals: {len(wrong)} faults; exit codes {dict(sorted(codes.items()))}",
+        flush=True,
+    )
     return wrong
 
 
@@ -171,10 +181,14 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=300)
     parser.add_argument("--signals", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0, help="number of the first input")
-    parser.add_argument("--seconds", type=float, default=1e9, help="of the inputs in one process, at most")
+    parser.add_argument(
+        "--seconds", type=float, default=1e9, help="of the inputs in one process, at most"
+    )
     parser.add_argument("--calls", type=int, default=8000, help="of the Python API")
     parser.add_argument("--files", type=int, default=300, help="mutated files for each reader")
-    parser.add_argument("--readers", nargs="*", default=READERS, choices=READERS, help="of the files")
+    parser.add_argument(
+        "--readers", nargs="*", default=READERS, choices=READERS, help="of the files"
+    )
     parser.add_argument("--only", type=int)
     asked = parser.parse_args()
     if asked.only is not None:

@@ -1,4 +1,6 @@
-"""Random calls of the Python API: each ends in an HcbenchError of one line, or in a plausible result."""
+"""Random calls of the Python API: each ends in an HcbenchError of one
+line, or in a plausible result.
+"""
 
 from __future__ import annotations
 
@@ -129,5 +131,7 @@ def call(numbers: range, folder: Path) -> list[str]:
         counts[kind] += 1
         wrong += [f"call {number}: {fault}: {name} {arguments} {options}" for fault in found]
     signal.signal(signal.SIGALRM, before)
-    print(*wrong, f"{len(numbers)} calls: {len(wrong)} faults, {dict(counts)}", sep="\n", flush=True)
+    print(
+        *wrong, f"{len(numbers)} calls: {len(wrong)} faults, {dict(counts)}", sep="\n", flush=True
+    )
     return wrong

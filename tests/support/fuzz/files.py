@@ -1,4 +1,6 @@
-"""Mutated files for every reader, in a worker process with a limit of memory and of time for each file."""
+"""Mutated files for every reader, in a worker process with a limit of
+memory and of time for each file.
+"""
 
 from __future__ import annotations
 
@@ -70,11 +72,17 @@ def readers(folder: Path) -> dict[str, Reader]:
         "mjcf": Reader(hb.pairs, ".xml", models),
         "mjz": Reader(hb.pairs, ".mjz", tuple(_zip({"model.xml": model}) for model in models)),
         "mjb": Reader(hb.pairs, ".mjb", (_binary(models[1]),)),
-        "urdf": Reader(lambda path: hb.pairs([str(path), plate], engine="pybullet"), ".urdf", urdfs),
+        "urdf": Reader(
+            lambda path: hb.pairs([str(path), plate], engine="pybullet"), ".urdf", urdfs
+        ),
         "table": Reader(hb.fit, ".csv", _TABLES),
         "pairs": Reader(read_pairs, ".csv", (_TABLES[-1],)),
-        "wav": Reader(lambda path: read_recording(path, lambda _: 1.0), ".wav", tuple(_sounds("wav"))),
-        "m4a": Reader(lambda path: read_recording(path, lambda _: 1.0), ".m4a", tuple(_sounds("m4a"))),
+        "wav": Reader(
+            lambda path: read_recording(path, lambda _: 1.0), ".wav", tuple(_sounds("wav"))
+        ),
+        "m4a": Reader(
+            lambda path: read_recording(path, lambda _: 1.0), ".m4a", tuple(_sounds("m4a"))
+        ),
         "study": Reader(load_study, ".toml", _files("examples/study.toml", "reports/*/study.toml")),
         "scene": Reader(scene, ".toml", _files("scenes/*/scene.toml")),
         "baseline": Reader(lambda path: read_baseline(path, ""), ".json", (_baseline(folder),)),
@@ -177,7 +185,9 @@ def _baseline(folder: Path) -> bytes:
 
     path = folder / "baseline.json"
     model = str(ROOT / "examples" / "good.xml")
-    measured = hb.measure(model, "ball,plate", speeds="0.3, 0.5 m/s", phases=1, rest=False, diagnose=False)
+    measured = hb.measure(
+        model, "ball,plate", speeds="0.3, 0.5 m/s", phases=1, rest=False, diagnose=False
+    )
     write_baseline(path, {"": measured}, force=True)
     return path.read_bytes()
 
@@ -189,7 +199,9 @@ def _results() -> bytes:
 
 
 def mutated(seed: bytes, chance: random.Random) -> bytes:
-    """A file with a few changes of bytes, of words, or, in a zip, of a member with its checksum made again."""
+    """A file with a few changes of bytes, of words, or, in a zip, of a
+    member with its checksum made again.
+    """
     if seed[:2] == b"PK" and chance.random() < 0.6:
         with zipfile.ZipFile(io.BytesIO(seed)) as archive:
             members = {name: archive.read(name) for name in archive.namelist()}
@@ -218,7 +230,8 @@ def _change_bytes(data: bytearray, chance: random.Random) -> None:
     head = min(len(data), 400) if chance.random() < 0.6 else len(data)
     at = chance.randrange(head) if head else 0
     some = bytes(
-        chance.choice((0, 255, 127, 128, chance.randrange(256))) for _ in range(chance.randrange(1, 9))
+        chance.choice((0, 255, 127, 128, chance.randrange(256)))
+        for _ in range(chance.randrange(1, 9))
     )
     length = chance.choice((1, 1, 4, 8, 40))
     match chance.randrange(5):

@@ -78,9 +78,7 @@ NAMES = [
     "\u202e",
 ]
 HEADERS = "time [s]|time [ms]|time [year]|height [cm]|height [km]|speed [m/s],restitution|v_in [m/s],v_out [m/s]|time [s],height [m]"
-HEADERS += (
-    "|time [ms],force [N]|penetration [um],rate [m/s],force [N]|speed,restitution|x|time [s|height (cm)|"
-)
+HEADERS += "|time [ms],force [N]|penetration [um],rate [m/s],force [N]|speed,restitution|x|time [s|height (cm)|"
 GOOD_DATA = {
     "height [cm]": ["30", "22", "17", "13.5", "11", "9.2", "7.8"],
     "time [s]": ["0", "0.443", "0.842", "1.201", "1.524", "1.815"],
@@ -92,7 +90,9 @@ MODEL = """<mujoco><option timestep="{timestep}" gravity="0 0 {gravity}" integra
 URDF = """<robot name="r"><link name="l"><contact><restitution value="{e}"/><lateral_friction value="{mu}"/></contact>
 <inertial><mass value="{mass}"/><inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/></inertial>
 <collision><geometry><sphere radius="{size}"/></geometry></collision></link></robot>"""
-PLANE = URDF.format(e=1, mu=0, mass=0, i=0, size=1).replace('<sphere radius="1"/>', '<box size="9 9 0.1"/>')
+PLANE = URDF.format(e=1, mu=0, mass=0, i=0, size=1).replace(
+    '<sphere radius="1"/>', '<box size="9 9 0.1"/>'
+)
 STUDY = """scene = {scene}
 alphas = {alpha}
 speeds = {speed}
@@ -180,9 +180,7 @@ class Inputs:
             if self.random.random() < 0.2:
                 good[name] = self.text(good[name]).split(" ")[0]
         if self.random.random() < 0.3:
-            pair = (
-                f"{self.choice('-1000', '0.02', '0', '1e300', 'nan')} {self.choice('-1', '1', '0', '-1e300')}"
-            )
+            pair = f"{self.choice('-1000', '0.02', '0', '1e300', 'nan')} {self.choice('-1', '1', '0', '-1e300')}"
             good["contact"] = self.choice(
                 f'solref="{pair}"', 'friction="-1 0 0"', 'friction="1e9 0 0"', 'margin="1e9"'
             )
@@ -207,7 +205,9 @@ class Inputs:
             timestep="1e-3", gravity="9.81", key="qpos0", height="1 cm", qpos="ball=0 0 1 1 0 0 0", angle="30 deg",
             along="0,1,0", spin="40 rad/s", limit="20 s",
         )  # fmt: skip
-        more += [f"--from={self.choice('above', '+x', '0,1,1', '0,0,0', 'x')}"] * (self.random.random() < 0.1)
+        more += [f"--from={self.choice('above', '+x', '0,1,1', '0,0,0', 'x')}"] * (
+            self.random.random() < 0.1
+        )
         more += [f"--state={self.state()}"] * (self.random.random() < 0.2)
         pair = f"--pair={self.choice('ball,plate', 'ball,plate', 'ball,plate', self.random.choice(NAMES))}"
         return [pair, "--phases=1", speeds, *more]
@@ -219,11 +219,16 @@ def _law(i: Inputs) -> list[str]:
 
 
 def _convert(i: Inputs) -> list[str]:
-    one = i.choice("alpha=0.31", "drake=0.31", "simbody=0.2", "restitution=0.9", "solref=-2.7e8 -815").split(
-        "="
-    )
+    one = i.choice(
+        "alpha=0.31", "drake=0.31", "simbody=0.2", "restitution=0.9", "solref=-2.7e8 -815"
+    ).split("=")
     rest = i.some(speed="0.2 m/s", contact_time="0.2 ms", timestep="1e-3", alpha="0.3")
-    return ["convert", f"--{one[0]}={i.text(one[1])}", *rest, *i.some(target=i.choice("law", "linear"))]
+    return [
+        "convert",
+        f"--{one[0]}={i.text(one[1])}",
+        *rest,
+        *i.some(target=i.choice("law", "linear")),
+    ]
 
 
 def _fit(i: Inputs) -> list[str]:
@@ -266,7 +271,12 @@ def _land(i: Inputs) -> list[str]:
         "nan", "-1", "0", "1e9 m", "1 kg", "0.5 cm"
     )  # most are refused: the others take seconds
     options = i.some(
-        tilt="5 deg", controller="pd:10,1", key="qpos0", qpos="base=0,0,0.3", timestep="1e-3", gravity="9.81"
+        tilt="5 deg",
+        controller="pd:10,1",
+        key="qpos0",
+        qpos="base=0,0,0.3",
+        timestep="1e-3",
+        gravity="9.81",
     )
     return ["land", i.model(), f"--heights={heights}", *options]
 
@@ -274,11 +284,28 @@ def _land(i: Inputs) -> list[str]:
 def _cases(i: Inputs) -> list[str]:
     body = [i.choice(0.1, -1.0, 1e300, None, "x") if i.random.random() < 0.1 else 0.1] * 9
     states = [[step, body] for step in (0, 1, 2, 40, 41, 42)]
-    run = i.choice({"states": states}, {"states": states[:1]}, {"unsupported": "no"}, {"error": "x"}, {}, [])
-    runs = {f"C{n:02d}": [run] * i.choice(1, 2, 114, 120, 132) for n in range(1, i.choice(2, 3, 16))}
-    engine = {"name": i.choice("x", 3, ""), "version": "1", "combine": i.choice("product", None, "x")}
-    content = {"format": i.choice(1, 1, 2), "set": "hcbench-cases-1", "engine": engine, "runs": runs}
-    return ["cases", "score", i.file("results.json", json.dumps(i.choice(content, [content], [], 1)))]
+    run = i.choice(
+        {"states": states}, {"states": states[:1]}, {"unsupported": "no"}, {"error": "x"}, {}, []
+    )
+    runs = {
+        f"C{n:02d}": [run] * i.choice(1, 2, 114, 120, 132) for n in range(1, i.choice(2, 3, 16))
+    }
+    engine = {
+        "name": i.choice("x", 3, ""),
+        "version": "1",
+        "combine": i.choice("product", None, "x"),
+    }
+    content = {
+        "format": i.choice(1, 1, 2),
+        "set": "hcbench-cases-1",
+        "engine": engine,
+        "runs": runs,
+    }
+    return [
+        "cases",
+        "score",
+        i.file("results.json", json.dumps(i.choice(content, [content], [], 1))),
+    ]
 
 
 def _pairs(i: Inputs) -> list[str]:

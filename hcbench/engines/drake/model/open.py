@@ -34,7 +34,9 @@ class OpensFiles(OpensModels):
         """Never chosen automatically: Drake supports only part of MJCF."""
         return False
 
-    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
+    def open(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> ModelUnderTest:
         """A model from URDF, SDF or MJCF files, in a discrete plant with nothing else set."""
         from hcbench.engines.drake.model.under_test import DrakeModel
 
@@ -63,12 +65,16 @@ def list_pairs(drake: Any, source: Any, request: Request) -> list[CandidatePair]
 
 def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
     """The two of a pair, the one that moves first."""
-    shapes = sorted(both, key=lambda g: (loaded.plant.IsAnchored(loaded.body_of(g)), loaded.short(g)))
+    shapes = sorted(
+        both, key=lambda g: (loaded.plant.IsAnchored(loaded.body_of(g)), loaded.short(g))
+    )
     return [Part(loaded.short(shape), loaded.body_of(shape), (shape,)) for shape in shapes]
 
 
 def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> CandidatePair:
-    """A pair as a row of the list; mass, kg, and distance, m, are NaN where Drake returns no distance."""
+    """A pair as a row of the list; mass, kg, and distance, m, are NaN
+    where Drake returns no distance.
+    """
     distance = math.nan
     mass = math.nan
     try:

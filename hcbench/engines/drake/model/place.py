@@ -29,9 +29,11 @@ _MISSED = 1e-6
 class PlacedPair:
     """Two parts that just touch, the moving body first; SI.
 
-    moved: what moves it, in words. positions: (nq,), at touch. direction: (nv,), the
-    velocity that approaches at 1 m/s. gravity: acceleration of the approach in free
-    flight. overlap: at the start.
+    moved: what moves it, in words.
+    positions: (nq,), at touch.
+    direction: (nv,), the velocity that approaches at 1 m/s.
+    gravity: acceleration of the approach in free flight.
+    overlap: at the start.
     """
 
     first: Part
@@ -62,7 +64,9 @@ def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
         else:
             raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, joints))
         if len(values) != count:
-            raise UserError("qpos", f"{name}: {len(values)} numbers", f"{count}: m, rad, quaternion w x y z")
+            raise UserError(
+                "qpos", f"{name}: {len(values)} numbers", f"{count}: m, rad, quaternion w x y z"
+            )
         positions[start : start + count] = values
     plant.SetPositions(context, positions)
 
@@ -76,13 +80,16 @@ def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap
     for part, sign in zip(pair, (1.0, -1.0), strict=True):
         frame = part.body.body_frame()
         point = plant.CalcPointsPositions(context, world, gap.point, frame)
-        jacobian = plant.CalcJacobianTranslationalVelocity(context, by_velocity, frame, point, world, world)
+        jacobian = plant.CalcJacobianTranslationalVelocity(
+            context, by_velocity, frame, point, world, world
+        )
         row += sign * (gap.normal @ jacobian)
     return row
 
 
 def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> PlacedPair:
-    """Bring the two just to touch, by moving the first, or else the second, along their common normal.
+    """Bring the two just to touch, by moving the first, or else the
+    second, along their common normal.
 
     context: the plant's, with everything at rest where it starts; it ends at touch. Raises
     UserError with the reason where that cannot be done.
@@ -101,7 +108,9 @@ def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> Place
                 return _placed(loaded, context, pair, dofs, words, gap, overlap)
             loaded.plant.SetPositions(context, start)
     got = f"no joint moves {first.name!r} and {second.name!r} to each other"
-    raise UserError("pair", got, "two that meet along their common normal", "Start from another --qpos")
+    raise UserError(
+        "pair", got, "two that meet along their common normal", "Start from another --qpos"
+    )
 
 
 def _only_pair(loaded: LoadedPlant) -> tuple[str, str]:
@@ -126,7 +135,9 @@ def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
     then all. Each with its places in the velocities, and in words.
     """
     plant = loaded.plant
-    joint_of = {plant.get_joint(i).child_body().index(): plant.get_joint(i) for i in plant.GetJointIndices()}
+    joint_of = {
+        plant.get_joint(i).child_body().index(): plant.get_joint(i) for i in plant.GetJointIndices()
+    }
     # Joints that turn, nearest first.
     chain = []
     joint = joint_of.get(body.index())
@@ -148,7 +159,8 @@ def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
 
 
 def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) -> Floats | None:
-    """(nv,), approaches at 1 m/s: the least velocity of translations, of a robot as a push would move it.
+    """(nv,), approaches at 1 m/s: the least velocity of translations, of a
+    robot as a push would move it.
 
     None where the degrees of freedom do not lead to the other.
     """
@@ -166,7 +178,9 @@ def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) 
     return None
 
 
-def _touch(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], dofs: list[int]) -> Gap | None:
+def _touch(
+    loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], dofs: list[int]
+) -> Gap | None:
     """Move on until the two touch; None where these degrees of freedom do not bring them together."""
     for _ in range(_ROUNDS):
         gap = loaded.nearest(context, *pair)
@@ -197,7 +211,9 @@ def _placed(
 ) -> PlacedPair:
     """The pair as it stands in `context`, at touch, with what a launch needs to know of it.
 
-    dofs: places in the velocities that move it. words: a name for them. overlap: at the start, m.
+    dofs: places in the velocities that move it.
+    words: a name for them.
+    overlap: at the start, m.
     """
     plant = loaded.plant
     row = approach_row(loaded, context, pair, gap)

@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.drake.model.place import approach_row, bring_to_touch, move_on, set_pose
-from hcbench.engines.drake.model.user_model import DISSIPATION, STIFFNESS, LoadedPlant, ignored_in_words
+from hcbench.engines.drake.model.user_model import (
+    DISSIPATION,
+    STIFFNESS,
+    LoadedPlant,
+    ignored_in_words,
+)
 from hcbench.laws.closed_form import alpha_of
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring import causes
@@ -34,7 +39,9 @@ _FINEST = 30
 
 
 class DrakeModel(ModelUnderTest):
-    """A plant with a pair in it. changes: what fixes have set.
+    """A plant with a pair in it.
+
+    changes: what fixes have set.
 
     Raises UserError or SceneError with the reason where the pair cannot be measured.
     """
@@ -66,11 +73,15 @@ class DrakeModel(ModelUnderTest):
 
     @property
     def step_cost(self) -> float:
-        """Cost of a Simulator's step with what Python reads after it; grows with the degrees of freedom."""
+        """Cost of a Simulator's step with what Python reads after it;
+        grows with the degrees of freedom.
+        """
         return 20.0 + float(self.loaded.plant.num_velocities())
 
     def pair_values(self) -> tuple[float, float]:
-        """Stiffness, N/m, and dissipation, s/m, that Drake's point contact makes of the two shapes'."""
+        """Stiffness, N/m, and dissipation, s/m, that Drake's point
+        contact makes of the two shapes'.
+        """
         first, second = self.place.gap.geometries
         k1 = self.loaded.property(first, STIFFNESS)
         d1 = self.loaded.property(first, DISSIPATION)
@@ -96,7 +107,9 @@ class DrakeModel(ModelUnderTest):
             words = f"dissipation {dissipation:.4g} s/m: the law's e with d = 1.5 α"
         notes = [ignored_in_words(self.loaded.ignored), *overlap_notes(place.overlap)]
         if self.others:
-            notes.append(f"Other contacts acted during the impact: {', '.join(sorted(self.others))}.")
+            notes.append(
+                f"Other contacts acted during the impact: {', '.join(sorted(self.others))}."
+            )
         return Facts(
             engine="drake",
             version=self._version,
@@ -151,13 +164,17 @@ class DrakeModel(ModelUnderTest):
             always_reported=True,
         )
 
-    def _dissipation(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> Iterator[Suspect]:
+    def _dissipation(
+        self, impacts: Sequence[Impact], wanted: RestitutionCurve | None
+    ) -> Iterator[Suspect]:
         """The dissipation gives an e other than the target."""
         speed = float(np.median(causes.speeds_of(impacts)))
         _, dissipation = self.pair_values()
         e = causes.constant_e(impacts, wanted)
         asked = float(Restitution(dissipation / 1.5).at(speed))
-        is_default = not any(self.loaded.says(shape, DISSIPATION) for shape in self.place.gap.geometries)
+        is_default = not any(
+            self.loaded.says(shape, DISSIPATION) for shape in self.place.gap.geometries
+        )
         if not is_default and (e is None or abs(e - asked) < _NOTABLE):
             return
         goal = causes.BOUNCY if e is None else e
@@ -200,7 +217,9 @@ def _require_normal_launches(request: Request) -> None:
         slot = "from"
     else:
         return
-    raise UserError(slot, "given", "none: a pair in Drake is sent along its normal, the nearest way")
+    raise UserError(
+        slot, "given", "none: a pair in Drake is sent along its normal, the nearest way"
+    )
 
 
 def _set_step(changes: MutableMapping[str, Any], timestep: float) -> None:
@@ -245,7 +264,9 @@ class DrakeSimulation(Simulation):
         """Keep the one launch that there is."""
 
     def _step(self) -> tuple[float, float, float]:
-        """Penetration, m, and rate, m/s, before a step, and the force in it, N; NaN where Drake gave up."""
+        """Penetration, m, and rate, m/s, before a step, and the force in
+        it, N; NaN where Drake gave up.
+        """
         plant = self._loaded.plant
         pair = (self._place.first, self._place.second)
         try:
@@ -260,7 +281,9 @@ class DrakeSimulation(Simulation):
         return -gap.distance, rate, force
 
     def _force(self, normal: Any) -> float:
-        """Contact force of the step just taken, along the normal, N: the sampled ports are of that step."""
+        """Contact force of the step just taken, along the normal, N: the
+        sampled ports are of that step.
+        """
         results = self._loaded.plant.get_contact_results_output_port().Eval(self._context)
         total = 0.0
         for i in range(results.num_point_pair_contacts()):

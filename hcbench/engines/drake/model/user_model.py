@@ -1,4 +1,6 @@
-"""A user's URDF, SDF or MJCF in a Drake plant: its parts by name, and where two of them are nearest."""
+"""A user's URDF, SDF or MJCF in a Drake plant: its parts by name, and
+where two of them are nearest.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,10 @@ _ALONG = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Body or shape that a name stands for. body: Drake's. geometries: ids of
-    those of its shapes that count.
+    """Body or shape that a name stands for.
+
+    body: Drake's.
+    geometries: ids of those of its shapes that count.
     """
 
     name: str
@@ -57,7 +61,9 @@ class LoadedPlant:
     ignored: what Drake said that it leaves out. Raises SceneError for what Drake does not load.
     """
 
-    def __init__(self, drake: Any, source: Any, request: Request, changes: Mapping[str, Any]) -> None:
+    def __init__(
+        self, drake: Any, source: Any, request: Request, changes: Mapping[str, Any]
+    ) -> None:
         sources = source if isinstance(source, list | tuple) else [source]
         paths = [Path(path) for path in sources]
         self.drake = drake
@@ -132,10 +138,13 @@ class LoadedPlant:
         neither, or a body without shapes.
         """
         bodies = [
-            self.plant.get_body(i) for i in self.plant.GetBodyIndices(self.drake.default_model_instance())
+            self.plant.get_body(i)
+            for i in self.plant.GetBodyIndices(self.drake.default_model_instance())
         ]
         bodies += [self.plant.world_body(), *map(self.body_of, self._geometries)]
-        parts = [("body", body.name(), body) for body in dict.fromkeys(bodies) if self._shapes(body)]
+        parts = [
+            ("body", body.name(), body) for body in dict.fromkeys(bodies) if self._shapes(body)
+        ]
         parts += [("geom", self.short(g), g) for g in self._geometries]
         kind, identifier = find_part(parts, name)
         if kind == "geom":
@@ -186,7 +195,9 @@ class LoadedPlant:
         return Gap(float(near.distance), np.asarray(normal), (end_a + end_b) / 2, (a, b))
 
     def _over_half_space(self, query: Any, shape: Any, ground: Any) -> tuple[float, Floats, Floats]:
-        """(signed distance m, the ground's normal, midpoint) of a shape over a half-space, by their ids."""
+        """(signed distance m, the ground's normal, midpoint) of a shape
+        over a half-space, by their ids.
+        """
         ground_pose = query.GetPoseInWorld(ground)
         pose = query.GetPoseInWorld(shape)
         up = ground_pose.rotation().matrix()[:, 2]

@@ -34,7 +34,11 @@ SETTINGS = (
 
 
 def simulate(
-    body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
+    body: Body,
+    setting: ContactSetting,
+    values: Sequence[float],
+    timestep: float,
+    tosses: Sequence[Toss],
 ) -> list[Floats]:
     """States at the ends of steps (s) of each toss, (steps + 1, 13): position, quaternion w x y z,
     velocity and spin in the world, SI.
@@ -56,8 +60,13 @@ def simulate(
         return [_simulate(drake, simulator, plant, logger, toss, timestep) for toss in tosses]
 
 
-def _add(drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Mapping[str, float]) -> None:
-    """Add body and plate with their contact to a plant. given: parameters by name, SI."""
+def _add(
+    drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Mapping[str, float]
+) -> None:
+    """Add body and plate with their contact to a plant.
+
+    given: parameters by name, SI.
+    """
     turning = drake.RotationalInertia(*body.inertia)
     inertia = drake.SpatialInertia.MakeFromCentralInertia(body.mass, [0, 0, 0], turning)
     tossed = plant.AddRigidBody("body", inertia)
@@ -69,7 +78,10 @@ def _add(drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Map
     material: dict[str, Any] = {}
     if setting.name == SPRING:
         # Two surfaces act in series, as springs do.
-        material = {"point_stiffness": 2.0 * given["stiffness"], "dissipation": given["dissipation"]}
+        material = {
+            "point_stiffness": 2.0 * given["stiffness"],
+            "dissipation": given["dissipation"],
+        }
     if "friction" in given:
         material["friction"] = drake.CoulombFriction(given["friction"], given["friction"])
     for link, shape in ((tossed, shapes[body.shape]()), (plant.world_body(), drake.HalfSpace())):
@@ -80,7 +92,9 @@ def _add(drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Map
         plant.RegisterCollisionGeometry(link, drake.RigidTransform(), shape, name, properties)
 
 
-def _simulate(drake: Any, simulator: Any, plant: Any, logger: Any, toss: Toss, timestep: float) -> Floats:
+def _simulate(
+    drake: Any, simulator: Any, plant: Any, logger: Any, toss: Toss, timestep: float
+) -> Floats:
     """States of one toss, (steps + 1, 13): position, quaternion w x y z, velocity and spin, SI.
 
     Drake itself has the quaternion before the place, and the spin before the velocity.

@@ -26,7 +26,8 @@ _NEAR = 1e-3  # m
 
 
 def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tuple[str, Request]]:
-    """(attitude, request) of each way in which the two can meet; ("", request) where there is only one.
+    """(attitude, request) of each way in which the two can meet; ("",
+    request) where there is only one.
 
     A body of one box or cylinder, on a free joint of its own, has several against a flat geom of
     what stands still, where nothing else touches it. The requests differ in their pose, qpos in m
@@ -73,7 +74,9 @@ def _is_loose(model: Any, body: int) -> bool:
     """Say whether a body has one geom and a free joint, and no other body hangs on it."""
     tree = np.flatnonzero(model.body_rootid == body)
     return (
-        len(tree) == 1 and int(model.body_geomnum[body]) == 1 and int(model.body_dofnum[body]) == _FREE_DOFS
+        len(tree) == 1
+        and int(model.body_geomnum[body]) == 1
+        and int(model.body_dofnum[body]) == _FREE_DOFS
     )
 
 

@@ -41,12 +41,16 @@ def geoms_of(model: Any, body: int) -> tuple[int, ...]:
 
 def explicit_pairs(model: Any, geoms: Sequence[int]) -> list[int]:
     """Numbers of the <pair>s of two of these geoms."""
-    return np.flatnonzero(np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)).tolist()
+    return np.flatnonzero(
+        np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
+    ).tolist()
 
 
 def integrator_name(model: Any) -> str:
     """The integrator as XML spells it."""
-    name = str(backend().mjtIntegrator(int(model.opt.integrator)).name).removeprefix("mjINT_").lower()
+    name = (
+        str(backend().mjtIntegrator(int(model.opt.integrator)).name).removeprefix("mjINT_").lower()
+    )
     return {"euler": "Euler", "rk4": "RK4"}.get(name, name)
 
 
@@ -102,7 +106,9 @@ def can_meet(model: Any, geoms: tuple[int, int]) -> bool:
 
 
 def geom_friction(model: Any, geoms: tuple[int, int]) -> float:
-    """Coulomb's μ of two geoms: of their <pair>, else as MuJoCo mixes it; 0 for a frictionless contact."""
+    """Coulomb's μ of two geoms: of their <pair>, else as MuJoCo mixes
+    it; 0 for a frictionless contact.
+    """
     if pairs := explicit_pairs(model, geoms)[:1]:
         return float(model.pair_friction[pairs[0], 0]) if model.pair_dim[pairs[0]] > 1 else 0.0
     highest = model.geom_priority[list(geoms)].max()
@@ -112,11 +118,14 @@ def geom_friction(model: Any, geoms: tuple[int, int]) -> float:
     return float(model.geom_friction[ruling, 0].max())
 
 
-def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, normal: Floats) -> Floats:
+def approach_row(
+    model: Any, data: Any, first: int, second: int, point: Floats, normal: Floats
+) -> Floats:
     """Jacobian row J, shape (nv,): the two bodies approach each other by J @ qvel, m/s.
 
-    first, second: numbers of the bodies. point: of both, (3,), m, in the world. normal: unit vector
-    (3,) from the first to the second.
+    first, second: numbers of the bodies.
+    point: of both, (3,), m, in the world.
+    normal: unit vector (3,) from the first to the second.
     """
     jac = backend().mj_jac
     jacobian = np.empty((3, model.nv))

@@ -31,7 +31,9 @@ _MOST_KD = 0.3
 def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple[Drive, str]:
     """(what sets the controls before each step, what to call it).
 
-    start: MjData of the pose to hold. root: the robot's base body.
+    start: MjData of the pose to hold.
+    root: the robot's base body.
+
     UserError for an unknown controller.
     """
     if callable(controller):
@@ -82,7 +84,9 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
 
 def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, str]:
     """Position servos get their joint's angle as target; motors get PD torques, joints without an
-    actuator are free. gains: kp and kd, or () for those by weight and inertia.
+    actuator are free.
+
+    gains: kp and kd, or () for those by weight and inertia.
 
     Raises UserError for gains that are not two numbers from 0 up.
     """
@@ -110,7 +114,9 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
             servo_targets.append(gear * float(target[angle]))
         elif gain != 0.0 and not bias.any():
             kp, kd = gains or _gains(model, start, root, joint)
-            motors.append(_Motor(actuator, gear * gain, angle, int(model.jnt_dofadr[joint]), kp, kd))
+            motors.append(
+                _Motor(actuator, gear * gain, angle, int(model.jnt_dofadr[joint]), kp, kd)
+            )
     if not servos and not motors:
         words = "the controls of the pose" if model.nu else "no actuators: its joints are free"
         return (lambda data: None), words
@@ -135,8 +141,11 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
 
 
 class _Motor(NamedTuple):
-    """A motor under PD control. gain: its torque, or force, for a control of 1. angle, dof: places
-    of its joint in qpos and qvel. kp, kd: SI.
+    """A motor under PD control.
+
+    gain: its torque, or force, for a control of 1.
+    angle, dof: places of its joint in qpos and qvel.
+    kp, kd: SI.
     """
 
     actuator: int

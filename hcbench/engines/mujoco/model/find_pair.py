@@ -45,7 +45,9 @@ class MovingJoint:
 
 
 def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
-    """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER" says."""
+    """The pair that two names mean: bodies first, then geoms, or as
+    "body:NAME" or "geom:NUMBER" says.
+    """
     first, second = (_named_geoms(model, name) for name in names)
     if set(first.geoms) & set(second.geoms):
         got = f"{names[0]!r} and {names[1]!r} are the same"
@@ -84,7 +86,9 @@ def _collides(model: Any, geom: int) -> bool:
 
 
 def only_pair(model: Any) -> tuple[str, str] | None:
-    """The names of the only body that moves and of the only fixed geom; None where there is a choice."""
+    """The names of the only body that moves and of the only fixed
+    geom; None where there is a choice.
+    """
     movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and model.body_weldid[b]]
     others = [g for g in geoms_of(model, 0) if _collides(model, g)]
     if len(movers) != 1 or len(others) != 1:
@@ -139,7 +143,9 @@ def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
 
     chain: bodies with joints from this one to the root.
     """
-    names = [joint_name(model, joint) for ancestor in chain for joint in _joints_of(model, ancestor)]
+    names = [
+        joint_name(model, joint) for ancestor in chain for joint in _joints_of(model, ancestor)
+    ]
     listed = ", ".join(names[:_NAMED_JOINTS])
     if len(names) > _NAMED_JOINTS:
         listed += ", ..."
@@ -169,9 +175,13 @@ def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
         if (start := names.index(name)) not in chain:
             return None
         if model.body_dofnum[start] == _FREE_DOFS:
-            return MovingJoint(start, _translations(model, start), f"body {name!r} on its free joint")
+            return MovingJoint(
+                start, _translations(model, start), f"body {name!r} on its free joint"
+            )
         chain = chain[: chain.index(start) + 1]
-        joints = [int(model.body_jntadr[b]) + j for b in chain[::-1] for j in range(model.body_jntnum[b])]
+        joints = [
+            int(model.body_jntadr[b]) + j for b in chain[::-1] for j in range(model.body_jntnum[b])
+        ]
     else:
         names = [joint_name(model, j) for j in range(model.njnt)]
         if name not in names:
@@ -222,7 +232,9 @@ def immobile_error(pair: ContactPair) -> UserError:
 
 
 def require_collisions(pair: ContactPair) -> ContactPair:
-    """The pair with those geoms only that MuJoCo collides; UserError with what keeps all of them apart."""
+    """The pair with those geoms only that MuJoCo collides; UserError
+    with what keeps all of them apart.
+    """
     model = pair.model
     first = pair.first
     second = pair.second
@@ -253,7 +265,9 @@ def no_contact_error(pair: ContactPair) -> UserError:
     if has_force_law(model, geoms):
         got = f"{pair.first.name!r} and {pair.second.name!r} meet by the plug-in hcbench.hunt_crossley"
         advice = "Its e is the law's: docs/reference/plugins.md says up to which step"
-        return UserError("pair", got, "MuJoCo's own contact, or the plug-in hcbench.restitution", advice)
+        return UserError(
+            "pair", got, "MuJoCo's own contact, or the plug-in hcbench.restitution", advice
+        )
     kinds = []
     masks = []
     for geom in geoms:
@@ -277,4 +291,6 @@ def no_contact_error(pair: ContactPair) -> UserError:
             "two geoms that it collides, that meet along their common normal",
         ),
     }[reason]
-    return UserError("pair", f"{pair.first.name!r} and {pair.second.name!r} never touch: {got}", *expected)
+    return UserError(
+        "pair", f"{pair.first.name!r} and {pair.second.name!r} never touch: {got}", *expected
+    )

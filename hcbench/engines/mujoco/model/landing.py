@@ -9,7 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, plugin_warnings, resets
+from hcbench.engines.mujoco.backend import (
+    backend,
+    captured_warnings,
+    forget_resets,
+    plugin_warnings,
+    resets,
+)
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name
 from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.plugin_contact import WithoutContact, restitution_law
@@ -59,7 +65,9 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
 class _Hit(NamedTuple):
     """A contact that a plug-in's law turns back.
 
-    speed: towards the floor, m/s. slide: along it. depth: m.
+    speed: towards the floor, m/s.
+    slide: along it.
+    depth: m.
     """
 
     geom: int
@@ -89,14 +97,19 @@ class _Bench:
             if kind == free:
                 bases.append(int(body))
         if not bases:
-            raise UserError("model", "no body has a free joint", "a robot with a free base, to be dropped")
+            raise UserError(
+                "model", "no body has a free joint", "a robot with a free base, to be dropped"
+            )
         self.root = max(bases, key=lambda body: float(model.body_subtreemass[body]))
         self.joint = int(model.body_jntadr[self.root])
         self.mass = float(model.body_subtreemass[self.root])
         self.g = float(np.linalg.norm(model.opt.gravity))
         if self.g == 0.0 or model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY:
             raise UserError(
-                "gravity", "the model has none", "a gravity that lets the robot fall", "Try --gravity 9.81"
+                "gravity",
+                "the model has none",
+                "a gravity that lets the robot fall",
+                "Try --gravity 9.81",
             )
         self.up = -np.asarray(model.opt.gravity) / self.g
         # (ngeom + 1,): True for the robot's geoms, and for those that it can land on. A contact's
@@ -179,8 +192,11 @@ class _Bench:
     def _fall(self, data: Any, height: float, tilt: float, drive: Drive) -> Landing:
         """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
 
-        data: at release. height: of the lowest point over the floor, m. tilt: rad. Raises
-        EngineFailed where MuJoCo resets the state, UserError where the robot meets nothing.
+        data: at release.
+        height: of the lowest point over the floor, m.
+        tilt: rad.
+
+        Raises EngineFailed where MuJoCo resets the state, UserError where the robot meets nothing.
         """
         model = self.model
         mujoco = backend()
@@ -219,14 +235,18 @@ class _Bench:
                 break
         if not feet:
             raise UserError(
-                "model", f"the robot met nothing within {latest:.3g} s", "a floor that it collides with"
+                "model",
+                f"the robot met nothing within {latest:.3g} s",
+                "a floor that it collides with",
             )
         pushed: Floats = np.array(forces)
         speed_out = take_off_speed(pushed, np.array(rising), h)
         time: Floats = np.arange(len(forces), dtype=np.float64) * h
         fallen = tuple(foot.log.footfall(self._name(body, foot)) for body, foot in feet.items())
         impulse = math.nan if self.beside is None else h * float(pushed.max())
-        return Landing(height, tilt, -rising[0], speed_out, self.mass * self.g, fallen, time, pushed, impulse)
+        return Landing(
+            height, tilt, -rising[0], speed_out, self.mass * self.g, fallen, time, pushed, impulse
+        )
 
     def _hits(self, data: Any) -> list[_Hit]:
         """Contacts that a plug-in's law turns back in the step to come, which goes on from `data`."""
@@ -251,7 +271,9 @@ class _Bench:
         return hits
 
     def _whole_force(self, data: Any) -> float:
-        """Mean force of the floor on the robot in the step just taken, N upwards, from its momentum."""
+        """Mean force of the floor on the robot in the step just
+        taken, N upwards, from its momentum.
+        """
         assert self.beside is not None
         jacobian = np.zeros((3, self.model.nv))
         backend().mj_jacSubtreeCom(self.model, self.beside.data, jacobian, self.root)
@@ -262,9 +284,10 @@ class _Bench:
     ) -> float:
         """Force of the floor on the robot in the step just taken, N upwards.
 
-        before: velocities before the step, (nv,). time: since the first touch, s.
-        hits: contacts of a plug-in in this step. Each foot's force, slip and depth are
-        added to `feet`, by rigid body.
+        before: velocities before the step, (nv,).
+        time: since the first touch, s.
+        hits: contacts of a plug-in in this step. Each foot's force, slip and depth are added to
+        `feet`, by rigid body.
         """
         contacts = data.contact
         geoms = contacts.geom
@@ -292,7 +315,9 @@ class _Bench:
             force, depth, speed, slide = np.array(points).T
             if body not in feet:
                 by_impulses = any(not geoms_of[body].isdisjoint(pair) for pair in self.struck)
-                log = FootfallLog(time, float(speed.max()), float(slide.max()), by_impulses=by_impulses)
+                log = FootfallLog(
+                    time, float(speed.max()), float(slide.max()), by_impulses=by_impulses
+                )
                 feet[body] = _Foot(log, set())
             feet[body].geoms.update(geoms_of[body])
             slip = float(force @ slide / force.sum())

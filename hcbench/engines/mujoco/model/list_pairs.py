@@ -1,4 +1,6 @@
-"""The pair of geoms that a request means, and all that a MuJoCo model lets collide, with their poses."""
+"""The pair of geoms that a request means, and all that a MuJoCo model
+lets collide, with their poses.
+"""
 
 import math
 from typing import Any
@@ -32,7 +34,9 @@ _POSES_MAX = 50
 
 
 def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
-    """The pair of a request; without names, the only body that moves and the only thing it can meet."""
+    """The pair of a request; without names, the only body that moves
+    and the only thing it can meet.
+    """
     if (names := request.pair or only_pair(model)) is None:
         raise choice_error(list_pairs(model, request, state))
     return named_pair(model, names)
@@ -46,7 +50,9 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
         mujoco.mj_forward(model, data)
         touching = _touching(model)
         here = {tuple(sorted(c.geom.tolist())) for c in data.contact if c.dist <= 0.0}
-        return in_order([_described(model, data, a, b, here, touching) for a, b in _collisions(model)])
+        return in_order(
+            [_described(model, data, a, b, here, touching) for a, b in _collisions(model)]
+        )
 
 
 def _collisions(model: Any) -> list[tuple[int, int]]:
@@ -96,7 +102,8 @@ def _described(
     """Two geoms as a candidate: names, effective mass (kg), signed
     distance (m) and contact in force.
 
-    here: pairs of geoms that touch in `data`. touching: names of the poses in which they do.
+    here: pairs of geoms that touch in `data`.
+    touching: names of the poses in which they do.
     """
     body_a = int(model.geom_bodyid[a])
     body_b = int(model.geom_bodyid[b])
@@ -138,7 +145,9 @@ def _shape(model: Any, geom: int) -> str:
     return str(backend().mjtGeom(int(model.geom_type[geom])).name).removeprefix("mjGEOM_").lower()
 
 
-def _mass_along(model: Any, data: Any, bodies: tuple[int, int], point: Floats, normal: Floats) -> float:
+def _mass_along(
+    model: Any, data: Any, bodies: tuple[int, int], point: Floats, normal: Floats
+) -> float:
     """Effective mass of two bodies along a normal, kg; NaN where no joint moves one along it."""
     first, second = bodies
     mass = effective_mass(model, data, approach_row(model, data, first, second, point, normal))

@@ -1,4 +1,6 @@
-"""A user's own MuJoCo model, from a file or an object: loaded and checked, with its start configuration."""
+"""A user's own MuJoCo model, from a file or an object: loaded and
+checked, with its start configuration.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ _BINARY_ROOM = 1 << 28
 
 
 def live_state(source: Any) -> tuple[Any, Any] | None:
-    """(MjModel, MjData) of an MjData, a gymnasium, dm_control or robosuite environment; None for others."""
+    """(MjModel, MjData) of an MjData, a gymnasium, dm_control or
+    robosuite environment; None for others.
+    """
     if not hasattr(source, "__dict__") and type(source).__name__ != "MjData":
         return None
     mujoco = backend()
@@ -86,7 +90,9 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
         else:
             raise SceneError("model", f"a {kind}", "a file, MJCF text, an MjModel or an MjSpec")
     if any("NaN" in line for line in warnings):
-        raise SceneError("model", f"{label} has a NaN in it", "numbers", "Look for 'nan' in the file")
+        raise SceneError(
+            "model", f"{label} has a NaN in it", "numbers", "Look for 'nan' in the file"
+        )
     require_plausible_model(model, label)
     if request.timestep is not None:
         model.opt.timestep = request.timestep
@@ -103,7 +109,9 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
     Raises SceneError for what is not there or does not compile.
     """
     if not path.is_file():
-        raise SceneError("model", f"{path} {why_no_file(path)}", f"a model file: {', '.join(SUFFIXES)}")
+        raise SceneError(
+            "model", f"{path} {why_no_file(path)}", f"a model file: {', '.join(SUFFIXES)}"
+        )
     # Python stands a surrogate for each byte of a name that it cannot decode.
     if any("\udc80" <= letter <= "\udcff" for letter in str(path)):
         raise SceneError(
@@ -123,7 +131,7 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
 
 
 def _from_urdf(mujoco: Any, path: Path, packages: Packages) -> Any:
-    """The model of a URDF whose text is not MuJoCo's, or that names files by their packages.
+    """Compile a URDF that states another encoding, or that names files by their packages.
 
     Raises SceneError with the package that has no folder, or with MuJoCo's reason.
     """
@@ -149,7 +157,9 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
             # send the user to look for memory.
             if "allocate" not in str(error):
                 raise
-            raise ValueError("its sizes ask for more memory than the file has numbers for") from None
+            raise ValueError(
+                "its sizes ask for more memory than the file has numbers for"
+            ) from None
 
 
 def _unzipped(mujoco: Any, path: Path) -> Any:
@@ -188,5 +198,7 @@ def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
             return _compiled(compile_model, label)
         words = " ".join(str(error).split()).removeprefix("Error: ").removeprefix("XML Error: ")
         if "allocate" in words:
-            raise EngineFailed("model", f"{label}: {words}", "a model that fits into memory") from None
+            raise EngineFailed(
+                "model", f"{label}: {words}", "a model that fits into memory"
+            ) from None
         raise SceneError("model", f"{label}: {words}", "a model that MuJoCo compiles") from None

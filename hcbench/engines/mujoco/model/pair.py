@@ -1,4 +1,6 @@
-"""Two parts of a MuJoCo model that shall meet: where they are nearest, and MuJoCo's contact of them."""
+"""Two parts of a MuJoCo model that shall meet: where they are
+nearest, and MuJoCo's contact of them.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,8 @@ class ContactPoint(NamedTuple):
 class PairContact:
     """MuJoCo's contact of a pair, averaged over its points; SI.
 
-    normal: from the first part to the second. onset: distance at which its force begins to act.
+    normal: from the first part to the second.
+    onset: distance at which its force begins to act.
     rows: its points, one or more.
     """
 
@@ -82,7 +85,9 @@ class ContactPair:
 
     @cached_property
     def sides(self) -> NDArray[np.int8]:
-        """(ngeom + 1,): 1 for geoms of the first, 2 for the second's, else 0; -1 indexes the last, a 0."""
+        """(ngeom + 1,): 1 for geoms of the first, 2 for the second's,
+        else 0; -1 indexes the last, a 0.
+        """
         sides = np.zeros(self.model.ngeom + 1, dtype=np.int8)
         sides[list(self.first.geoms)] = 1
         sides[list(self.second.geoms)] = 2
@@ -91,7 +96,11 @@ class ContactPair:
     @cached_property
     def in_trees(self) -> NDArray[np.bool_]:
         """(ngeom + 1,): which geoms are of the bodies, robots and all, that the two belong to."""
-        roots = [int(self.model.body_rootid[body]) for body in (self.first.body, self.second.body) if body]
+        roots = [
+            int(self.model.body_rootid[body])
+            for body in (self.first.body, self.second.body)
+            if body
+        ]
         return np.append(np.isin(self.model.body_rootid[self.model.geom_bodyid], roots), False)
 
     @cached_property
@@ -102,11 +111,15 @@ class ContactPair:
     @cached_property
     def size(self) -> float:
         """Bounding radius of the smallest geom, m."""
-        return min([r for r in self.model.geom_rbound[list(self.geoms)].tolist() if r > 0], default=0.1)
+        return min(
+            [r for r in self.model.geom_rbound[list(self.geoms)].tolist() if r > 0], default=0.1
+        )
 
     @cached_property
     def height_field(self) -> int:
-        """The height field among the two, -1 without one: MuJoCo's own distance to it is not reliable."""
+        """The height field among the two, -1 without one: MuJoCo's own
+        distance to it is not reliable.
+        """
         kind = int(backend().mjtGeom.mjGEOM_HFIELD)
         return next((geom for geom in self.geoms if int(self.model.geom_type[geom]) == kind), -1)
 
@@ -146,7 +159,9 @@ class ContactPair:
         )
 
     def narrowed(self, geoms: tuple[int, int]) -> ContactPair:
-        """The two with those geoms only that move as one with these, the nearest: of a robot, one link."""
+        """The two with those geoms only that move as one with these, the
+        nearest: of a robot, one link.
+        """
         weld = self.model.body_weldid
         sides = []
         for side, geom in zip((self.first, self.second), geoms, strict=True):
@@ -162,7 +177,9 @@ class ContactPair:
         """
         if self.height_field >= 0:
             return self._above_field(data)
-        best = Nearest(np.inf, np.zeros(3), np.zeros(3), (self.first.geoms[0], self.second.geoms[0]))
+        best = Nearest(
+            np.inf, np.zeros(3), np.zeros(3), (self.first.geoms[0], self.second.geoms[0])
+        )
         # Nearest point of the one geom, then of the other, m.
         ends = np.zeros(6)
         # MuJoCo reports this distance, m, for all that is farther apart.
@@ -188,7 +205,11 @@ class ContactPair:
         other = self.first.geoms[0] if is_second else self.second.geoms[0]
         centre = data.geom_xpos[other]
         top = model.hfield_size[model.geom_dataid[field]][2]
-        height = float(up @ (centre - data.geom_xpos[field])) - float(model.geom_rbound[other]) - float(top)
+        height = (
+            float(up @ (centre - data.geom_xpos[field]))
+            - float(model.geom_rbound[other])
+            - float(top)
+        )
         if is_second:
             return Nearest(height, -up, centre.copy(), (other, field))
         return Nearest(height, up.copy(), centre.copy(), (field, other))

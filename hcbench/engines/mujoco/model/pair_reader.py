@@ -21,7 +21,9 @@ class PairReader:
     others: whether there were contacts besides the pair's in the state that was read last.
     """
 
-    def __init__(self, model: Any, place: PairAtTouch, data: Any, along: MujocoAlongPlate | None) -> None:
+    def __init__(
+        self, model: Any, place: PairAtTouch, data: Any, along: MujocoAlongPlate | None
+    ) -> None:
         mujoco = backend()
         self.model = model
         self.place = place

@@ -43,12 +43,16 @@ _MISSED = 1e-6
 class PairAtTouch:
     """A pair that just touches, the moving body first.
 
-    joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at
-    1 m/s. effective_mass: along the normal, kg. gravity: acceleration of the approach in free
-    flight, by gravity and what the model's springs and actuators add to it, m/s². overlap: how
-    deep the two were in each other at the start, m. gap: at touch, by MuJoCo's distance of the
-    geoms, m; infinite for shapes whose distance it cannot compute. note: how they were brought
-    together, where it was a choice.
+    joint: what moves it.
+    qpos: (nq,), at touch.
+    direction: (nv,), the velocity that approaches at 1 m/s.
+    effective_mass: along the normal, kg.
+    gravity: acceleration of the approach in free flight, by gravity and what the model's springs
+    and actuators add to it, m/s².
+    overlap: how deep the two were in each other at the start, m.
+    gap: at touch, by MuJoCo's distance of the geoms, m; infinite for shapes whose distance it
+    cannot compute.
+    note: how they were brought together, where it was a choice.
     """
 
     pair: ContactPair
@@ -66,10 +70,14 @@ class PairAtTouch:
 def bring_to_touch(
     pair: ContactPair, data: Any, coming_from: Vector | None = None, move: str | None = None
 ) -> PairAtTouch:
-    """Bring the two just to touch, by moving the first (or else the second) along their common normal.
+    """Bring the two just to touch, by moving the first (or else the
+    second) along their common normal.
 
-    data: at rest in the start configuration. coming_from: the side of the moving body, a
-    unit vector away from the other; None: the nearest way. move: as a request has it.
+    data: at rest in the start configuration.
+    coming_from: the side of the moving body, a unit vector away from the other; None: the nearest
+    way.
+    move: as a request has it.
+
     UserError with the reason if it fails.
     """
     model = pair.model
@@ -137,7 +145,9 @@ class _PassedError(UserError):
 
 
 def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPair, MovingJoint]]:
-    """Movers of either of the two, with the pair in that order. move: the only one that may.
+    """Movers of either of the two, with the pair in that order.
+
+    move: the only one that may.
 
     Raises UserError where that one carries neither of the two.
     """
@@ -186,7 +196,10 @@ def _along_nearest(
 
 
 def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
-    """The error for two that pass each other. gap: their nearest distance on the way, m."""
+    """The error for two that pass each other.
+
+    gap: their nearest distance on the way, m.
+    """
     heights = [float(data.geom_xpos[part.geoms[0]][2]) for part in (pair.first, pair.second)]
     return _PassedError(
         "pair",
@@ -197,7 +210,9 @@ def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
     )
 
 
-def _from_there(pair: ContactPair, data: Any, coming_from: Vector, chosen: str | None = None) -> PairAtTouch:
+def _from_there(
+    pair: ContactPair, data: Any, coming_from: Vector, chosen: str | None = None
+) -> PairAtTouch:
     """The two brought together from one direction, by a free or slide joint.
 
     Raises UserError where no joint moves one of them along it, or they do not meet.
@@ -227,7 +242,9 @@ def _from_there(pair: ContactPair, data: Any, coming_from: Vector, chosen: str |
             f"{ordered.first.name!r} does not meet {ordered.second.name!r} on a way along {_words(normal)}",
             "a direction from which they meet",
         )
-    raise UserError("from", "no free or slide joint moves one of the two along it", "another direction")
+    raise UserError(
+        "from", "no free or slide joint moves one of the two along it", "another direction"
+    )
 
 
 def _words(vector: Floats) -> str:
@@ -252,10 +269,13 @@ def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
 def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats) -> None:
     """Move the first sideways, until its middle is on the line through the middle of the second.
 
-    normal: unit vector, (3,), along which the first approaches. Nothing moves where the joint cannot.
+    normal: unit vector, (3,), along which the first approaches.
+    Nothing moves where the joint cannot.
     """
     model = pair.model
-    middles = [np.mean(data.geom_xpos[list(part.geoms)], axis=0) for part in (pair.first, pair.second)]
+    middles = [
+        np.mean(data.geom_xpos[list(part.geoms)], axis=0) for part in (pair.first, pair.second)
+    ]
     aside = (middles[1] - middles[0]) - normal * float(normal @ (middles[1] - middles[0]))
     length = float(np.linalg.norm(aside))
     if length > 0:
@@ -267,7 +287,9 @@ def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats)
 
 
 def _guess_normal(pair: ContactPair, data: Any) -> Floats:
-    """The normal of two that just touch at the start: of MuJoCo's contact, a plane, or between centres."""
+    """The normal of two that just touch at the start: of MuJoCo's
+    contact, a plane, or between centres.
+    """
     contact = pair.contact(data)
     if contact is not None:
         return contact.normal
@@ -305,14 +327,22 @@ def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
 
 
 def _at_touch(
-    pair: ContactPair, data: Any, joint: MovingJoint, move: Floats, contact: PairContact, overlap: float
+    pair: ContactPair,
+    data: Any,
+    joint: MovingJoint,
+    move: Floats,
+    contact: PairContact,
+    overlap: float,
 ) -> PairAtTouch:
     """The pair as it is to be launched.
 
-    pair: with the moving body first. data: at touch. move: (nv,), the motion that led
-    there. overlap: at the start, m. Raises UserError where the contact's normal is not one
-    that the joint can move along, where other parts are in the way, or where a tendon or
-    an equality holds the two back.
+    pair: with the moving body first.
+    data: at touch.
+    move: (nv,), the motion that led there.
+    overlap: at the start, m.
+
+    Raises UserError where the contact's normal is not one that the joint can move along, where
+    other parts are in the way, or where a tendon or an equality holds the two back.
     """
     model = pair.model
     normal = contact.normal

@@ -29,7 +29,12 @@ def require_plausible_model(model: Any, label: str) -> None:
 
     Raises SceneError and QuantityError.
     """
-    for kind, field in (("body", "mass"), ("body", "inertia"), ("geom", "size"), ("geom", "friction")):
+    for kind, field in (
+        ("body", "mass"),
+        ("body", "inertia"),
+        ("geom", "size"),
+        ("geom", "friction"),
+    ):
         values = getattr(model, f"{kind}_{field}")
         bad = np.argwhere(~(np.isfinite(values) & ((values >= 0) | (field == "size"))))
         if bad.size:
@@ -48,7 +53,9 @@ def require_plausible_model(model: Any, label: str) -> None:
         require_bounds(f"{label}: position of a {kind}", positions, "position", "m")
     kinds = backend().mjtGeom
     flat = np.isin(model.geom_type, [int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD)])
-    require_bounds(f"{label}: size", model.geom_size[~flat].ravel().tolist(), "length", "m", smallest=0.0)
+    require_bounds(
+        f"{label}: size", model.geom_size[~flat].ravel().tolist(), "length", "m", smallest=0.0
+    )
 
 
 def _require_metres(label: str, gravity: float) -> None:
@@ -78,7 +85,9 @@ def require_plausible_state(model: Any, data: Any) -> None:
         name = model.joint(joint).name or str(joint)
         turns = {int(kinds.mjJNT_FREE): at + 3, int(kinds.mjJNT_BALL): at}.get(kind)
         if turns is not None and np.linalg.norm(data.qpos[turns : turns + 4]) < _LEAST_QUATERNION:
-            raise QuantityError("qpos", f"the quaternion of {name!r} is 0", "one of length 1, w x y z")
+            raise QuantityError(
+                "qpos", f"the quaternion of {name!r} is 0", "one of length 1, w x y z"
+            )
         places = {int(kinds.mjJNT_FREE): 3, int(kinds.mjJNT_SLIDE): 1}.get(kind, 0)
         require_bounds(f"qpos: {name}", data.qpos[at : at + places].tolist(), "position", "m")
 

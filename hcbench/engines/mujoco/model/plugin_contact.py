@@ -1,4 +1,6 @@
-"""A user's model whose pair bounces by the plug-in hcbench.restitution: what it asks for, and its force."""
+"""A user's model whose pair bounces by the plug-in hcbench.restitution:
+what it asks for, and its force.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def has_force_law(model: Any, geoms: Sequence[int]) -> bool:
 
 
 def _config(model: Any, geoms: Sequence[int], keys: Sequence[str]) -> dict[str, str] | None:
-    """The config of the plug-in with these keys that names two geoms or their bodies; None without one."""
+    """The config of the plug-in with these keys that names two geoms or
+    their bodies; None without one.
+    """
     geom_names = {model.geom(geom).name for geom in geoms}
     body_names = {model.body(model.geom_bodyid[geom]).name for geom in geoms}
     for config in _configs(model, keys):
@@ -101,11 +105,14 @@ class WithoutContact:
         """Mean force of the step from the state in `data` to `velocity`,
         N; 0 where rounding made it.
 
-        row: (nv,), Jacobian of the approach rate. velocity: (nv,), after the step with the contact.
+        row: (nv,), Jacobian of the approach rate.
+        velocity: (nv,), after the step with the contact.
         mass: effective mass along the normal, kg.
         """
         apart = float(row @ self.step())
         together = float(row @ velocity)
-        if abs(apart - together) <= ROUND_OFF_SOLVED * np.finfo(float).eps * (abs(apart) + abs(together)):
+        if abs(apart - together) <= ROUND_OFF_SOLVED * np.finfo(float).eps * (
+            abs(apart) + abs(together)
+        ):
             return 0.0
         return mass * (apart - together) / float(self._model.opt.timestep)

@@ -53,7 +53,9 @@ class Load:
     @classmethod
     def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
         """The load on the contact of a pair that just touches."""
-        mobility = estimated_mobility(place.pair.model, place.pair.first.body, place.pair.second.body)
+        mobility = estimated_mobility(
+            place.pair.model, place.pair.first.body, place.pair.second.body
+        )
         points = len(place.contact.rows)
         strength = points / (mobility * place.effective_mass) if mobility > 0 else 1.0
         return cls(strength, points, place.gravity, timestep, rk4, slides)
@@ -64,9 +66,12 @@ def estimated_mobility(model: object, first: int, second: int) -> float:
     return float(sum(model.body_invweight0[body][0] for body in (first, second)))  # type: ignore[attr-defined]
 
 
-def row_choices(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Iterator[tuple[str, Rows]]:
+def row_choices(
+    goal: RestitutionCurve, band: Band, load: Load, adhesive: bool
+) -> Iterator[tuple[str, Rows]]:
     """(name, rows), the simplest first: a stop or one step, a spring and damper of one e, two rows
     whose e depends on speed as the target does, gravity included, and the same two without pulling.
+
     adhesive: whether they may pull.
     """
     h = load.timestep

@@ -90,7 +90,10 @@ _LEGS_LOWEST = np.array([1.5, -6.0, 0.0, *_LOWEST[3:]])
 
 
 def starting_rows(adhesive: bool) -> Rows:
-    """Rows of the kind that is searched for, before any are found. adhesive: whether they may pull."""
+    """Rows of the kind that is searched for, before any are found.
+
+    adhesive: whether they may pull.
+    """
     return (
         ConstraintRow.direct(2e4, 100.0, (0.999, 0.999, 1.0, 0.5, 1.0)),
         _damper(100.0, (0.9, 2e-3, 0.01), adhesive),
@@ -98,7 +101,10 @@ def starting_rows(adhesive: bool) -> Rows:
 
 
 def _damper(damping: float, impedance: tuple[float, float, float], adhesive: bool) -> ConstraintRow:
-    """A row of this damping (1/s) per unit mass. impedance: its highest, width (m) and midpoint."""
+    """A row of this damping (1/s) per unit mass.
+
+    impedance: its highest, width (m) and midpoint.
+    """
     solimp = (MIN_IMPEDANCE, *impedance, _POWER)
     return ConstraintRow.direct(0.0, damping, solimp, adhesion=MOST_PULL if adhesive else 0.0)
 
@@ -106,8 +112,10 @@ def _damper(damping: float, impedance: tuple[float, float, float], adhesive: boo
 class RowSearch:
     """Launches in a model, and what rows do to their e.
 
-    goal: e. band: m/s. was: the model before. set_rows: writes rows into
-    the pairs of a compiled model.
+    goal: e.
+    band: m/s.
+    was: the model before.
+    set_rows: writes rows into the pairs of a compiled model.
     """
 
     def __init__(
@@ -196,7 +204,9 @@ class RowSearch:
         return worst + _RESTLESS * (shaking + sinking)
 
     def _at_rest(self) -> tuple[float, float]:
-        """(root mean square of the approach rates m/s, depth m) of the pairs a while after they were laid."""
+        """(root mean square of the approach rates m/s, depth m) of the
+        pairs a while after they were laid.
+        """
         worst = 0.0
         deepest = 0.0
         h = float(self._model.opt.timestep)
@@ -241,7 +251,9 @@ class RowSearch:
 
     def rows(self, parameters: Floats, adhesive: bool) -> Rows:
         """Spring and damper of parameters (7,), in the order of _LOWEST."""
-        half_period, log_loss, spring_odds, log_damping, damper_odds, log_width, log_midpoint = parameters
+        half_period, log_loss, spring_odds, log_damping, damper_odds, log_width, log_midpoint = (
+            parameters
+        )
         h = float(self._model.opt.timestep)
         fastest = self._band[1]
         stiffness, loss = oscillator(half_period, math.exp(log_loss))
@@ -249,7 +261,9 @@ class RowSearch:
         dmax = short(1.0 / (1.0 + math.exp(-damper_odds)))
         # math.exp may differ in the last digit, and a search ends elsewhere by it.
         damping, width, midpoint = np.exp(np.array([log_damping, log_width, log_midpoint]))
-        spring = ConstraintRow.direct(short(stiffness / h**2), short(loss / h), (d, d, 1.0, 0.5, 1.0))
+        spring = ConstraintRow.direct(
+            short(stiffness / h**2), short(loss / h), (d, d, 1.0, 0.5, 1.0)
+        )
         impedance = (dmax, short(width * fastest * h), short(midpoint))
         return spring, _damper(short(damping / h), impedance, adhesive)
 
@@ -270,7 +284,9 @@ class RowSearch:
         first = random.uniform(*bounds, (_MEMBERS, len(_LOWEST)))
         first[: len(starts)] = starts
         with captured_warnings():
-            best = evolve(errors, first, _GENERATIONS[is_large], bounds, random, towards_best=True)[0]
+            best = evolve(errors, first, _GENERATIONS[is_large], bounds, random, towards_best=True)[
+                0
+            ]
             return self.rows(best, adhesive)
 
 
@@ -293,7 +309,9 @@ def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> None:
 
 
 def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[float, float]]:
-    """(speed m/s, where in a step it touches, 0 to 1) of each launch: over the band, then some slow ones."""
+    """(speed m/s, where in a step it touches, 0 to 1) of each launch: over
+    the band, then some slow ones.
+    """
     low, high = band
     count, phases = _GRID_LARGE if is_large else _GRID_SMALL
     speeds = np.geomspace(low, high, count) if low < high else np.array([low])

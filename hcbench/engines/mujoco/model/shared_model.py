@@ -65,7 +65,9 @@ class LentModel(ModelUnderTest):
 
     def release(self, launches: Sequence[Launch]) -> LentSimulation:
         """Release a copy of the model for each launch."""
-        flights = [LentFlight(self._own, launch, LaunchWorkspace.of(self._own)) for launch in launches]
+        flights = [
+            LentFlight(self._own, launch, LaunchWorkspace.of(self._own)) for launch in launches
+        ]
         return LentSimulation(self._copies, flights)
 
     @property
@@ -78,7 +80,9 @@ class LentModel(ModelUnderTest):
         own = self._own.facts()
         settings = {**own.settings, "numbers": f"float{self._copies.bits}"}
         version = self._engine.version()
-        return dataclasses.replace(own, engine=self._engine.name, version=version, settings=settings)
+        return dataclasses.replace(
+            own, engine=self._engine.name, version=version, settings=settings
+        )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return the engine's differences from MuJoCo, then the suspects of MuJoCo itself."""
@@ -156,7 +160,10 @@ class LentFlight(MujocoFlight):
     """One launch, whose states another engine hands in; MuJoCo only reads them."""
 
     def start_from(self, state: Floats, bits: int) -> None:
-        """The state as the engine has it. bits: of its numbers."""
+        """The state as the engine has it.
+
+        bits: of its numbers.
+        """
         self._round_off = ROUND_OFF_SOLVED * float(np.finfo(f"f{bits // 8}").eps)
         self._noise = max(self._noise, self._round_off)
         self._states: deque[Floats] = deque()
@@ -169,7 +176,9 @@ class LentFlight(MujocoFlight):
         return np.append(self._data.qpos, self._data.qvel)
 
     def hand_in(self, states: Floats) -> int:
-        """Take more states of the engine, shape (n, nq + nv); return how many steps can now be read."""
+        """Take more states of the engine, shape (n, nq + nv); return
+        how many steps can now be read.
+        """
         self._states.extend(states)
         is_first = self._staged and self._last is None
         # Under RK4 a step is read once the one after it is.
@@ -195,8 +204,8 @@ class LentFlight(MujocoFlight):
     def _force(self, solved: float, seen: Any) -> float:
         """Force of the pair, N: MuJoCo's own, and what else the engine changed in the momentum.
 
-        solved: by MuJoCo's solver from the same state, N. seen: MjData of
-        the state before the step.
+        solved: by MuJoCo's solver from the same state, N.
+        seen: MjData of the state before the step.
         """
         row = self._reader.row(seen)
         slowed = -float(row @ self._changed)

@@ -109,7 +109,8 @@ class MujocoFlight:
         self._mujoco.mj_setState(self._model, self._data, self._state, whole)
 
     def advance(self, steps: int, after: int | None = None) -> Record:
-        """Steps as the user's own loop would take them; the last is NaN where MuJoCo reset the state.
+        """Steps as the user's own loop would take them; the last is
+        NaN where MuJoCo reset the state.
 
         after: so many at most once the two have parted, none once they
         turned back before; None: all.
@@ -163,7 +164,9 @@ class MujocoFlight:
         return f"other contacts acted: {', '.join(names[:4])}"
 
     def _keep_shares(self, shares: dict[str, float]) -> None:
-        """Keep a launch's shares of the speed if joints and actuators took more than in other launches."""
+        """Keep a launch's shares of the speed if joints and actuators
+        took more than in other launches.
+        """
         most = self._opened.shares
         if not self._touch_speed > 0:
             return
@@ -247,16 +250,22 @@ class MujocoFlight:
         return x
 
     def _take_step(self, data: Any) -> None:
-        """Move `data` on by a step, with the constraints and forces of the state before it left in it."""
+        """Move `data` on by a step, with the constraints and forces of
+        the state before it left in it.
+        """
         self._mujoco.mj_step(self._model, data)
 
     def _force(self, solved: float, seen: Any) -> float:
-        """Force of the pair in the step just taken, N. solved: by MuJoCo's
-        solver. seen: the state before.
+        """Force of the pair in the step just taken, N.
+
+        solved: by MuJoCo's solver.
+        seen: the state before.
         """
         if self._beside is None:
             return solved
-        return self._beside.force(self._reader.row(seen), self._velocity, self._place.effective_mass)
+        return self._beside.force(
+            self._reader.row(seen), self._velocity, self._place.effective_mass
+        )
 
     def _rate_without_contact(self) -> float:
         """The approach rate after the step from the state in `_seen`, had no contact acted in it."""
@@ -315,7 +324,9 @@ class Flights(Simulation, Generic[Flight]):
 
 class MujocoUserSimulation(Flights[MujocoFlight]):
     """Launches in one MjData, each stepped until the two have parted, or for as long as is asked,
-    and then the next one. after: steps to take once they have parted; None: all that are asked for.
+    and then the next one.
+
+    after: steps to take once they have parted; None: all that are asked for.
     """
 
     def __init__(self, opened: MujocoModel, launches: Sequence[Launch], after: int | None) -> None:

@@ -95,7 +95,8 @@ class MujocoAlongPlate:
     def push(self, frame: Floats, wrench: Floats, turned: bool) -> None:
         """Add the friction of one contact.
 
-        frame: its axes, (9,). turned: the moving geom is its second.
+        frame: its axes, (9,).
+        turned: the moving geom is its second.
         """
         pushed = wrench[1] * frame[3:6] + wrench[2] * frame[6:9]
         self.friction = self.friction + (pushed if turned else -pushed)
@@ -104,7 +105,9 @@ class MujocoAlongPlate:
         """Motion along the plate, shape (8,): slip 2 m/s, spin 3 rad/s,
         friction 2 N, other energy J.
 
-        velocity: (nv,). point: of the contact, m. rate: of approach, m/s; its energy is left out.
+        velocity: (nv,).
+        point: of the contact, m.
+        rate: of approach, m/s; its energy is left out.
         """
         model = self.pair.model
         slip = [self.pair.approach_row(data, point, axis) @ velocity for axis in self.axes[:2]]
@@ -113,13 +116,17 @@ class MujocoAlongPlate:
             turns = np.zeros((3, model.nv))
             backend().mj_jacBody(model, data, None, turns, body)
             spin += sign * (turns @ velocity)
-        energy = self._kinetic_energy(data, velocity, point) - 0.5 * self.place.effective_mass * rate**2
+        energy = (
+            self._kinetic_energy(data, velocity, point) - 0.5 * self.place.effective_mass * rate**2
+        )
         friction = self.axes[:2] @ self.friction
         self.friction = np.zeros(3)
         return np.array([*slip, *(self.axes @ spin), *friction, energy])
 
     def _kinetic_energy(self, data: Any, velocity: Floats, point: Floats) -> float:
-        """Kinetic energy of the two bodies, J; where joints act, of the launched one against the other."""
+        """Kinetic energy of the two bodies, J; where joints act, of the
+        launched one against the other.
+        """
         mujoco = backend()
         model = self.pair.model
         own = np.where(self._moving, velocity, 0.0)

@@ -25,9 +25,9 @@ _ROOM = 64
 def has_more_than_contacts(model: Any) -> bool:
     """Say whether anything but contacts and gravity can act on the bodies of a model."""
     fields = ("jnt_limited", "jnt_stiffness", "dof_damping", "dof_frictionloss", "dof_armature")
-    return bool(model.nu or model.neq or model.ntendon or any(getattr(model, f).any() for f in fields)) or (
-        model.nv != 6 * model.njnt
-    )
+    return bool(
+        model.nu or model.neq or model.ntendon or any(getattr(model, f).any() for f in fields)
+    ) or (model.nv != 6 * model.njnt)
 
 
 def strange_share(shares: Mapping[str, float]) -> float:
@@ -36,7 +36,8 @@ def strange_share(shares: Mapping[str, float]) -> float:
 
 
 class SpeedShares:
-    """Adds up what each cause takes off the approach speed of one launch, as long as the force acts.
+    """Adds up what each cause takes off the approach speed of one
+    launch, as long as the force acts.
 
     Forces are multiplied by what they move once for many steps: after a step of MuJoCo's, each
     operation of NumPy's takes longer.
@@ -62,7 +63,10 @@ class SpeedShares:
         self._told_apart: list[tuple[int, list[float]]] = []
 
     def add(self, step: int, data: Any, row: Floats, others: bool) -> None:
-        """One step. data: its constraints and forces are of the state before the step. row: (nv,) J.
+        """One step.
+
+        data: its constraints and forces are of the state before the step.
+        row: (nv,) J.
 
         others: whether there are contacts besides the pair's.
         """
@@ -90,7 +94,9 @@ class SpeedShares:
         self._clear()
 
     def _sum(self, entries: int) -> Floats:
-        """Speed that each of NAMES took in the first `entries` steps and in those settled before, m/s."""
+        """Speed that each of NAMES took in the first `entries` steps
+        and in those settled before, m/s.
+        """
         # Accelerations, m/s².
         parts = np.zeros((entries, len(NAMES)))
         # (entries, 5, nv): M^-1 J^T, then the forces by constraints,
@@ -107,7 +113,10 @@ class SpeedShares:
         return np.asarray(np.cumsum(np.vstack([self._taken, -self._h * parts]), axis=0)[-1])
 
     def _by_constraint(self, data: Any, moved: Floats) -> list[float]:
-        """Acceleration, m/s², by each of the first five of NAMES. moved: M^-1 J^T, (nv,)."""
+        """Acceleration, m/s², by each of the first five of NAMES.
+
+        moved: M^-1 J^T, (nv,).
+        """
         accelerations = np.zeros(data.nefc)
         backend().mj_mulJacVec(self._model, data, accelerations, moved)
         accelerations *= data.efc_force

@@ -91,7 +91,9 @@ def _at_touch(opened: MujocoModel) -> Any:
 
 
 def _tilted(opened: MujocoModel, angle: float) -> Floats:
-    """Gravity, m/s², (3,), turned by an angle, rad, towards the first axis across it; 0 without gravity."""
+    """Gravity, m/s², (3,), turned by an angle, rad, towards the first
+    axis across it; 0 without gravity.
+    """
     gravity = np.array(opened.model.opt.gravity)
     size = float(np.linalg.norm(gravity))
     if gravity.any():
@@ -104,10 +106,13 @@ def _tilted(opened: MujocoModel, angle: float) -> Floats:
     return np.asarray(size * (math.cos(angle) * down + math.sin(angle) * along))
 
 
-def _rest(opened: MujocoModel, data: Any, gravity: Floats | None = None, from_body: int = 0) -> Rest:
+def _rest(
+    opened: MujocoModel, data: Any, gravity: Floats | None = None, from_body: int = 0
+) -> Rest:
     """Rest of the pair at the end of a while, from a state that is moved on.
 
-    gravity: m/s²; None: the model's. from_body: the body whose motion does not count.
+    gravity: m/s²; None: the model's.
+    from_body: the body whose motion does not count.
     """
     mujoco = backend()
     model = opened.model

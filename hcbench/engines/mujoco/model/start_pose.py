@@ -1,4 +1,6 @@
-"""Start configuration of a MuJoCo model: a keyframe or a state with joints set, within their limits."""
+"""Start configuration of a MuJoCo model: a keyframe or a state with
+joints set, within their limits.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +71,8 @@ def _reset(model: Any, data: Any, key: str | None) -> str:
 
 
 def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
-    """Set a joint, a free joint by its body's name or as "base", or a field of the state such as qpos.
+    """Set a joint, a free joint by its body's name or as "base", or a
+    field of the state such as qpos.
 
     Raises UserError for another name, and for another number of values.
     """
@@ -109,11 +112,16 @@ def _free_joint(model: Any, name: str) -> int | None:
 
 
 def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
-    """Refuse a pose in which joints of the robots that these bodies are of are far outside their limits."""
+    """Refuse a pose in which joints of the robots that these bodies are
+    of are far outside their limits.
+    """
     roots = {int(model.body_rootid[body]) for body in bodies if body}
     outside = []
     for joint in range(model.njnt):
-        if not model.jnt_limited[joint] or int(model.body_rootid[model.jnt_bodyid[joint]]) not in roots:
+        if (
+            not model.jnt_limited[joint]
+            or int(model.body_rootid[model.jnt_bodyid[joint]]) not in roots
+        ):
             continue
         beyond, allowed, nearest = beyond_limit(model, data, joint)
         if beyond > allowed:
@@ -123,7 +131,9 @@ def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...])
 
 
 def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:
-    """(how far a joint is beyond its limit, how far it may be, the nearest value allowed), rad or m."""
+    """(how far a joint is beyond its limit, how far it may be, the
+    nearest value allowed), rad or m.
+    """
     kinds = backend().mjtJoint
     kind = int(model.jnt_type[joint])
     low, high = (float(end) for end in model.jnt_range[joint])

@@ -1,4 +1,6 @@
-"""Moves a pair until MuJoCo's own contact of it begins: along a line, or along the arc of its joints."""
+"""Moves a pair until MuJoCo's own contact of it begins: along a line,
+or along the arc of its joints.
+"""
 
 from typing import Any
 
@@ -22,7 +24,9 @@ _CLOSE = 1e-9
 
 
 class TouchSearch:
-    """Moves a pair along `move`, from the configuration that `data` is in, to where its contact begins."""
+    """Moves a pair along `move`, from the configuration that `data` is
+    in, to where its contact begins.
+    """
 
     def __init__(self, pair: ContactPair, data: Any, move: Floats) -> None:
         self.pair = pair
@@ -40,7 +44,9 @@ class TouchSearch:
         # MuJoCo gives the distance of some shapes only roughly: its contact is scanned for.
         if first is None:
             before, behind = self._window()
-            begun = travel_by_scan(lambda t: self._contact(t) is not None, travel - before, travel + behind)
+            begun = travel_by_scan(
+                lambda t: self._contact(t) is not None, travel - before, travel + behind
+            )
             first = None if begun is None else self._first_opposing_contact(begun)
             if begun is None or first is None:
                 return None
@@ -154,8 +160,11 @@ def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
     return moved
 
 
-def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Floats) -> Floats | None:
-    """Bring the two together along the arc of their joints, within the joints' limits; `data` ends there.
+def swing_to_touch(
+    pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Floats
+) -> Floats | None:
+    """Bring the two together along the arc of their joints, within the
+    joints' limits; `data` ends there.
 
     row: (nv,) of the approach at the start. Returns the velocity (nv,) that approaches where they
     meet, at 1 m/s; None where the joints do not lead there.
@@ -163,7 +172,9 @@ def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Flo
     mujoco = backend()
     model = pair.model
     kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    is_moved = np.isin(model.jnt_dofadr, dofs) & np.isin(model.jnt_type, [int(kind) for kind in kinds])
+    is_moved = np.isin(model.jnt_dofadr, dofs) & np.isin(
+        model.jnt_type, [int(kind) for kind in kinds]
+    )
     limited = np.flatnonzero(is_moved & (model.jnt_limited != 0))
     places = model.jnt_qposadr[limited]
     # A joint that starts beyond its limit may stay there.

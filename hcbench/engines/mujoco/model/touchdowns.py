@@ -46,7 +46,9 @@ def touchdowns(
     feet = [_foot(model, geoms, np.array(rows)) for geoms, rows in events.items()]
     feet.sort(key=lambda foot: (-len(foot.time), foot.part))
     interval = float(np.median(np.diff(time)))
-    return TrajectoryTouchdowns("mujoco", backend().__version__, label, len(qpos), interval, tuple(feet))
+    return TrajectoryTouchdowns(
+        "mujoco", backend().__version__, label, len(qpos), interval, tuple(feet)
+    )
 
 
 def _in_order(geoms: _Geoms) -> _Geoms:
@@ -63,11 +65,15 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
     arrays = []
     for name, width in (("qpos", model.nq), ("qvel", model.nv)):
         if (array := recorded.get(name)) is None:
-            raise UserError("trajectory", f"no {name!r} in it", "qpos and qvel of each state, and time")
+            raise UserError(
+                "trajectory", f"no {name!r} in it", "qpos and qvel of each state, and time"
+            )
         if array.ndim != 2 or array.shape[1] != width or len(array) < 2:
             shape = " x ".join(map(str, array.shape))
             raise UserError(
-                "trajectory", f"{name}: {shape} numbers", f"n x {width}, for this model, with n of 2 or more"
+                "trajectory",
+                f"{name}: {shape} numbers",
+                f"n x {width}, for this model, with n of 2 or more",
             )
         arrays.append(array)
     qpos, qvel = arrays
@@ -75,7 +81,9 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
     time = recorded.get("time", steps).reshape(-1)
     if len(qpos) != len(qvel) or len(time) != len(qpos) or not (np.diff(time) > 0).all():
         raise UserError(
-            "trajectory", "qpos, qvel and time are of unlike lengths, or time does not rise", "alike"
+            "trajectory",
+            "qpos, qvel and time are of unlike lengths, or time does not rise",
+            "alike",
         )
     if not all(np.isfinite(array).all() for array in (qpos, qvel, time)):
         raise UserError("trajectory", "numbers that are not finite", "finite numbers")
@@ -85,7 +93,8 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
 def _events(
     model: Any, qpos: Floats, qvel: Floats, time: Floats, kept: set[_Geoms] | None
 ) -> dict[_Geoms, list[tuple[float, float, float]]]:
-    """(time, speed, slide) of each touchdown, by the two geoms of its rigid parts that touched first.
+    """(time, speed, slide) of each touchdown, by the two geoms of its
+    rigid parts that touched first.
 
     The speeds are those of the state before, or of the first in contact, the faster of the two: a
     contact slows, and free flight may speed up, within the time between two states.
@@ -118,7 +127,9 @@ def _events(
             before.qvel[:] = qvel[i - 1]
             backend().mj_fwdPosition(model, before)
         for parts, contact in began.items():
-            speeds = [_speeds(model, state, data, contact, geoms_of[parts]) for state in (before, data)]
+            speeds = [
+                _speeds(model, state, data, contact, geoms_of[parts]) for state in (before, data)
+            ]
             speed, slide = max(speeds)
             if speed > 0.0:
                 events.setdefault(parts, []).append((float(time[i]), speed, slide))
@@ -143,8 +154,12 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
     return pairs
 
 
-def _speeds(model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms) -> tuple[float, float]:
-    """(approach, sliding) speed of the two at a contact of `touching`, m/s, by the velocities of `state`."""
+def _speeds(
+    model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms
+) -> tuple[float, float]:
+    """(approach, sliding) speed of the two at a contact of `touching`,
+    m/s, by the velocities of `state`.
+    """
     point = touching.contact.pos[contact]
     # From the contact's first geom to its second.
     normal = touching.contact.frame[contact][:3]
@@ -159,7 +174,10 @@ def _speeds(model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms) 
 
 
 def _foot(model: Any, geoms: _Geoms, rows: Floats) -> Touchdowns:
-    """Touchdowns of two parts. rows: (n, 3), time s, speed and slide m/s."""
+    """Touchdowns of two parts.
+
+    rows: (n, 3), time s, speed and slide m/s.
+    """
     promise = promise_in(model, geoms)
     band = None
     if restitution_law(model, geoms) is not None:

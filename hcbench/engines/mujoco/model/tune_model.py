@@ -1,4 +1,6 @@
-"""Contact parameters for pairs in a user's own MuJoCo model, as <pair> elements, and the model with them."""
+"""Contact parameters for pairs in a user's own MuJoCo model, as <pair>
+elements, and the model with them.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +15,30 @@ from hcbench.engines.mujoco.model.attitudes import attitudes
 from hcbench.engines.mujoco.model.bodies import can_meet, explicit_pairs, integrator_name
 from hcbench.engines.mujoco.model.list_pairs import contact_in_force, find_pair
 from hcbench.engines.mujoco.model.open import load
-from hcbench.engines.mujoco.model.row_choices import NO_BOUNCE, ONE_STEP, Load, one_step, row_choices
+from hcbench.engines.mujoco.model.row_choices import (
+    NO_BOUNCE,
+    ONE_STEP,
+    Load,
+    one_step,
+    row_choices,
+)
 from hcbench.engines.mujoco.model.row_search import RowSearch, starting_rows
 from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.engines.mujoco.model.under_test import MujocoModel
-from hcbench.engines.mujoco.model.write_pairs import PairToTune, Rows, mass_note, needed_impratio, written
-from hcbench.engines.mujoco.model.written_model import included, label_of, own_text, spec_of, whole_text
+from hcbench.engines.mujoco.model.write_pairs import (
+    PairToTune,
+    Rows,
+    mass_note,
+    needed_impratio,
+    written,
+)
+from hcbench.engines.mujoco.model.written_model import (
+    included,
+    label_of,
+    own_text,
+    spec_of,
+    whole_text,
+)
 from hcbench.engines.mujoco.scene.promises import option_in_force, promise_lines
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.model_under_test import ModelSetting, Output, Request, Texts
@@ -52,9 +72,13 @@ def model_settings(
 ) -> Iterator[ModelSetting]:
     """Settings for all pairs at once, the simplest first; the last is searched for in the model.
 
-    requests: several of a pair are its attitudes. goal: e over speed. was: the model at rest as it
-    is. version: of MuJoCo that has to load it; () for any. Raises SceneError for a model that does
-    not compile, UserError where a pair cannot be measured or no <pair> keeps its e.
+    requests: several of a pair are its attitudes.
+    goal: e over speed.
+    was: the model at rest as it is.
+    version: of MuJoCo that has to load it; () for any.
+
+    Raises SceneError for a model that does not compile, UserError where a pair cannot be measured
+    or no <pair> keeps its e.
     """
     # Opened first as for a measurement, whose errors say what is wrong with a model.
     load(source, requests[0])
@@ -114,7 +138,8 @@ def _searched(
 def _row_setter(
     plain: Any, pairs: Sequence[PairToTune], rows_of: Mapping[_Kind, Rows], like: _Kind
 ) -> Callable[[Any, Rows], None]:
-    """A function that writes rows into the pairs of one kind in a compiled model; the others keep theirs.
+    """A function that writes rows into the pairs of one kind in a compiled
+    model; the others keep theirs.
 
     plain: the model as it is, whose cone and impratio hold where no row needs others.
     """
@@ -156,7 +181,10 @@ def _require_tunable(model: Any) -> None:
 
 
 def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTune:
-    """One pair, opened under each of its requests. model: compiled; only copies of it are changed."""
+    """One pair, opened under each of its requests.
+
+    model: compiled; only copies of it are changed.
+    """
     opened = []
     for each in requests:
         asked = _as_asked(model.__copy__(), each)
@@ -205,7 +233,9 @@ def _is_like(one: PairToTune, other: PairToTune) -> bool:
     return one.like == other.like and abs(mass) < _SAME_MASS and abs(gravity) < _SAME_GRAVITY
 
 
-def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTune, Rows]]) -> ModelSetting:
+def _setting(
+    source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTune, Rows]]
+) -> ModelSetting:
     """A setting of a user's model: notes, the model under a request, and the texts to write."""
     made = written(source, pairs)
     notes = list(made.notes)
@@ -214,7 +244,9 @@ def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTun
     notes.append("friction, condim, margin, masses, step and integrator are as they were.")
     written_rows = itertools.chain.from_iterable(rows for _, rows in pairs)
     if any(row.adhesion for row in written_rows):
-        notes.append("The lines need MuJoCo 3.11 or later; --for mujoco@3.5 asks for lines without adhesion.")
+        notes.append(
+            "The lines need MuJoCo 3.11 or later; --for mujoco@3.5 asks for lines without adhesion."
+        )
     compiled = made.spec.compile()
     first_pair, _ = pairs[0]
     option = option_in_force(_as_asked(compiled.__copy__(), first_pair.requests[0]))
@@ -252,7 +284,9 @@ def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:
     every = itertools.product(pair.first.geoms, pair.second.geoms)
     geoms = [both for both in every if can_meet(model, both)]
     if len(geoms) > _PAIRS_MAX:
-        raise UserError("pair", f"{len(geoms)} pairs of geoms", f"{_PAIRS_MAX} at most", "Name single geoms")
+        raise UserError(
+            "pair", f"{len(geoms)} pairs of geoms", f"{_PAIRS_MAX} at most", "Name single geoms"
+        )
     return geoms
 
 

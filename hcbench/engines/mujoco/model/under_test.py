@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.backend import backend, captured_warnings, plugin_warnings, require_feature
+from hcbench.engines.mujoco.backend import (
+    backend,
+    captured_warnings,
+    plugin_warnings,
+    require_feature,
+)
 from hcbench.engines.mujoco.model.bodies import (
     geom_friction,
     geom_name,
@@ -58,9 +63,12 @@ _ROUGH = 0.03
 class MujocoModel(ModelUnderTest):
     """A MuJoCo model with a pair in it.
 
-    model: an MjModel, which this object may change. label: its name in outputs. state: an MjData to
-    start from, or None. Raises UserError or SceneError with the reason where the pair cannot be
-    measured; EngineMissing for a MuJoCo that is too old.
+    model: an MjModel, which this object may change.
+    label: its name in outputs.
+    state: an MjData to start from, or None.
+
+    Raises UserError or SceneError with the reason where the pair cannot be measured; EngineMissing
+    for a MuJoCo that is too old.
     """
 
     diverged = "MuJoCo found the state unstable and reset it"
@@ -193,7 +201,10 @@ class MujocoModel(ModelUnderTest):
 
     def _notes(self) -> list[str]:
         """Sentences that a reader of the numbers must know."""
-        notes = [*([self.place.note] if self.place.note else []), *overlap_notes(self.place.overlap)]
+        notes = [
+            *([self.place.note] if self.place.note else []),
+            *overlap_notes(self.place.overlap),
+        ]
         if self.model.nflex:
             notes.append("The model has flexes, which act, but only geoms are measured.")
         if abs(slope := self._distance_slope() - 1.0) > _ROUGH:
@@ -221,7 +232,9 @@ class MujocoModel(ModelUnderTest):
         return (place.pair.nearest(data).distance - place.gap) / back
 
     def at_rest(self) -> Rest | None:
-        """Measure the pair at rest in plain steps: from the start if the two touch there, else laid on."""
+        """Measure the pair at rest in plain steps: from the start if the
+        two touch there, else laid on.
+        """
         from hcbench.engines.mujoco.model.standing import rest_of_pair
 
         return rest_of_pair(self)
@@ -240,7 +253,11 @@ class MujocoModel(ModelUnderTest):
         if changed:
             return [*changed, *other_contacts(self._others())]
         context = Context(self.place, impacts, wanted, tuple(self._gravity()), self.shares)
-        return [*find_suspects(context), *self._weak_friction(impacts), *other_contacts(self._others())]
+        return [
+            *find_suspects(context),
+            *self._weak_friction(impacts),
+            *other_contacts(self._others()),
+        ]
 
     def _changed_since_tuned(self) -> list[Suspect]:
         """Return what breaks the promise of `hcbench tune`; nothing where it promised nothing."""
@@ -263,7 +280,9 @@ class MujocoModel(ModelUnderTest):
         after = tried.tangential.impulse_ratio
         if after - before < WEAK * friction:
             return []
-        evidence = f"friction takes {before:.3g} of the normal impulse, {after:.3g} with an elliptic cone"
+        evidence = (
+            f"friction takes {before:.3g} of the normal impulse, {after:.3g} with an elliptic cone"
+        )
         return [dataclasses.replace(named, evidence=f"{evidence}; by Coulomb's law {friction:g}")]
 
     def _others(self) -> list[str]:

@@ -20,8 +20,11 @@ if TYPE_CHECKING:
 class LaunchWorkspace:
     """Memory for launches of a model, one at a time: allocating it takes as long as 500 steps.
 
-    data: the state under way. seen: the state before the step, which RK4 does not leave in
-    `data`. free: for steps of RK4 without contact. beside: for those without a plug-in's.
+    data: the state under way.
+    seen: the state before the step, which RK4 does not leave in `data`.
+    free: for steps of RK4 without contact.
+    beside: for those without a plug-in's.
+
     Those without a use are None.
     """
 

@@ -34,8 +34,9 @@ Rows = tuple[ConstraintRow, ...]
 class PairToTune:
     """Pair in the user's model, with the launches and the load that its contact has to serve.
 
-    requests: its launches, one for each attitude. opened: the model under each. like: equal for
-    pairs that are alike, such as the feet of a robot.
+    requests: its launches, one for each attitude.
+    opened: the model under each.
+    like: equal for pairs that are alike, such as the feet of a robot.
     """
 
     requests: tuple[Request, ...]
@@ -97,7 +98,8 @@ def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
 
 
 def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> float:
-    """The impratio with which no pair drifts faster than in the model as it is; 0 where its own will do.
+    """The impratio with which no pair drifts faster than in the model as
+    it is; 0 where its own will do.
 
     A friction row holds a load by a slip of R_t/(A b), R_t = R_n/impratio, R_n/A = (1 - d)/d.
     """
@@ -111,7 +113,9 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
         now = contact_in_force(model, *pair.geoms[0])
         # The user's contact is judged where it lies deep, at its full impedance.
         before = _slip(now["solref"], now["solimp"], now["solimp"][1])
-        needed = max(needed, own * _slip(rows[0].solref, rows[0].solimp, rows[0].solimp[0]) / before)
+        needed = max(
+            needed, own * _slip(rows[0].solref, rows[0].solimp, rows[0].solimp[0]) / before
+        )
     return float(f"{1.1 * needed:.1g}") if needed > own else 0.0
 
 
@@ -135,7 +139,12 @@ def mass_note(place: PairAtTouch) -> list[str]:
 
 
 def _write_rows(
-    spec: Any, model: Any, pair: PairToTune, geoms: tuple[int, int], names: tuple[str, str], rows: Rows
+    spec: Any,
+    model: Any,
+    pair: PairToTune,
+    geoms: tuple[int, int],
+    names: tuple[str, str],
+    rows: Rows,
 ) -> list[str]:
     """Set or add the <pair>s of two geoms in a spec, one for each row, the first with friction.
 
@@ -196,7 +205,9 @@ def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
 
 
 def _friction_damping(place: PairAtTouch, load: Load) -> float:
-    """1/s, of friction rows that together stop a slip in one step, along the way that slides most easily."""
+    """1/s, of friction rows that together stop a slip in one step, along
+    the way that slides most easily.
+    """
     model = place.pair.model
     data = backend().MjData(place.pair.model)
     data.qpos[:] = place.qpos
@@ -210,7 +221,9 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
     return MIN_IMPEDANCE * (1.0 + weight) / max(weight, 1e-3) / load.timestep
 
 
-def _name_geoms(spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]) -> dict[int, str]:
+def _name_geoms(
+    spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]
+) -> dict[int, str]:
     """Names by which a <pair> calls geoms; those without one get one."""
     names = {}
     # By number: MuJoCo 3.3 gives the geoms of a spec no .id.

@@ -1,4 +1,6 @@
-"""A user's model with pairs in it, as text: the user's own and a few lines, or else MuJoCo's own of it."""
+"""A user's model with pairs in it, as text: the user's own and a few
+lines, or else MuJoCo's own of it.
+"""
 
 from __future__ import annotations
 
@@ -117,5 +119,8 @@ def included(lines: str) -> str:
 
 def taken_pairs(model: Any, geoms: Sequence[tuple[int, int]]) -> bool:
     """Say whether the model has <pair>s of its own for any of these geoms."""
-    own = {frozenset(each) for each in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)}
+    own = {
+        frozenset(each)
+        for each in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
+    }
     return any(frozenset(each) in own for each in geoms)

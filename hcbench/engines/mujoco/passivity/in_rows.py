@@ -34,11 +34,14 @@ def bounces_in_rows(
     speeds: tuple[float, float],
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Drops from HEIGHTS, and single impacts from a tenth of the band (m/s) up to its top, at many phases.
+    """Drops from HEIGHTS, and single impacts from a tenth of the band (m/s)
+    up to its top, at many phases.
 
     train: the longest train of bounces that the target allows.
     """
-    u = np.geomspace(_SLOW * speeds[0], max(speeds[1], math.sqrt(2.0 * gravity * HEIGHTS[-1])), _SPEEDS)
+    u = np.geomspace(
+        _SLOW * speeds[0], max(speeds[1], math.sqrt(2.0 * gravity * HEIGHTS[-1])), _SPEEDS
+    )
     later = (np.arange(_PHASES) + 0.5) / _PHASES
     v, phase = (axis.ravel() for axis in np.meshgrid(u, later, indexing="ij"))
     drops = _Drops(rows, timestep, gravity)
@@ -58,7 +61,9 @@ class _Drops:
         self._g = gravity
 
     def touching(self, speeds: Floats, phases: Floats) -> Floats:
-        """States of drops that touch at these speeds, m/s, and phases, from the first in contact on."""
+        """States of drops that touch at these speeds, m/s, and
+        phases, from the first in contact on.
+        """
         time = self._h * (1.0 - phases)
         x = speeds * time + self._g * time**2 / 2.0
         return self._states(x, speeds + self._g * (time - self._h / 2.0), speeds)
@@ -71,7 +76,9 @@ class _Drops:
         return states
 
     def _states(self, x: Floats, v: Floats, speed_in: Floats) -> Floats:
-        """Penetration, rate, speed at the last touch, time, and steps since the last flight; (5, n)."""
+        """Penetration, rate, speed at the last touch, time, and steps
+        since the last flight; (5, n).
+        """
         return np.stack([x, v, speed_in, *np.zeros((2, len(x)))])
 
     def _kept(self, x: Floats, v: Floats) -> Floats:
@@ -80,7 +87,9 @@ class _Drops:
         return np.asarray(np.sqrt(np.maximum(0.0, squared)))
 
     def _flown(self, x: Floats, v: Floats) -> tuple[tuple[Floats, Floats], Floats]:
-        """(x, v) of drops in flight advanced to their first state in contact, and how long that takes, s."""
+        """(x, v) of drops in flight advanced to their first state in
+        contact, and how long that takes, s.
+        """
         g = self._g
         h = self._h
         half = v + g * h / 2.0
@@ -90,8 +99,8 @@ class _Drops:
     def run(self, states: Floats, allowed: Floats, impacts: float = math.inf) -> Bounces:
         """Simulate until each drop has rested, has had so many impacts, or LASTS (s) are over.
 
-        states: (5, n), see `_states`. allowed: rebound speed of each drop at the end that its
-        target allows, m/s, (n,).
+        states: (5, n), see `_states`.
+        allowed: rebound speed of each drop at the end that its target allows, m/s, (n,).
         """
         count = states.shape[1]
         max_e = 0.0

@@ -38,9 +38,15 @@ _CONES = ("elliptic", "pyramidal")
 def screened(
     scene: Scene, setting: Setting, speeds: tuple[float, float], train: LongestTrain | None = None
 ) -> Passivity | None:
-    """Test a setting for energy in the model of its rows, and boxes in plain MuJoCo; None without rows."""
+    """Test a setting for energy in the model of its rows, and boxes in
+    plain MuJoCo; None without rows.
+    """
     options = read_options(setting.options)
-    if not options.rows or scene.form != "plane" or (options.integrator or "Euler") not in _LIKE_EULER:
+    if (
+        not options.rows
+        or scene.form != "plane"
+        or (options.integrator or "Euler") not in _LIKE_EULER
+    ):
         return None
     bounces = bounces_in_rows(options.rows, setting.timestep, scene.gravity, speeds, train)
     if not scene.gravity:
@@ -69,8 +75,12 @@ def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
     return law is not None and not is_force(law) and scene.form == "plane"
 
 
-def certified(scene: Scene, setting: Setting, train: LongestTrain | None = None) -> Passivity | None:
-    """Test a setting by the whole gate in plain MuJoCo, under every option it allows; None as `screened`."""
+def certified(
+    scene: Scene, setting: Setting, train: LongestTrain | None = None
+) -> Passivity | None:
+    """Test a setting by the whole gate in plain MuJoCo, under every option
+    it allows; None as `screened`.
+    """
     options = read_options(setting.options)
     is_rows = bool(options.rows) and scene.form == "plane"
     if not is_rows and not _is_restitution_law(scene, setting):

@@ -79,8 +79,9 @@ class Stepping:
 class Contact:
     """A contact that is tried in plain models.
 
-    option: attributes of <option> that it asks for. text: what to paste for pairs of
-    geoms. radius: of the ball, m.
+    option: attributes of <option> that it asks for.
+    text: what to paste for pairs of geoms.
+    radius: of the ball, m.
     """
 
     timestep: float
@@ -119,9 +120,15 @@ class Contact:
 
 
 def drops(
-    contact: Contact, options: Stepping, heights: Sequence[float] = HEIGHTS, train: LongestTrain | None = None
+    contact: Contact,
+    options: Stepping,
+    heights: Sequence[float] = HEIGHTS,
+    train: LongestTrain | None = None,
 ) -> Bounces:
-    """Balls dropped for LASTS. train: the longest train of bounces that the target allows."""
+    """Balls dropped for LASTS.
+
+    train: the longest train of bounces that the target allows.
+    """
     mujoco = backend()
     model = contact.with_ball(options)
     data = mujoco.MjData(model)
@@ -134,7 +141,9 @@ def drops(
     allowed = allowed_rebounds(train, heights, contact.gravity)
     reader = DropReader(contact.timestep, contact.gravity, allowed, speed_reading(model))
     for _ in range(math.ceil(LASTS / _CHUNK_S)):
-        path, _ = mujoco.rollout.rollout(model, [data], states, nstep=math.ceil(_CHUNK_S / contact.timestep))
+        path, _ = mujoco.rollout.rollout(
+            model, [data], states, nstep=math.ceil(_CHUNK_S / contact.timestep)
+        )
         reader.add(contact.radius - path[:, :, 3], -path[:, :, 1 + model.nq + 2])
         states = path[:, -1].copy()
     return reader.bounces
@@ -171,7 +180,9 @@ def _rest(model: Any, seconds: float) -> Rest:
 
 
 def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
-    """Largest ratio of a box's energy in a flight to that in an earlier one: above 1 it gained some."""
+    """Largest ratio of a box's energy in a flight to that in an
+    earlier one: above 1 it gained some.
+    """
     model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
     data = backend().MjData(model)
     data.qpos[2:7] = _HALF * high + 2.4 * contact.timestep * speed, *quaternion
@@ -211,7 +222,9 @@ def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
     """Boxes that fall on face, edge and vertex."""
     for attitude, speed in itertools.product(_ATTITUDES, _BOX_SPEEDS):
         grew = box_growth(contact, options, attitude, speed)
-        yield Finding(f"box on {attitude} at {speed:g} m/s", str(options), grew, MOST_ENERGY, "x energy")
+        yield Finding(
+            f"box on {attitude} at {speed:g} m/s", str(options), grew, MOST_ENERGY, "x energy"
+        )
 
 
 def certify(
@@ -219,8 +232,8 @@ def certify(
 ) -> Passivity:
     """Run the whole gate under each of the options.
 
-    slides: true for a contact with friction. train: the longest train of
-    bounces that the target allows.
+    slides: true for a contact with friction.
+    train: the longest train of bounces that the target allows.
     """
     bounces = Bounces(0.0, 0.0, 0, 0)
     findings: list[Finding] = []
@@ -236,7 +249,9 @@ def certify(
             rest = rest_on_slope(contact, options)
             drift = rest.drift if math.isnan(drift) else max(drift, rest.drift)
             findings.append(Finding("drift on a slope", name, rest.drift, MOST_DRIFT, "m/s"))
-        findings.append(Finding("rolling ball", name, _rolling(contact, options), _KEPT, "x energy"))
+        findings.append(
+            Finding("rolling ball", name, _rolling(contact, options), _KEPT, "x energy")
+        )
         of_boxes = [*boxes(contact, options), _stack(contact, options)]
         is_flat = is_flat and all(finding.passed for finding in of_boxes)
         findings += of_boxes

@@ -24,7 +24,9 @@ _RADIUS = 0.05  # m
 
 
 def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float) -> str:
-    """One sentence: drift, solver iterations and e of a contact that is not tuned, before and after."""
+    """One sentence: drift, solver iterations and e of a contact that
+    is not tuned, before and after.
+    """
     before = {"cone": "pyramidal"}
     after = option
     drift, count, e = _measured(before, timestep, gravity)
@@ -36,7 +38,9 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
     )
 
 
-def _measured(option: Mapping[str, str], timestep: float, gravity: float) -> tuple[float, float, list[float]]:
+def _measured(
+    option: Mapping[str, str], timestep: float, gravity: float
+) -> tuple[float, float, list[float]]:
     """(drift on a slope mm/s, iterations a step, e of oblique impacts)."""
     mujoco = backend()
     model = _model(option, timestep, gravity, "0.02 1")

@@ -55,14 +55,18 @@ def library() -> Path:
 
 
 def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
-    """Flags, what to link, and the headers, for the MuJoCo in `folder`; CannotRun where that lacks some."""
+    """Flags, what to link, and the headers, for the MuJoCo in `folder`;
+    CannotRun where that lacks some.
+    """
     include = folder / "include"
     headers = sorted((include / "mujoco").glob("*.h"))
     engine: list[Path] = []
     for name in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
         engine += folder.glob(name)
     if not headers or not engine:
-        raise CannotRun("MuJoCo's plug-ins", f"no headers or no library in {folder}", "MuJoCo's own wheel")
+        raise CannotRun(
+            "MuJoCo's plug-ins", f"no headers or no library in {folder}", "MuJoCo's own wheel"
+        )
     text = {header.name: header.read_text(encoding="utf-8") for header in headers}
     data = text["mjdata.h"]
     model = text["mjmodel.h"]
@@ -100,7 +104,9 @@ def load() -> None:
     built = library()
     if (there := _installed()).exists() and there.read_bytes() != built.read_bytes():
         advice = "Run `hcbench plugin mujoco --install` again, or delete it"
-        raise CannotRun(str(there), "of another version of hcbench or MuJoCo", "this one's plug-ins", advice)
+        raise CannotRun(
+            str(there), "of another version of hcbench or MuJoCo", "this one's plug-ins", advice
+        )
     mujoco.mj_loadPluginLibrary(str(built))
 
 
@@ -109,7 +115,8 @@ def _installed() -> Path:
 
 
 def install() -> Path:
-    """Put the library where MuJoCo, whoever imports it, loads its own plug-ins from; returns its path.
+    """Put the library where MuJoCo, whoever imports it, loads its own
+    plug-ins from; returns its path.
 
     Raises OutputError for a folder that cannot be written to, CannotRun without a C compiler.
     """
@@ -126,8 +133,9 @@ def install() -> Path:
 
 @checked
 def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str, dict[str, str]]:
-    """Return the plug-in of a law, and the config of its instance but for the
-    pair. more: other keys, unchanged.
+    """Return the plug-in of a law, and the config of its instance but for the pair.
+
+    more: other keys, unchanged.
 
     Raises SettingError for friction with a restitution law.
     """
@@ -166,17 +174,19 @@ def add_to_spec(
 ) -> str:
     """Add a law to an MjSpec, for one pair by names; returns the name of the plug-in's instance.
 
-    geoms, bodies, tendon: one of them; of a tendon its upper limit is the contact. friction:
-    of a force law; a restitution law keeps MuJoCo's. more: further keys of the config, such
-    as alpha="name of a numeric". A force law turns MuJoCo's own contact between the two
-    bodies off, or the tendon's limit.
+    geoms, bodies, tendon: one of them; of a tendon its upper limit is the contact.
+    friction: of a force law; a restitution law keeps MuJoCo's.
+    more: further keys of the config, such as alpha="name of a numeric". A force law turns MuJoCo's
+    own contact between the two bodies off, or the tendon's limit.
 
     Raises SettingError for what cannot be a pair, CannotRun without a C compiler.
     """
     if not isinstance(spec, backend().MjSpec):
         raise SettingError("spec", f"{spec!r:.80}", "a mujoco.MjSpec")
     plugin, keys = config(law, friction, **more)
-    named = [kind for kind, value in (("geoms", geoms), ("bodies", bodies), ("tendon", tendon)) if value]
+    named = [
+        kind for kind, value in (("geoms", geoms), ("bodies", bodies), ("tendon", tendon)) if value
+    ]
     if len(named) != 1:
         raise SettingError("pair", " and ".join(named) or "none", "one of geoms, bodies and tendon")
     if tendon is not None:
@@ -193,7 +203,9 @@ def add_to_spec(
     if not hasattr(spec, "activate_plugin"):
         version = backend().__version__
         advice = "Or name the plug-in in MJCF: docs/reference/plugins.md"
-        raise EngineMissing(f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", advice)
+        raise EngineMissing(
+            f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", advice
+        )
     load()
     name = name or f"{plugin} {len(spec.plugins) + 1}"
     spec.activate_plugin(plugin)
@@ -229,7 +241,11 @@ def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
 def _element(spec: Any, kind: str, name: str) -> Any:
     element = getattr(spec, kind)(name) if isinstance(name, str) else None
     if element is None:
-        names = [one.name for one in getattr(spec, "bodies" if kind == "body" else f"{kind}s") if one.name]
+        names = [
+            one.name
+            for one in getattr(spec, "bodies" if kind == "body" else f"{kind}s")
+            if one.name
+        ]
         raise SettingError(f"{kind} {name!r}", "not in the model", *suggest_names(str(name), names))
     return element
 
@@ -250,8 +266,11 @@ def _warn_of_shapes(geoms: Sequence[Any]) -> None:
 
 
 @checked
-def hertz_stiffness(model: Any, geom1: str, geom2: str, material1: Material, material2: Material) -> float:
-    """K of F = k x^(3/2) in N/m^1.5, eq. (5), from the radii of two geoms: spheres, or one and a plane.
+def hertz_stiffness(
+    model: Any, geom1: str, geom2: str, material1: Material, material2: Material
+) -> float:
+    """K of F = k x^(3/2) in N/m^1.5, eq. (5), from the radii of two
+    geoms: spheres, or one and a plane.
 
     Raises SettingError for another model, name or shape.
     """

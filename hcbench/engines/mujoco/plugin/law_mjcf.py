@@ -29,8 +29,10 @@ def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
 
 
 def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.Element:
-    """Return the section that declares a law's plug-in. pair: the keys of its config that say of
-    what. friction: μ that goes with a force law; a restitution law keeps MuJoCo's.
+    """Return the section that declares a law's plug-in.
+
+    pair: the keys of its config that say of what.
+    friction: μ that goes with a force law; a restitution law keeps MuJoCo's.
     """
     name, keys = config(law, Friction(friction, friction) if friction and is_force(law) else None)
     made = ET.Element("extension")
@@ -51,8 +53,9 @@ def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
 
 
 def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
-    """Return the MJCF of a law, to paste into a user's model. pair: its
-    geoms, the first of which moves.
+    """Return the MJCF of a law, to paste into a user's model.
+
+    pair: its geoms, the first of which moves.
     """
     config = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
     lines = [
@@ -61,7 +64,8 @@ def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
     ]
     if is_force(law) and form == "cup":
         lines.insert(
-            1, '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->'
+            1,
+            '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->',
         )
     elif is_force(law):
         lines.append(f'<contact><exclude body1="world" body2={quoted(pair[0])}/></contact>')

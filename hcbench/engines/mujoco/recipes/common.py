@@ -12,7 +12,9 @@ from hcbench.terms.impact import Floats
 SPRING_SOLIMP = (MIN_IMPEDANCE, MIN_IMPEDANCE, 1.0, 0.5, 1.0)
 # Notes of contacts that are softened where the law's would be too short for the step.
 SOFTENED = "Use a softened spring without gravity only: under gravity slow bodies sink, swing or never part."
-WEAK_FRICTION = "Friction is far too weak: up to 95 % below Coulomb's law. Restitution is unaffected."
+WEAK_FRICTION = (
+    "Friction is far too weak: up to 95 % below Coulomb's law. Restitution is unaffected."
+)
 DAMPED_STEP = Integrators(
     ("Euler", "implicit", "implicitfast", "RK4"), "it changes the damping with the step"
 )
@@ -21,7 +23,8 @@ DAMPED_STEP = Integrators(
 def nonnegative_fit(columns: Floats, goal: Floats) -> tuple[Floats, float]:
     """(x >= 0, (k,), with the least |columns x - goal|, that misfit).
 
-    columns: (n, k), of any units each. goal: (n,). x is 0 for an empty column.
+    columns: (n, k), of any units each.
+    goal: (n,). x is 0 for an empty column.
     """
     # SciPy's optimisation is slow to import, and few recipes need it.
     from scipy.optimize import nnls

@@ -10,7 +10,11 @@ from typing import Any
 
 from hcbench.engines.mujoco.backend import backend, has_feature
 from hcbench.engines.mujoco.recipes.common import rows_options
-from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, pushing_row, spring_and_damper_rows
+from hcbench.engines.mujoco.recipes.compliant_fit import (
+    IMPRATIO,
+    pushing_row,
+    spring_and_damper_rows,
+)
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
 from hcbench.recipes.recipe import Integrators, Recipe, Role
 from hcbench.recipes.search import map_result
@@ -38,7 +42,8 @@ def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 def compliant_pairs(
     target: Target, integrator: str = "Euler", adhesive: bool | None = None
 ) -> dict[str, Any]:
-    """Two rows with an e that falls with speed; SettingError for a target without loss or without bounce.
+    """Two rows with an e that falls with speed; SettingError for a target
+    without loss or without bounce.
 
     adhesive: whether the damper may pull; None for what the installed MuJoCo can do.
     """
@@ -72,7 +77,9 @@ _SHARED = (
     "The numbers hold at this step and gravity, for any mass.",
     "With friction the model's cone is elliptic and its impratio 1000000, for all of its contacts.",
 )
-_ONE_FORCE = Integrators(("Euler", "implicit", "implicitfast"), "the recipe assumes one contact force a step")
+_ONE_FORCE = Integrators(
+    ("Euler", "implicit", "implicitfast"), "the recipe assumes one contact force a step"
+)
 COMPLIANT = Recipe(
     "mujoco",
     "compliant",

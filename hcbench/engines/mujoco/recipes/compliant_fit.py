@@ -98,15 +98,20 @@ def spring_and_damper_rows(
     rk4: bool = False,
     points: int = 0,
 ) -> list[ConstraintRow]:
-    """Two rows with this e over a band of impact speeds (m/s), for two <pair>s of the same two geoms.
+    """Two rows with this e over a band of impact speeds (m/s), for two
+    <pair>s of the same two geoms.
 
-    A soft linear spring of a few steps half period, and a damper whose impedance grows with depth.
-    All their numbers are searched for in a model of the two rows that equals MuJoCo's step, gravity
-    included (m/s², into the plate), to the least largest error over speeds and phases. Per unit
-    mass: the same for any mass. corners: of a body that meet at once, or how much more a row does
-    there than on a ball. adhesive: whether the damper may pull (MuJoCo 3.11 and later). rk4: that
-    integrator, else Euler's. points: corners that meet at once, where `corners` says something
-    else; 0: those. Raises SearchInterrupted with the best so far.
+    A soft linear spring of a few steps half period, and a damper whose impedance grows with
+    depth. All their numbers are searched for in a model of the two rows that equals MuJoCo's
+    step, gravity included (m/s², into the plate), to the least largest error over speeds and
+    phases. Per unit mass: the same for any mass.
+
+    corners: of a body that meet at once, or how much more a row does there than on a ball.
+    adhesive: whether the damper may pull (MuJoCo 3.11 and later).
+    rk4: that integrator, else Euler's.
+    points: corners that meet at once, where `corners` says something else; 0: those.
+
+    Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
     bounds = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
@@ -127,7 +132,8 @@ def _launches(
     below: tuple[int, int],
     above: tuple[int, int] = (0, 0),
 ) -> tuple[Floats, Floats, Floats]:
-    """(speed over the highest, phase, e) of so many speeds and phases in, below, above the band; (n,) each.
+    """(speed over the highest, phase, e) of so many speeds and phases in,
+    below, above the band; (n,) each.
 
     Outside of it any e will do that gains no energy: NaN.
     """
@@ -153,9 +159,14 @@ def _grid(lowest: float, highest: float, speeds: int, phases: int) -> tuple[Floa
 
 
 def pushing_row(
-    curve: RestitutionCurve, speeds: tuple[float, float], timestep: float, gravity: float, corners: int = 1
+    curve: RestitutionCurve,
+    speeds: tuple[float, float],
+    timestep: float,
+    gravity: float,
+    corners: int = 1,
 ) -> ConstraintRow:
-    """One row that only pushes, and comes as near to this e over a band of impact speeds (m/s) as one e can.
+    """One row that only pushes, and comes as near to this e over a band of
+    impact speeds (m/s) as one e can.
 
     Half period and damping of a linear spring and damper, searched for with gravity and over all
     phases: where its last step would pull, a whole number n of steps gives e^(2/n) instead of e.
@@ -189,7 +200,10 @@ def pushing_row(
 
 
 def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:
-    """Lowest and highest parameters, (6,) each. loss: 1 - e of the slowest impact."""
+    """Lowest and highest parameters, (6,) each.
+
+    loss: 1 - e of the slowest impact.
+    """
     lowest = _LOWEST.copy()
     highest = _HIGHEST.copy()
     # No more than a part of the slowest impact's loss is the spring's, but what

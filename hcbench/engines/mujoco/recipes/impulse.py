@@ -17,13 +17,17 @@ def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> d
     every phase. A K above 0 lifts a body at rest out of the slow creep that the missing 1 - d
     allows, to a depth of 1e-4 g / K, at the price of up to K h² / 2 in e.
 
-    e: the best constant of the band. spring: K, 1/s².
+    e: the best constant of the band.
+
+    spring: K, 1/s².
     """
     e, _ = minimax_constant(target)
     h = target.timestep
     # A step finds the ball 0 ... v h deep: half of K h takes the spring's mean effect on e out.
     damping = (1 + e) / h - spring * h / 2
-    return rows_options(integrator, ConstraintRow.direct(spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP))
+    return rows_options(
+        integrator, ConstraintRow.direct(spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP)
+    )
 
 
 IMPULSE = Recipe(

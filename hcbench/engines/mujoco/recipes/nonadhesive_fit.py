@@ -1,4 +1,5 @@
-"""Fits rows that only push to eq. (16): what a contact without adhesion, or a tendon's limit, can do.
+"""Fits rows that only push to eq. (16): what a contact without
+adhesion, or a tendon's limit, can do.
 
 A row that only pushes cannot be a damper on the way out, unless its own spring outweighs it: each
 damper row has a spring of its own and rises, as a step of its impedance, where the ones before it
@@ -47,9 +48,12 @@ _USUAL_LOG_BAND = 2.5
 class Samples:
     """The law along its own loops, both branches; shape (n,), per unit mass, SI.
 
-    v: the rate that the engine uses there. a: the acceleration to have. scale: makes an error in a
-    one of _FORCE_SCALE. sensitivity: (speeds, n), error in a to error in e over _RESTITUTION_SCALE;
-    both as mean squares. bias: (speeds,), what e turned out to be too high, to be aimed below.
+    v: the rate that the engine uses there.
+    a: the acceleration to have.
+    scale: makes an error in a one of _FORCE_SCALE.
+    sensitivity: (speeds, n), error in a to error in e over _RESTITUTION_SCALE; both as mean
+    squares.
+    bias: (speeds,), what e turned out to be too high, to be aimed below.
     """
 
     x: Floats
@@ -61,8 +65,12 @@ class Samples:
     bias: Floats | float = 0.0
 
     def scaled(self, a: Floats) -> Floats:
-        """An acceleration (n,), or columns (n, k), in units of misfit: of force, then of restitution."""
-        return np.concatenate([(self.scale * a.T).T, np.einsum("sn,n...->s...", self.sensitivity, a)])
+        """An acceleration (n,), or columns (n, k), in units of misfit:
+        of force, then of restitution.
+        """
+        return np.concatenate(
+            [(self.scale * a.T).T, np.einsum("sn,n...->s...", self.sensitivity, a)]
+        )
 
     def goal(self) -> Floats:
         """The values that `scaled` should have."""
@@ -104,9 +112,10 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
 class InitialGuess:
     """Start of a fit.
 
-    dampers: how many, in a usual band. power, highest: of their impedance. from_depth:
-    the share of its width from which a damper has to push. lowest: width of the first
-    over the band's lowest penetration.
+    dampers: how many, in a usual band.
+    power, highest: of their impedance.
+    from_depth: the share of its width from which a damper has to push.
+    lowest: width of the first over the band's lowest penetration.
     """
 
     dampers: int
@@ -126,7 +135,8 @@ class InitialGuess:
 
 @dataclass(frozen=True)
 class PushingRows:
-    """Rows that only push: onsets (m), solimps, and solref's stiffness S (1/s²) and damping D (1/s).
+    """Rows that only push: onsets (m), solimps, and solref's
+    stiffness S (1/s²) and damping D (1/s).
 
     misfit: root of the summed squares, in units.
     """
@@ -164,7 +174,8 @@ class _Terms:
 
 
 def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGuess) -> PushingRows:
-    """Dampers that add up to the law's damping on the way in, with springs that let them act on the way out.
+    """Dampers that add up to the law's damping on the way in, with springs
+    that let them act on the way out.
 
     knots: where springs start, m.
     """
@@ -188,7 +199,9 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     # From this depth on each damper's own spring outweighs it on the way out of the fastest impact.
     depth = np.minimum(guess.from_depth * widths, top)
     speed = band.speeds[-1] * np.sqrt(np.maximum(0.0, 1 - (depth / top) ** (law.exponent + 1)))
-    levers = np.array([impedance(s, r) * r / s[1] ** 2 for s, r in zip(solimps, depth, strict=True)])
+    levers = np.array(
+        [impedance(s, r) * r / s[1] ** 2 for s, r in zip(solimps, depth, strict=True)]
+    )
     S = (D / guess.highest * speed + law.stiffness / mass * depth**law.exponent) / levers
     # Together these springs stay below the law's own force, so that the others have a part of it.
     elastic = (terms.weights * terms.lever * S).sum(axis=1)
@@ -222,7 +235,9 @@ def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRo
 
 
 class _LeastSquares:
-    """The problem that `levenberg_marquardt` solves, in the parameters S of all rows and D of the dampers."""
+    """The problem that `levenberg_marquardt` solves, in the parameters S of
+    all rows and D of the dampers.
+    """
 
     def __init__(self, samples: Samples, rows: PushingRows) -> None:
         self.samples = samples
@@ -264,7 +279,8 @@ class _LeastSquares:
 
 
 def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> PushingRows:
-    """The same rows with springs and dampers that fit better; keeps the best when it does not converge.
+    """The same rows with springs and dampers that fit better; keeps the
+    best when it does not converge.
 
     Counts ITERATIONS, whether it needs them or not.
     """
@@ -281,7 +297,9 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
             break
         search.add(1)
         damping = (caution * misfit) ** 2 / len(parameters)
-        root = np.linalg.cholesky(normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(parameters)))
+        root = np.linalg.cholesky(
+            normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(parameters))
+        )
         right_side = np.linalg.solve(root, right + damping * parameters / unit)
         trial = nnls(root.T, right_side, maxiter=10_000)[0] * unit
         trial_weights, trial_misfit = problem.evaluate(trial)

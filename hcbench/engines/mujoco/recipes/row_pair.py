@@ -83,10 +83,14 @@ class RowFit:
     """Goal of a fit of spring and damper rows, in units of the step h and
     the band's highest speed v.
 
-    speeds: over v. phases: where in a step the contact starts. target: e, NaN where any e will do
-    that gains no energy; shape (n,) each. fall: g h / v. corners: of a body that meet at once, or
-    how much more a row does there than on a ball. adhesive: whether the damper may pull. rk4: the
-    integrator, else Euler's. lowest, highest: bounds.
+    speeds: over v.
+    phases: where in a step the contact starts.
+    target: e, NaN where any e will do that gains no energy; shape (n,) each.
+    fall: g h / v.
+    corners: of a body that meet at once, or how much more a row does there than on a ball.
+    adhesive: whether the damper may pull.
+    rk4: the integrator, else Euler's.
+    lowest, highest: bounds.
     """
 
     speeds: Floats
@@ -104,7 +108,14 @@ class RowFit:
         inside = np.clip(parameters, self.lowest, self.highest).T
         spring_damping, damping, dmax, width, midpoint = np.exp(inside[1:])
         stiffness, spring_damping = oscillator(inside[0], spring_damping)
-        return stiffness / self.corners, spring_damping / self.corners, damping, dmax, width, midpoint
+        return (
+            stiffness / self.corners,
+            spring_damping / self.corners,
+            damping,
+            dmax,
+            width,
+            midpoint,
+        )
 
     def errors(self, parameters: Floats) -> Floats:
         """Error of each of p settings, (p, 6) to (p,): the largest of e, and penalties.
@@ -139,7 +150,9 @@ class RowFit:
         return _Rows(*(np.repeat(column, len(self.speeds)) for column in columns))
 
     def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-        """e of each launch, 0 where it has not parted, and largest penetration over v h; (p, n) each."""
+        """e of each launch, 0 where it has not parted, and largest
+        penetration over v h; (p, n) each.
+        """
         rows = self._rows(numbers)
         g = self.fall
         settings = len(numbers[0])
@@ -184,7 +197,8 @@ class RowFit:
         return e.reshape(-1, launches), deepest.reshape(-1, launches)
 
     def _step(self, rows: _Rows, x: Floats, v: Floats) -> tuple[Floats, Floats]:
-        """(x, v) after a step: Euler's, by the new speed, or the classical Runge-Kutta of MuJoCo's RK4.
+        """(x, v) after a step: Euler's, by the new speed, or the
+        classical Runge-Kutta of MuJoCo's RK4.
 
         Documentation, Computation, "Numerical integration".
         """
@@ -228,7 +242,9 @@ class RowFit:
         h = timestep
         units = (1 / h**2, 1 / h, 1 / h, 1.0, speed * h, 1.0)
         numbers = self.numbers(parameters[None])
-        in_si = [short(float(number[0]) * unit) for number, unit in zip(numbers, units, strict=True)]
+        in_si = [
+            short(float(number[0]) * unit) for number, unit in zip(numbers, units, strict=True)
+        ]
         stiffness, spring_damping, damping, dmax, width, midpoint = in_si
         solimp = (MIN_IMPEDANCE, dmax, width, midpoint, _POWER)
         adhesion = MOST_PULL if self.adhesive else 0.0

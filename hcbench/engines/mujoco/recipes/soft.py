@@ -37,13 +37,17 @@ _POLISH_ALL = 300
 _LOG_SMALLEST_POWER = -math.log(1e-306)
 # log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw),
 # midpoint, log10(power/largest).
-_LOWEST = np.array([-1.5, -3.0, math.log10(MIN_IMPEDANCE), math.log10(1 - MAX_IMPEDANCE), 0.35, -0.8])
+_LOWEST = np.array(
+    [-1.5, -3.0, math.log10(MIN_IMPEDANCE), math.log10(1 - MAX_IMPEDANCE), 0.35, -0.8]
+)
 _HIGHEST = np.array([2.5, 2.0, -2.0, -0.0005, 0.65, 0.0])
 
 
 def largest_power(midpoint: Floats) -> Floats:
     """Largest power at which MuJoCo can compute the impedance; same shape."""
-    return np.asarray(1.0 + _LOG_SMALLEST_POWER / np.maximum(-np.log(midpoint), -np.log1p(-midpoint)))
+    return np.asarray(
+        1.0 + _LOG_SMALLEST_POWER / np.maximum(-np.log(midpoint), -np.log1p(-midpoint))
+    )
 
 
 def _numbers(parameters: Floats) -> tuple[Floats, ...]:
@@ -76,7 +80,8 @@ def _mean(v: Floats, w: Floats) -> Floats:
 
 
 def _restitution(parameters: Floats, speeds: Floats) -> Floats:
-    """e of one contact at speeds over the highest; (population, speeds); 0 where it would go too deep.
+    """e of one contact at speeds over the highest; (population,
+    speeds); 0 where it would go too deep.
 
     By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG
     v on the way out as long as the contact pushes, v being the interval's mean: first
@@ -92,7 +97,9 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
         rough = np.sqrt(np.maximum(G**2 / 4 - 2 * P - G * v + v**2, 0.0)) - G / 2
         left = v**2 - 2 * (P + G * _mean(v, np.maximum(rough, 0.0)))
         stops = (last < 0) & (left <= 0.0)
-        part = np.where(stops, np.clip(v**2 / 2 / np.maximum(P + G * v * 2 / 3, 1e-300), 0.0, 1.0), part)
+        part = np.where(
+            stops, np.clip(v**2 / 2 / np.maximum(P + G * v * 2 / 3, 1e-300), 0.0, 1.0), part
+        )
         last = np.where(stops, i, last)
         if (last >= 0).all():
             break
@@ -113,8 +120,10 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
     """Parameters (6,), in the order of _LOWEST, with the least largest error of e.
 
-    shares: speeds over the highest. wanted: e at each. Raises
-    SearchInterrupted with the best so far.
+    shares: speeds over the highest.
+    wanted: e at each.
+
+    Raises SearchInterrupted with the best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import Bounds, differential_evolution, minimize
@@ -187,7 +196,9 @@ def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     wanted = target.restitution(speeds)
 
     def options(parameters: Floats) -> dict[str, Any]:
-        S, D, d0, dw, midpoint, power = (float(number[0, 0]) for number in _numbers(parameters[None]))
+        S, D, d0, dw, midpoint, power = (
+            float(number[0, 0]) for number in _numbers(parameters[None])
+        )
         rate = target.speed_max / width
         row = ConstraintRow.direct(S * rate**2, D * rate, (d0, dw, width, midpoint, power))
         return rows_options(integrator, row)

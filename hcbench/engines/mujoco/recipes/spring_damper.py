@@ -11,7 +11,8 @@ from hcbench.recipes.target import Target
 
 
 def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Kelvin-Voigt contact, eq. (4), by solref in its direct form, with the best constant e of the band.
+    """Kelvin-Voigt contact, eq. (4), by solref in its direct form, with
+    the best constant e of the band.
 
     Of impedance d throughout, the contact is a = S x / d + D v. S and D are those whose discrete
     orbit x+ = x + h v+, v+ = v - h (S/d x + D v) has the poles exp((-β ± i ω) h) of the wanted
@@ -27,7 +28,9 @@ def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
         decay = math.exp(-beta * h)
         damping = (1 - decay**2) / h
         spring = (1 + decay**2 - 2 * decay * math.cos(omega * h)) / h**2
-    return rows_options(integrator, ConstraintRow.direct(spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP))
+    return rows_options(
+        integrator, ConstraintRow.direct(spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP)
+    )
 
 
 SPRING_DAMPER = Recipe(

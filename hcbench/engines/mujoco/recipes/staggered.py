@@ -45,8 +45,10 @@ _SPRING_WEIGHT = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE)
 
 @dataclass(frozen=True)
 class Damper:
-    """Damper of a staggered contact. onset: penetration from which it
-    acts, m. solimp: its impedance.
+    """Damper of a staggered contact.
+
+    onset: penetration from which it acts, m.
+    solimp: its impedance.
     """
 
     onset: float
@@ -59,7 +61,8 @@ class Damper:
 
 @dataclass(frozen=True)
 class Band:
-    """The law and the impact speeds (m/s) to match, which reach penetrations from `low` to `top` (m).
+    """The law and the impact speeds (m/s) to match, which reach
+    penetrations from `low` to `top` (m).
 
     lag: half a step (s) where the engine's rates lag the positions by it, else 0.
     """
@@ -103,7 +106,8 @@ def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
 
 
 def _rising(base: float, end: float, power: float, highest: float, start: float) -> Damper:
-    """A damper from `base` to `end` (m) that starts a multiple of the depth where its floor matters later.
+    """A damper from `base` to `end` (m) that starts a multiple of the depth
+    where its floor matters later.
 
     No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it
     starts: as much as at that depth.
@@ -114,7 +118,8 @@ def _rising(base: float, end: float, power: float, highest: float, start: float)
 
 
 def _layouts(band: Band, highest: float) -> list[list[Damper]]:
-    """Sets of dampers to choose from: one stretch from touch to top, or two for wide bands of speed.
+    """Sets of dampers to choose from: one stretch from touch to top,
+    or two for wide bands of speed.
 
     highest: of their impedances. Onsets and powers are what makes the fit good over n = 1 ... 2,
     any a and band; all else is fitted.
@@ -174,12 +179,13 @@ class _Fit:
 
 
 def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floats) -> _Fit:
-    """Springs and dampers together: the force near the law's everywhere, the restitution nearer still.
+    """Springs and dampers together: the force near the law's
+    everywhere, the restitution nearer still.
 
-    knots: onsets of the springs, m. sensitivity: of e at each speed of the band to the force
-    at each penetration of its grid, (speeds, grid), 1/(N s/m). One non-negative
-    least-squares problem has a row for the elastic force and one for the damping at each
-    penetration, and one for e at each speed.
+    knots: onsets of the springs, m.
+    sensitivity: of e at each speed of the band to the force at each penetration of its grid,
+    (speeds, grid), 1/(N s/m). One non-negative least-squares problem has a row for the elastic
+    force and one for the damping at each penetration, and one for e at each speed.
     """
     x = band.grid()
     a = band.law.dissipation
@@ -218,8 +224,9 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
 def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivity: Floats) -> _Fit:
     """The fit without the rows that it has no use for: an idle row would still weigh on the others.
 
-    misfit: relative, of the springs' straight lines. sensitivity: of e at each speed of the band to
-    the force at each penetration, (speeds, grid), 1/(N s/m).
+    misfit: relative, of the springs' straight lines.
+    sensitivity: of e at each speed of the band to the force at each penetration, (speeds, grid),
+    1/(N s/m).
     """
     knots = knots_of(band, dampers, misfit)
     while True:
@@ -243,7 +250,9 @@ def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
     for knot, S in zip(fit.knots, fit.stiffness, strict=True):
         if S > 0.0:
             early = float(band.elastic(knot)) * MIN_IMPEDANCE / S
-            rows.append(ConstraintRow.direct(_short(S), 0.0, SPRING_SOLIMP, onset=_short(knot - early)))
+            rows.append(
+                ConstraintRow.direct(_short(S), 0.0, SPRING_SOLIMP, onset=_short(knot - early))
+            )
     fastest = float(band.speeds[-1])
     a = band.law.dissipation
     f = float(band.elastic(np.asarray(band.top)))
@@ -253,7 +262,9 @@ def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
         pull = highest / (1 - highest) * (D / highest * fastest + f * (1 + a * fastest))
         adhesion = _short(2 * band.mass * pull)
         rows.append(
-            ConstraintRow.direct(0.0, _short(D), damper.solimp, _short(damper.onset), adhesion=adhesion)
+            ConstraintRow.direct(
+                0.0, _short(D), damper.solimp, _short(damper.onset), adhesion=adhesion
+            )
         )
     return rows
 
@@ -281,8 +292,9 @@ def staggered_rows(
 
     misfit: how far the springs' straight lines may be off k x^n, relative; fewer pairs for more.
     impedance: the highest of the dampers; lower, such as 0.05, for a body that several others press
-    at once, as all rows share in it, at the price of a little more damping at touch. Raises
-    SettingError for an impedance outside that range.
+    at once, as all rows share in it, at the price of a little more damping at touch.
+
+    Raises SettingError for an impedance outside that range.
     """
     if not 10 * MIN_IMPEDANCE <= impedance <= 0.5:
         raise SettingError("impedance", f"{impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")

@@ -1,4 +1,6 @@
-"""MuJoCo: eq. (16) with rows that only push, for true cups (tendon limits) and for MuJoCo before 3.11."""
+"""MuJoCo: eq. (16) with rows that only push, for true cups (tendon
+limits) and for MuJoCo before 3.11.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -63,7 +65,9 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """
     law = resolvable_law(target)
     if law.dissipation == 0.0:
-        raise SettingError("alpha", "0 s/m", "a contact with a loss", "Use `staggered`: it never pulls then")
+        raise SettingError(
+            "alpha", "0 s/m", "a contact with a loss", "Use `staggered`: it never pulls then"
+        )
     if law.alpha * target.speed_max > _MOST_LOSS or law.exponent < _LEAST_EXPONENT:
         raise _beyond(target)
     band = band_of(target, law, integrator)

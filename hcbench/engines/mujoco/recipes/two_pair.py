@@ -14,7 +14,12 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SOFTENED, WEAK_FRICTION, rows_options
-from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
+from hcbench.engines.mujoco.scene.rows import (
+    MAX_IMPEDANCE,
+    MIN_IMPEDANCE,
+    ConstraintRow,
+    restitution,
+)
 from hcbench.laws import closed_form
 from hcbench.recipes.constant import contact_time
 from hcbench.recipes.recipe import Recipe, Role
@@ -51,7 +56,9 @@ _LOGIT = -2.67
 class _Pairs:
     """Scales that the damper's parameters are relative to.
 
-    omega: frequency of the spring, 1/s. speed: at the top of the band, m/s. mass: kg.
+    omega: frequency of the spring, 1/s.
+    speed: at the top of the band, m/s.
+    mass: kg.
     """
 
     omega: float
@@ -64,7 +71,10 @@ class _Pairs:
         return self.speed / self.omega
 
     def start(self, loss: float) -> Floats:
-        """Parameters by the closed form for n = 1. loss: (3/2) α, s/m."""
+        """Parameters by the closed form for n = 1.
+
+        loss: (3/2) α, s/m.
+        """
         highest = _logistic(_LOGIT)
         damping = loss * self.omega**2 * self.top / (highest / (1 - highest)) * highest
         return np.array([math.log(1.22 * damping), 0.2, _LOGIT, 1.1, 0.015, 1e-4])

@@ -78,9 +78,9 @@ class BatchedModel:
         packed = np.empty((rows, 1 + sum(self._widths) * self.size))
         packed[:, 0] = states[0, 0]
         for start, width, inner in self._spans():
-            packed[:, start : start + width * self.size] = states[fill, inner : inner + width].reshape(
-                rows, -1
-            )
+            packed[:, start : start + width * self.size] = states[
+                fill, inner : inner + width
+            ].reshape(rows, -1)
         return packed
 
     def unpack(self, packed: Floats, states: Floats) -> Floats:
@@ -97,7 +97,8 @@ class BatchedModel:
         return states
 
     def columns(self, path: Floats, component: tuple[int, int], count: int) -> Floats | None:
-        """One number of each of `count` balls over a path of states (rows, n, nstate), shape (count, n).
+        """One number of each of `count` balls over a path of states
+        (rows, n, nstate), shape (count, n).
 
         component: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for
         velocities. None: it stays what it is.
@@ -121,7 +122,9 @@ class BatchedModel:
         return _SLIDING if self.sliding else _FREE
 
     def _spans(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-        """Spans of positions and velocities: place in a packed state, numbers a ball, place in its state."""
+        """Spans of positions and velocities: place in a packed state,
+        numbers a ball, place in its state.
+        """
         nq, nv = self._widths
         inner = axis.Z if self.sliding else 0
         return (1, nq, self.at[0] + inner), (1 + nq * self.size, nv, self.at[1] + inner)
@@ -133,7 +136,9 @@ def batch_kind(loaded: SceneModel) -> Kind:
     """
     mujoco = loaded.mujoco
     model = loaded.model
-    if not (_solves_as_usual(mujoco, model.opt) and _moves_alone(loaded) and _touches_in_one_way(model)):
+    if not (
+        _solves_as_usual(mujoco, model.opt) and _moves_alone(loaded) and _touches_in_one_way(model)
+    ):
         return "alone"
     # A <joint type="free"> may bring along what a slide would act on.
     sliding = loaded.root.find(".//freejoint") is not None and axis.stays_on_axis(mujoco, model)
@@ -145,7 +150,11 @@ def batch_kind(loaded: SceneModel) -> Kind:
 
 def _solves_as_usual(mujoco: Any, option: Any) -> bool:
     """Say whether the solver treats the contacts of each ball separately."""
-    changed = option.disableflags & axis.island_flag(mujoco) or option.enableflags or option.noslip_iterations
+    changed = (
+        option.disableflags & axis.island_flag(mujoco)
+        or option.enableflags
+        or option.noslip_iterations
+    )
     is_dense = option.jacobian != mujoco.mjtJacobian.mjJAC_SPARSE
     return not changed and is_dense and option.solver == mujoco.mjtSolver.mjSOL_NEWTON
 

@@ -35,8 +35,10 @@ _MOST_STEPS = 100_000
 def parting_speed(push: Push, speed: float, first_step: float, longest: float) -> float:
     """Speed at which the push has gone, m/s; 0 for a contact that has not ended by then.
 
-    push: acceleration apart at (penetration, m; its rate, m/s), m/s^2. speed: of approach at touch,
-    m/s. first_step: s, short beside all that happens. longest: how long it is followed, s.
+    push: acceleration apart at (penetration, m; its rate, m/s), m/s^2.
+    speed: of approach at touch, m/s.
+    first_step: s, short beside all that happens.
+    longest: how long it is followed, s.
     """
     time = 0.0
     x = 0.0

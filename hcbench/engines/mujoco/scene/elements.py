@@ -12,7 +12,9 @@ _ESCAPED = str.maketrans({character: f"&{name};" for character, name in _ESCAPES
 
 
 def quoted(text: str) -> str:
-    """The value of an attribute, in quotes: xml.sax.saxutils would import all that can open an address."""
+    """The value of an attribute, in quotes: xml.sax.saxutils would
+    import all that can open an address.
+    """
     return f'"{text.translate(_ESCAPED)}"'
 
 
@@ -42,5 +44,8 @@ def named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
         if element.get("name") == name:
             return element
     raise SceneError(
-        str(path), f"there is no <{tag} name={name!r}>", "one", "scenes/README.md says what a scene needs"
+        str(path),
+        f"there is no <{tag} name={name!r}>",
+        "one",
+        "scenes/README.md says what a scene needs",
     )

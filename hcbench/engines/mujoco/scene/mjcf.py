@@ -1,4 +1,5 @@
-"""MJCF as text in, text out, without MuJoCo: a scene with a setting in it, and what to paste into a model.
+"""MJCF as text in, text out, without MuJoCo: a scene with a setting in it,
+and what to paste into a model.
 
 Edited as XML, as MuJoCo's own writer rounds to six digits. scenes/README.md says what a
 scene's MJCF must have: a body `ball` with a free joint, geoms `ball` and `plate`, and
@@ -76,7 +77,10 @@ def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
 
 def option_attributes(setting: Setting) -> dict[str, str]:
     """Attributes of the model's <option> that a setting has: the step, and what else it needs."""
-    return {"timestep": shortest(setting.timestep), **read_options(setting.options).attributes(shortest)}
+    return {
+        "timestep": shortest(setting.timestep),
+        **read_options(setting.options).attributes(shortest),
+    }
 
 
 def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
@@ -125,9 +129,11 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
 def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -> None:
     """Write Coulomb's friction into every contact of ball and plate that does not say its own.
 
-    The ball gets the scene's mass (kg) and inertia (kg m²), so that it turns as the scene's
-    does. in_rows: the rows say which of them has friction. Raises SettingError for a cup,
-    whose contact has no friction.
+    The ball gets the scene's mass (kg) and inertia (kg m²), so that it turns as the scene's does.
+
+    in_rows: the rows say which of them has friction.
+
+    Raises SettingError for a cup, whose contact has no friction.
     """
     if scene.form == "cup":
         given = f"{scene.friction!r} in the form 'cup'"
@@ -153,7 +159,11 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
 def add_acceleration_sensor(root: ET.Element) -> None:
     """Add, as the last sensor, one of the ball's acceleration without that of gravity, m/s^2."""
     ET.SubElement(
-        ET.SubElement(root, "sensor"), "framelinacc", name="ball felt", objtype="xbody", objname="ball"
+        ET.SubElement(root, "sensor"),
+        "framelinacc",
+        name="ball felt",
+        objtype="xbody",
+        objname="ball",
     )
 
 
@@ -174,7 +184,9 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
                 inertial.set(key, numbers_text(float(number) * ratio for number in inertia.split()))
     except (ValueError, ZeroDivisionError):
         raise SceneError(
-            str(path), f"the <inertial> of 'ball' has mass {inertial.get('mass')!r}", "a mass in kg above 0"
+            str(path),
+            f"the <inertial> of 'ball' has mass {inertial.get('mass')!r}",
+            "a mass in kg above 0",
         ) from None
     inertial.set("mass", numbers_text([mass]))
 
@@ -182,17 +194,24 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
 def add_pairs(
     root: ET.Element, ball: ET.Element, others: Iterable[str], rows: Sequence[ConstraintRow]
 ) -> list[ET.Element]:
-    """Each row a <pair> of the ball's geom with each of the geoms named `others`, added to the model."""
+    """Each row a <pair> of the ball's geom with each of the geoms
+    named `others`, added to the model.
+    """
     contact = section(root, "contact")
     return [
-        ET.SubElement(contact, "pair", {"geom1": ball.get("name", ""), "geom2": other} | pair_attributes(row))
+        ET.SubElement(
+            contact, "pair", {"geom1": ball.get("name", ""), "geom2": other} | pair_attributes(row)
+        )
         for row in rows
         for other in others
     ]
 
 
 def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
-    """A row as attributes of a <pair>. number: writes one."""
+    """A row as attributes of a <pair>.
+
+    number: writes one.
+    """
     values = {"solref": row.solref, "solimp": row.solimp, "margin": [-row.onset]}
     if row.adhesion:
         values["adhesion"] = [row.adhesion]
@@ -203,7 +222,10 @@ def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -
 
 
 def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
-    """A row as attributes of a tendon; its onset is in the tendon's range. number: writes one."""
+    """A row as attributes of a tendon; its onset is in the tendon's range.
+
+    number: writes one.
+    """
     return {
         "solreflimit": numbers_text(row.solref, number),
         "solimplimit": numbers_text(row.solimp, number),
@@ -211,7 +233,10 @@ def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) 
 
 
 def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr) -> str:
-    """Numbers as an attribute has them. number: writes one."""
+    """Numbers as an attribute has them.
+
+    number: writes one.
+    """
     # Adding 0.0 leaves no "-0.0" for a user to read.
     return " ".join(number(float(one) + 0.0) for one in numbers)
 
@@ -249,8 +274,11 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
             compiler.set(key, str((folder / compiler.get(key, "")).resolve()))
 
 
-def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path) -> None:
-    """Write each row as the limit of a tendon between the two centres, as the scene's own `contact` is.
+def _write_limits(
+    root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path
+) -> None:
+    """Write each row as the limit of a tendon between the two centres,
+    as the scene's own `contact` is.
 
     Raises SettingError for adhesion: a limit only pushes.
     """
@@ -270,4 +298,6 @@ def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow],
             tendon = ET.SubElement(holder, "spatial", name=f"contact.{i + 1}", group=_HIDDEN)
             tendon.extend(copy.deepcopy(list(original)))
         tendon.attrib.update(limit_attributes(row))
-        tendon.attrib.update(limited="true", range=numbers_text([0.0, clearance + row.onset]), margin="0")
+        tendon.attrib.update(
+            limited="true", range=numbers_text([0.0, clearance + row.onset]), margin="0"
+        )

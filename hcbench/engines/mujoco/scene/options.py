@@ -17,7 +17,9 @@ INTEGRATORS: tuple[str, ...] = get_args(_Integrator)
 
 
 class _RowTable(OptionTable):
-    solref: tuple[Finite, Finite] = Field(None, validate_default=True, description="a list of 2 numbers")
+    solref: tuple[Finite, Finite] = Field(
+        None, validate_default=True, description="a list of 2 numbers"
+    )
     solimp: tuple[Finite, Finite, Finite, Finite, Finite] = Field(description="a list of 5 numbers")
     onset: Finite = 0.0
     adhesion: Finite = 0.0
@@ -60,7 +62,10 @@ class Options:
     impratio: float | None = None
 
     def attributes(self, number: Callable[[float], str] = repr) -> dict[str, str]:
-        """Attributes of a model's <option> that are set, except the step. number: writes one."""
+        """Attributes of a model's <option> that are set, except the step.
+
+        number: writes one.
+        """
         ratio = None if self.impratio is None else number(self.impratio)
         texts = {"integrator": self.integrator, "cone": self.cone, "impratio": ratio}
         return {key: text for key, text in texts.items() if text is not None}

@@ -39,7 +39,9 @@ def option_in_force(model: Any) -> tuple[tuple[str, str], ...]:
     """Options of a compiled model on which e and friction of a contact depend, as XML writes them."""
     mujoco = backend()
     option = model.opt
-    integrator = str(mujoco.mjtIntegrator(int(option.integrator)).name).removeprefix("mjINT_").lower()
+    integrator = (
+        str(mujoco.mjtIntegrator(int(option.integrator)).name).removeprefix("mjINT_").lower()
+    )
     cone = str(mujoco.mjtCone(int(option.cone)).name).removeprefix("mjCONE_").lower()
     return (
         ("timestep", shortest(float(option.timestep))),

@@ -31,7 +31,9 @@ _ROUND_OFF = ROUND_OFF_STEP * np.finfo(float).eps
 
 
 def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
-    """The full states at release, shape (b, nstate); SettingError for a height that a cup has no room for."""
+    """The full states at release, shape (b, nstate); SettingError for a
+    height that a cup has no room for.
+    """
     sent = Launches.of(launches)
     gaps = sent.clearance(model.timestep)
     if model.clearance is not None and (high := gaps.max()) >= model.clearance:
@@ -78,7 +80,9 @@ def record(
 ) -> tuple[Floats, Floats] | None:
     """Take up to `most` steps from states of shape (b, nstate), as many as there is room for.
 
-    warm: accelerations from which MuJoCo's solver starts, (nv,). oblique: look along the plate too.
+    warm: accelerations from which MuJoCo's solver starts, (nv,).
+    oblique: look along the plate too.
+
     Returns penetration (m), rate (m/s), force (N), and along the plate the eight rows of
     `_along_plate`, of each step, (3 or 11, b, n), NaN from where MuJoCo gave up; and the states
     after, (b, nstate). None where it gave up on a whole batch, for the sake of one ball in it.
@@ -107,7 +111,11 @@ def record(
     paths = _Paths(batch, states, path, sensed)
     # Numbers that are not finite belong into the record.
     with np.errstate(all="ignore"):
-        seen = _on_plane(model, paths) if model.clearance is None else _in_cup(model, paths, model.clearance)
+        seen = (
+            _on_plane(model, paths)
+            if model.clearance is None
+            else _in_cup(model, paths, model.clearance)
+        )
         if oblique:
             seen = np.concatenate([seen, _along_plate(model, paths)])
     if gave_up:
@@ -122,7 +130,9 @@ _VELOCITY = 1
 
 @dataclass(frozen=True, slots=True)
 class _Paths:
-    """The states before and after each step, and what was sensed in it, one number of each ball at a time."""
+    """The states before and after each step, and what was sensed in it, one
+    number of each ball at a time.
+    """
 
     batch: BatchedModel
     start: Floats
@@ -130,14 +140,19 @@ class _Paths:
     sensed: Floats
 
     def state(self, kind: int, i: int) -> Floats:
-        """Shape (b, n + 1). kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities."""
+        """Shape (b, n + 1).
+
+        kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities.
+        """
         values = np.empty((len(self.start), self.path.shape[1] + 1))
         values[:, 0], after = self.around(kind, i)
         values[:, 1:] = values[:, :1] if after is None else after
         return values
 
     def around(self, kind: int, i: int) -> tuple[Floats, Floats | None]:
-        """Before the first step, (b,), and after each, shape (b, n); None where it stays what it is."""
+        """Before the first step, (b,), and after each, shape (b, n);
+        None where it stays what it is.
+        """
         start = self.start[:, self.batch.at[kind] + i]
         return start, self.batch.columns(self.path, (kind, i), len(start))
 
@@ -146,7 +161,9 @@ class _Paths:
         return np.stack([self.state(kind, k) for k in range(i, i + count)], axis=-1)
 
     def acceleration(self, i: int) -> Floats:
-        """A component of the acceleration that each ball's sensor reads, the model's last; shape (b, n)."""
+        """A component of the acceleration that each ball's sensor reads,
+        the model's last; shape (b, n).
+        """
         rows, n, _ = self.sensed.shape
         last = self.sensed[:, :, -3 * self.batch.size :].reshape(rows, n, self.batch.size, 3)
         return last[..., i].transpose(0, 2, 1).reshape(-1, n)[: len(self.start)]
@@ -239,12 +256,16 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     return np.stack([distance - clearance, rate, force])
 
 
-def _force(model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sensed: Floats | None) -> Floats:
+def _force(
+    model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sensed: Floats | None
+) -> Floats:
     """Normal force of each step, N, shape (b, n); exactly 0 where the contact did not act.
 
     gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n), to be
-    overwritten. speed: the velocity, of either sign, or the sum of its absolute components, before
-    each step, (b, n), and after the last one, (b,). sensed: by contact at the step's start, m/s².
+    overwritten.
+    speed: the velocity, of either sign, or the sum of its absolute components, before each step,
+    (b, n), and after the last one, (b,).
+    sensed: by contact at the step's start, m/s².
     """
     h = model.timestep
     g = model.scene.gravity

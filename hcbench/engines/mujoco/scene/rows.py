@@ -1,4 +1,5 @@
-"""MuJoCo's contact constraints as equations: how several act together, and the restitution of one or more.
+"""MuJoCo's contact constraints as equations: how several act together, and
+the restitution of one or more.
 
 Per unit effective mass, with impedance d(r) at depth r below its onset (x penetration, v its rate),
 a row of solref "-S -D" and solimp "d0 dw ..." asks for the acceleration apart
@@ -47,8 +48,10 @@ _LONGEST = 100.0
 class ConstraintRow:
     """One constraint between ball and plate: a contact pair, or a tendon's limit.
 
-    solref, solimp: MuJoCo's. onset: penetration from which it acts, m. adhesion: force with which
-    it may pull, N. friction: coefficient of sliding, 0 for a contact without friction.
+    solref, solimp: MuJoCo's.
+    onset: penetration from which it acts, m.
+    adhesion: force with which it may pull, N.
+    friction: coefficient of sliding, 0 for a contact without friction.
     solreffriction: MuJoCo's, of its friction; () for that of solref.
     """
 
@@ -61,13 +64,19 @@ class ConstraintRow:
 
     @classmethod
     def direct(
-        cls, stiffness: float, damping: float, solimp: Solimp, onset: float = 0.0, adhesion: float = 0.0
+        cls,
+        stiffness: float,
+        damping: float,
+        solimp: Solimp,
+        onset: float = 0.0,
+        adhesion: float = 0.0,
     ) -> ConstraintRow:
         """The row of a stiffness S, 1/s², and a damping D, 1/s."""
         return cls((-float(stiffness), -float(damping)), solimp, float(onset), float(adhesion))
 
     def with_friction(self, coefficient: float, timestep: float, impratio: float) -> ConstraintRow:
-        """The same row with Coulomb friction that stops a rolling solid sphere's slip in about a step.
+        """The same row with Coulomb friction that stops a rolling solid
+        sphere's slip in about a step.
 
         The impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, where the contact
         point gives way s = 1 + m R²/I = 3.5 times as easily along the plate as along its normal: "0
@@ -102,7 +111,9 @@ class ConstraintRow:
 
 
 def _rise(u: Any, midpoint: Any, power: Any) -> Any:
-    """MuJoCo's sigmoid of u = depth/width up to its midpoint; beyond it is this one turned by 180 degrees."""
+    """MuJoCo's sigmoid of u = depth/width up to its midpoint; beyond it is
+    this one turned by 180 degrees.
+    """
     return u**power / midpoint ** (power - 1.0)
 
 
@@ -115,7 +126,9 @@ def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
     u = np.minimum(np.maximum(depth / width, 0.0), 1.0)
     if np.ndim(power) == 0 and power == 1.0:
         return np.asarray(d0 + (dw - d0) * u)
-    sigmoid = np.where(u <= midpoint, _rise(u, midpoint, power), 1.0 - _rise(1.0 - u, 1.0 - midpoint, power))
+    sigmoid = np.where(
+        u <= midpoint, _rise(u, midpoint, power), 1.0 - _rise(1.0 - u, 1.0 - midpoint, power)
+    )
     return np.asarray(d0 + (dw - d0) * np.where(power == 1.0, u, sigmoid))
 
 
@@ -133,8 +146,10 @@ def combine(
 ) -> tuple[Floats, Floats]:
     """(acceleration apart m/s², weights of the rows that act) of rows along an axis.
 
-    reference: acceleration that each row asks for, m/s². weights: d/(1 - d) of each, 0 above its
-    onset. may_pull: true for a row with adhesion. gravity: together, m/s².
+    reference: acceleration that each row asks for, m/s².
+    weights: d/(1 - d) of each, 0 above its onset.
+    may_pull: true for a row with adhesion.
+    gravity: together, m/s².
     """
     while True:
         pushed = np.add.reduce(weights * reference, axis=axis, keepdims=True) - gravity
@@ -146,7 +161,9 @@ def combine(
         weights = np.where(pulls, 0.0, weights)
 
 
-def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats, gravity: float = 0.0) -> Floats:
+def acceleration(
+    rows: Sequence[ConstraintRow], x: Floats, v: Floats, gravity: float = 0.0
+) -> Floats:
     """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape, under a
     gravity that presses together, m/s².
     """
@@ -168,10 +185,12 @@ def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats, gravity: f
 def restitution(
     rows: Sequence[ConstraintRow], timestep: float, speeds: Floats, phases: int, duration: float
 ) -> Floats:
-    """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape (speeds, phases), NaN if still closed.
+    """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape
+    (speeds, phases), NaN if still closed.
 
-    speeds: m/s, shape (n,). phases: where in a step the contact starts, so
-    many, evenly. duration: s.
+    speeds: m/s, shape (n,).
+    phases: where in a step the contact starts, so many, evenly.
+    duration: s.
     """
     phase = (np.arange(phases) + 0.5) / phases
     v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))
@@ -185,12 +204,14 @@ def restitution(
 
 @dataclass(frozen=True, slots=True)
 class SoftConstraint:
-    """One contact as a model's author wrote it or as the engine uses it, and its e in continuous time.
+    """One contact as a model's author wrote it or as the engine uses
+    it, and its e in continuous time.
 
-    solref: (time constant s, damping ratio), or (-stiffness 1/s^2, -damping 1/s), per
-    unit effective mass. timestep: s. shortest: the least time constant, s, that the
-    engine's refsafe lets through (0: any). clamped: whether solimp is held within what
-    the engine allows, as the engine does.
+    solref: (time constant s, damping ratio), or (-stiffness 1/s^2, -damping 1/s), per unit
+    effective mass.
+    timestep: s.
+    shortest: the least time constant, s, that the engine's refsafe lets through (0: any).
+    clamped: whether solimp is held within what the engine allows, as the engine does.
     """
 
     solref: tuple[float, float]
@@ -224,7 +245,9 @@ class SoftConstraint:
     def _solimp(self) -> Solimp:
         if not self.clamped:
             return self.solimp
-        d0, dw, midpoint = (min(max(self.solimp[i], MIN_IMPEDANCE), MAX_IMPEDANCE) for i in (0, 1, 3))
+        d0, dw, midpoint = (
+            min(max(self.solimp[i], MIN_IMPEDANCE), MAX_IMPEDANCE) for i in (0, 1, 3)
+        )
         return d0, dw, max(self.solimp[2], 0.0), midpoint, max(self.solimp[4], 1.0)
 
     @property
@@ -252,7 +275,9 @@ class SoftConstraint:
         return width > _MINVAL and power > MAX_POWER and math.pow(max(low, 0.0), power - 1) == 0.0
 
     def restitution(self, speed: float) -> float:
-        """e at an impact speed, m/s, in continuous time; of an impulse setting the D h - 1 of its step."""
+        """e at an impact speed, m/s, in continuous time; of an impulse
+        setting the D h - 1 of its step.
+        """
         if self.is_impulse:
             return -self.solref[1] * self.timestep - 1.0
         if not speed > 0 or self.overflows:

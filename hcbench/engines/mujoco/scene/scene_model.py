@@ -35,9 +35,11 @@ _FREELY = 1e-9
 class SceneModel:
     """A compiled model, and where to look in its state.
 
-    root: its MJCF. origin: the full state with the ball at qpos0, where it just touches, shape
-    (nstate,). at: where position and velocity of the ball start in a state. clearance: |R2| - R1 of
-    a cup, None on a plane. sensed: the model ends its sensors with the ball's acceleration.
+    root: its MJCF.
+    origin: the full state with the ball at qpos0, where it just touches, shape (nstate,).
+    at: where position and velocity of the ball start in a state.
+    clearance: |R2| - R1 of a cup, None on a plane.
+    sensed: the model ends its sensors with the ball's acceleration.
     plugged: a plug-in acts on this model.
     """
 
@@ -133,7 +135,8 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
 
 
 def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
-    """The free joint of the body `ball`, which is as heavy as the scene says and centred on its geom.
+    """The free joint of the body `ball`, which is as heavy as the
+    scene says and centred on its geom.
 
     Raises SceneError where it is not.
     """
@@ -147,7 +150,9 @@ def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
         raise SceneError(path, "the body 'ball' has no geom 'ball'", "one")
     if model.geom_pos[geom].any() or model.body_ipos[body].any():
         raise SceneError(
-            path, "the ball's geom or mass is off its body's origin", "both at the centre, pos 0 0 0"
+            path,
+            "the ball's geom or mass is off its body's origin",
+            "both at the centre, pos 0 0 0",
         )
     _check_radius(mujoco, model, geom, scene)
     mass = float(model.body_mass[body])
@@ -162,7 +167,8 @@ def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
 
 
 def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
-    """The ball is the sphere that the scene says: a smaller one that touches would pass for it else.
+    """The ball is the sphere that the scene says: a smaller one that
+    touches would pass for it else.
 
     Raises SceneError for another shape or radius.
     """
@@ -189,9 +195,13 @@ def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
     if scene.form == "cup":
         tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, "contact")
         if tendon < 0 or not model.tendon_range[tendon][1] > 0:
-            raise SceneError(path, "there is no limited tendon 'contact'", "one between the two centres")
+            raise SceneError(
+                path, "there is no limited tendon 'contact'", "one between the two centres"
+            )
         return float(data.ten_length[tendon] - model.tendon_range[tendon][1])
-    ball, plate = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in ("ball", "plate"))
+    ball, plate = (
+        mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in ("ball", "plate")
+    )
     if plate < 0 or model.body_weldid[model.geom_bodyid[plate]] != 0:
         raise SceneError(path, "there is no fixed geom 'plate'", "one that cannot move")
     return -float(mujoco.mj_geomDistance(model, data, ball, plate, 1.0, None))

@@ -1,4 +1,6 @@
-"""MuJoCo's models in engines that step them: scenes, and what they do otherwise than MuJoCo, by name."""
+"""MuJoCo's models in engines that step them: scenes, and what they do
+otherwise than MuJoCo, by name.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,10 @@ class LentScene(NamedTuple):
 
 
 def load_scene(xml: str, contact: bool) -> LentScene:
-    """A scene of a ball with a free joint. contact: whether bodies touch."""
+    """A scene of a ball with a free joint.
+
+    contact: whether bodies touch.
+    """
     mujoco = backend()
     model = mujoco.MjModel.from_xml_string(xml)
     if not contact:
@@ -67,14 +72,16 @@ def differences(
     """Suspect the settings of a model that an engine, or its numbers of so many
     bits, turns into another contact.
 
-    geoms: whose <pair>s are looked at. rows: (solref, solimp) of the
-    contact. By default all of the model.
+    geoms: whose <pair>s are looked at.
+    rows: (solref, solimp) of the contact. By default all of the model.
     """
     asked = np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
     pairs = np.flatnonzero(asked | (not geoms))
     if not rows:
         solrefs = np.concatenate([model.pair_solref, model.geom_solref])
-        rows = list(zip(solrefs, np.concatenate([model.pair_solimp, model.geom_solimp]), strict=True))
+        rows = list(
+            zip(solrefs, np.concatenate([model.pair_solimp, model.geom_solimp]), strict=True)
+        )
     differences = [*_adhesion(model, engine, pairs), *_several(model, engine, pairs)]
     if bits == 32:
         differences += [*_power(engine, rows), *_impedance(model, engine, rows, geoms)]
@@ -82,7 +89,10 @@ def differences(
 
 
 def _adhesion(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:
-    """Suspect an engine that drops adhesion, N, of these <pair>s. pairs: their numbers."""
+    """Suspect an engine that drops adhesion, N, of these <pair>s.
+
+    pairs: their numbers.
+    """
     adhesion = getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs]
     if ADHESION in engine.lacks and adhesion.any():
         yield Suspect(
@@ -95,7 +105,11 @@ def _adhesion(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Sus
 
 
 def rounded_adhesion(
-    model: Any, engine: SharedModelEngine, bits: int, geoms: Sequence[int], impacts: Sequence[Impact]
+    model: Any,
+    engine: SharedModelEngine,
+    bits: int,
+    geoms: Sequence[int],
+    impacts: Sequence[Impact],
 ) -> Iterator[Suspect]:
     """A pair's adhesion beside which float32 has too few digits for the contact's force."""
     pairs = explicit_pairs(model, geoms) if ADHESION not in engine.lacks and bits == 32 else []
@@ -119,11 +133,16 @@ def _hold_adhesion(model: Any, pairs: Sequence[int], enough: float) -> None:
 
 
 def _several(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:
-    """Suspect an engine that keeps one of several <pair>s of two geoms. pairs: their numbers."""
+    """Suspect an engine that keeps one of several <pair>s of two geoms.
+
+    pairs: their numbers.
+    """
     if PAIRS not in engine.lacks:
         return
     counts: Counter[tuple[int, int]] = Counter()
-    for one, two in zip(model.pair_geom1[pairs].tolist(), model.pair_geom2[pairs].tolist(), strict=True):
+    for one, two in zip(
+        model.pair_geom1[pairs].tolist(), model.pair_geom2[pairs].tolist(), strict=True
+    ):
         counts[min(one, two), max(one, two)] += 1
     for geoms, count in counts.most_common(1):
         if count == 1:
@@ -151,7 +170,9 @@ def _power(engine: SharedModelEngine, rows: Rows) -> Iterator[Suspect]:
         )
 
 
-def _impedance(model: Any, engine: SharedModelEngine, rows: Rows, geoms: Sequence[int]) -> Iterator[Suspect]:
+def _impedance(
+    model: Any, engine: SharedModelEngine, rows: Rows, geoms: Sequence[int]
+) -> Iterator[Suspect]:
     """Suspect numbers of 32 bits, in which a bounce in one step rounds its impedance."""
     stiff = []
     for (stiffness, damping), solimp in rows:
@@ -165,7 +186,9 @@ def _impedance(model: Any, engine: SharedModelEngine, rows: Rows, geoms: Sequenc
             "impedance-rounding",
             "The impedance of a bounce in one step is rounded in float32: e is wrong by 0.0024.",
             f"impedance {highest:g} in {engine.title}",
-            _or_exact(f'solimp="{fixes.numbers(solimp)}", as in `hcbench tune {engine.name}`', engine),
+            _or_exact(
+                f'solimp="{fixes.numbers(solimp)}", as in `hcbench tune {engine.name}`', engine
+            ),
             partial(fixes.set_contact, geoms=geoms, solref=None, solimp=solimp),
             always_reported=True,
         )

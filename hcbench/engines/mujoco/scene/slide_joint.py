@@ -1,4 +1,5 @@
-"""A ball that can only go up and down, in place of a free one: the same impact for a third of the cost.
+"""A ball that can only go up and down, in place of a free one: the same
+impact for a third of the cost.
 
 A sphere that falls along the axis of what it falls on, and meets no friction there, is never pushed
 aside or turned: five of a free body's six velocities stay 0. On a slide joint the ball has the
@@ -60,7 +61,10 @@ def _contact_ways(model: Any) -> list[tuple[int, int, int]]:
     ball = model.geom_bodyid == model.jnt_bodyid[0]
     if model.npair:
         pairs = zip(
-            model.pair_geom1.tolist(), model.pair_geom2.tolist(), model.pair_dim.tolist(), strict=True
+            model.pair_geom1.tolist(),
+            model.pair_geom2.tolist(),
+            model.pair_dim.tolist(),
+            strict=True,
         )
         return [(a, b, dim) if ball[a] else (b, a, dim) for a, b, dim in pairs]
     dims = model.geom_condim
@@ -109,7 +113,9 @@ def has_one_constraint(model: Any) -> bool:
 
 
 def island_flag(mujoco: Any) -> int:
-    """The flag that keeps constraints from being solved island by island; 0 where it is not the rule."""
+    """The flag that keeps constraints from being solved island by
+    island; 0 where it is not the rule.
+    """
     flag = getattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND", None)
     return 0 if flag is None else int(flag)
 

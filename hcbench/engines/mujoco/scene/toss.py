@@ -42,7 +42,11 @@ SETTINGS = (
 
 
 def simulate(
-    body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
+    body: Body,
+    setting: ContactSetting,
+    values: Sequence[float],
+    timestep: float,
+    tosses: Sequence[Toss],
 ) -> list[Floats]:
     """States at the ends of steps of Euler's integrator, of each toss."""
     mujoco = backend()
@@ -51,10 +55,13 @@ def simulate(
     return [_simulate(mujoco, model, data, toss, timestep) for toss in tosses]
 
 
-def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[float], timestep: float) -> Any:
+def _model(
+    mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[float], timestep: float
+) -> Any:
     """The compiled model of a body over a plate.
 
-    values: of the setting's parameters, SI. timestep: s.
+    values: of the setting's parameters, SI.
+    timestep: s.
     """
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
@@ -62,7 +69,9 @@ def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[fl
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     if setting.cone == "elliptic":
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    plate = spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[9.0, 9.0, 0.1])
+    plate = spec.worldbody.add_geom(
+        name="plate", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[9.0, 9.0, 0.1]
+    )
     tossed = spec.worldbody.add_body(name="body")
     tossed.add_freejoint()
     tossed.mass = body.mass

@@ -1,4 +1,6 @@
-"""The scene `two-blocks` in MuJoCo, by the plug-in or by `staggered` pairs: see `hcbench.sim.two_blocks`."""
+"""The scene `two-blocks` in MuJoCo, by the plug-in or by `staggered`
+pairs: see `hcbench.sim.two_blocks`.
+"""
 
 import xml.etree.ElementTree as ET
 
@@ -25,11 +27,15 @@ def own_contact(squeezed: bool) -> str:
     return "staggered"
 
 
-def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats) -> tuple[Floats, Floats]:
+def simulate(
+    blocks: TwoBlocks, position: float, velocity: float, forces: Floats
+) -> tuple[Floats, Floats]:
     """Positions, m, and velocities, m/s, along x before the first step and after each, (n + 1,).
 
-    position, velocity: at the start. forces: N, (n,), one for each step. Raises EngineMissing for a
-    MuJoCo without adhesion, which the tuned pairs need.
+    position, velocity: at the start.
+    forces: N, (n,), one for each step.
+
+    Raises EngineMissing for a MuJoCo without adhesion, which the tuned pairs need.
     """
     mujoco = backend()
     if blocks.tuned_at is not None:

@@ -1,4 +1,5 @@
-"""A ball over a plate in MuJoCo: launches are stepped side by side, as many in one model as is worth it.
+"""A ball over a plate in MuJoCo: launches are stepped side by side, as
+many in one model as is worth it.
 
 Results are bit-identical for any batch size, thread count and length of chunks.
 """
@@ -48,9 +49,10 @@ class Batching:
     of results, never a bit of one.
 
     few_rows, balls, balls_of_many_rows, balls_of_one_row: the most balls in a model by its
-    contact's rows: the dense Jacobian of more costs more than sharing saves. saved, compiling: s
-    that a shared model saves a ball-step, and costs to compile. chunk_bytes: of states, for each
-    thread. cores: threads at once.
+    contact's rows: the dense Jacobian of more costs more than sharing saves.
+    saved, compiling: s that a shared model saves a ball-step, and costs to compile.
+    chunk_bytes: of states, for each thread.
+    cores: threads at once.
     """
 
     few_rows: int = 4
@@ -70,8 +72,9 @@ BATCHING = Batching()
 class BatchPool:
     """A model, its batched versions, and their free workspaces.
 
-    max_batch: the most balls that are worth putting into one model. threads: models that are
-    stepped at once. unbatched: ball-steps until now that a model of so many balls would have had.
+    max_batch: the most balls that are worth putting into one model.
+    threads: models that are stepped at once.
+    unbatched: ball-steps until now that a model of so many balls would have had.
     """
 
     model: SceneModel
@@ -108,7 +111,9 @@ class BatchPool:
         """The model of so many balls."""
         if size not in self.batches:
             one = size == 1 and not self.sliding
-            self.batches[size] = self.whole() if one else compile_batch(self.model, size, self.sliding)
+            self.batches[size] = (
+                self.whole() if one else compile_batch(self.model, size, self.sliding)
+            )
         return self.batches[size]
 
     @contextmanager
@@ -149,7 +154,9 @@ class BatchPool:
         if now > 1 and share <= now // 8:
             return 1
         fitting = min(1 << (share - 1).bit_length(), self.max_batch)
-        if (now == 1 < share or share <= now // 2) and self.is_worth_batching(fitting, balls * steps):
+        if (now == 1 < share or share <= now // 2) and self.is_worth_batching(
+            fitting, balls * steps
+        ):
             return fitting
         return now
 
@@ -229,7 +236,9 @@ class MujocoSimulation(Simulation):
 
 
 class FollowedLaunch(Simulation):
-    """One launch in the model as it was authored, whose solver starts each step from the one before."""
+    """One launch in the model as it was authored, whose solver starts
+    each step from the one before.
+    """
 
     def __init__(self, model: SceneModel, launch: Launch) -> None:
         authored = copy.copy(model.model)

@@ -15,7 +15,14 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.pybullet.backend import BulletClient
-from hcbench.engines.pybullet.vectors import Vector, add_scaled, cross, rotate, rotate_inverse, vector
+from hcbench.engines.pybullet.vectors import (
+    Vector,
+    add_scaled,
+    cross,
+    rotate,
+    rotate_inverse,
+    vector,
+)
 from hcbench.terms.impact import Floats
 
 # Kinds of joints, pybullet.JOINT_...
@@ -49,7 +56,8 @@ Response = tuple[Sequence[float], Sequence[float]]
 
 
 class BulletBody:
-    """A body of a client with all its links: `kind` is "fixed", "free" (one rigid body) or "jointed".
+    """A body of a client with all its links: `kind` is "fixed", "free"
+    (one rigid body) or "jointed".
 
     Links are numbered as in PyBullet, -1 is the base. Masses and inertias are read when it is made,
     the state then and by `refresh`.
@@ -99,7 +107,9 @@ class BulletBody:
         return vector(state[_CENTRE]), state[_QUATERNION]
 
     def _link_state(self, link: int) -> Any:
-        return self.bullet.getLinkState(self.number, link, computeLinkVelocity=1, computeForwardKinematics=1)
+        return self.bullet.getLinkState(
+            self.number, link, computeLinkVelocity=1, computeForwardKinematics=1
+        )
 
     def velocity_at(self, link: int, point: Sequence[float]) -> Vector:
         """Velocity of a link's material point, m/s."""
@@ -169,7 +179,9 @@ class JointTree:
         # (links, 6): the roots of m, m, m and the three of I, which scale
         # a link's rows of the Jacobian.
         masses = [(info[_MASS],) * 3 for info in infos]
-        self._inertia = np.sqrt([(*mass, *info[_INERTIA]) for mass, info in zip(masses, infos, strict=True)])
+        self._inertia = np.sqrt(
+            [(*mass, *info[_INERTIA]) for mass, info in zip(masses, infos, strict=True)]
+        )
         # Each joint's origin in its link's centre of mass frame, m.
         self._pivots = []
         for info in infos[1:]:
@@ -199,7 +211,9 @@ class JointTree:
     def _read(self) -> None:
         """Twists and mass matrix in the body's present state."""
         body = self._body
-        states = body.bullet.getLinkStates(body.number, range(len(body.joints)), computeForwardKinematics=1)
+        states = body.bullet.getLinkStates(
+            body.number, range(len(body.joints)), computeForwardKinematics=1
+        )
         twists = _base_twists(body.position) if body.mass > 0.0 else []
         for joint, state, pivot in zip(body.joints, states, self._pivots, strict=True):
             twists += _joint_twists(joint, state[_CENTRE], state[_QUATERNION], pivot)
@@ -302,7 +316,9 @@ def contact_row(
 class FreeBase:
     """A body that is moved as a whole.
 
-    position (m), quaternion: where it starts. direction: unit vector.
+    position (m), quaternion: where it starts.
+
+    direction: unit vector.
     """
 
     body: int
@@ -322,7 +338,8 @@ class FreeBase:
 class SlidingJoint:
     """A prismatic joint that moves a link.
 
-    start: its position. approach: m towards the other for 1 of it.
+    start: its position.
+    approach: m towards the other for 1 of it.
     """
 
     body: int
@@ -340,8 +357,10 @@ class SlidingJoint:
 
 @dataclass(frozen=True, slots=True)
 class SwingingLink:
-    """Joints that together move a link as a push at its contact would. starts: their positions at
-    touch. rates: their velocities for an approach at 1 m/s.
+    """Joints that together move a link as a push at its contact would.
+
+    starts: their positions at touch.
+    rates: their velocities for an approach at 1 m/s.
     """
 
     body: int

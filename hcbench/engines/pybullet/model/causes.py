@@ -46,8 +46,9 @@ _SAME_E = 0.005
 class BulletContext:
     """Pair, impacts and world that the search for causes examines.
 
-    timestep: s. gravity: (3,), m/s². unread: body id -> (tag, e) of a restitution that its file has
-    where PyBullet does not look.
+    timestep: s.
+    gravity: (3,), m/s².
+    unread: body id -> (tag, e) of a restitution that its file has where PyBullet does not look.
     """
 
     bullet: BulletClient
@@ -82,7 +83,11 @@ class BulletContext:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call in a fix. settings: its keywords. side: the link that it sets; None for the world."""
+    """A call in a fix.
+
+    settings: its keywords.
+    side: the link that it sets; None for the world.
+    """
 
     settings: Mapping[str, float]
     side: BodyPart | None = None
@@ -155,7 +160,9 @@ def find_suspects(context: BulletContext) -> list[Suspect]:
 
 
 def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
-    """The two restitutions multiply, an unset one is 0, and one in another simulator's tag is not read."""
+    """The two restitutions multiply, an unset one is 0, and one in
+    another simulator's tag is not read.
+    """
     values = list(restitutions(c.bullet, c.place))
     if math.isnan(sum(values)):
         return
@@ -243,7 +250,9 @@ def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
         f"{text} and {Call({'contactBreakingThreshold': distance}).text}",
         apply,
     )
-    deepest = max((i.penetration_max for i in c.impacts if np.isfinite(i.penetration_max)), default=0.0)
+    deepest = max(
+        (i.penetration_max for i in c.impacts if np.isfinite(i.penetration_max)), default=0.0
+    )
     yield Suspect(
         "slop",
         "contactSlop lets bodies overlap by as much as a hard contact's whole depth before anything acts.",
@@ -271,7 +280,14 @@ def _solver(c: BulletContext) -> Iterator[Suspect]:
         "solver",
         "The solver stops before it has found the contact's impulse.",
         f"numSolverIterations {iterations}, solverResidualThreshold 1e-7 unless set",
-        *_fix(Call({"numSolverIterations": max(_ITERATIONS, iterations), "solverResidualThreshold": 1e-7})),
+        *_fix(
+            Call(
+                {
+                    "numSolverIterations": max(_ITERATIONS, iterations),
+                    "solverResidualThreshold": 1e-7,
+                }
+            )
+        ),
     )
 
 
@@ -286,7 +302,9 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
             *_fix_restitutions(c.sides, (1.0, 1.0)),
         )
     elif c.is_spring:
-        step = causes.StepFix(c.timestep, "p.setTimeStep({})", lambda p, timestep: p.setTimeStep(timestep))
+        step = causes.StepFix(
+            c.timestep, "p.setTimeStep({})", lambda p, timestep: p.setTimeStep(timestep)
+        )
         yield from causes.energy_gain(c.impacts, step)
         yield from causes.few_steps(c.impacts, step, "a lower contactStiffness")
 

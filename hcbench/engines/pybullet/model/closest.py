@@ -54,7 +54,8 @@ def middle_of(point: Any) -> Floats:
 class Face:
     """A face or an edge on which two parts meet.
 
-    middle: m. points: how many contacts Bullet has there.
+    middle: m.
+    points: how many contacts Bullet has there.
     """
 
     middle: Floats

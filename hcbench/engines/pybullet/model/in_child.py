@@ -1,4 +1,5 @@
-"""Trials and launches beside the user's world, which stays as it is: in a forked copy of this process.
+"""Trials and launches beside the user's world, which stays as it is: in
+a forked copy of this process.
 
 Where a process cannot fork, or the world is another process's, they run in the world itself,
 which is then put back. restoreState alone would not do: a contact of the launch before
@@ -71,8 +72,12 @@ class _InPlace(Simulation):
 
 
 def _forget_contacts(bullet: BulletClient, state: int) -> None:
-    """Restore a state without the contacts that there are now: Bullet drops those of bodies far apart."""
+    """Restore a state without the contacts that there are now: Bullet
+    drops those of bodies far apart.
+    """
     for i, body in enumerate(bullet.bodies(), start=1):
-        bullet.resetBasePositionAndOrientation(body, [i * _FAR, i * _FAR, i * _FAR], [0.0, 0.0, 0.0, 1.0])
+        bullet.resetBasePositionAndOrientation(
+            body, [i * _FAR, i * _FAR, i * _FAR], [0.0, 0.0, 0.0, 1.0]
+        )
     bullet.performCollisionDetection()
     bullet.restoreState(state)

@@ -28,7 +28,15 @@ from hcbench.system.text import joined_names, sanitized
 
 # Distance within which PyBullet looks for the nearest points, m.
 _REACH = 1e4
-_TYPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 8: "height field"}
+_TYPES = {
+    2: "sphere",
+    3: "box",
+    4: "cylinder",
+    5: "mesh",
+    6: "plane",
+    7: "capsule",
+    8: "height field",
+}
 # Place of a shape's kind in getCollisionShapeData.
 _SHAPE = 2
 # Names in getBodyInfo: of the base's link, and of the robot.
@@ -59,7 +67,9 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
     links = []
     for number, body in bodies.items():
         numbers = range(-1, len(body.joints))
-        links += [_Link(number, link) for link in numbers if bullet.getCollisionShapeData(number, link)]
+        links += [
+            _Link(number, link) for link in numbers if bullet.getCollisionShapeData(number, link)
+        ]
     pairs = []
     for one, two in combinations(links, 2):
         one_is_fixed = bodies[one.body].kind == "fixed"
@@ -84,14 +94,17 @@ def alone_error(world: LoadedWorld) -> UserError:
     if folders:
         floor = quote(str(Path(folders[0]) / floor))
     got = f"{world.label} alone, in which no two parts can meet"
-    return UserError("model", got, "something that it meets, such as a floor", f"Add a floor: {floor}")
+    return UserError(
+        "model", got, "something that it meets, such as a floor", f"Add a floor: {floor}"
+    )
 
 
 def _described(
     world: LoadedWorld, bodies: dict[int, BulletBody], first: _Link, second: _Link
 ) -> CandidatePair:
-    """A pair as a row of the list. first: one that moves. Mass (kg) and distance (m) are NaN where
-    PyBullet finds no distance.
+    """A pair as a row of the list.
+
+    first: one that moves. Mass (kg) and distance (m) are NaN where PyBullet finds no distance.
     """
     bullet = world.bullet
     pair = (first, second)
@@ -117,7 +130,9 @@ def _described(
         bodies=(_body(world, first), _body(world, second)),
         geoms=names,
         types=(_type(bullet, first), _type(bullet, second)),
-        pair=joined_names([f"body:{link.body}/{name}" for link, name in zip(pair, names, strict=True)]),
+        pair=joined_names(
+            [f"body:{link.body}/{name}" for link, name in zip(pair, names, strict=True)]
+        ),
         joint=_joint(bodies[first.body], first.link),
         effective_mass=mass,
         distance=distance,
@@ -181,12 +196,16 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
             raise alone_error(world)
         if len(numbers) > 2:
             raise choice_error(list_pairs(world))
-        one, two = (BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers)
+        one, two = (
+            BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers
+        )
         return one, two
     parts = _named_parts(world)
     one, two = (_by_name(parts, name) for name in names)
     if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
-        raise UserError("pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet")
+        raise UserError(
+            "pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet"
+        )
     return one, two
 
 
@@ -211,12 +230,16 @@ def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
     try:
         name = _readable(bullet.getBodyInfo(body)[_ROBOT])
     except bullet.error:
-        raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
+        raise UserError(
+            "pair", f"no body {body} in this client", "a body id that loadURDF gave"
+        ) from None
     return BodyPart(f"{name} ({text})" if name else text, body, link)
 
 
 def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
-    """Every name with the (body, link) that it means, bodies first; not those that several links share."""
+    """Every name with the (body, link) that it means, bodies first; not
+    those that several links share.
+    """
     bullet = world.bullet
     bodies: list[_NamedPart] = []
     links: list[_NamedPart] = []

@@ -1,4 +1,6 @@
-"""Model files read as text for what PyBullet overlooks: it takes "abc" for 0, and lets a heavy plate move."""
+"""Model files read as text for what PyBullet overlooks: it takes "abc" for
+0, and lets a heavy plate move.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def check_ball(path: Path, scene: Scene) -> None:
     root = _parse(path)
     for element in root.findall("link/inertial/mass"):
         text = element.get("value")
-        _check_number(path, "mass", text, "a mass in kg above 0", lambda mass: 0.0 < mass < math.inf)
+        _check_number(
+            path, "mass", text, "a mass in kg above 0", lambda mass: 0.0 < mass < math.inf
+        )
     if scene.form == "plane":
         name = "1/(1/R1 + 1/R2)"
         radius = scene.relative_radius
@@ -41,7 +45,9 @@ def check_ball(path: Path, scene: Scene) -> None:
     expected = f"{radius:.12g} m, the {name} of scene.toml"
     for element in root.findall("link/collision/geometry/sphere"):
         text = element.get("radius")
-        _check_number(path, "sphere radius", text, expected, lambda r: abs(r - radius) <= _RADIUS_TOLERANCE)
+        _check_number(
+            path, "sphere radius", text, expected, lambda r: abs(r - radius) <= _RADIUS_TOLERANCE
+        )
 
 
 def check_plate(path: Path) -> None:
@@ -76,8 +82,15 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
         _check_number(path, "mass", text, "0 kg (fixed) or more", lambda mass: 0 <= mass < math.inf)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename")
-        if name and "://" not in name and not is_file(path.parent / name) and not Path(name).is_absolute():
-            raise SceneError("model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF")
+        if (
+            name
+            and "://" not in name
+            and not is_file(path.parent / name)
+            and not Path(name).is_absolute()
+        ):
+            raise SceneError(
+                "model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF"
+            )
     return _foreign_restitution(root)
 
 
@@ -107,8 +120,9 @@ def _parse(path: Path) -> ET.Element:
 def _check_number(
     path: Path, name: str, text: str | None, expected: str, is_good: Callable[[float], bool]
 ) -> None:
-    """Raise SceneError for a text that is not a number, or not one that is
-    good. path, name: where it is.
+    """Raise SceneError for a text that is not a number, or not one that is good.
+
+    path, name: where it is.
     """
     try:
         value = float(text or "")

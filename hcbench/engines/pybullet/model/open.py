@@ -24,8 +24,9 @@ ANY_LINK = -2
 class LiveWorld:
     """PyBullet world that the user has set up and is running.
 
-    client: physics client id. first, second: what shall meet, the moving body first, each a body id
-    or a (body id, link index); None where the request's pair names them.
+    client: physics client id.
+    first, second: what shall meet, the moving body first, each a body id or a (body id, link
+    index); None where the request's pair names them.
     """
 
     client: int
@@ -55,11 +56,13 @@ class BodyPart:
 class LoadedWorld:
     """A world to be measured.
 
-    label: what a report calls it. disconnect: whether to end its client at the end. pair: the two
-    that meet, as in a `LiveWorld`; () where names say. files: body id -> name of the file it came
-    from; empty for a world of the user's. unread: body id -> (tag, e) of a restitution that its
-    file has in a place where PyBullet does not look. owner: what the user made of the client, which
-    may disconnect it when it goes.
+    label: what a report calls it.
+    disconnect: whether to end its client at the end.
+    pair: the two that meet, as in a `LiveWorld`; () where names say.
+    files: body id -> name of the file it came from; empty for a world of the user's.
+    unread: body id -> (tag, e) of a restitution that its file has in a place where PyBullet does
+    not look.
+    owner: what the user made of the client, which may disconnect it when it goes.
     """
 
     bullet: BulletClient
@@ -84,7 +87,9 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
         for path, restitution in zip(files, unread, strict=True):
             for body in _load(bullet, path, packages):
                 _require_readable(bullet, body, path)
-                copies = sum(Path(name).name.partition(" (")[0] == path.name for name in world.files.values())
+                copies = sum(
+                    Path(name).name.partition(" (")[0] == path.name for name in world.files.values()
+                )
                 world.files[body] = f"{path.name} ({copies + 1})" if copies else path.name
                 if restitution is not None:
                     world.unread[body] = restitution
@@ -93,8 +98,9 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
 
 
 def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
-    """Bodies of a file. Of a URDF that names files by packages that were given, or that is not in
-    UTF-8, of a copy. Raises SceneError with the package that has no folder, or with Bullet's reason.
+    """Bodies of a file. Of a URDF that names files by packages that were given, or
+    that is not in UTF-8, of a copy. Raises SceneError with the package that has no
+    folder, or with Bullet's reason.
     """
     if path.suffix.lower() != ".urdf":
         return bullet.load_model(path)
@@ -118,7 +124,9 @@ def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
         bullet.getJointState(body, 0)
     except bullet.error:
         got = f"{path}: {count} joints, of which PyBullet reports no state"
-        raise SceneError("model", got, "fewer joints (PyBullet: 128)", "Merge fixed links") from None
+        raise SceneError(
+            "model", got, "fewer joints (PyBullet: 128)", "Merge fixed links"
+        ) from None
 
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:

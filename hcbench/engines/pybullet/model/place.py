@@ -28,7 +28,14 @@ from hcbench.engines.pybullet.model.bodies import (
     SwingingLink,
     contact_row,
 )
-from hcbench.engines.pybullet.model.closest import REACH, Face, find_face, middle_of, nearest, normal_of
+from hcbench.engines.pybullet.model.closest import (
+    REACH,
+    Face,
+    find_face,
+    middle_of,
+    nearest,
+    normal_of,
+)
 from hcbench.engines.pybullet.model.in_child import run_aside
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
@@ -62,10 +69,13 @@ _MISSED = 1e-3
 class BulletPlacement:
     """Start of the launches: the two touch once `mover` has travelled `travel` m.
 
-    first, second: the links that touch, the moving body first. normal: unit vector from the first
-    to the second. point: where they touch, m. effective_mass: along the normal, kg. overlap: of the
-    two at the start, m. face: on which they meet, its middle is
-    then `point`; None for a point. note: how they were brought together, where that was a choice.
+    first, second: the links that touch, the moving body first.
+    normal: unit vector from the first to the second.
+    point: where they touch, m.
+    effective_mass: along the normal, kg.
+    overlap: of the two at the start, m.
+    face: on which they meet, its middle is then `point`; None for a point.
+    note: how they were brought together, where that was a choice.
     """
 
     first: BodyPart
@@ -129,7 +139,9 @@ def place(
     )
 
 
-def _free_base(bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Floats | None) -> FreeBase:
+def _free_base(
+    bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Floats | None
+) -> FreeBase:
     """A free base on its way to the other.
 
     way: unit vector, (3,), of its motion; None: the nearest way from where it stands.
@@ -144,7 +156,8 @@ def _free_base(bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Flo
 
 
 def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) -> BulletPlacement:
-    """Launch by the joint that `move` names, or the joints of that link and of those up to the touch.
+    """Launch by the joint that `move` names, or the joints of that
+    link and of those up to the touch.
 
     Raises UserError where it carries neither of the two.
     """
@@ -172,7 +185,9 @@ def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) 
         if swinging is not None:
             return _touch(bullet, moving, other, swinging)
     parts = f"{first.name!r} nor {second.name!r}"
-    raise UserError("move", f"{move!r} moves neither {parts}", "base:, or a joint or link that carries one")
+    raise UserError(
+        "move", f"{move!r} moves neither {parts}", "base:, or a joint or link that carries one"
+    )
 
 
 def _touching_link(moving: BodyPart, point: Any) -> int:
@@ -185,9 +200,11 @@ def _touching_link(moving: BodyPart, point: Any) -> int:
 def _clear_start(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, direction: Floats, position: Floats
 ) -> Floats:
-    """Position, m, from which a body comes along `direction`: clear of the other, over it if it must.
+    """Position, m, from which a body comes along `direction`: clear of
+    the other, over it if it must.
 
-    direction: unit vector towards the other. position: of the body's base now, m.
+    direction: unit vector towards the other.
+    position: of the body's base now, m.
     """
     low, high = _bounds(bullet, moving)
     other_low, other_high = _bounds(bullet, other)
@@ -251,8 +268,11 @@ def swing_to_touch(
     return None
 
 
-def _rates_towards(body: BulletBody, point: Any, chosen: Collection[int] | None) -> dict[int, float] | None:
-    """Rates of joints with which a body's nearest point approaches the other's at 1 m/s, as by a push there.
+def _rates_towards(
+    body: BulletBody, point: Any, chosen: Collection[int] | None
+) -> dict[int, float] | None:
+    """Rates of joints with which a body's nearest point approaches the
+    other's at 1 m/s, as by a push there.
 
     By joint, rad/s or m/s, of those chosen, else of all; None where they cannot move it.
     """
@@ -294,7 +314,9 @@ def _size(bullet: BulletClient, *parts: BodyPart) -> float:
     return min(float(np.linalg.norm(np.subtract(high, low))) for low, high in boxes)
 
 
-def _sliding_joints(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> Iterator[SlidingJoint]:
+def _sliding_joints(
+    bullet: BulletClient, moving: BodyPart, other: BodyPart
+) -> Iterator[SlidingJoint]:
     """Prismatic joints that carry the link that would touch, and bring it nearer; nearest first."""
     body = BulletBody(bullet, moving.body)
     point = nearest(bullet, moving, other)

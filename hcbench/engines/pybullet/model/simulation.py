@@ -48,7 +48,8 @@ class _Contact(NamedTuple):
 class LaunchInUserWorld(Simulation):
     """One launch in the user's world as it is; nothing puts it back.
 
-    gravity: along the normal, into the other body, m/s². along: the way that oblique launches take.
+    gravity: along the normal, into the other body, m/s².
+    along: the way that oblique launches take.
     law: number of the plug-in's law between the two, whose force is none of Bullet's contact.
     """
 
@@ -147,7 +148,9 @@ class LaunchInUserWorld(Simulation):
         """The force that acted in the step, N: contacts out of reach still
         report that of an earlier one.
 
-        force: reported, N. before, after: approach rates, m/s. x: penetration before the step, m.
+        force: reported, N.
+        before, after: approach rates, m/s.
+        x: penetration before the step, m.
         """
         mass = self.place.effective_mass
         if not math.isfinite(mass):
@@ -175,10 +178,14 @@ class LaunchInUserWorld(Simulation):
         return _Contact(-deepest, sum(contact[FORCE] for contact in contacts), point)
 
     def _gap(self) -> tuple[float, Sequence[float]]:
-        """Penetration now and the point, of the shapes themselves: a force law's pair has no contacts."""
+        """Penetration now and the point, of the shapes themselves: a
+        force law's pair has no contacts.
+        """
         first = self.place.first
         second = self.place.second
-        points = self.bullet.getClosestPoints(first.body, second.body, _SEEN, first.link, second.link)
+        points = self.bullet.getClosestPoints(
+            first.body, second.body, _SEEN, first.link, second.link
+        )
         if not points:
             return self._x, self._point
         nearest = min(points, key=lambda point: float(point[DISTANCE]))

@@ -27,7 +27,9 @@ _SLID = 1e-6
 
 def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
     """Coulomb's μ of the pair: Bullet multiplies those of the two."""
-    one, two = (bullet.getDynamicsInfo(p.body, p.link)[_FRICTION] for p in (place.first, place.second))
+    one, two = (
+        bullet.getDynamicsInfo(p.body, p.link)[_FRICTION] for p in (place.first, place.second)
+    )
     return float(one * two)
 
 
@@ -104,7 +106,8 @@ class BulletAlongPlate:
         """Slip 2 m/s, spin 3 rad/s, no friction (2 zeros) and energy without
         that of the approach, J; (8,).
 
-        point: of the contact, m. rate: of approach, m/s.
+        point: of the contact, m.
+        rate: of approach, m/s.
         """
         slip = np.zeros(3)
         spin = np.zeros(3)
@@ -119,7 +122,9 @@ class BulletAlongPlate:
         normal = 0.5 * self.place.effective_mass * rate**2
         # Friction is known only after the step.
         no_friction = (0.0, 0.0)
-        return np.array([*(self.axes[:2] @ slip), *(self.axes @ spin), *no_friction, energy - normal])
+        return np.array(
+            [*(self.axes[:2] @ slip), *(self.axes @ spin), *no_friction, energy - normal]
+        )
 
     def friction(self, contacts: Sequence[Any], slip: Floats) -> Floats:
         """Friction on the moving body in the step after `motion`, with these contacts, N, (2,).

@@ -1,4 +1,6 @@
-"""Joints of a PyBullet world: put where a request says, held against their limits, their motors off."""
+"""Joints of a PyBullet world: put where a request says, held against
+their limits, their motors off.
+"""
 
 import math
 from typing import Any
@@ -95,7 +97,9 @@ def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> Non
 
 
 def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
-    """Each joint that moves, by its name, as "body:ID/name" and as "file/name"; the first of a name."""
+    """Each joint that moves, by its name, as "body:ID/name" and as
+    "file/name"; the first of a name.
+    """
     joints: dict[str, _Joint] = {}
     # The first body comes last, and takes a name that several have.
     for body in reversed(world.bullet.bodies()):

@@ -34,7 +34,14 @@ from hcbench.engines.pybullet.model.start_pose import base_states, joint_states,
 from hcbench.engines.pybullet.vectors import vector
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
-from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect, Texts
+from hcbench.sim.model_under_test import (
+    Facts,
+    ModelSetting,
+    ModelUnderTest,
+    Request,
+    Suspect,
+    Texts,
+)
 from hcbench.sim.packages import Packages
 from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Simulation
@@ -43,9 +50,13 @@ from hcbench.terms.impact import Impact, Launch
 
 # Place in getDynamicsInfo.
 _MASS = 0
-_UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
+_UNKNOWN_RESTITUTIONS = (
+    "restitutions that PyBullet does not report for bodies with maximal coordinates"
+)
 
-_ONE_POINT = "Bullet pushes one point of this face, which turns the body. Speeds are those of its middle."
+_ONE_POINT = (
+    "Bullet pushes one point of this face, which turns the body. Speeds are those of its middle."
+)
 
 
 class PybulletModel(ModelUnderTest):
@@ -97,7 +108,9 @@ class PybulletModel(ModelUnderTest):
             raise
 
     def _plugin_law(self) -> tuple[int, str] | None:
-        """Number of the plug-in's law between the two, and the command that added it; None without one."""
+        """Number of the plug-in's law between the two, and the command
+        that added it; None without one.
+        """
         first = (self.place.first.body, self.place.first.link)
         second = (self.place.second.body, self.place.second.link)
         return plugin.find(first, second, client=self.bullet.client)
@@ -122,7 +135,9 @@ class PybulletModel(ModelUnderTest):
         for (body, joint), (position, velocity) in self._pose_before.items():
             self.bullet.resetJointState(body, joint, position, velocity)
         self.bullet.setPhysicsEngineParameter(fixedTimeStep=self._settings_before["fixedTimeStep"])
-        self.bullet.setGravity(*(self._settings_before[f"gravityAcceleration{axis}"] for axis in "XYZ"))
+        self.bullet.setGravity(
+            *(self._settings_before[f"gravityAcceleration{axis}"] for axis in "XYZ")
+        )
 
     def _gravity(self) -> tuple[float, float, float]:
         """Gravity of the world, m/s^2."""
@@ -148,19 +163,24 @@ class PybulletModel(ModelUnderTest):
             law_number, _ = self.law
             if launch.is_oblique:
                 got = (
-                    "oblique, of a pair whose law the plug-in applies: PyBullet does not report its friction"
+                    "oblique, of a pair whose law the plug-in applies: "
+                    "PyBullet does not report its friction"
                 )
                 raise UserError("launch", got, "launches along the normal")
         along = self.request.along
         return release_aside(
             self.bullet,
-            lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, along, law_number),
+            lambda: LaunchInUserWorld(
+                self.bullet, self.place, launch, self.gravity, along, law_number
+            ),
         )
 
     @property
     def step_cost(self) -> float:
         """Grows with bodies and joints."""
-        return 1.0 + sum(1 + int(self.bullet.getNumJoints(body)) for body in self.bullet.bodies()) / 5
+        return (
+            1.0 + sum(1 + int(self.bullet.getNumJoints(body)) for body in self.bullet.bodies()) / 5
+        )
 
     def facts(self) -> Facts:
         """Return the properties of the world and of its pair."""
@@ -196,7 +216,8 @@ class PybulletModel(ModelUnderTest):
         )
 
     def _asked(self, first: float, second: float) -> tuple[tuple[float, ...], str]:
-        """The e that the world asks for at each speed, () where it does not say; what asks for it, in words.
+        """The e that the world asks for at each speed, () where it does not
+        say; what asks for it, in words.
 
         first, second: restitutions of the two, NaN where PyBullet does not report them.
         """
@@ -237,7 +258,9 @@ class PybulletModel(ModelUnderTest):
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
         """The same world made again, with some fixes made; a live client is not touched."""
         if self.build is None:
-            raise UserError("model", "a live client cannot be made again", "files, or a function for it")
+            raise UserError(
+                "model", "a live client cannot be made again", "files, or a function for it"
+            )
         return PybulletModel(self.build(), self.build, self.request, suspects)
 
     def close(self) -> None:
@@ -253,7 +276,9 @@ def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None)
     return PybulletModel(*_loaded(source, rebuild, request.packages), request)
 
 
-def list_pairs_of(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> list[CandidatePair]:
+def list_pairs_of(
+    source: Any, request: Request, rebuild: Callable[[], Any] | None
+) -> list[CandidatePair]:
     """Pairs of links that can meet, in the pose asked for."""
     world, _ = _loaded(source, rebuild, request.packages)
     try:
@@ -290,7 +315,10 @@ def _loaded(
 
 
 def model_settings(
-    source: Any, requests: Sequence[Request], goal: RestitutionCurve, rebuild: Callable[[], Any] | None
+    source: Any,
+    requests: Sequence[Request],
+    goal: RestitutionCurve,
+    rebuild: Callable[[], Any] | None,
 ) -> Iterator[ModelSetting]:
     """Bullet's own restitution for the pairs, without what keeps it from
     happening; one setting, in lines.
@@ -301,7 +329,9 @@ def model_settings(
     if build is None:
         if world.disconnect:
             world.bullet.disconnect()
-        raise UserError("model", "a live client cannot be made again", "files, or a function for it")
+        raise UserError(
+            "model", "a live client cannot be made again", "files, or a function for it"
+        )
     e = 0.0
     suspects: list[Suspect] = []
     # 0 or 1, by (body, link).

@@ -1,5 +1,5 @@
-"""Checks of a URDF that Bullet makes only in print, or not at all: it loads a radius of "five" as 0,
-and crashes where a robot has two root links.
+"""Checks of a URDF that Bullet makes only in print, or not at all: it loads a radius of "five" as
+0, and crashes where a robot has two root links.
 """
 
 from __future__ import annotations
@@ -47,9 +47,13 @@ def _check_tree(path: Path, root: ET.Element) -> None:
     """Refuse links that are not a tree, each with a name."""
     names = [link.get("name", "") for link in root.iterfind("link")]
     if "" in names:
-        raise SceneError(f"{path}: link", f"number {names.index('') + 1} has no name", "a name for each link")
+        raise SceneError(
+            f"{path}: link", f"number {names.index('') + 1} has no name", "a name for each link"
+        )
     if repeated := [name for name, count in Counter(names).items() if count > 1]:
-        raise SceneError(f"{path}: link", f"{_listed(repeated)} more than once", "a name for one link only")
+        raise SceneError(
+            f"{path}: link", f"{_listed(repeated)} more than once", "a name for one link only"
+        )
     known = set(names)
     parent_of: dict[str, str] = {}
     for joint in root.iterfind("joint"):
@@ -119,5 +123,7 @@ def _check_size(slot: str, attribute: str, text: str | None, count: int) -> None
 def _check_scale(slot: str, text: str) -> None:
     """Refuse a scale of a mesh that leaves it without a volume; a negative one mirrors it."""
     numbers = _numbers(text)
-    if len(numbers) not in (1, 3) or not all(number and math.isfinite(number) for number in numbers):
+    if len(numbers) not in (1, 3) or not all(
+        number and math.isfinite(number) for number in numbers
+    ):
         raise SceneError(slot, f"scale {text[:40]!r}", "3 numbers other than 0")

@@ -58,7 +58,9 @@ def load(client: int = 0) -> int:
     """
     bullet = BulletClient(client)
     if not bullet.isConnected():
-        raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
+        raise SettingError(
+            "client", f"{client} is not connected", "the id that pybullet.connect gave"
+        )
     number = int(bullet.loadPlugin(str(library())))
     if number < 0:
         raise EngineFailed("pybullet", f"does not load {library()}", "PyBullet 3.2.5 or later")
@@ -97,7 +99,8 @@ def command(
         keys["cup"] = ",".join(shortest(float(part)) for part in cup)
     name = "hunt_crossley" if is_force(law) else "restitution"
     words = (
-        f"{key}={value if isinstance(value, str) else shortest(float(value))}" for key, value in keys.items()
+        f"{key}={value if isinstance(value, str) else shortest(float(value))}"
+        for key, value in keys.items()
     )
     return " ".join([name, *words])
 
@@ -153,7 +156,9 @@ def remove(number: int, *, client: int = 0) -> None:
     if the client has no such law.
     """
     if BulletClient(client).executePluginCommand(load(client), "remove", [number]) < 0:
-        raise SettingError(f"contact law {number}", "not in this client", "a number that `add` returned")
+        raise SettingError(
+            f"contact law {number}", "not in this client", "a number that `add` returned"
+        )
 
 
 @checked
@@ -161,7 +166,9 @@ def force(number: int, *, client: int = 0) -> float:
     """The normal force of a law in the last (sub)step, N, of all its contacts together."""
     answer = BulletClient(client).executePluginCommand(load(client), "force", [number])
     if isinstance(answer, int):
-        raise SettingError(f"contact law {number}", "not in this client", "a number that `add` returned")
+        raise SettingError(
+            f"contact law {number}", "not in this client", "a number that `add` returned"
+        )
     return float(struct.unpack("d", bytes(part & 255 for part in answer[2]))[0])
 
 
@@ -199,7 +206,9 @@ def recorder(bullet: BulletClient) -> Recorder | None:
         return None
 
 
-def find(first: tuple[int, int], second: tuple[int, int], *, client: int = 0) -> tuple[int, str] | None:
+def find(
+    first: tuple[int, int], second: tuple[int, int], *, client: int = 0
+) -> tuple[int, str] | None:
     """The number of the law between two (body, link) of a client and the command that added it;
     None where there is none. It loads nothing into a process that has not loaded the plug-in.
     """
@@ -229,7 +238,11 @@ def _side(bullet: BulletClient, side: Side) -> tuple[int, int]:
     body, link = (side, -1) if isinstance(side, int) else side
     if isinstance(link, int):
         return body, link
-    links = [bullet.getJointInfo(body, i)[LINK_NAME].decode() for i in range(bullet.getNumJoints(body))]
+    links = [
+        bullet.getJointInfo(body, i)[LINK_NAME].decode() for i in range(bullet.getNumJoints(body))
+    ]
     if link not in links:
-        raise SettingError(f"link {link!r} of body {body}", "not there", *suggest_names(link, links))
+        raise SettingError(
+            f"link {link!r} of body {body}", "not there", *suggest_names(link, links)
+        )
     return body, links.index(link)

@@ -16,11 +16,17 @@ WORLD: dict[str, Any] = {
     "contactERP": 0.0,
     "contactBreakingThreshold": 0.02,
 }
-BALL: dict[str, Any] = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
+BALL: dict[str, Any] = {
+    "linearDamping": 0.0,
+    "angularDamping": 0.0,
+    "contactProcessingThreshold": 0.0,
+}
 
 
 def restitution(target: Target) -> dict[str, Any]:
-    """Bullet's own restitution: the best constant e of the band, with all that distorts it switched off."""
+    """Bullet's own restitution: the best constant e of the band, with all
+    that distorts it switched off.
+    """
     e, _ = minimax_constant(target)
     return {
         "world": WORLD,

@@ -35,7 +35,9 @@ def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
         "world": WORLD,
         "ball": BALL,
         "plate": {"contactStiffness": RIGID, "contactDamping": 0.0},
-        "links": [{"onset": x, "stiffness": k, "damping": c} for x, k, c in zip(*columns, strict=True)],
+        "links": [
+            {"onset": x, "stiffness": k, "damping": c} for x, k, c in zip(*columns, strict=True)
+        ],
     }
 
 

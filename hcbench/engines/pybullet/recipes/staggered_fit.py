@@ -1,4 +1,5 @@
-"""Fits contacts of Bullet's own that start at staggered depths to eq. (16), by a model of Bullet's steps.
+"""Fits contacts of Bullet's own that start at staggered depths to eq.
+(16), by a model of Bullet's steps.
 
 A contact with contactStiffness k and contactDamping c' whose depth x is above 0 at a step's start
 pushes with F = max(0, k (x + h v) + c' v), v the approach rate at the step's end; several add up.
@@ -68,7 +69,9 @@ _ACTIVE_ROUNDS = 3
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """Contacts from depths `onset` (m) on with k (N/m) and c (N s/m) of the law; shapes (n,) or (b, n)."""
+    """Contacts from depths `onset` (m) on with k (N/m) and c (N s/m) of
+    the law; shapes (n,) or (b, n).
+    """
 
     onset: Floats
     stiffness: Floats
@@ -79,7 +82,9 @@ class Contacts:
 class FittedImpacts:
     """Impacts at speeds (m/s) and phases of a step, shape (n,); `steps` are enough for all to part.
 
-    mass: kg. h: s. g: gravity, m/s².
+    mass: kg.
+    h: s.
+    g: gravity, m/s².
     """
 
     speeds: Floats
@@ -90,8 +95,12 @@ class FittedImpacts:
     steps: int
 
     @classmethod
-    def of(cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0) -> FittedImpacts:
-        """Impacts that a fit looks at, at so many speeds over the target's band; phases may lie denser."""
+    def of(
+        cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0
+    ) -> FittedImpacts:
+        """Impacts that a fit looks at, at so many speeds over the
+        target's band; phases may lie denser.
+        """
         shortest = float(closed_form.duration(law, target.mass, target.speed_max))
         longest = float(closed_form.duration(law, target.mass, target.speed_min))
         h = max(target.timestep, shortest / _STEPS_MOST)
@@ -153,7 +162,10 @@ def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Loops:
-    """Loops of the law, (n,), SI. v: rate at a step's end. scale: of a force, to a share.
+    """Loops of the law, (n,), SI.
+
+    v: rate at a step's end.
+    scale: of a force, to a share.
 
     The squares of all shares add up to the mean over the loops of the squared distance (rms).
     """
@@ -184,10 +196,15 @@ class _Loops:
         """Shape (b, n), of contacts of shape (b, rows)."""
         depth = self.x[:, None] - contacts.onset[:, None]
         each = contacts.stiffness[:, None] * depth + contacts.damping[:, None] * self.v[:, None]
-        return np.asarray((np.where(depth > 0, np.maximum(0.0, each), 0.0).sum(-1) - self.force) * self.scale)
+        return np.asarray(
+            (np.where(depth > 0, np.maximum(0.0, each), 0.0).sum(-1) - self.force) * self.scale
+        )
 
     def first_guess(self, onset: Floats, step: float) -> Contacts:
-        """A linear fit, again and again without the contacts that would pull; none is 0. step: s."""
+        """A linear fit, again and again without the contacts that would pull; none is 0.
+
+        step: s.
+        """
         # SciPy's optimisation is slow to import, and a list of recipes needs none of it.
         from scipy.optimize import nnls
 
@@ -223,7 +240,9 @@ class _Misfit:
         """Contacts of parameters (b, 3 rows - 1)."""
         rows = (parameters.shape[-1] + 1) // 3
         k, c, apart = np.split(np.exp(parameters), [rows, 2 * rows], axis=-1)
-        return Contacts(np.cumsum(np.concatenate([0.0 * k[..., :1], apart], axis=-1), axis=-1), k, c)
+        return Contacts(
+            np.cumsum(np.concatenate([0.0 * k[..., :1], apart], axis=-1), axis=-1), k, c
+        )
 
     @staticmethod
     def parameters(contacts: Contacts) -> Floats:
@@ -246,7 +265,9 @@ class _Misfit:
         return np.asarray((up - down).T / (2 * _NUDGE))
 
     def fitted(self, parameters: Floats, record: Callable[[Floats, Floats], None]) -> Floats:
-        """Better ones by least squares; `record` is shown parameters, (1, n), and the largest error of e."""
+        """Better ones by least squares; `record` is shown parameters, (1,
+        n), and the largest error of e.
+        """
         from scipy.optimize import least_squares
 
         def residuals(parameters: Floats, power: int) -> Floats:

@@ -60,7 +60,9 @@ _ELSEWHERE = {
 
 
 class LinkOptions(OptionTable):
-    """A sphere of the ball, `onset` m smaller, with contactStiffness (N/m) and contactDamping (N s/m)."""
+    """A sphere of the ball, `onset` m smaller, with contactStiffness
+    (N/m) and contactDamping (N s/m).
+    """
 
     onset: Finite
     stiffness: Finite
@@ -70,7 +72,9 @@ class LinkOptions(OptionTable):
     @classmethod
     def _in_range(cls, value: float, info: ValidationInfo) -> float:
         if value < 0 or (value == 0 and info.field_name == "stiffness"):
-            raise mistake("0 m or more" if info.field_name == "onset" else "above 0 N/m", f"{value!r}")
+            raise mistake(
+                "0 m or more" if info.field_name == "onset" else "above 0 N/m", f"{value!r}"
+            )
         return value
 
 
@@ -91,7 +95,11 @@ class PybulletOptions(OptionTable):
 def read_options(options: Mapping[str, Any]) -> PybulletOptions:
     """Options from a setting; SettingError names the first word that PyBullet does not have."""
     checked = validate(PybulletOptions, options, SettingError, "pybullet option '{}'")
-    alone = checked.law is None and not checked.maximal_coordinates and "restitution" not in checked.ball
+    alone = (
+        checked.law is None
+        and not checked.maximal_coordinates
+        and "restitution" not in checked.ball
+    )
     if checked.links and not alone:
         got = "given with a law, a restitution or maximal coordinates"
         raise SettingError("pybullet option 'links'", got, "links alone: they are the contact")

@@ -54,7 +54,8 @@ def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Float
     """Motion along the plate in each step, (8, b, n): slip 2 m/s, spin 3 rad/s,
     friction 2 N, other energy J.
 
-    timestep: s. motion: velocity and spin before all steps and after each, (n + 1, b, 2, 3).
+    timestep: s.
+    motion: velocity and spin before all steps and after each, (n + 1, b, 2, 3).
     deeper: unit vectors into the plate, (..., 3).
     """
     velocity = motion[:-1, :, 0]

@@ -39,7 +39,8 @@ def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
 def script(scene: Scene, setting: Setting) -> str:
     """A Python script that drops the ball on a plane at several speeds, and prints e.
 
-    Raises SettingError for a cup, and for a setting that is none of Bullet's own contact or a plug-in.
+    Raises SettingError for a cup, and for a setting that is none of
+    Bullet's own contact or a plug-in.
     """
     if scene.form != "plane" or not {"world", "ball", "law"} & set(setting.options):
         given = f"pybullet {setting.name!r} in the form {scene.form!r}"
@@ -68,7 +69,9 @@ def script(scene: Scene, setting: Setting) -> str:
 
 
 def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> str:
-    """The calls, in the order that works. pair: the variables of the two bodies.
+    """The calls, in the order that works.
+
+    pair: the variables of the two bodies.
 
     made: the calls that make them, by ball and plate; none of those that exist already.
     path: of the plug-in, as an expression.
@@ -84,9 +87,16 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
         if options.get(body)
     }
     if links := options.get("links"):
-        rows = "".join(f"    ({x['onset']!r}, {x['stiffness']!r}, {x['damping']!r}),\n" for x in links)
+        rows = "".join(
+            f"    ({x['onset']!r}, {x['stiffness']!r}, {x['damping']!r}),\n" for x in links
+        )
         write = WRITE.replace('"ball.urdf"', f'"{pair[0]}.urdf"')
-        before = [f"LINK = {LINK!r}", f"JOINT = {JOINT!r}", f"links = [  # start, k, c\n{rows}]", write]
+        before = [
+            f"LINK = {LINK!r}",
+            f"JOINT = {JOINT!r}",
+            f"links = [  # start, k, c\n{rows}]",
+            write,
+        ]
         made["ball"] = f'loadURDF("{pair[0]}.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
         each = calls["ball"].replace("-1", "link")
         calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {each}"
@@ -99,7 +109,9 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
     if "law" in options:
         law = json.dumps(plugin.command(law_of(options["law"])))
         lines.append(f"plugin = pybullet.loadPlugin({path})")
-        lines.append(f"pybullet.executePluginCommand(plugin, {law}, [{pair[0]}, -1, {pair[1]}, -1])")
+        lines.append(
+            f"pybullet.executePluginCommand(plugin, {law}, [{pair[0]}, -1, {pair[1]}, -1])"
+        )
     return "\n".join(lines)
 
 

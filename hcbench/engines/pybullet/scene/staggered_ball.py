@@ -18,7 +18,9 @@ LINK = (
     ' iyy="{inertia!r}" izz="{inertia!r}" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry>'
     '<sphere radius="{radius!r}"/></geometry></collision></link>\n'
 )
-JOINT = '<joint name="joint{i}" type="fixed"><parent link="link0"/><child link="link{i}"/></joint>\n'
+JOINT = (
+    '<joint name="joint{i}" type="fixed"><parent link="link0"/><child link="link{i}"/></joint>\n'
+)
 # The same as lines of a script that knows `radius`, `mass`, `inertia` and `friction`.
 WRITE = """with open("ball.urdf", "w") as file:
     file.write('<robot name="ball">')
@@ -37,7 +39,9 @@ def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
     """
     radius = scene.relative_radius
     if scene.form != "plane":
-        raise SettingError("pybullet option 'links'", f"in the form {scene.form!r}", "the form 'plane'")
+        raise SettingError(
+            "pybullet option 'links'", f"in the form {scene.form!r}", "the form 'plane'"
+        )
     if (deepest := max(link.onset for link in links)) >= radius:
         got = f"a ball of {radius:g} m, which the contact would enter by {deepest:.2g} m"
         raise SceneError(f"scene {scene.name!r}", got, "a larger ball, or a shorter step")

@@ -49,7 +49,11 @@ _VELOCITY = slice(7, 10)
 
 
 def simulate(
-    body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
+    body: Body,
+    setting: ContactSetting,
+    values: Sequence[float],
+    timestep: float,
+    tosses: Sequence[Toss],
 ) -> list[Floats]:
     """States at the ends of steps (s) of each toss, (steps + 1, 13): position, quaternion w x y z,
     velocity and spin in the world, SI; in a client of its own.
@@ -66,11 +70,16 @@ def simulate(
 
 
 def _load(
-    bullet: BulletClient, body: Body, setting: ContactSetting, given: Mapping[str, float], timestep: float
+    bullet: BulletClient,
+    body: Body,
+    setting: ContactSetting,
+    given: Mapping[str, float],
+    timestep: float,
 ) -> int:
     """Make plate and body with their contact in an empty client; returns the body's id.
 
-    given: parameters of the setting by name, SI. timestep: s.
+    given: parameters of the setting by name, SI.
+    timestep: s.
     """
     from hcbench.engines.pybullet import plugin
 

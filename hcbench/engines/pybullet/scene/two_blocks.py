@@ -1,4 +1,5 @@
-"""The scene `two-blocks` in PyBullet, by plug-in or by Bullet's own contact: see `hcbench.sim.two_blocks`.
+"""The scene `two-blocks` in PyBullet, by plug-in or by Bullet's own
+contact: see `hcbench.sim.two_blocks`.
 
 Bullet's own contact is a restitution where the body is clear of the blocks; where they squeeze it,
 there is no impact, and it is a spring and damper. Both are right at one speed.
@@ -35,7 +36,9 @@ def _options(blocks: TwoBlocks) -> Mapping[str, Any]:
     return recipe(target).options
 
 
-def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats) -> tuple[Floats, Floats]:
+def simulate(
+    blocks: TwoBlocks, position: float, velocity: float, forces: Floats
+) -> tuple[Floats, Floats]:
     """Positions and velocities at the ends of steps; in a client of its own."""
     bullet = BulletClient.direct()
     try:
@@ -49,7 +52,8 @@ def _simulate(
 ) -> tuple[Floats, Floats]:
     """Positions, m, and velocities, m/s, along x before the first step and after each, (n + 1,).
 
-    position, velocity: at the start. forces: N, (n,), one for each step.
+    position, velocity: at the start.
+    forces: N, (n,), one for each step.
     """
     from hcbench.engines.pybullet import plugin
 

@@ -56,11 +56,14 @@ _SHAPE_TOLERANCE = 1e-6
 class PybulletWorld(World):
     """Balls and a plate in this process's client, as a scene and options have them.
 
-    balls: ids of the bodies. reports_force: whether `step` returns the normal force on each ball,
-    N; if not, nothing but gravity and the contact changes a ball's velocity.
+    balls: ids of the bodies.
+    reports_force: whether `step` returns the normal force on each ball, N; if not, nothing but
+    gravity and the contact changes a ball's velocity.
     """
 
-    def __init__(self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float) -> None:
+    def __init__(
+        self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float
+    ) -> None:
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
         self.scene = scene
         self.options = options
@@ -174,7 +177,8 @@ class PybulletWorld(World):
 
 
 class PybulletSimulation(Simulation):
-    """Launches under way; the position of one that is alone is read, of several worked out and checked.
+    """Launches under way; the position of one that is alone is read, of
+    several worked out and checked.
 
     oblique: whether to look along the plate too.
     """
@@ -217,7 +221,9 @@ class PybulletSimulation(Simulation):
 
     def keep(self, which: Flags) -> None:
         """Record only these from now on."""
-        self._which = [ball for ball, going in zip(self._which, which.tolist(), strict=True) if going]
+        self._which = [
+            ball for ball, going in zip(self._which, which.tolist(), strict=True) if going
+        ]
         self._position = self._position[which]
         self._motion = self._motion[which]
 
@@ -231,7 +237,9 @@ class PybulletSimulation(Simulation):
         return np.array([motion(self._world.balls[i]) for i in self._which])
 
     def _step(self, steps: int) -> tuple[list[Any], Any, Any]:
-        """Forces that each step reported, positions where they are read, velocity and spin, all after it."""
+        """Forces that each step reported, positions where they are read,
+        velocity and spin, all after it.
+        """
         step = self._world.step
         bullet = self._world.bullet
         recorder = self._world.recorder
@@ -255,10 +263,14 @@ class PybulletSimulation(Simulation):
         return forces, positions, motions
 
 
-def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions) -> tuple[int, int]:
+def _set_up(
+    bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions
+) -> tuple[int, int]:
     """An empty world, the two bodies in it, and the options on them; the bodies' ids."""
     bullet.resetSimulation()
-    bullet.setPhysicsEngineParameter(fixedTimeStep=timestep, **{**LASTING_SETTINGS, **options.world})
+    bullet.setPhysicsEngineParameter(
+        fixedTimeStep=timestep, **{**LASTING_SETTINGS, **options.world}
+    )
     bullet.setGravity(0.0, 0.0, -scene.gravity)
     check_ball(_urdf(scene, "ball"), scene)
     if options.links:
@@ -306,12 +318,16 @@ def _urdf(scene: Scene, role: str) -> Path:
             f"scene {scene.name!r}", f"no PyBullet model for the {role}", "a URDF file for it"
         ) from None
     if not path.is_file():
-        raise SceneError(f"scene {scene.name!r}", f"{path} does not exist", f"the URDF of the {role}")
+        raise SceneError(
+            f"scene {scene.name!r}", f"{path} does not exist", f"the URDF of the {role}"
+        )
     return path
 
 
 def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
-    (body,) = bullet.load_model(_urdf(scene, role), f"scene {scene.name!r}", useMaximalCoordinates=maximal)
+    (body,) = bullet.load_model(
+        _urdf(scene, role), f"scene {scene.name!r}", useMaximalCoordinates=maximal
+    )
     return body
 
 

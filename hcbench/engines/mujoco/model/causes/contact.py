@@ -134,7 +134,9 @@ def _restitution_fix(context: Context, e: float) -> tuple[str, Callable[[Any], N
     """(text, apply) of the fix that gives the contact this e."""
     solref = numbers(fixes.solref_of(e, context.timestep, context.integrator))
     other = ', integrator="implicitfast"' if context.integrator == "discrete" else ""
-    text = f'{context.names}: solref="{solref}" solimp="{numbers(STIFF_SOLIMP)}" (e = {e:.3g}{other})'
+    text = (
+        f'{context.names}: solref="{solref}" solimp="{numbers(STIFF_SOLIMP)}" (e = {e:.3g}{other})'
+    )
     return text, partial(fixes.set_restitution, geoms=context.all_geoms, e=e)
 
 

@@ -30,8 +30,9 @@ _DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 class Context:
     """A pair in a model, and the impacts to explain.
 
-    wanted: e over speed, where the user named one. gravity: (3,), m/s², in the world. shares: what
-    each cause took, as a share of the speed at touch.
+    wanted: e over speed, where the user named one.
+    gravity: (3,), m/s², in the world.
+    shares: what each cause took, as a share of the speed at touch.
     """
 
     place: PairAtTouch
@@ -69,7 +70,9 @@ class Context:
     @property
     def all_geoms(self) -> tuple[int, ...]:
         """All geoms that touch, those of the moving body first."""
-        moving, others = zip(*(_in_order(self.place, row[2]) for row in self.place.contact.rows), strict=True)
+        moving, others = zip(
+            *(_in_order(self.place, row[2]) for row in self.place.contact.rows), strict=True
+        )
         return tuple(dict.fromkeys(moving + others))
 
     @property

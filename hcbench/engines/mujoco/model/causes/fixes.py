@@ -1,4 +1,6 @@
-"""Fixes that the diagnosis suggests: numbers for a user to paste, and changes to a copy of the model."""
+"""Fixes that the diagnosis suggests: numbers for a user to paste, and
+changes to a copy of the model.
+"""
 
 from collections.abc import Sequence
 from functools import partial
@@ -21,7 +23,9 @@ def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]
     integrator allows it, else a spring and damper.
     """
     if integrator in ("RK4", "discrete"):
-        law = matched(min(max(e, _LEAST_E), 1.0), STEPS_OF_AN_EXPLICIT_SPRING * timestep, 1.0, Ending.FORCE)
+        law = matched(
+            min(max(e, _LEAST_E), 1.0), STEPS_OF_AN_EXPLICIT_SPRING * timestep, 1.0, Ending.FORCE
+        )
         return -law.stiffness, -law.damping
     return 0.0, -(1.0 + e) / timestep
 
@@ -45,7 +49,9 @@ def set_contact(
 
 def set_restitution(model: Any, geoms: Sequence[int], e: float) -> None:
     """Give the contact this e, at the step and under the integrator that the model has by then."""
-    set_contact(model, geoms, solref_of(e, float(model.opt.timestep), integrator_name(model)), STIFF_SOLIMP)
+    set_contact(
+        model, geoms, solref_of(e, float(model.opt.timestep), integrator_name(model)), STIFF_SOLIMP
+    )
 
 
 def set_options(model: Any, **values: Any) -> None:

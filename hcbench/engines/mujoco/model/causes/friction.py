@@ -21,7 +21,9 @@ _LIFT = 0.02
 
 
 def sliding_lift(context: Context) -> Iterator[Suspect]:
-    """Friction adds to the bounce: acceleration apart grows by impedance times μ times that of the slip."""
+    """Friction adds to the bounce: acceleration apart grows by impedance
+    times μ times that of the slip.
+    """
     contact = context.used
     friction = geom_friction(context.model, context.geoms)
     if contact is None or not friction:
@@ -55,7 +57,9 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
     )
 
 
-def pyramidal_cone(model: Any, impacts: Sequence[Impact], friction: float) -> tuple[Impact, Suspect] | None:
+def pyramidal_cone(
+    model: Any, impacts: Sequence[Impact], friction: float
+) -> tuple[Impact, Suspect] | None:
     """The impact in which friction is weakest although the body slides on, and the cone
     as what may weaken it: along the diagonal of the pyramid friction is 29 % below
     Coulomb's. None where nothing is short.
@@ -89,7 +93,9 @@ def _slides_on(along: Tangential) -> bool:
 
 
 def _soft_row(context: Context, friction: float) -> tuple[ConstraintRow, float]:
-    """A row of a few steps with the e that is wanted, so soft that friction hardly lifts; its impratio."""
+    """A row of a few steps with the e that is wanted, so soft that
+    friction hardly lifts; its impratio.
+    """
     # Here, as it imports SciPy's searches.
     from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, whole_step_row
 

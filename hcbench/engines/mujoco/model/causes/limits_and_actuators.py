@@ -38,7 +38,9 @@ def limits(context: Context) -> Iterator[Suspect]:
 
 
 def _reached(context: Context) -> tuple[list[int], list[int]]:
-    """Joints and tendons that are at a limit where the contact is deepest; all limited ones if none is."""
+    """Joints and tendons that are at a limit where the contact is
+    deepest; all limited ones if none is.
+    """
     model = context.model
     place = context.place
     mujoco = backend()

@@ -38,7 +38,9 @@ def integrator(context: Context) -> Iterator[Suspect]:
 
 
 def servo_damping(context: Context) -> Iterator[Suspect]:
-    """Servos whose damping an implicit integrator applies to what the contact gives, within the same step."""
+    """Servos whose damping an implicit integrator applies to what the
+    contact gives, within the same step.
+    """
     model = context.model
     off = context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
     if context.integrator not in ("implicit", "implicitfast") or off or not model.nu:
@@ -80,7 +82,10 @@ def resolution(context: Context) -> Iterator[Suspect]:
     law = context.used
     step = causes.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
     stiffness = law.stiffness_damping()[0] if law is not None else 0.0
-    if any(i.status is Status.DIVERGED for i in context.impacts) and stiffness * context.timestep**2 > 1:
+    if (
+        any(i.status is Status.DIVERGED for i in context.impacts)
+        and stiffness * context.timestep**2 > 1
+    ):
         text, apply = step.to(math.pi / math.sqrt(stiffness) / 40)
         yield Suspect(
             "unstable",

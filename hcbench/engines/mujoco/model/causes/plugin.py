@@ -25,7 +25,8 @@ _CURED = 4.0
 def slow_for_plugin(
     model: Any, impacts: Sequence[Impact], law: RestitutionCurve, gravity: float
 ) -> Iterator[Suspect]:
-    """Yield the step, where it is so long that the plug-in takes the slowest impacts for bodies at rest.
+    """Yield the step, where it is so long that the plug-in takes the
+    slowest impacts for bodies at rest.
 
     gravity: m/s², along the normal.
     """
