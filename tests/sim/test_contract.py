@@ -35,7 +35,7 @@ SOFT_SPRING = {"rows": [{"solref": [-9e4, -1.2], "solimp": [0.5, 0.5, 0.001, 0.5
 
 def test_an_engine_of_someone_elses_is_one_file_and_one_entry_point() -> None:
     lines = (OUTSIDE / "rk4_engine.py").read_text(encoding="utf-8").count("\n")
-    assert lines <= 150
+    assert lines <= 160
     command = [
         sys.executable,
         "-m",
