@@ -115,6 +115,16 @@ static void let_stand(instance* memory, int contact, double closing) {
   memory->stands[memory->stand++] = (standing){contact, closing};
 }
 
+/* Whether a mocap body lifts the contact's other body. MuJoCo takes a mocap body for one that stands still wherever the user moves
+   it: only MuJoCo's own rows, which push out by depth, lift what rests on it. After an impact that parts with e v, a contact is as
+   deep as v times the step at most; one that is deeper as it parts, for e of 1/4 and more, is being lifted. */
+static int is_lifted(const mjModel* m, const blow* b) {
+  int is_mocap = 0;
+  for (int side = 0; side < 2 && b->tendon < 0; side++) is_mocap |= m->body_mocapid[m->body_weldid[b->body[side]]] >= 0;
+  int approaches = -b->rate[0] > b->law.still, parts = b->rate[0] > b->law.still;
+  return is_mocap && b->touches && !approaches && (!parts || b->x > 4 * b->rate[0] * m->opt.timestep);
+}
+
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);

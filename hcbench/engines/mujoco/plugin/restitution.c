@@ -481,7 +481,8 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   int loaded = is_loaded(m, d);
   for (int i = 0; i < count; i++) {
     all[i].held = loaded && all[i].touches && !all[i].rests;
-    set_rows(m, d, memory, all + i, stage, loaded);
+    int is_new = stage < 2 || !planned(memory, all[i].instance, all[i].id, all[i].order);
+    if (!is_new || !is_lifted(m, all + i)) set_rows(m, d, memory, all + i, stage, loaded);
   }
   mj_freeStack(d);
 }
