@@ -178,7 +178,12 @@ class ModelBounce:
     def rests(
         self, max_depth: float | str | None = None, max_vibration: float | str | None = None
     ) -> Measurement:
-        """Assert most of the penetration ("1 mm") and of the vibration ("1e-4 m/s", rms) at rest."""
+        """Assert that at rest the body is in the floor by at most max_depth, and vibrates by less.
+
+        max_depth: "1 mm", or a number in m.
+        max_vibration: rms, "1e-4 m/s", or a number in m/s.
+        None: as the options of the fixture have it.
+        """
         asked = {"max_depth": max_depth, "max_vibration": max_vibration}
         limits = {
             name: self._options.get(name) if value is None else value

@@ -123,6 +123,9 @@ def _engines_below(rows: Sequence[Mapping[str, str]]) -> list[str]:
 def _engines_beside(scores: Sequence[EngineScore], rows: Sequence[Mapping[str, str]]) -> list[str]:
     """Lines of a table with a column for each engine and a row for
     each case, with the case's title.
+
+    scores: at least one. rows: one for each of them, in order: "engine", "version", then each case
+    with its sign, "" where it has none.
     """
     from hcbench.system.text import table
 

@@ -207,13 +207,16 @@ def _drop_record(drop: Landing) -> dict[str, Any]:
 
 
 def as_text(robots: Sequence[Landings]) -> str:
-    """The robots, one after the other in each drop, as lines for a terminal."""
+    """The robots, one after the other in each drop, as lines for a terminal.
+
+    All have the same drops; ValueError for others.
+    """
     lines = []
     for landings in robots:
         lines += headline(landings)
     names = labels(robots)
     rows = [_row(drop, name) for name, drop in by_drop(robots, names)]
-    header, rows = _without_constant(_HEADER, rows, len(robots) > 1)
+    header, rows = _without_model(_HEADER, rows, len(robots) > 1)
     header, rows = without_empty(header, rows, "impulse N s")
     lines += ["", *table(header, rows)]
     for name, landings in zip(names, robots, strict=True):
@@ -296,7 +299,7 @@ def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
     return rows
 
 
-def _without_constant(
+def _without_model(
     header: tuple[str, ...], rows: list[tuple[str, ...]], several: bool
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Without the column of the model where there is one robot."""

@@ -55,7 +55,10 @@ def body() -> Body:
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> MeasuredBounces:
-    """Bounces of parts of the data. UserError where the folder has not the archive."""
+    """Bounces whose place in the data, modulo PARTS, is one of `parts`; variant changes nothing.
+
+    Raises UserError without a folder, and for one that has not the archive.
+    """
     if folder is None:
         raise UserError(
             "--data", "not given", "the folder of cogsys-tuebingen/spindoe", "It has no licence"

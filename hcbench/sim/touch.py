@@ -42,7 +42,8 @@ def travel_by_distance(
     shapes on a straight approach.
 
     distance: moves to a travel and returns the signed distance there, m.
-    size: of the smaller one, m.
+    size: of the smaller of that part and what it would be in, m: its bounding radius in MuJoCo,
+    the diagonal of its box in PyBullet.
     approach: how much the distance falls a unit of travel.
     """
     travel = best = 0.0
@@ -145,6 +146,7 @@ def require_reachable(
     size: of the smaller one, m.
     pair: names of the two that should meet, the moving body first.
     blocked: the part that moves with it, and what it would be in, as an error calls them.
+    advice: the end of the error.
     """
     if depth > DEEPEST * size:
         raise UserError(

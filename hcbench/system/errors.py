@@ -107,7 +107,7 @@ class OutputError(CannotRun):
 
 
 class LimitPassed(HcbenchError):  # noqa: N818
-    """A measured number is outside its limit."""
+    """A measured number is outside its limit, or a case has not the verdict that was expected."""
 
     exit_code = 1
 

@@ -343,6 +343,7 @@ def _measured_pair(
 ) -> TunedPair:
     """Launched at these speeds, at phases over the whole step.
 
+    speeds: m/s. With halvings the setting is also judged by launches that no search saw.
     halvings: how often speeds between the worst one and its neighbours are added, to
     look for a larger error; each speed is then launched at the phases between which e
     differs, too, as `measure` does.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
+import xml.etree.ElementTree as ET
 from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,9 +17,9 @@ import pytest
 
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.scene import scene_model
-from hcbench.engines.mujoco.scene.mjcf import model_xml
+from hcbench.engines.mujoco.scene.mjcf import model_xml, set_mass
 from hcbench.sim.backend import installed_version
-from hcbench.system.errors import EngineFailed, EngineMissing, SettingError
+from hcbench.system.errors import EngineFailed, EngineMissing, SceneError, SettingError
 from hcbench.terms.impact import Impact, Launch, Status
 from hcbench.terms.scene import Scene, load_scene
 from hcbench.terms.setting import Setting
@@ -532,3 +533,12 @@ def test_a_mujoco_too_old_for_a_setting_is_reported(
 
 def test_the_version_is_the_installed_one() -> None:
     assert ENGINE.version() == mujoco.__version__
+
+
+@pytest.mark.parametrize(
+    "mass", ['mass="0"', 'mass="-1"', 'mass="nan"', 'mass="inf"', 'mass="heavy"', ""]
+)
+def test_an_inertial_without_a_mass_above_0_is_refused_by_the_bodys_name(mass: str) -> None:
+    body = ET.fromstring(f'<body name="block"><inertial {mass} diaginertia="1 1 1"/></body>')
+    with pytest.raises(SceneError, match=r"<inertial> of 'block'.*a mass in kg above 0"):
+        set_mass(body, 1.0, Path("scene.xml"))

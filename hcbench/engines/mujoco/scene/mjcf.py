@@ -9,6 +9,7 @@ in a cup the tendon `contact`.
 from __future__ import annotations
 
 import copy
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -171,21 +172,25 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
     """Give a body this mass, kg, and the inertia of the same shape at another density: at its own
     the inertia stays as it is, to the bit.
 
-    Raises SceneError for an <inertial> without a mass above 0.
+    Without an <inertial>, its geom "ball" gets the mass. Raises SceneError for an <inertial>
+    without a finite mass above 0.
     """
     inertial = body.find("inertial")
     if inertial is None:
         named(body, "geom", "ball", path).set("mass", numbers_text([mass]))
         return
     try:
-        ratio = mass / float(inertial.get("mass", "nan"))
+        before = float(inertial.get("mass", "nan"))
+        if not 0 < before < math.inf:
+            raise ValueError(before)
+        ratio = mass / before
         for key in ("diaginertia", "fullinertia"):
             if ratio != 1.0 and (inertia := inertial.get(key)) is not None:
                 inertial.set(key, numbers_text(float(number) * ratio for number in inertia.split()))
-    except (ValueError, ZeroDivisionError):
+    except ValueError:
         raise SceneError(
             str(path),
-            f"the <inertial> of 'ball' has mass {inertial.get('mass')!r}",
+            f"the <inertial> of {body.get('name')!r} has mass {inertial.get('mass')!r}",
             "a mass in kg above 0",
         ) from None
     inertial.set("mass", numbers_text([mass]))
