@@ -42,8 +42,8 @@ def travel_by_distance(
     shapes on a straight approach.
 
     distance: moves to a travel and returns the signed distance there, m.
-    size: of the smaller of that part and what it would be in, m: its bounding radius in MuJoCo,
-    the diagonal of its box in PyBullet.
+    size: of the smaller of that part and what it would be in, m: a bounding radius or the diagonal
+    of a box, as the engine has it.
     approach: how much the distance falls a unit of travel.
     """
     travel = best = 0.0
