@@ -120,7 +120,11 @@ static void let_stand(instance* memory, int contact, double closing) {
    deep as v times the step at most; one that is deeper as it parts, for e of 1/4 and more, is being lifted. */
 static int is_lifted(const mjModel* m, const blow* b) {
   int is_mocap = 0;
-  for (int side = 0; side < 2 && b->tendon < 0; side++) is_mocap |= m->body_mocapid[m->body_weldid[b->body[side]]] >= 0;
+  for (int side = 0; side < 2 && b->tendon < 0; side++) {
+    /* Before MuJoCo 4 a mocap body and what is fixed to it are welded to the world, since then to the mocap body. */
+    int root = m->body_rootid[b->body[side]], weld = m->body_weldid[b->body[side]];
+    is_mocap |= m->body_mocapid[root] >= 0 && (weld == 0 || weld == root);
+  }
   int approaches = -b->rate[0] > b->law.still, parts = b->rate[0] > b->law.still;
   return is_mocap && b->touches && !approaches && (!parts || b->x > 4 * b->rate[0] * m->opt.timestep);
 }
