@@ -34,13 +34,13 @@ typedef struct { /* a number of the config, or where in numeric_data it is */
 } number;
 
 typedef struct { /* what stages of a Runge-Kutta step share of one contact */
-  int instance, id, order, rows, stands;
-  double value[ROWS], closing;
+  int instance, id, order, rows;
+  double value[ROWS], closing, stands; /* stands: see stray_share */
 } plan;
 
-typedef struct { /* a contact of MuJoCo that is to stand after a step, but for an approach of `closing` */
+typedef struct { /* a contact of MuJoCo that is to stand after a step, but for an approach of `closing`, and up to a share of rest */
   int contact;
-  double closing;
+  double closing, share;
 } standing;
 
 typedef struct { /* an instance, in mjData.plugin_data */

@@ -17,12 +17,15 @@
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
 #define HCB_STANDS 1e-5        /* m/s and rad/s, up to which a contact stands still */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
+#define HCB_FALLS 0.25         /* there, of bodies at rest that the solver has let go */
+#define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
   int instance, id, order, contact, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
-  double rate[6], friction[5], slip, parting, swing, x, constant; /* swing: at most what turning adds to the rate in a step;
-                                                            constant: solref's first number */
+  double rate[6], turn[3], friction[5]; /* turn: of the rates the last three, after the impact */
+  double slip, dilation, parting, swing, x, constant; /* dilation: speed at which the slip parts MuJoCo's cones; swing: at most what
+                                                         turning adds to the rate in a step; constant: solref's first number */
   const double *point, *frame;
   hcb_contact law;
 } blow;
@@ -40,7 +43,9 @@ static void add_to_AR(const mjModel* m, mjData* d, int row, double change) {
 }
 
 /* Whether forces of rewritten rows start from 0: PGS takes them from the last step's accelerations times D, which for rows as stiff
-   is noise, for which it would give up all forces that it starts from. Nothing else of a step reads D under PGS. */
+   is noise, for which it would give up all forces that it starts from. Nothing else of a step reads D under PGS. D is too small for
+   any force: from one above mjMINVAL PGS goes on along a ray of its elliptic cone, which it gives up where the force's square is
+   below mjMINVAL, so that the contact would never bear anything. */
 static int starts_at_rest(const mjModel* m, const mjData* d) {
   return m->opt.solver == mjSOL_PGS && d->efc_AR && !(m->opt.enableflags & mjENBL_FWDINV);
 }
@@ -48,7 +53,7 @@ static int starts_at_rest(const mjModel* m, const mjData* d) {
 static void set_row(const mjModel* m, mjData* d, int row, double acceleration_, double compliance) {
   double *KBIP = d->efc_KBIP + 4 * row, before = d->efc_R[row];
   d->efc_R[row] = fmax(d->efc_R[row] * KBIP[2] / (1 - KBIP[2]) * compliance, mjMINVAL);
-  d->efc_D[row] = starts_at_rest(m, d) ? mjMINVAL : 1 / d->efc_R[row];
+  d->efc_D[row] = starts_at_rest(m, d) ? HCB_NO_FORCE : 1 / d->efc_R[row];
   add_to_AR(m, d, row, d->efc_R[row] - before);
   KBIP[0] = 1; /* mj_referenceConstraint comes next and computes -B vel - K I (pos - margin) */
   KBIP[1] = 0;
@@ -62,9 +67,10 @@ static void set_row(const mjModel* m, mjData* d, int row, double acceleration_, 
 #endif
 }
 
-/* Whether forces other than gravity and contact may press bodies together: of joints and what drives them, or applied. */
+/* Whether forces other than gravity and contact may press bodies together: of joints and what drives them, of equalities and
+   tendons between free bodies, or applied. */
 static int is_loaded(const mjModel* m, const mjData* d) {
-  int loaded = 0;
+  int loaded = d->ne > 0 || m->ntendon > 0 || m->nu > 0;
   for (int j = 0; j < m->nv && !loaded; j++) loaded = d->qfrc_applied[j] != 0 || !is_lone(m, j);
   for (int k = 6; k < 6 * m->nbody && !loaded; k++) loaded = d->xfrc_applied[k] != 0;
   return loaded;
@@ -95,24 +101,25 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
   return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
 }
 
-/* Whether a contact is to stand, and the solver may let it move: one of bodies with joints; under Newton, where it slides. */
-static int may_stray(const mjModel* m, const blow* b) {
-  int jointed = 0;
-  for (int side = 0; side < 2 && b->tendon < 0; side++) {
-    int body = m->body_weldid[b->body[side]];
-    jointed |= m->body_dofnum[body] > 0 && !is_lone(m, m->body_dofadr[body]);
-  }
-  double slides = fmax(b->slip, hypot(b->rate[1], b->rate[2]));
-  return jointed && (b->rests || b->held) && (m->opt.solver != mjSOL_NEWTON || slides > HCB_STRAYS * b->law.still);
+/* From which share of the speed that counts as rest on a contact that is to stand is solved again (strays.c); 0: never. That is
+   for contacts that turn against friction; that slide, or are pressed by other forces than rest.c knows, but for Newton where only
+   one is so; and under PGS at rest, whose elliptic cones at times let bodies fall without any force. */
+static double stray_share(const mjModel* m, const blow* b, int loaded) {
+  double slow = HCB_STRAYS * b->law.still;
+  int slides = fmax(b->slip, hypot(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
+  int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + slides;
+  if (b->tendon >= 0 || !(b->rests || b->held)) return 0;
+  return turns || reasons > 1 ? HCB_STRAYS : m->opt.solver == mjSOL_PGS ? HCB_FALLS : 0;
 }
 
 /* Marks a contact of MuJoCo as one that is to stand after the step. */
-static void let_stand(instance* memory, int contact, double closing) {
+static void let_stand(instance* memory, int contact, double closing, double share) {
+  if (share == 0) return;
   if (memory->stand == memory->room_to_stand) {
     memory->room_to_stand = memory->room_to_stand ? 2 * memory->room_to_stand : 16;
     memory->stands = realloc(memory->stands, memory->room_to_stand * sizeof(standing));
   }
-  memory->stands[memory->stand++] = (standing){contact, closing};
+  memory->stands[memory->stand++] = (standing){contact, closing, share};
 }
 
 /* Whether a mocap body lifts the contact's other body. MuJoCo takes a mocap body for one that stands still wherever the user moves
@@ -137,19 +144,19 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
     double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;
-    now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - mu * b->slip - closing) / h;
+    now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - b->dilation - closing) / h;
     if ((!b->rests && !b->held) || stage > 1) now.value[i] = i && !b->cone ? 0 : HCB_SILENT; /* new ones wait for the next step */
   }
   if (stage == 1) {
     made = new_plan(memory, b->instance, b->id, b->order);
     made->rows = now.rows;
-    made->stands = may_stray(m, b);
+    made->stands = stray_share(m, b, loaded);
     made->closing = closing;
     memcpy(made->value, now.value, sizeof(now.value));
   }
   if (made && made->rows == now.rows) now = *made;
-  if (stage == 0 && may_stray(m, b)) let_stand(memory, b->contact, closing);
-  if (stage == 4 && made && made->stands) let_stand(memory, b->contact, made->closing);
+  if (stage == 0) let_stand(memory, b->contact, closing, stray_share(m, b, loaded));
+  if (stage == 4 && made) let_stand(memory, b->contact, made->closing, made->stands);
   if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
   for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);
 }

@@ -174,6 +174,37 @@ static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, 
   return (hcb_system){n, t->parts, t->at, rows, c};
 }
 
+/* How fast a contact slips, along the direction of (u1, u2), and by how much MuJoCo's cones part it for that: each edge of a
+   pyramid by its own friction times its rate, an elliptic cone by the norm of these; of turning as of sliding. */
+static void set_slip(blow* b, double u1, double u2, double slip) {
+  double fastest = hypot(u1, u2), share = fastest > 0 ? slip / fastest : 0;
+  double rate[5] = {share * u1, share * u2, b->turn[0], b->turn[1], b->turn[2]}, most = 0, sum = 0;
+  for (int k = 0; k < b->dim - 1; k++) {
+    double parts = fabs(b->friction[k] * rate[k]);
+    most = fmax(most, parts);
+    sum += parts * parts;
+  }
+  b->slip = slip;
+  b->dilation = b->cone ? most : sqrt(sum);
+}
+
+/* Adds to the rates at which contacts with friction against turning turn what impulses change them by. */
+static void add_turning(const mjModel* m, mjData* d, blow** of, int n, const double* impulse) {
+  int any = 0;
+  for (int i = 0; i < n; i++) any |= of[i]->dim > 3;
+  if (!any) return;
+  double* change = stack(d, m->nv);
+  mj_solveM(m, d, change, impulse, 1);
+  for (int i = 0; i < n; i++) {
+    for (int side = 0; side < 2 && of[i]->dim > 3; side++) {
+      int body = m->body_weldid[of[i]->body[side]];
+      for (int j = m->body_dofadr[body] + m->body_dofnum[body] - 1; j >= 0; j = m->dof_parentid[j]) {
+        for (int k = 0; k < 3; k++) of[i]->turn[k] += (side ? 1 : -1) * change[j] * dot(d->cdof + 6 * j, of[i]->frame + 3 * k);
+      }
+    }
+  }
+}
+
 /* Impacts of contacts that touch, into `impulse`; which of them rest then, and slip how fast. impulse: NULL where none collides;
    gravity: NULL without. */
 static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* gravity) {
@@ -203,10 +234,11 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   }
   for (int i = 0; i < n; i++) rests[i] = of[i]->rests = u[3 * i] <= calm[i];
   hcb_resting_slip(&s, gains, rests, slip, work);
+  if (impulse) add_turning(m, d, of, n, impulse);
   for (int i = 0; i < n; i++) {
     of[i]->parting = u[3 * i];
     double slides = hypot(u[3 * i + 1], u[3 * i + 2]);
-    of[i]->slip = rests[i] ? fmin(slip[i], slides) : slides;
+    set_slip(of[i], u[3 * i + 1], u[3 * i + 2], rests[i] ? fmin(slip[i], slides) : slides);
   }
   mj_freeStack(d);
 }
@@ -453,7 +485,8 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       blow* b = all + i;
       b->rests = b->touches && b->rate[0] <= b->law.still;
       b->parting = b->rate[0];
-      b->slip = b->rests ? 0 : hypot(b->rate[1], b->rate[2]);
+      mju_copy3(b->turn, b->rate + 3);
+      set_slip(b, b->rate[1], b->rate[2], b->rests ? 0 : hypot(b->rate[1], b->rate[2]));
       double slow = HCB_CREEPS * b->law.still, *u = b->rate;
       slides |= b->rests && b->friction[0] > 0 && u[1] * u[1] + u[2] * u[2] > slow * slow;
       collides |= b->touches && (-b->rate[0] > b->law.still || b->tendon >= 0);

@@ -1,9 +1,14 @@
 /* After a step: contacts that were to stand, or not to close again, and do not, are solved again, as impacts of e = 0 with
    friction in place of the solver's forces. These are wrong where
-     - feet slide: MuJoCo's cones part a contact by its friction times its slip, which rest.c takes back for a slip that it
-       works out before the solver, without servos and limits. Feet would sink as long as they slide;
+     - bodies slide or turn against friction: MuJoCo's cones part a contact by its friction times its slip, which rest.c takes back
+       for a slip that it works out before the solver, without servos and limits, and as if equalities were kept, which the solver
+       takes their time constant to correct. Feet would sink as long as they slide;
+     - PGS lets a contact with an elliptic cone go: its normal row, which it solves first and alone, needs no force as long as
+       less approach is left than rest.c has taken back, and without that there is no friction;
      - joints are damped much: the solver's forces are for M, and the step then moves bodies by (M - h D)^-1 of them;
-     - the solver stops early. */
+     - the solver stops early.
+   These impacts are between bodies as they are, without equalities: one that is broken pulls a body down faster than what all
+   of it would do together. */
 
 /* The rate of a contact along one of its axes at the velocities of the data. */
 static double rate_along(const mjModel* m, const mjData* d, const mjContact* c, int axis) {
@@ -25,9 +30,9 @@ static double rate_along(const mjModel* m, const mjData* d, const mjContact* c, 
   return sum;
 }
 
-static double strays_from(const mjModel* m, const mjContact* c) {
+static double strays_from(const mjModel* m, const mjContact* c, double share) {
   int body[2] = {m->geom_bodyid[c->geom[0]], m->geom_bodyid[c->geom[1]]};
-  return HCB_STRAYS * HCB_STILL * fall(m, body, c->frame) + 1e-9;
+  return share * HCB_STILL * fall(m, body, c->frame) + 1e-9;
 }
 
 /* The solver's forces of a contact over the step, N; none of RK4, which has four. */
@@ -41,7 +46,8 @@ static int strays(const mjModel* m, const mjData* d, const instance* memory) {
   int found = 0;
   for (int i = 0; i < memory->stand; i++) {
     int k = memory->stands[i].contact;
-    double rate = rate_along(m, d, d->contact + k, 0) + memory->stands[i].closing, slow = strays_from(m, d->contact + k), force[6];
+    double rate = rate_along(m, d, d->contact + k, 0) + memory->stands[i].closing, force[6];
+    double slow = strays_from(m, d->contact + k, memory->stands[i].share);
     if (rate > slow) solver_force(m, d, k, force);
     found |= (-rate > slow ? 1 : 0) | (rate > slow && force[0] > 0 ? 2 : 0);
   }
@@ -88,8 +94,7 @@ static void hold_still(const mjModel* m, mjData* d, int first, int anew) {
   double h = m->opt.timestep;
   memory->stand = 0;
   mj_markStack(d);
-  tree_parts t = make_parts(m, d, first, 1);
-  factor_held(m, d, &t);
+  tree_parts t = make_parts(m, d, first, 0);
   hcb_rows* rows = mj_stackAllocByte(d, (n + 1) * sizeof(hcb_rows), sizeof(double));
   hcb_contact* laws = mj_stackAllocByte(d, (n + 1) * sizeof(hcb_contact), sizeof(double));
   double *u = stack(d, 3 * n), *p = stack(d, 3 * n), *work = stack(d, hcb_impacts_work(n, t.parts, nv)), *change = stack(d, nv);
@@ -98,7 +103,7 @@ static void hold_still(const mjModel* m, mjData* d, int first, int anew) {
     const mjContact* c = d->contact + memory->stands[i].contact;
     double force[6];
     rows[i] = rows_in_step(m, d, &t, c, damped, u + 3 * i);
-    laws[i] = (hcb_contact){HCB_CONSTANT, 0, c->dim > 1 ? c->friction[0] : 0, strays_from(m, c), 0, 0};
+    laws[i] = (hcb_contact){HCB_CONSTANT, 0, c->dim > 1 ? c->friction[0] : 0, strays_from(m, c, HCB_STRAYS), 0, 0};
     if (!anew) continue;
     solver_force(m, d, memory->stands[i].contact, force);
     push_change(&t, rows + i, force, -h, change);
