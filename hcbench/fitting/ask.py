@@ -86,7 +86,7 @@ def fit(
     ('hunt-crossley', 0.3)
 
     """
-    paths = [Path(file) for file in files]
+    paths = list(map(Path, files))
     if not paths:
         advice = "`hcbench fit --help` shows what"
         raise UserError("files", "none given", "a file of measured bounces", advice)
@@ -103,7 +103,10 @@ def fit(
     )
     if len(paths) == 1 and has_force(paths[0], kind):
         raise UserError("files", f"{paths[0]}, forces", "measured bounces", "Use `fit_force`")
-    others = [Path(file) for file in ([against] if isinstance(against, str | Path) else against)]
+    if isinstance(against, str | Path):
+        others = [Path(against)]
+    else:
+        others = list(map(Path, against))
     return fit_files(paths, others, law, kind, setup, read_excerpt(begin, end, touches))
 
 
@@ -178,9 +181,15 @@ def fit_files(
 def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
     """The part of a recording that a user names: times, SI or with
     units, and touches such as "B2:14".
+
+    Raises QuantityError for a time that is none, and UserError for touches of another form.
     """
-    first = 0.0 if begin is None else units.parse(begin, "time", "from", least=0)
-    last = None if end is None else units.parse(end, "time", "to", above=0)
+    first = 0.0
+    if begin is not None:
+        first = units.parse(begin, "time", "from", least=0)
+    last = None
+    if end is not None:
+        last = units.parse(end, "time", "to", above=0)
     train, numbers = _touches(touches)
     return Excerpt(first, last, train, numbers)
 
@@ -196,7 +205,7 @@ def _touches(text: str | None) -> tuple[int | None, range | None]:
     if match is None or not text.strip():
         raise UserError("--touches", repr(text), expected)
     letter, first, last = match.groups()
-    train = ord(letter.upper()) - ord("A") if letter else 0
+    train = ord((letter or "A").upper()) - ord("A")
     if first is None:
         return train, None
     if not 0 < int(first) < int(last):

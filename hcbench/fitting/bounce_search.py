@@ -259,9 +259,10 @@ class _Search:
         # A click this weak is one of many: as many again are too weak to be seen.
         weak = self.level.min() + _AS_LOUD
         while (h := int(self.before[i, j])) >= 0:
-            if self.score[i, j] - self.score[h, i] > (
-                _LEAST_OF_WEAK if self.level[j] < weak else _LEAST_GAIN
-            ):
+            least = _LEAST_GAIN
+            if self.level[j] < weak:
+                least = _LEAST_OF_WEAK
+            if self.score[i, j] - self.score[h, i] > least:
                 break
             i, j = h, i
         return i, j
@@ -275,7 +276,8 @@ class _Search:
         clicks = [j, i]
         gaps = []
         while True:
-            gaps.append(2 if self.gap[i, j] else 1)
+            # An unheard touch makes two flights of one.
+            gaps.append(1 + int(self.gap[i, j]))
             h = int(self.before[i, j])
             if h < 0:
                 break
@@ -295,7 +297,11 @@ def _ln_normal(away: Floats, sd: Floats) -> Floats:
 
 def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
     """ln of the odds of a touch against clutter by the change of level, dB: loudness goes as speed."""
-    away = (change - 20.0 * np.log10(np.maximum(e, 0.05)) * (2.0 if gap else 1.0)) / _LOUDNESS
+    impacts = 1.0
+    if gap:
+        # Another impact, unheard, lies between the two.
+        impacts = 2.0
+    away = (change - 20.0 * np.log10(np.maximum(e, 0.05)) * impacts) / _LOUDNESS
     return np.asarray(
         math.log(_LOUDEST / (_LOUDNESS * math.sqrt(2.0 * math.pi)))
         - 0.5 * np.minimum(away**2, _CUT)

@@ -58,10 +58,15 @@ class Budget:
 
 
 def error_budget(fit: LawFit, sets: Sequence[Dataset]) -> Budget:
-    """Compute the budget of a law's first named parameter: α, or e of a constant."""
+    """Compute the budget of a law's first named parameter: α, s/m, or e of a constant.
+
+    sets: those that the law was fitted to, in the order of the fit; all have one setup.
+    """
     name = next(iter(fit.law.describe(tuple(fit.parameters), fit.reference)))
     setup = sets[0].setup
-    inputs = list(setup.perturbed()) if any(s.needs_gravity for s in sets) else []
+    inputs = []
+    if any(s.needs_gravity for s in sets):
+        inputs = list(setup.perturbed())
     setups = [shifted for _, _, shifted in inputs]
     has_touches = any(s.kind in ("times", "sound") for s in sets)
     is_left_out = setup.contact_time.value == 0.0 and has_touches
@@ -74,7 +79,9 @@ def error_budget(fit: LawFit, sets: Sequence[Dataset]) -> Budget:
     for (source, uncertainty, _), move in zip(inputs, moves, strict=False):
         share = abs(_value(fit, name, move) - at)
         rows.append(BudgetRow(source.replace("_", " "), "B", uncertainty, share))
-    left_out = _value(fit, name, moves[-1]) - at if is_left_out else 0.0
+    left_out = 0.0
+    if is_left_out:
+        left_out = _value(fit, name, moves[-1]) - at
     return Budget(name, (*_noise_rows(fit, name), *rows), left_out)
 
 
@@ -89,12 +96,13 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
     for s, own, latent, model, noise in zip(
         sets, fit.own, fit.latent, fit.models, fit.noise, strict=True
     ):
-        shifted = [s.with_setup(setup).linearise(fit.curve, own, latent) for setup in setups]
-        # The shapes also hold without any setup, where the lists are empty.
-        residuals = np.array([other.residual - model.residual for other in shifted])
-        residuals = residuals.reshape(len(setups), len(model.residual))
-        offsets = np.array([other.prior[:, 0] - model.prior[:, 0] for other in shifted])
-        offsets = offsets.reshape(len(setups), len(own))
+        # Changes of the residual and of the prior's offsets by each setup.
+        residuals = np.empty((len(setups), len(model.residual)))
+        offsets = np.empty((len(setups), len(own)))
+        for i, setup in enumerate(setups):
+            shifted = s.with_setup(setup).linearise(fit.curve, own, latent)
+            residuals[i] = shifted.residual - model.residual
+            offsets[i] = shifted.prior[:, 0] - model.prior[:, 0]
         reduced = reduce(model, residuals.T, offsets)
         matrix, _ = reduced.profile(np.array(fit.scatter), np.array(noise))
         total += matrix[:q]
@@ -105,8 +113,10 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
 
 
 def _noise_rows(fit: LawFit, name: str) -> list[BudgetRow]:
-    """Scatter, and the noise of measuring: the posterior's spread,
+    """Rows of the scatter of e and of the noise of measuring: the posterior's spread,
     divided as their variances divide it.
+
+    name: of the parameter, whose unit the spread has.
     """
     posterior = fit.posterior
     values = fit.values(name)
@@ -114,14 +124,15 @@ def _noise_rows(fit: LawFit, name: str) -> list[BudgetRow]:
     spread = float(np.sqrt((values - mean) ** 2 @ posterior.weight))
     scatter = noise = 0.0
     q = len(fit.parameters)
-    direction = np.array(
-        [_value(fit, name, 1e-6 * unit) - _value(fit, name, -1e-6 * unit) for unit in np.eye(q)]
-    )
-    hessian = sum(
-        r.profile(np.array(fit.scatter), np.array(n))[0][:q, :q]
-        for r, n in zip(fit.reduced, fit.noise, strict=True)
-    )
-    gain = np.linalg.lstsq(np.asarray(hessian), direction, rcond=1e-12)[0]
+    # By central differences: only its direction matters below.
+    direction = np.empty(q)
+    for i, unit in enumerate(np.eye(q)):
+        direction[i] = _value(fit, name, 1e-6 * unit) - _value(fit, name, -1e-6 * unit)
+    hessian = np.zeros((q, q))
+    for reduced, s_m in zip(fit.reduced, fit.noise, strict=True):
+        matrix, _ = reduced.profile(np.array(fit.scatter), np.array(s_m))
+        hessian += matrix[:q, :q]
+    gain: Floats = np.asarray(np.linalg.lstsq(hessian, direction, rcond=1e-12)[0], dtype=float)
     for reduced, s_m in zip(fit.reduced, fit.noise, strict=True):
         by_scatter, by_noise = reduced.variance_parts(fit.scatter, s_m, gain)
         scatter = scatter + by_scatter

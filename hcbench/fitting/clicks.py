@@ -115,11 +115,12 @@ class Timer:
         self._times: dict[int, float] = {}
         pieces = [self._piece(self._onset_of(int(p))) for p in places]
         shifts = np.zeros(len(pieces))
+        # The template is the mean of the aligned pieces, and the pieces align to the template.
         for _ in range(3):
-            self.template = np.mean(
-                [_shifted(p, s) for p, s in zip(pieces, shifts, strict=True)], axis=0
-            )
-            shifts = np.array([_shift_to(self.template, p, self._reach) for p in pieces])
+            aligned = map(_shifted, pieces, shifts)
+            self.template = np.mean(list(aligned), axis=0)
+            for k, piece in enumerate(pieces):
+                shifts[k] = _shift_to(self.template, piece, self._reach)
             shifts -= np.median(shifts)
 
     def times(self, places: Indices) -> Floats:
@@ -192,4 +193,6 @@ def _shift_to(template: Floats, piece: Floats, reach: int) -> float:
         return float(top - reach)
     left, middle, right = score[top - 1 : top + 2]
     curvature = left - 2.0 * middle + right
-    return top - reach + (0.5 * (left - right) / curvature if curvature else 0.0)
+    if curvature == 0.0:
+        return float(top - reach)
+    return float(top - reach + 0.5 * (left - right) / curvature)

@@ -271,10 +271,14 @@ def columns_of(table: Table) -> DataColumns:
 
 
 def _role(name: str) -> str:
+    """Role of a column with this name; "u_" and the role for an uncertainty, "" for an unknown
+    name.
+    """
     name = " ".join(name.split())
     if name in _ROLE_OF:
         return _ROLE_OF[name]
-    for bare in [name.removeprefix(b) for b in _BEFORE] + [name.removesuffix(a) for a in _AFTER]:
+    bare_names = [*map(name.removeprefix, _BEFORE), *map(name.removesuffix, _AFTER)]
+    for bare in bare_names:
         if bare != name and bare.strip() in _ROLE_OF:
             return f"u_{_ROLE_OF[bare.strip()]}"
     return ""

@@ -39,8 +39,10 @@ class Comparison:
     @property
     def line(self) -> str:
         """The verdict and the ratio, in words."""
-        verdict = "the materials differ" if self.differ else "no difference is seen"
-        compared = "α" if self.compared == "alpha" else "1 - e"
+        verdict = "no difference is seen"
+        if self.differ:
+            verdict = "the materials differ"
+        compared = {"alpha": "α", "one_minus_e": "1 - e"}[self.compared]
         interval = f"{self.ratio.value:.3g}, 95 %: {self.ratio.low:.3g} ... {self.ratio.high:.3g}"
         return f"{verdict}: {compared} is {interval} times theirs"
 
@@ -54,19 +56,30 @@ def compare(one: FitResult, other: FitResult) -> Comparison:
     if one.restitution is not None and other.restitution is not None:
         lost = ratio(_each(one, "restitution"), _each(other, "restitution"))
         return Comparison(files, "one_minus_e", lost, few)
-    slot = "the files" if one.alpha is None and one.restitution is None else "--against"
+    slot = "--against"
+    if one.alpha is None and one.restitution is None:
+        slot = "the files"
     raise UserError(slot, "no number to compare", "both with an α, or both with a constant e")
 
 
 def _each(result: FitResult, name: str) -> list[Estimate]:
     """α of each drop, or 1 - e ("restitution"); that of all together
     where drops have none of their own.
+
+    name: "alpha" or "restitution". Drops that have no such number are left out.
     """
-    found = [getattr(drop, name) for drop in result.drops] or [getattr(result, name)]
-    estimates = [estimate for estimate in found if estimate is not None]
-    if name == "alpha":
-        return estimates
-    return [replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low) for e in estimates]
+    estimates = []
+    for fitted in result.drops or [result]:
+        estimate: Estimate | None = getattr(fitted, name)
+        if estimate is None:
+            continue
+        if name == "restitution":
+            # The ends of the interval change places.
+            low = 1.0 - estimate.high
+            high = 1.0 - estimate.low
+            estimate = replace(estimate, value=1.0 - estimate.value, low=low, high=high)
+        estimates.append(estimate)
+    return estimates
 
 
 def as_text(comparison: Comparison) -> str:

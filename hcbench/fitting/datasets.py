@@ -124,8 +124,9 @@ def bounce_train(
     """
     q = curve.count
     impacts = len(latent)
-    # Number of launches: a thrown ball has one more, the throw itself.
-    count = impacts if dropped else impacts + 1
+    # A thrown ball has one launch more than impacts: the throw itself.
+    throws = int(not dropped)
+    count = impacts + throws
     launch = np.empty(count)
     touch = np.empty(impacts)
     by = np.zeros((count, 1 + q + impacts))
@@ -136,7 +137,7 @@ def bounce_train(
     gradient[0] = first
     for i in range(count):
         # The impact before launch i; none before the first launch of a thrown ball.
-        at = i if dropped else i - 1
+        at = i - throws
         if at >= 0:
             if i:
                 speed, slope = ballistics.touch(speed)
@@ -155,9 +156,13 @@ def bounce_train(
 
 
 def drop_prior(setup: MeasurementSetup, own: float) -> tuple[float, float]:
-    """(offset, standard deviation) of ln of the touch speed `own` as the drop height gives it."""
+    """(offset, standard deviation) of ln of the touch speed `own` as the drop height gives it.
+
+    own: ln of a speed, m/s. Without a drop height the prior is flat: (0, inf).
+    """
     height: Known | None = setup.height
-    assert height is not None
+    if height is None:
+        return 0.0, math.inf
     speed, slope = setup.ballistics.dropped(height.value)
     return math.log(speed) - own, max(slope * height.uncertainty / speed, 1e-7)
 
@@ -186,7 +191,9 @@ class TouchTimes(Dataset):
     @property
     def kind(self) -> str:
         """Name of the kind of data that the times came from."""
-        return "times" if self.picks is None else "sound"
+        if self.picks is None:
+            return "times"
+        return "sound"
 
     @property
     def known_noise(self) -> float | None:
@@ -195,9 +202,15 @@ class TouchTimes(Dataset):
 
     @property
     def _which(self) -> Indices:
-        return (
-            np.arange(len(self.times)) if self.numbers is None else self.numbers - self.numbers[0]
-        )
+        """Number of the touch at each time, from 0 for the first that was heard: shape (n,)."""
+        if self.numbers is None:
+            return np.arange(len(self.times))
+        return np.asarray(self.numbers - self.numbers[0])
+
+    @property
+    def _first_with_e(self) -> int:
+        """The first touch whose e is known: only a drop tells the speed into touch 0."""
+        return int(self.setup.height is None)
 
     def _launches(self) -> Floats:
         """Launch of every flight; of two that an unheard touch joins, half of both."""
@@ -212,7 +225,7 @@ class TouchTimes(Dataset):
         if self.numbers is None:
             return speed, e
         heard = set(self._which.tolist())
-        first = 0 if self.setup.height is not None else 1
+        first = self._first_with_e
         # An e takes the flights on both sides: with an unheard end, a flight's length is a guess.
         whole = []
         for touch in range(first, first + len(e)):
@@ -223,11 +236,10 @@ class TouchTimes(Dataset):
     def start(self) -> Floats:
         """Own parameters to start from."""
         height = self.setup.height
-        first = (
-            float(self._launches()[0])
-            if height is None
-            else self.setup.ballistics.dropped(height.value)[0]
-        )
+        if height is None:
+            first = float(self._launches()[0])
+        else:
+            first, _ = self.setup.ballistics.dropped(height.value)
         return np.array([self.times[0], math.log(first)])
 
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
@@ -252,14 +264,15 @@ class TouchTimes(Dataset):
         times = times[self._which]
         by = by[self._which]
         q = curve.count
-        of_speed = drop_prior(self.setup, own[1]) if dropped else (0.0, math.inf)
+        of_time = (0.0, math.inf)
+        of_speed = drop_prior(self.setup, own[1])
         return LinearModel(
             residual=self.times - times + by[:, 1 + q :] @ latent,
             by_own=np.stack([np.ones(len(times)), by[:, 0]], axis=1),
             by_law=by[:, 1 : 1 + q],
             by_scatter=by[:, 1 + q :],
             shape=np.ones(len(times)),
-            prior=np.array([[0.0, math.inf], of_speed]),
+            prior=np.array([of_time, of_speed]),
             speed=train.touch,
         )
 
@@ -276,22 +289,25 @@ class TouchTimes(Dataset):
     @property
     def widening(self) -> float:
         """The widening for clicks, some of which are mistimed by 0.1 to 0.5 ms."""
-        return _OF_CLICKS if self.picks is not None else 1.0
+        if self.picks is None:
+            return 1.0
+        return _OF_CLICKS
 
     @property
     def reservation(self) -> str:
         """Reason why the touches may not be the ball's; "" if they surely are or the user chose
         them.
         """
-        return reservation_of(self.heard) if self.heard else ""
+        if not self.heard:
+            return ""
+        return reservation_of(self.heard)
 
     def touches(self) -> list[str]:
         """Labels for the columns of by_scatter."""
         heard = dict(zip(self._which.tolist(), self.rows(), strict=True))
-        first = 0 if self.setup.height is not None else 1
         # No flight follows the last touch, so that it has no e.
-        last = int(self._which[-1])
-        return [heard.get(i, f"touch {i + 1}, unheard") for i in range(first, last)]
+        with_e = range(self._first_with_e, int(self._which[-1]))
+        return [heard.get(i, f"touch {i + 1}, unheard") for i in with_e]
 
 
 def pairs_of_launches(

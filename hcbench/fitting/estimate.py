@@ -121,12 +121,17 @@ def fit_law(
     width: per data set (m,), how much wider than s_e each e scatters; None: all alike.
     """
     parameters = _start(law, sets, reference)
-    own = [s.start() for s in sets]
-    latent = [np.zeros(len(s.touches())) for s in sets]
+    # One entry a data set: own parameters, relative changes of e, and s_m.
+    own: list[Floats] = []
+    latent: list[Floats] = []
+    noise: list[float] = []
+    for s in sets:
+        own.append(s.start())
+        latent.append(np.zeros(len(s.touches())))
+        noise.append(s.known_noise or 0.1 * s.noise_scale)
     if width is None:
-        width = [np.ones(len(one)) for one in latent]
+        width = list(map(np.ones_like, latent))
     scatter = 5e-3
-    noise = [s.known_noise or 0.1 * s.noise_scale for s in sets]
     grid = coarse_grid(sets)
     for step in range(_STEPS):
         curve = law.curve(tuple(parameters), reference)
@@ -134,7 +139,7 @@ def fit_law(
         for s, own_of_set, latent_of_set, wide in zip(sets, own, latent, width, strict=True):
             model = s.linearise(curve, own_of_set, latent_of_set)
             models.append(replace(model, by_scatter=model.by_scatter * wide))
-        reduced = [reduce(model) for model in models]
+        reduced = list(map(reduce, models))
         move, hessian = _law_step(reduced, scatter, noise, _BEYOND - parameters)
         own_moves = [r.own_step(scatter, n, move) for r, n in zip(reduced, noise, strict=True)]
         share = _share_of_step(move, own_moves)
@@ -189,9 +194,8 @@ def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floa
 
     reference: speed at which the parameters are defined, m/s.
     """
-    pairs = [s.pairs() for s in sets]
-    speed = np.concatenate([speeds for speeds, _ in pairs])
-    e = np.concatenate([restitutions for _, restitutions in pairs])
+    # Impacts of all data sets, shape (2, n): speeds, m/s, over e.
+    speed, e = np.concatenate([s.pairs() for s in sets], axis=1)
     log_e = np.log(np.clip(e, 1e-3, 1.0))
     middle = min(float(np.median(log_e)), -1e-3)
     parameters = np.full(law.count, middle / law.count)
@@ -240,7 +244,8 @@ def _posterior(
     cut off.
     """
     make = _line if law.count == 1 else _shares
-    centre, spread = move, None
+    centre = move
+    spread = None
     for _ in range(2):
         deltas, log_cell, allowed = make(parameters, centre, hessian, spread, fine)
         log_density = fine.log_posterior(deltas)[0] + log_cell
@@ -248,7 +253,10 @@ def _posterior(
         weight = np.exp(log_density - top)
         kept = np.where(allowed, weight, 0.0)
         beyond = 1.0 - kept.sum() / weight.sum()
-        used = kept if kept.sum() > 1e-6 * weight.sum() else weight
+        used = kept
+        # Where nearly all is cut off, the rest is a corner of the grid: it tells no centre.
+        if not kept.sum() > 1e-6 * weight.sum():
+            used = weight
         centre = np.average(deltas, axis=0, weights=used)
         spread = np.sqrt(np.average((deltas - centre) ** 2, axis=0, weights=used))
     posterior = Posterior(parameters + deltas, used / used.sum())
@@ -268,8 +276,12 @@ def _line(
     The mask is true where e is at most 1. The grid is centred on `centre` and as wide as `spread`;
     without a spread it is twice as wide as the curvature of the likelihood suggests.
     """
-    sd = 1.0 / math.sqrt(max(float(hessian[0, 0]), 1e-12)) if spread is None else float(spread[0])
-    factor = 2.0 * _WIDTH if spread is None else _WIDTH
+    if spread is None:
+        sd = 1.0 / math.sqrt(max(float(hessian[0, 0]), 1e-12))
+        factor = 2.0 * _WIDTH
+    else:
+        sd = float(spread[0])
+        factor = _WIDTH
     half = min(factor * max(sd, 1e-12), 20.0)
     delta = np.linspace(float(centre[0]) - half, float(centre[0]) + half, _POINTS)
     return delta[:, None], math.log(delta[1] - delta[0]), parameters[0] + delta <= 0.0
@@ -293,7 +305,10 @@ def _shares(
     hessian: shape (2, 2).
     """
     low, high = 0.0, 1.0
+    # The largest variance of ψ that the spreads of both parameters allow.
+    of_spread = 0.0
     if spread is not None:
+        of_spread = float(spread.sum()) ** 2
         with_alpha = parameters[0] + centre[0]
         total = float((parameters + centre).sum())
         half = _WIDTH * max(float(spread.max()), 1e-9) / max(abs(total), 1e-9)
@@ -305,7 +320,6 @@ def _shares(
     # Along each direction the likelihood is nearly normal in ψ: where it is largest, and how wide.
     curvature = np.einsum("fa,ab,fb->f", direction, hessian, direction)
     best = direction @ hessian @ (parameters + centre) / curvature
-    of_spread = 0.0 if spread is None else float(spread.sum()) ** 2
     sd = np.sqrt(1.0 / curvature + of_spread)
     across = np.linspace(-_WIDTH, _WIDTH, _SHARES)
     psi = best[:, None] + sd[:, None] * across
@@ -337,9 +351,11 @@ def estimate_of(fit: LawFit, name: str, inputs: float = 0.0) -> Estimate:
 
     inputs: standard uncertainty that comes from what was given, added in quadrature.
     """
-    return _estimate(
-        fit.values(name), fit.posterior.weight, inputs, 0.0, math.inf if name == "alpha" else 1.0
-    )
+    # An e is at most 1; α has no upper end.
+    most = 1.0
+    if name == "alpha":
+        most = math.inf
+    return _estimate(fit.values(name), fit.posterior.weight, inputs, 0.0, most)
 
 
 def widened(estimate: Estimate, factor: float) -> Estimate:
@@ -364,21 +380,22 @@ def alpha_of(
     inputs: standard uncertainty of α, s/m, from what was given, such as g.
     """
     kept = in_question(plain, lossy, odds)
-    estimates = [estimate_of(fit, "alpha", inputs) for fit in kept]
-    if len(estimates) == 1:
-        return estimates[0]
+    if len(kept) == 1:
+        return estimate_of(kept[0], "alpha", inputs)
+    without_e0 = estimate_of(plain, "alpha", inputs)
+    with_e0 = estimate_of(lossy, "alpha", inputs)
     lead = plain.log_evidence - lossy.log_evidence
     # exp of more than 709 overflows a float.
     lead = min(max(lead, -700.0), 700.0)
     # Posterior share of the law with e0, by Bayes' rule.
     share = 1.0 / (1.0 + math.exp(lead) / _PRIOR_OF_E0)
-    values = np.concatenate([fit.values("alpha") for fit in kept])
+    values = np.concatenate([plain.values("alpha"), lossy.values("alpha")])
     weight = np.concatenate(
         [(1.0 - share) * plain.posterior.weight, share * lossy.posterior.weight]
     )
     both = _estimate(values, weight, inputs, 0.0, math.inf)
-    low = min(estimate.low for estimate in estimates)
-    high = max(estimate.high for estimate in estimates)
+    low = min(without_e0.low, with_e0.low)
+    high = max(without_e0.high, with_e0.high)
     return Estimate(both.value, both.uncertainty, low, high)
 
 
@@ -395,10 +412,17 @@ def in_question(plain: LawFit, lossy: LawFit, odds: float) -> list[LawFit]:
 
 
 def _estimate(values: Floats, weight: Floats, inputs: float, least: float, most: float) -> Estimate:
+    """Median, standard deviation and 95 % interval of weighted values, all in their unit.
+
+    values, weight: shape (g,); the weights add up to 1.
+    inputs: standard uncertainty from what was given, added in quadrature.
+    least, most: bounds of the parameter, which the interval keeps to.
+    """
     low, middle, high = quantiles(values, weight, ENDS)
     mean = float(values @ weight)
     sd = math.sqrt(float((values - mean) ** 2 @ weight))
-    down, up = (math.hypot(side, SIGMAS_95 * inputs) for side in (middle - low, high - middle))
+    down = math.hypot(middle - low, SIGMAS_95 * inputs)
+    up = math.hypot(high - middle, SIGMAS_95 * inputs)
     return Estimate(
         middle, math.hypot(sd, inputs), max(least, middle - down), min(most, middle + up)
     )

@@ -87,7 +87,7 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
         return _Fitted(sets, fits, best.width, flags, ())
     widths = scatter_widths(LAWS[WITH_E0], sets, reference)
     impacts = doubted_impacts(sets, widths)
-    count = sum(len(wide) for wide in widths)
+    count = sum(map(len, widths))
     # So many outliers are none: another curve fits the data.
     if len(impacts) > MOST_OUTLIERS * count:
         return _Fitted(sets, fits, best.width, flags, ())
@@ -99,18 +99,27 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     """Fit of some data sets.
 
     law: a law's name, or "auto" for the one that the evidence chooses.
+
+    Raises UserError where no law comes near the data, or where they show no loss.
     """
     speeds = np.concatenate([s.pairs()[0] for s in sets])
     reference = float(np.exp(np.log(speeds).mean()))
     each = [_fitted([s], reference) for s in sets]
-    whole = each[0] if len(each) == 1 else _together(sets, each, reference)
+    is_alone = len(each) == 1
+    whole = each[0]
+    if not is_alone:
+        whole = _together(sets, each, reference)
     _require_loss(sets, whole)
     evidence = whole.evidence
     lack = _lack(each)
     drops = tuple(_drop(one, evidence) for one in each)
-    doubts = drops[0].doubts if len(drops) == 1 else _doubts_of_all(drops)
+    doubts = drops[0].doubts
+    if not is_alone:
+        doubts = _doubts_of_all(drops)
     # One file that can be used on its own takes the reservation from all.
-    reservation = sets[0].reservation if all(s.reservation for s in sets) else ""
+    reservation = ""
+    if all(s.reservation for s in sets):
+        reservation = sets[0].reservation
     chosen: str | None = law
     if law == "auto":
         chosen = chosen_law(evidence)
@@ -118,6 +127,12 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
             chosen = None
     fits = sorted(whole.fits.values(), key=lambda one: -one.log_evidence)
     odds = odds_of(evidence)
+    flags: list[Flag] = []
+    for one in each:
+        flags.extend(one.flags)
+    if is_alone:
+        # The only drop is the result itself.
+        drops = ()
     result = FitResult(
         sets=tuple(sets),
         asked=law,
@@ -129,12 +144,12 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
         restitution=None,
         speeds=(float(speeds.min()), float(speeds.max())),
         budget=error_budget(_of_alpha(whole, chosen), sets),
-        flags=tuple(flag for one in each for flag in one.flags),
+        flags=tuple(flags),
         lack=lack,
         warnings=(*_warnings(whole, each), *scale_warnings(whole.likeliest, sets)),
         doubts=doubts,
         reservation=reservation,
-        drops=drops if len(drops) > 1 else (),
+        drops=drops,
     )
     if not chosen and (doubts or lack.is_certain):
         return result
@@ -143,7 +158,9 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
 
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
     """The curve of all files at once; evidence: the product over files, each with its parameters."""
-    widths = [wide for one in each for wide in one.widths]
+    widths: list[Floats] = []
+    for one in each:
+        widths.extend(one.widths)
     fits = {}
     for name, law in LAWS.items():
         log_evidence = sum(one.fits[name].log_evidence for one in each)
@@ -188,10 +205,12 @@ def _lack_of_one(one: _Fitted) -> LackOfFit:
     best = one.likeliest
     names = {best.law.name, *(laws_left(one.evidence) - {WITH_E0})}
     log_odds, shape = min(smooth_change(one.fits[name], s) for name in names)
-    sticks = math.log(PRIOR_OF_ADHESION) + max(
-        adhesion(one.fits[name], s) + one.fits[name].log_evidence - best.log_evidence
-        for name in (PLAIN, "constant")
-    )
+    # ln of the odds of both laws with adhesion against the likeliest without.
+    leads = []
+    for fit in (one.fits[PLAIN], one.fits["constant"]):
+        with_adhesion = adhesion(fit, s) + fit.log_evidence
+        leads.append(with_adhesion - best.log_evidence)
+    sticks = math.log(PRIOR_OF_ADHESION) + max(leads)
     if sticks > log_odds:
         log_odds = sticks
         shape = "e falls at low speeds, as where bodies stick"
@@ -246,15 +265,20 @@ def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
     """Doubts of several files, each with the name of its file; empty
     where at least one can be used.
     """
-    if any(not drop.doubts for drop in drops):
-        return ()
-    return tuple(f"{drop.name}: {doubt}" for drop in drops for doubt in drop.doubts)
+    doubts: list[str] = []
+    for drop in drops:
+        if not drop.doubts:
+            return ()
+        doubts += [f"{drop.name}: {doubt}" for doubt in drop.doubts]
+    return tuple(doubts)
 
 
 def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) -> FitResult:
     """The result with α, e0 and e of the law that is chosen, or of those left where none is."""
-    evidence = whole.evidence
-    laws = {result.law} if result.law is not None else laws_left(evidence)
+    if result.law is not None:
+        laws = {result.law}
+    else:
+        laws = laws_left(whole.evidence)
     used = list(each)
     if result.drops:
         used = [one for one, drop in zip(each, result.drops, strict=True) if drop.alpha]
@@ -296,23 +320,36 @@ class _OverDrops:
 def _alpha_of_drops(
     result: FitResult, whole: _Fitted, each: Sequence[_Fitted], used: Sequence[_Fitted]
 ) -> _OverDrops:
-    """α with what g, height and the like add to its interval.
+    """α, s/m, with what g, height and the like add to its interval.
 
     used: the drops without doubts.
     """
     chosen = result.law
     evidence = whole.evidence
     inputs = result.budget.of_inputs
-    may_stick = not chosen and _may_stick(evidence, result.lack)
-    odds = math.inf if may_stick else ODDS_TO_DROP
+    odds = ODDS_TO_DROP
+    if not chosen and _may_stick(evidence, result.lack):
+        odds = math.inf
     if len(each) == 1:
         return _OverDrops(_own_alpha(whole, chosen, evidence, odds, inputs), None, [])
     own = [_own_alpha(one, chosen, evidence, odds) for one in used]
     shared = shared_value(own)
-    at = shared.estimate().value
-    alpha = shared.estimate(inputs / at if at else 0.0)
-    odd = [(used[k].sets[0].name, off) for k, off in odd_drops(own)]
-    return _OverDrops(alpha, shared.between, odd)
+    alpha = shared.estimate(_relative(inputs, shared.estimate().value))
+    return _OverDrops(alpha, shared.between, _odd_files(used, own))
+
+
+def _relative(uncertainty: float, value: float) -> float:
+    """A standard uncertainty as a share of the value; 0 where the value is 0."""
+    if not value:
+        return 0.0
+    return uncertainty / value
+
+
+def _odd_files(used: Sequence[_Fitted], values: Sequence[Estimate]) -> list[tuple[str, float]]:
+    """Names of the files whose value does not go with the others', and by how many standard
+    deviations it is off.
+    """
+    return [(used[k].sets[0].name, off) for k, off in odd_drops(values)]
 
 
 def _constant(
@@ -326,9 +363,8 @@ def _constant(
         return estimate_of(whole.fits["constant"], "restitution", inputs), None, []
     lost = [_lost(estimate_of(one.fits["constant"], "restitution")) for one in used]
     drops = shared_value(lost)
-    at = drops.estimate().value
-    per_drop = _lost(drops.estimate(inputs / at if at else 0.0))
-    return per_drop, drops.between, [(used[k].sets[0].name, off) for k, off in odd_drops(lost)]
+    per_drop = _lost(drops.estimate(_relative(inputs, drops.estimate().value)))
+    return per_drop, drops.between, _odd_files(used, lost)
 
 
 def _lost(e: Estimate) -> Estimate:
@@ -337,7 +373,9 @@ def _lost(e: Estimate) -> Estimate:
 
 
 def _odd_one(name: str, off: float) -> str:
-    side = "above" if off > 0 else "below"
+    side = "below"
+    if off > 0:
+        side = "above"
     return (
         f"{name} does not go with the other files: {abs(off):.1f} standard deviations {side} them"
     )
@@ -348,7 +386,9 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
     for one in each:
         if one.impacts:
             shown = ", ".join(one.impacts[:_SHOWN])
-            more = f" and {len(one.impacts) - _SHOWN} more" if len(one.impacts) > _SHOWN else ""
+            more = ""
+            if len(one.impacts) > _SHOWN:
+                more = f" and {len(one.impacts) - _SHOWN} more"
             warnings.append(
                 f"these impacts scatter far more than the others and count little: {shown}{more}"
             )

@@ -56,19 +56,16 @@ def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
         degrees = len(model.residual) - model.by_own.shape[1] - model.by_law.shape[1]
         if degrees < _LEAST_FREE:
             continue
-        names = s.touches()
-        scatter = model.by_scatter
-        candidates = [(name, "bounced off", scatter[:, j]) for j, name in enumerate(names)]
-        candidates += [
-            (name, "measured off", column)
-            for name, column in zip(s.rows(), np.eye(len(s.rows())), strict=True)
-        ]
-        directions = np.stack([column for _, _, column in candidates], axis=1)
+        candidates = [(name, "bounced off") for name in s.touches()]
+        candidates += [(name, "measured off") for name in s.rows()]
+        # What one unit of each candidate's error does to the residual, a column each.
+        columns = [*model.by_scatter.T, *np.eye(len(s.rows()))]
+        directions = np.stack(columns, axis=1)
         gain, size = _gains(fit, i, directions)
         limit = float(chdtri(1, _CHANCE / len(candidates)))
         worst = int(np.argmax(gain))
         if gain[worst] > limit:
-            name, what, _ = candidates[worst]
+            name, what = candidates[worst]
             yield Flag(s.name, name, what, float(size[worst]), float(np.sqrt(gain[worst])))
 
 

@@ -122,6 +122,13 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
         )
     lasts = float(np.ptp(time[inside]))
     top = float(force.max())
+    # Varied are ln k, ln e, the time of the first touch, and n where it is not given.
+    # `places` of ln k, n and ln e among them.
+    varied = 4
+    places: list[int | None] = [0, 3, 1]
+    if setup.exponent:
+        varied = 3
+        places = [0, None, 1]
     start_n = setup.exponent or 1.5
     # In a contact without loss (F t)² is k m times a function of n alone: good enough for a start.
     start_k = _stiffness_for(top, mass, speed, start_n)
@@ -138,7 +145,7 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
         )
 
     start = [math.log(start_k), math.log(e), float(time[inside][0]) - 0.05 * lasts, start_n]
-    varied = 3 if setup.exponent else 4
+
     low = [-np.inf, -8.0, float(time[0]) - lasts, 1.0 - 1e-6][:varied]
     high = [np.inf, -1e-6, float(time[inside][-1]), 4.0][:varied]
     scale = [1.0, 0.1, lasts, 0.3][:varied]
@@ -147,7 +154,7 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     )
     alpha = dissipation_of(float(done.x[1])) / (1.5 * speed)
     by_log_e = (dissipation_of(float(done.x[1]) + 1e-5) / (1.5 * speed) - alpha) / 1e-5
-    covariance = _covariance(done, [0, 3, 1] if varied == 4 else [0, None, 1])
+    covariance = _covariance(done, places)
     covariance[2, :] *= by_log_e
     covariance[:, 2] *= by_log_e
     covariance[2, 2] += (by_log_e * u_e / e) ** 2

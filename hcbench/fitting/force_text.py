@@ -16,13 +16,21 @@ if TYPE_CHECKING:
 
 
 def as_record(force_fit: ForceFit) -> dict[str, object]:
-    """The fit of forces as `--json` prints it."""
+    """The fit of forces as `--json` prints it; None for a law that the pulse contradicts, and for
+    an e that the shape does not give.
+    """
     low, high = force_fit.alpha_interval
+    law = None
+    if force_fit.is_law:
+        law = "hunt-crossley"
+    by_shape = None
+    if not math.isnan(force_fit.e_by_shape):
+        by_shape = force_fit.e_by_shape
     return {
         "schema": 1,
         "kind": "hcbench fit",
         "files": [{"name": force_fit.file, "kind": force_fit.kind}],
-        "law": "hunt-crossley" if force_fit.is_law else None,
+        "law": law,
         "law_asked": "hunt-crossley",
         "alpha_s_per_m": force_fit.alpha,
         "alpha_standard_uncertainty_s_per_m": force_fit.alpha_uncertainty,
@@ -32,7 +40,7 @@ def as_record(force_fit: ForceFit) -> dict[str, object]:
             force_fit.e - SIGMAS_95 * force_fit.e_uncertainty,
             force_fit.e + SIGMAS_95 * force_fit.e_uncertainty,
         ],
-        "restitution_by_shape": None if math.isnan(force_fit.e_by_shape) else force_fit.e_by_shape,
+        "restitution_by_shape": by_shape,
         "shape_contradicts_impulse": force_fit.contradicts,
         "laws": [],
         "flagged": [],

@@ -85,7 +85,7 @@ class Heights(Dataset):
             by_law=by[:, 1 : 1 + q],
             by_scatter=by[:, 1 + q :],
             shape=np.ones(len(self.heights)),
-            prior=np.array([drop_prior(self.setup, own[0]) if dropped else (0.0, math.inf)]),
+            prior=np.array([drop_prior(self.setup, own[0])]),
             speed=train.touch,
         )
 

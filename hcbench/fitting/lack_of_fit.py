@@ -85,7 +85,11 @@ def adhesion(fit: LawFit, s: Dataset) -> float:
     """
     speed = fit.models[0].speed
     change = _Change(fit, s, -((speed.min() / speed) ** 2)[:, None])
-    return change.log_odds(range(1)) if change.likeliest(range(1))[0] > 0.0 else -math.inf
+    # Only the one coefficient of this change.
+    used = range(1)
+    if not change.likeliest(used)[0] > 0.0:
+        return -math.inf
+    return change.log_odds(used)
 
 
 def _legendre(u: Floats) -> Floats:

@@ -147,9 +147,9 @@ def reduce(
     """
     p = model.by_own.shape[1]
     q = model.by_law.shape[1]
-    blocks = [model.by_own, model.by_law, model.residual[:, None]] + (
-        [] if more is None else [more]
-    )
+    blocks = [model.by_own, model.by_law, model.residual[:, None]]
+    if more is not None:
+        blocks.append(more)
     columns = np.concatenate(blocks, axis=1) / model.shape[:, None]
     vectors, size, turn = _directions(model.by_scatter / model.shape[:, None])
     along = vectors.T @ columns

@@ -95,22 +95,28 @@ def _ranked(heard: list[_Heard]) -> list[Picks]:
     for one in heard[1:]:
         is_close = one.train.score > _CLOSE * best.train.score
         # A fit takes long: only trains that may replace the best one get it.
-        others.append(one.improved() if is_close else one)
-    for other in others:
+        if is_close:
+            others.append(one.improved())
+        else:
+            others.append(one)
+    order = [best, *others]
+    for place, other in enumerate(others):
         is_close = other.train.score > _CLOSE * best.train.score
         is_smoother = other.scatter < _SMOOTH * best.scatter
         is_long = len(other.places) >= 0.5 * len(best.places)
         if is_close and is_smoother and is_long:
-            rest = [one for one in others if one is not other]
-            return [one.picks() for one in (other, best, *rest)]
-    return [one.picks() for one in (best, *others)]
+            order = [other, best, *others[:place], *others[place + 1 :]]
+            break
+    return [one.picks() for one in order]
 
 
 def quick_score(recording: Recording) -> float:
     """Score of the likeliest train in the first band alone; 0 for none."""
     band = next(bands(recording))
     trains = likeliest_trains(band.places / band.rate, band.level, band.duration, SHORTEST, 1)
-    return trains[0].score if trains else 0.0
+    if not trains:
+        return 0.0
+    return trains[0].score
 
 
 def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
@@ -118,17 +124,18 @@ def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
     trains = []
     for band in bands(recording):
         times = band.places / band.rate
-        trains += [
-            (band, train)
-            for train in likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
-        ]
+        found = likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
+        trains += [(band, train) for train in found]
     kept: list[tuple[FrequencyBand, Train]] = []
+    # Times of the clicks of each that is kept, s.
+    kept_times: list[Floats] = []
     for band, train in sorted(trains, key=lambda one: -one[1].score):
+        if len(kept) == _MOST:
+            break
         times = band.places[train.clicks] / band.rate
-        if len(kept) < _MOST and not any(
-            _is_same(times, b.places[t.clicks] / b.rate) for b, t in kept
-        ):
+        if not any(_is_same(times, likelier) for likelier in kept_times):
             kept.append((band, train))
+            kept_times.append(times)
     return [one for one in kept if one[1].score >= _HALF * kept[0][1].score]
 
 
@@ -174,8 +181,7 @@ class _Heard:
             fit=None,
             begin=recording.begin,
         )
-        least = 3 if setup.height is not None else 4
-        if len(places) < least:
+        if len(places) < setup.least_touches:
             return start
         speeds, _ = start.data().pairs()
         if not len(speeds):
@@ -198,13 +204,16 @@ class _Heard:
         """Evidence of the likelier law: e0 alone would bend to a
         reflection in place of the first touch.
         """
-        return (
-            -math.inf if self.fit is None else max(self.fit.log_evidence, self.plain().log_evidence)
-        )
+        if self.fit is None:
+            return -math.inf
+        return max(self.fit.log_evidence, self.plain().log_evidence)
 
     @property
     def scatter(self) -> float:
-        return math.inf if self.fit is None else self.fit.scatter
+        """s_e of the fit; infinite without one."""
+        if self.fit is None:
+            return math.inf
+        return self.fit.scatter
 
     def improved(self) -> _Heard:
         """Reflections that were taken for touches exchanged for them; a
@@ -298,8 +307,13 @@ class _Heard:
         place = self.places[k]
         # Level of this touch's own click, dB.
         own = float(level[np.searchsorted(clicks, place)])
-        after = self.places[k - 1] if k else -1
-        before = self.places[k + 1] if k + 1 < len(self.places) else len(self.band.sound)
+        # Samples between which it may lie: the touches before and after, or the recording's ends.
+        after = -1
+        if k > 0:
+            after = int(self.places[k - 1])
+        before = len(self.band.sound)
+        if k + 1 < len(self.places):
+            before = int(self.places[k + 1])
         near = (
             (np.abs(clicks - place) < _NEAR * self.band.rate) & (clicks > after) & (clicks < before)
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.table import Table, table_of
+from hcbench.fitting.table import Table, cell_of, table_of
 from hcbench.fitting.text import limit_of, with_uncertainty
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels
@@ -54,12 +54,15 @@ def next_lines(
     lines = ["next:"]
     if _POINTS in what and "--write-points" not in given:
         lines.append(f"  hcbench {shlex.join(given)} --write-points {_POINTS}")
-    limit = limit_of(result, scene[0].e_off if scene else 0.0)
     if scene is not None:
         replayed, file = scene
         engine = replayed.setting.engine
+        limit = limit_of(result, replayed.e_off)
     else:
-        file = "scene.xml" if _reads_xml(engine) else "scene.py"
+        file = "scene.py"
+        if _reads_xml(engine):
+            file = "scene.xml"
+        limit = limit_of(result)
         lines.append(
             f"  hcbench tune {engine} {what} --timestep 1e-3 {speeds} --write-scene {file}"
         )
@@ -72,8 +75,10 @@ def next_lines(
 
 def _inwards(low: float, high: float) -> tuple[float, float]:
     """Both ends rounded inwards to three digits: pairs that were measured hold for no other speeds."""
-    first, last = (10.0 ** (math.floor(math.log10(v)) - 2) for v in (low, high))
-    return math.ceil(low / first - 1e-9) * first, math.floor(high / last + 1e-9) * last
+    # The third digit of each, m/s.
+    of_low = 10.0 ** (math.floor(math.log10(low)) - 2)
+    of_high = 10.0 ** (math.floor(math.log10(high)) - 2)
+    return math.ceil(low / of_low - 1e-9) * of_low, math.floor(high / of_high + 1e-9) * of_high
 
 
 def _reads_xml(engine: str) -> bool:
@@ -90,33 +95,40 @@ def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
 
     Raises UserError for several tracks in one file.
     """
+    # Numbers of lines, and their cells.
     rows = [(n, line.rstrip("\r\n").split("\t")) for n, line in lines]
-    at = next((i for i, (_, row) in enumerate(rows[:4]) if "t" in row and "y" in row), None)
-    if at is None:
+    for at, (_, header) in enumerate(rows[:4]):
+        if "t" in header and "y" in header:
+            below = rows[at + 1 :]
+            break
+    else:
         return None
-    header = rows[at][1]
-    below = rows[at + 1 :]
     # Tracker writes no line of units: this file is of another program.
     if below and below[0][1][0].strip().isalpha():
         return None
     if lines[0][1].startswith("#multi:"):
         raise UserError(path.name, "several tracks", "one", "Export the ball's track alone")
-    places = header.index("t"), header.index("y")
     cells = []
     numbers = []
+    decimal = "."
+    time_column = header.index("t")
+    height_column = header.index("y")
     for n, row in below:
-        cell_t, cell_y = (row[place] if place < len(row) else "" for place in places)
+        cell_t = cell_of(row, time_column)
+        cell_y = cell_of(row, height_column)
         # Frames without the ball have a time and no place.
-        if cell_t.strip() and cell_y.strip():
-            cells.append((cell_t, cell_y))
-            numbers.append(n)
-    has_commas = any("," in cell_t or "," in cell_y for cell_t, cell_y in cells)
+        if not cell_t.strip() or not cell_y.strip():
+            continue
+        cells.append((cell_t, cell_y))
+        numbers.append(n)
+        if "," in cell_t or "," in cell_y:
+            decimal = ","
     return Table(
         name=sanitized(path.name),
         header=(("t", "s"), ("y", "m")),
         cells=tuple(cells),
         lines=tuple(numbers),
-        decimal="," if has_commas else ".",
+        decimal=decimal,
     )
 
 
@@ -135,7 +147,10 @@ def phyphox_times(path: Path, lines: list[tuple[int, str]]) -> Floats | None:
     for column, (name, _) in enumerate(table.header):
         if match := _BOUNCE.fullmatch(name):
             places.append((int(match[1]), column))
-    times = [table.number(row[column]) for _, column in sorted(places) if column < len(row)]
+    times = np.array(
+        [table.number(row[column]) for _, column in sorted(places) if column < len(row)]
+    )
     # The first bounce is at 0; any other 0 was not heard.
-    heard = [t for k, t in enumerate(times) if math.isfinite(t) and (t > 0.0 or k == 0)]
-    return np.array(heard)
+    is_heard = np.isfinite(times) & (times > 0.0)
+    is_heard[:1] = np.isfinite(times[:1])
+    return np.asarray(times[is_heard])

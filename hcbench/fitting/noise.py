@@ -62,12 +62,12 @@ class NoiseGrid:
 
     def weights(self, sets: Sequence[Dataset]) -> tuple[Floats, list[Floats]]:
         """ln of prior mass of each value: of s_e, and of s_m a data set."""
-        each = [
-            np.zeros(1)
-            if s.known_noise is not None
-            else noise_prior(grid, s.noise_scale) + _log_cell(grid)
-            for grid, s in zip(self.log_noise, sets, strict=True)
-        ]
+        each = []
+        for grid, s in zip(self.log_noise, sets, strict=True):
+            if s.known_noise is not None:
+                each.append(np.zeros(1))
+            else:
+                each.append(noise_prior(grid, s.noise_scale) + _log_cell(grid))
         return scatter_prior(self.log_scatter) + _log_cell(self.log_scatter), each
 
 
@@ -81,13 +81,15 @@ def coarse_grid(sets: Sequence[Dataset]) -> NoiseGrid:
     A data set with a known s_m has that value alone.
     """
     scatter = np.linspace(math.log(SCATTER_SCALE / _SPAN), math.log(MOST_SCATTER), _COARSE)
-    noise = tuple(
-        np.log(s.noise_scale) + np.linspace(-math.log(_SPAN), math.log(100.0), _COARSE)
-        if s.known_noise is None
-        else np.log([s.known_noise])
-        for s in sets
-    )
-    return NoiseGrid(scatter, noise)
+    # About ln of a data set's own scale.
+    around = np.linspace(-math.log(_SPAN), math.log(100.0), _COARSE)
+    noise = []
+    for s in sets:
+        if s.known_noise is None:
+            noise.append(np.log(s.noise_scale) + around)
+        else:
+            noise.append(np.log([s.known_noise]))
+    return NoiseGrid(scatter, tuple(noise))
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,8 +153,12 @@ def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[Dataset]) -> 
     scatter = _zoomed(coarse.grid.log_scatter, total)
     noise = []
     for s, grid, part, own in zip(sets, coarse.grid.log_noise, per_set, by_scatter, strict=True):
+        if s.known_noise is not None:
+            noise.append(grid)
+            continue
+        # This data set's own part of the total is in `part`, over its noise.
         over = logsumexp(part + (total - own)[:, None], axis=0)
-        noise.append(grid if s.known_noise is not None else _zoomed(grid, over))
+        noise.append(_zoomed(grid, over))
     return NoiseGrid(scatter, tuple(noise))
 
 
@@ -173,8 +179,8 @@ def best_noise(surface: NoiseLikelihood, delta: Floats) -> tuple[float, list[flo
     per_set = surface.over_noise(delta)
     total = surface.prior_scatter + sum(logsumexp(part, axis=1) for part in per_set)
     k = int(np.argmax(total))
-    noise = [
-        float(np.exp(g[int(np.argmax(p[k]))]))
-        for g, p in zip(surface.grid.log_noise, per_set, strict=True)
-    ]
+    noise = []
+    for log_noise, part in zip(surface.grid.log_noise, per_set, strict=True):
+        likeliest = int(np.argmax(part[k]))
+        noise.append(float(np.exp(log_noise[likeliest])))
     return float(np.exp(surface.grid.log_scatter[k])), noise

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 def as_html(result: FitResult) -> str:
     """The result, every law with its odds, and readings to check, as HTML tables."""
-    facts = _rows((name, value) for name, value in headline(result).items())
+    facts = _rows(headline(result).items())
     laws = _rows(
         (fit.law.name, LAWS[fit.law.name].formula, odds_text(odds))
         for fit, odds in zip(result.fits, result.odds, strict=True)
     )
     head = "<thead><tr><th>law</th><th>e</th><th>odds</th></tr></thead>"
-    notes = "".join(
-        f"<p>check: {escape(flag.file)}, {escape(flag.touch)}</p>" for flag in result.flags
-    )
+    notes = ""
+    for flag in result.flags:
+        notes += f"<p>check: {escape(flag.file)}, {escape(flag.touch)}</p>"
     return f"<table>{facts}</table><table>{head}{laws}</table>{notes}"
 
 
@@ -36,7 +36,8 @@ def _rows(rows: Iterable[tuple[str, ...]]) -> str:
     for row in rows:
         cells = "".join(f"<td>{escape(cell)}</td>" for cell in row)
         lines.append(f"<tr>{cells}</tr>")
-    return "<tbody>" + "".join(lines) + "</tbody>"
+    body = "".join(lines)
+    return f"<tbody>{body}</tbody>"
 
 
 def draw_curve(axes: Axes, result: FitResult, of_law: str, of_data: Sequence[str]) -> None:

@@ -31,33 +31,28 @@ def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float)
     precision, given how far its e is off the law (expectation maximisation). Laws with weights
     of their own could not be compared.
     """
-    widths = None
+    widths: list[Floats] | None = None
     for _ in range(_ROUNDS):
         fit = fit_law(law, sets, reference, widths)
-        widths = [
-            np.sqrt(
-                (_FREEDOM + ((old / wide) ** 2 + variance) * wide**2 / fit.scatter**2)
-                / (_FREEDOM + 1.0)
-            )
-            for old, wide, variance in zip(
-                fit.latent,
-                fit.width,
-                (
-                    r.latent_variance(fit.scatter, n)
-                    for r, n in zip(fit.reduced, fit.noise, strict=True)
-                ),
-                strict=True,
-            )
-        ]
+        widths = []
+        for change, wide, reduced, noise in zip(
+            fit.latent, fit.width, fit.reduced, fit.noise, strict=True
+        ):
+            variance = reduced.latent_variance(fit.scatter, noise)
+            # Mean square of each e off the law, in units of s_e².
+            square = ((change / wide) ** 2 + variance) * wide**2 / fit.scatter**2
+            widths.append(np.sqrt((_FREEDOM + square) / (_FREEDOM + 1.0)))
     assert widths is not None
     return widths
 
 
 def doubted_impacts(sets: Sequence[Dataset], widths: Sequence[Floats]) -> list[str]:
-    """The impacts that count little."""
-    return [
-        f"{s.name}, {name}"
-        for s, wide in zip(sets, widths, strict=True)
-        for name, w in zip(s.touches(), wide, strict=True)
-        if wide.size and w**-2 < LOW_WEIGHT
-    ]
+    """The impacts that count little, each by its file and its touch.
+
+    widths: of each data set's e over s_e, shape (m,); the weight of an e is 1/width².
+    """
+    doubted: list[str] = []
+    for s, wide in zip(sets, widths, strict=True):
+        touches = zip(s.touches(), wide, strict=True)
+        doubted += [f"{s.name}, {touch}" for touch, w in touches if w**-2 < LOW_WEIGHT]
+    return doubted

@@ -40,7 +40,9 @@ class SpeedPairs(Dataset):
     @property
     def kind(self) -> str:
         """Name of this kind of data."""
-        return "speeds" if self.twice else "pairs"
+        if self.twice:
+            return "speeds"
+        return "pairs"
 
     @property
     def _is_given(self) -> bool:
@@ -49,7 +51,9 @@ class SpeedPairs(Dataset):
     @property
     def known_noise(self) -> float | None:
         """s_m where it is given."""
-        return None if self.twice and not self._is_given else 1.0
+        if self.twice and not self._is_given:
+            return None
+        return 1.0
 
     @property
     def needs_gravity(self) -> bool:
@@ -74,9 +78,13 @@ class SpeedPairs(Dataset):
         Each row is weighted by the relative uncertainties of the speed and of e.
         """
         n = len(self.speed)
-        local = [curve.local(v) for v in self.speed]
-        e = np.exp([log_e for log_e, _, _ in local])
-        slope = np.array([over_speed for _, over_speed, _ in local])
+        # Of the law at each speed: ln e, its slope over ln v, its derivatives by the parameters.
+        log_e = np.empty(n)
+        slope = np.empty(n)
+        by_law = np.empty((n, curve.count))
+        for i, v in enumerate(self.speed):
+            log_e[i], slope[i], by_law[i] = curve.local(v)
+        e = np.exp(log_e)
         of_e = self.restitution_uncertainty / e
         if not self.twice:
             shape = np.hypot(slope * self.speed_uncertainty / self.speed, of_e)
@@ -89,7 +97,7 @@ class SpeedPairs(Dataset):
         return LinearModel(
             residual=self.restitution / e - 1.0,
             by_own=np.zeros((n, 0)),
-            by_law=np.array([by_law for _, _, by_law in local]),
+            by_law=by_law,
             by_scatter=np.eye(n),
             shape=np.maximum(shape, 1e-9),
             prior=np.zeros((0, 2)),

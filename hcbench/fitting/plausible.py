@@ -49,8 +49,11 @@ def require_different(files: tuple[Path, ...]) -> None:
     """Raises UserError for a file that is given twice, or whose content is."""
     from hcbench.system.files import read_bytes
 
+    # A file alone need not be read here.
+    if len(files) < 2:
+        return
     seen: dict[bytes, Path] = {}
-    for path in files if len(files) > 1 else ():
+    for path in files:
         try:
             content = read_bytes(path)
         except OSError:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
+    from hcbench.fitting.picks import Picks
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 
@@ -84,7 +85,9 @@ def read_dataset(
     if kind == "sound" or (kind is None and is_sound(path)):
         return _sound(path, setup, part)
     if part != WHOLE:
-        slot = "--touches" if part.train is not None else "--from"
+        slot = "--from"
+        if part.train is not None:
+            slot = "--touches"
         raise UserError(slot, f"given for {path.name}, which is not a recording", "a .wav")
     lines = read_lines(path)
     if kind in (None, "times"):
@@ -107,7 +110,9 @@ def _kind_of(columns: DataColumns, asked: str | None) -> str:
     name = columns.table.name
     named = frozenset(role for role in columns.places if not role.startswith("u_"))
     by_header = _KINDS.get(named)
-    kind = by_header if asked is None else asked
+    kind = asked
+    if kind is None:
+        kind = by_header
     if kind is None:
         names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
         raise UserError(name, f"columns {names}", EXPECTED_COLUMNS)
@@ -136,7 +141,9 @@ def _force_columns(path: Path, kind: str | None) -> DataColumns | None:
     if phyphox_times(path, lines) is not None or tracker_table(path, lines) is not None:
         return None
     columns = columns_of(read_table(path, lines))
-    return columns if "force" in columns.places else None
+    if "force" not in columns.places:
+        return None
+    return columns
 
 
 def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
@@ -151,7 +158,9 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
     if columns is None:
         return None
     if kind != "force" and {"penetration", "rate"} <= columns.places.keys():
-        x, v, force = (columns.get(role) for role in ("penetration", "rate", "force"))
+        x = columns.get("penetration")
+        v = columns.get("rate")
+        force = columns.get("force")
         with computed(columns.table.name):
             return fit_loop(columns.table.name, x, v, force, setup.exponent)
     if "time" not in columns.places:
@@ -175,11 +184,13 @@ def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
     picks = heard[train]
     if part.touches is not None:
         picks = picks.taken(part.touches)
-    least = 3 if setup.height is not None else 4
-    if len(picks.times) < least:
-        raise too_few_touches(recording.name, len(picks.times), least)
+    if len(picks.times) < setup.least_touches:
+        raise too_few_touches(recording.name, len(picks.times), setup.least_touches)
     require_a_ball(recording.name, setup, picks.times)
-    in_question = tuple(heard) if part.train is None else ()
+    # A train that the user chose is in no question.
+    in_question: tuple[Picks, ...] = ()
+    if part.train is None:
+        in_question = tuple(heard)
     return TouchTimes(
         recording.name, setup, picks.times, picks.numbers, picks, recording, in_question
     )
@@ -206,9 +217,8 @@ def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
     """
     if (np.diff(times) <= 0).any():
         raise UserError(name, "times that fall", "times that rise")
-    least = 3 if setup.height is not None else 4
-    if len(times) < least:
-        raise too_few_touches(name, len(times), least)
+    if len(times) < setup.least_touches:
+        raise too_few_touches(name, len(times), setup.least_touches)
     _require_few(name, len(times), "times")
     if setup.contact_time.value >= np.diff(times).min():
         got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
@@ -260,20 +270,26 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     )
     _require_few(columns.table.name, len(heights), "heights")
     given = columns.uncertainty("height")
-    least = 2 if setup.height is not None else 3
+    # Heights lie between the touches: one fewer.
+    least = setup.least_touches - 1
     if len(heights) < least:
         got = f"{len(heights)} heights"
         raise UserError(columns.table.name, got, f"{least} or more bounces", "Fewer have no check")
     if setup.height is not None and heights[0] >= setup.height.value:
         got = f"the first bounce rises to {heights[0]:.4g} m, let go at {setup.height.value:.4g} m"
         raise UserError("height", got, "a bounce below the drop")
-    return Heights(columns.table.name, setup, heights, float(given.mean()) if given.any() else None)
+    height_noise = None
+    if given.any():
+        height_noise = float(given.mean())
+    return Heights(columns.table.name, setup, heights, height_noise)
 
 
 def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """Impact speeds with the e of each."""
     name = columns.table.name
-    role = "speed" if "speed" in columns.places else "speed_in"
+    role = "speed_in"
+    if "speed" in columns.places:
+        role = "speed"
     speed = columns.get(role)
     e = columns.get("restitution")
     columns.require(role, speed > 0, "a speed above 0")

@@ -83,7 +83,9 @@ def read_recording(
     if source.rate < 8000:
         raise UserError(name, f"{source.rate} samples a second", "8000 or more")
     first = round(begin * source.rate)
-    last = math.inf if end is None else round(end * source.rate)
+    last = math.inf
+    if end is not None:
+        last = round(end * source.rate)
     if last <= first:
         raise UserError("--to", f"{end:g} s", f"after --from, {begin:g} s")
     kept = round(_WINDOW * source.rate)
@@ -95,7 +97,11 @@ def read_recording(
     best: Recording | None = None
     top = -math.inf
     for block in source.blocks(first, last):
-        window = np.concatenate([window, block], axis=1) if window.size else block
+        if window.size:
+            window = np.concatenate([window, block], axis=1)
+        else:
+            # Only the first block tells the number of channels.
+            window = block
         if not np.isfinite(block).all():
             raise UserError(name, "samples that are not finite", "a recording")
         if window.shape[1] > _WHOLE * source.rate:
@@ -144,7 +150,11 @@ class _Wav:
             except UnboundLocalError:
                 # SciPy's own, where a chunk is missing.
                 raise ValueError("it lacks its format or its samples") from None
-        self._samples = samples[:, None] if samples.ndim == 1 else samples
+        if samples.ndim == 1:
+            # One channel.
+            self._samples = samples[:, None]
+        else:
+            self._samples = samples
         self._file: tuple[Path, int, np.dtype[Any]] | None = None
         if isinstance(samples, np.memmap):
             self._file = (path, samples.offset, samples.dtype)
@@ -154,10 +164,12 @@ class _Wav:
             self._top = 1.0
         else:
             self.step = 2.0 ** (1 - 8 * samples.dtype.itemsize)
+            self._middle = 0.0
+            self._top = float(np.iinfo(samples.dtype).max)
             # WAV has 8 bits without a sign, and all others with one.
-            is_unsigned = samples.dtype == np.uint8
-            self._middle = 128.0 if is_unsigned else 0.0
-            self._top = 128.0 if is_unsigned else float(np.iinfo(samples.dtype).max)
+            if samples.dtype == np.uint8:
+                self._middle = 128.0
+                self._top = 128.0
 
     def blocks(self, first: int, last: float) -> Iterator[Floats]:
         """(channels, n), from one sample to another."""

@@ -162,7 +162,9 @@ def _touch_times(result: FitResult) -> TouchTimes:
 def _recorded(result: FitResult) -> Floats:
     """Recorded touches from the second on, up to the first that is unheard, s."""
     s = _touch_times(result)
-    numbers = np.arange(len(s.times)) if s.numbers is None else s.numbers
+    numbers = s.numbers
+    if numbers is None:
+        numbers = np.arange(len(s.times))
     whole = int(np.argmax(np.append(np.diff(numbers) > 1, True))) + 1
     if whole < 4:
         raise UserError("--engine", f"{whole} touches in a row", "4 or more, to compare with")
@@ -206,7 +208,9 @@ def _simulated(scene: Scene, setting: Setting, result: FitResult, recorded: Floa
     duration = speed / gravity + float(recorded[-1]) * 1.6 + 0.1
     path = registry.engine(setting.engine).trajectory(scene, setting, launch, duration)
     touches = touches_of(path)
-    return touches[: len(recorded)] - (touches[0] if len(touches) else 0.0)
+    if len(touches):
+        touches = touches - touches[0]
+    return touches[: len(recorded)]
 
 
 def touches_of(path: Trajectory) -> Floats:
@@ -217,7 +221,9 @@ def touches_of(path: Trajectory) -> Floats:
     last = 0
     for turn in turns:
         inside = np.flatnonzero(path.penetration[last : turn + 2] > 0)
-        first = last + int(inside[0]) if inside.size else 0
+        first = 0
+        if inside.size:
+            first = last + int(inside[0])
         if first > 0:
             touches.append(_crossing(path, first))
         else:
@@ -237,7 +243,9 @@ def _crossing(path: Trajectory, step: int) -> float:
     x1 = path.penetration[step]
     t0 = path.time[step - 1]
     t1 = path.time[step]
-    share = float(-x0 / (x1 - x0)) if x1 > x0 and x0 < 0 else 0.0
+    share = 0.0
+    if x1 > x0 and x0 < 0:
+        share = float(-x0 / (x1 - x0))
     return float(t0 + share * (t1 - t0))
 
 
@@ -245,10 +253,12 @@ def replay_text(scene: Replay) -> str:
     """Both trains and the largest error, for a terminal."""
     count = len(scene.simulated)
     missing = len(scene.recorded) - len(scene.simulated)
-    rows = [
-        (f"{i + 2}", f"{a:.4f}", f"{b:.4f}", f"{1e3 * (b - a):+.1f}")
-        for i, (a, b) in enumerate(zip(scene.recorded, scene.simulated, strict=False))
-    ]
+    rows = []
+    # Both begin with the second touch: the first is at 0.
+    both = zip(scene.recorded, scene.simulated, strict=False)
+    for number, (recorded, simulated) in enumerate(both, 2):
+        late = 1e3 * (simulated - recorded)
+        rows.append((f"{number}", f"{recorded:.4f}", f"{simulated:.4f}", f"{late:+.1f}"))
     setting = scene.setting
     lines = [
         "",
@@ -273,7 +283,10 @@ def replay_text(scene: Replay) -> str:
 
 
 def replay_record(scene: Replay) -> dict[str, Any]:
-    """The scene as `--json` prints it."""
+    """The scene as `--json` prints it; an error of None where the scene has too few touches."""
+    error = None
+    if math.isfinite(scene.error):
+        error = scene.error
     return {
         "engine": scene.setting.engine,
         "recipe": scene.tuned.recipe.name,
@@ -281,5 +294,5 @@ def replay_record(scene: Replay) -> dict[str, Any]:
         "alpha_s_per_m": scene.alpha,
         "recorded_s": scene.recorded.tolist(),
         "simulated_s": scene.simulated.tolist(),
-        "largest_error_s": scene.error if math.isfinite(scene.error) else None,
+        "largest_error_s": error,
     }

@@ -96,7 +96,10 @@ class FitResult(Drawn):
     @property
     def best(self) -> LawFit:
         """The fit of the law chosen, else of the likeliest."""
-        return (self.fit_of(self.law) if self.law else None) or self.fits[0]
+        fit = None
+        if self.law:
+            fit = self.fit_of(self.law)
+        return fit or self.fits[0]
 
     @property
     def is_plain(self) -> bool:

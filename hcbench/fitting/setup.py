@@ -91,7 +91,16 @@ class MeasurementSetup:
     @property
     def drop(self) -> float | None:
         """The height where the ball was let go, m, if given."""
-        return None if self.height is None else self.height.value
+        if self.height is None:
+            return None
+        return self.height.value
+
+    @property
+    def least_touches(self) -> int:
+        """The fewest touches that leave a fit something to check: a known drop saves one."""
+        if self.height is None:
+            return 4
+        return 3
 
     @property
     def has_air(self) -> bool:
@@ -112,7 +121,8 @@ class MeasurementSetup:
         setup with it off by that much.
         """
         names = ["gravity", "contact_time"]
-        names += ["mass", "diameter", "drag_coefficient"] if self.has_air else []
+        if self.has_air:
+            names += ["mass", "diameter", "drag_coefficient"]
         for name in names:
             known: Known = getattr(self, name)
             if known.uncertainty > 0:
@@ -153,19 +163,22 @@ def read_setup(**given: Unpack[SetupOptions]) -> MeasurementSetup:
     for name, value in given.items():
         if value is None:
             continue
-        if name in ("timing", "exponent"):
-            known[name] = units.parse(value, "timestep" if name == "timing" else "exponent", name)
+        # These two have no uncertainty of their own.
+        if name == "timing":
+            known[name] = units.parse(value, "timestep", name)
+            continue
+        if name == "exponent":
+            known[name] = units.parse(value, "exponent", name)
             continue
         if name == "gravity":
             _require_known(value)
-        number, uncertainty = (
-            value
-            if isinstance(value, tuple) and len(value) == 2
-            else units.parse_uncertain(value, _QUANTITY[name], name)
-        )
-        known[name] = Known(
-            number, uncertainty or (HEIGHT_UNCERTAINTY if name == "height" else 0.0)
-        )
+        if isinstance(value, tuple) and len(value) == 2:
+            number, uncertainty = value
+        else:
+            number, uncertainty = units.parse_uncertain(value, _QUANTITY[name], name)
+        if name == "height" and not uncertainty:
+            uncertainty = HEIGHT_UNCERTAINTY
+        known[name] = Known(number, uncertainty or 0.0)
     return MeasurementSetup(**known)
 
 

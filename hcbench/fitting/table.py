@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 import re
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ from hcbench.terms import units
 from hcbench.terms.bounds import beyond_bounds, require_bounds
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from hcbench.terms.impact import Floats
@@ -77,7 +78,7 @@ class Table:
         scale = unit_scale(self.name, name, unit, quantity)
         values = np.empty(len(self.cells))
         for i, (row, line) in enumerate(zip(self.cells, self.lines, strict=True)):
-            cell = row[at] if at < len(row) else ""
+            cell = cell_of(row, at)
             values[i] = self.number(cell)
             if not math.isfinite(values[i]):
                 where = f"{self.name}, line {line}"
@@ -130,10 +131,12 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
         if unit in _NO_LENGTHS:
             raise QuantityError(file, unit, "a length")
         with beyond_bounds():
-            return units.parse(f"1 {unit}", quantity, file) if unit else 1.0
+            return units.parse(f"1 {unit}", quantity, file)
     except QuantityError:
         got = f"{unit!r} under {name!r} is not such a unit"
-        expected = f"one that converts to {si_unit}" if si_unit else "none: it is a ratio"
+        expected = "none: it is a ratio"
+        if si_unit:
+            expected = f"one that converts to {si_unit}"
         raise UserError(file, got, expected) from None
 
 
@@ -170,7 +173,9 @@ def _decoded(path: Path) -> str:
         # Latin letters in UTF-16 without its mark: each second byte is 0,
         # and all of it is valid UTF-8.
         raw = path.read_bytes()
-        return raw.decode("utf-16-le" if raw[1:2] == b"\0" else "utf-16-be")
+        if raw[1:2] == b"\0":
+            return raw.decode("utf-16-le")
+        return raw.decode("utf-16-be")
     except UnicodeDecodeError:
         raw = path.read_bytes()
         if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -206,17 +211,23 @@ def _is_header_of(comment: str, first: str) -> bool:
     """Say whether a comment names the cells of the first line of numbers."""
     if not _ONLY_NUMBERS.fullmatch(first):
         return False
-    counts = [(comment.count(sign), first.count(sign)) for sign in ("\t", ";", ",")]
-    in_comment, in_first = next((pair for pair in counts if any(pair)), (0, 0))
-    if in_comment != in_first:
-        return False
+    # The first of the signs that either has is the separator: both need as many of it.
+    for sign in ("\t", ";", ","):
+        if sign in comment or sign in first:
+            if comment.count(sign) != first.count(sign):
+                return False
+            break
     last = re.split(r"[\t;,]", comment)[-1].strip()
     name, _ = split_header(last)
     return any(letter.isalpha() for letter in name)
 
 
 def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
-    """The table in these lines, each with its number in the file."""
+    """The table in these lines, each with its number in the file.
+
+    Raises UserError for lines without a header or without rows, a row with more cells than the
+    header has, and numbers that can be read in two ways.
+    """
     name = sanitized(path.name)
     if not lines:
         raise UserError(name, "has comments only", "a header and rows of numbers")
@@ -226,25 +237,28 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
     numbers = [n for n, _ in lines]
     texts = [text for _, text in lines]
     separator = _separator(texts)
-    if not any(separator in text for text in texts):
+    if separator not in "".join(texts):
         texts = _without_blanks(texts)
         separator = _separator(texts)
-    rows = [
-        _cells(name, number, text, separator) for number, text in zip(numbers, texts, strict=True)
-    ]
+    rows = []
+    for number, text in zip(numbers, texts, strict=True):
+        rows.append(_cells(name, number, text, separator))
     joined = joined_header(rows)
     if joined is not None:
         begin, header = joined
         rows = [header, *rows[begin:]]
         numbers = [numbers[0], *numbers[begin:]]
     header, *cells = rows
-    has_commas = separator != "," and any("," in cell for row in cells for cell in row)
+    decimal = "."
+    # Where commas do not part the cells, a comma in a cell is for a point.
+    if separator != "," and "," in "".join(itertools.chain(*cells)):
+        decimal = ","
     table = Table(
         name=name,
-        header=tuple(split_header(cell) for cell in header),
+        header=tuple(map(split_header, header)),
         cells=tuple(cells),
         lines=tuple(numbers[1:]),
-        decimal="," if has_commas else ".",
+        decimal=decimal,
     )
     if all(math.isfinite(table.number(cell)) for cell in header if cell.strip()):
         advice = "Begin the file with a line like: time [s]"
@@ -255,8 +269,8 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
         raise UserError(name, "has a header and no rows", "rows of numbers")
     width = len(header)
     for row, line in zip(table.cells, table.lines, strict=True):
-        beyond = row[width:]
-        if any(cell.strip() for cell in beyond):
+        beyond = "".join(row[width:])
+        if beyond.strip():
             raise UserError(
                 f"{name}, line {line}", f"{len(row)} cells", f"{width}, as the header has"
             )
@@ -306,9 +320,12 @@ def _separator(texts: list[str]) -> str:
     """
     first, *others = texts
     single = re.compile(r"\s*[-+]?\d+,\d+\s*")
-    if "," not in first and all(single.fullmatch(text) for text in others):
+    if "," not in first and all(map(single.fullmatch, others)):
         return ";"
-    return next((sign for sign in ("\t", ";") if sign in first), ",")
+    for sign in ("\t", ";"):
+        if sign in first:
+            return sign
+    return ","
 
 
 def _without_pipes(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
@@ -329,28 +346,26 @@ def _without_blanks(texts: list[str]) -> list[str]:
     Names in the header may have single blanks where there are two and more between the columns.
     """
     header, *rows = texts
-    cells = [row.split() for row in rows]
-    widths = {len(row) for row in cells}
-    if (
-        len(widths) != 1
-        or widths == {1}
-        or not all(_looks_numeric(cell) for row in cells for cell in row)
-    ):
+    cells = list(map(str.split, rows))
+    widths = set(map(len, cells))
+    is_of_numbers = all(map(_looks_numeric, itertools.chain(*cells)))
+    if len(widths) != 1 or widths == {1} or not is_of_numbers:
         return texts
     # A unit in brackets belongs to the name before it.
     for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])"):
         names = re.split(blanks, header.strip())
         if {len(names)} == widths:
-            return ["\t".join(names), *("\t".join(row) for row in cells)]
+            return list(map("\t".join, [names, *cells]))
     return texts
 
 
 def _is_title(first: str, second: str) -> bool:
     """Say whether a line is a name alone, over a header of several columns."""
     titles = [cell for cell in re.split(r"[\t;,]", first) if cell.strip()]
-    below = [cell.strip() for cell in re.split(r"[\t;,]", second)]
+    below = list(map(str.strip, re.split(r"[\t;,]", second)))
     if len(titles) != 1 or len(below) < 2:
         return False
+    # A name begins with neither a digit nor a sign.
     return all(re.match(r"[^\d+-]", cell) for cell in below)
 
 
@@ -361,7 +376,9 @@ def split_header(cell: str) -> tuple[str, str]:
     match = _NAMED.fullmatch(cell)
     if match is None:
         return with_unit(cell.lower(), "")
-    unit = next(text for text in match.group("square", "round", "curly") if text is not None)
+    brackets = match.group("square", "round", "curly")
+    # One of the three has matched; its text may be empty.
+    unit = next(text for text in brackets if text is not None)
     return with_unit(match["name"].lower(), unit)
 
 
@@ -419,23 +436,43 @@ def plain(table: Table) -> Table:
     Cells such as `0.20 ± 0.01`, `0.960(5)`, and commas for points in single columns.
     """
     header = list(table.header)
+    names = [name for name, _ in table.header]
     columns = _transposed(table)
     for i, (name, unit) in enumerate(table.header):
-        pairs = [_uncertain(cell) for cell in columns[i]]
-        uncertain = [pair for pair in pairs if pair is not None]
-        has_column = any(other == f"u_{name}" for other, _ in header)
-        if len(uncertain) == len(pairs) and not has_column:
-            columns[i] = [value for value, _ in uncertain]
+        split = _split_uncertainties(columns[i])
+        if split is not None and f"u_{name}" not in names:
+            columns[i], uncertainties = split
+            names.append(f"u_{name}")
             header.append((f"u_{name}", unit))
-            columns.append([uncertainty for _, uncertainty in uncertain])
+            columns.append(uncertainties)
         columns[i] = [_with_point(table, cell) for cell in columns[i]]
     for i, (name, unit) in enumerate(header):
         cells = columns[i]
         if unit == "%" or (cells and all(cell.strip().endswith("%") for cell in cells)):
             header[i] = (name, "")
-            columns[i] = [_share(cell) for cell in cells]
+            columns[i] = list(map(_share, cells))
     rows = tuple(zip(*columns, strict=True))
     return replace(table, header=tuple(header), cells=rows, decimal=".")
+
+
+def _split_uncertainties(cells: list[str]) -> tuple[list[str], list[str]] | None:
+    """Values, and their standard uncertainties; None where a cell has none."""
+    values = []
+    uncertainties = []
+    for cell in cells:
+        pair = _uncertain(cell)
+        if pair is None:
+            return None
+        values.append(pair[0])
+        uncertainties.append(pair[1])
+    return values, uncertainties
+
+
+def cell_of(row: Sequence[str], at: int) -> str:
+    """The text of a cell; "" where the row is too short to have it."""
+    if at >= len(row):
+        return ""
+    return row[at]
 
 
 def _transposed(table: Table) -> list[list[str]]:
@@ -443,15 +480,18 @@ def _transposed(table: Table) -> list[list[str]]:
     columns: list[list[str]] = [[] for _ in table.header]
     for row in table.cells:
         for i, column in enumerate(columns):
-            column.append(row[i] if i < len(row) else "")
+            column.append(cell_of(row, i))
     return columns
 
 
 def _with_point(table: Table, cell: str) -> str:
+    """The cell with a point for the decimal sign; other text as it is."""
     if math.isfinite(table.number(cell)):
         return cell.replace(table.decimal, ".")
     single = re.fullmatch(r"\s*[-+]?\d+,\d+(?:[eE][-+]?\d+)?\s*%?\s*", cell)
-    return cell.replace(",", ".") if single else cell
+    if single is None:
+        return cell
+    return cell.replace(",", ".")
 
 
 def _share(cell: str) -> str:
@@ -478,15 +518,15 @@ def joined_header(rows: list[tuple[str, ...]]) -> tuple[int, tuple[str, ...]] | 
     As Logger Pro writes it: names, short names and units in three lines; or names and units in two.
     """
     for count in (3, 2):
-        widths = {len(row) for row in rows[: count + 1]}
+        widths = set(map(len, rows[: count + 1]))
         if len(rows) <= count or len(widths) != 1:
             continue
         names = rows[0]
         below = [cell.strip().strip("()[]").lower() for cell in rows[count - 1]]
-        has_units = all(_is_unit(cell) or cell in NO_UNIT for cell in below) and any(
-            map(_is_unit, below)
-        )
-        if has_units and not any(_looks_numeric(cell) for cell in names):
+        # A ratio has no unit.
+        of_quantities = [cell for cell in below if cell not in NO_UNIT]
+        has_units = bool(of_quantities) and all(map(_is_unit, of_quantities))
+        if has_units and not any(map(_looks_numeric, names)):
             pairs = zip(names, below, strict=True)
             return count, tuple(f"{name.strip()} [{unit}]" for name, unit in pairs)
     return None

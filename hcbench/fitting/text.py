@@ -49,12 +49,16 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
     the data leave that open.
     """
     speeds = speeds_over(result, count)
-    # Shape (laws, 3, speeds).
-    bands = np.array([_band_of(fit, speeds) for fit in result.curves])
-    best = [fit is result.best for fit in result.curves].index(True)
-    low = bands[:, 0].min(axis=0)
-    middle = bands[best, 1]
-    high = bands[:, 2].max(axis=0)
+    lows = []
+    highs = []
+    for fit in result.curves:
+        low_of_law, middle_of_law, high_of_law = _band_of(fit, speeds)
+        lows.append(low_of_law)
+        highs.append(high_of_law)
+        if fit is result.best:
+            middle = middle_of_law
+    low = np.min(lows, axis=0)
+    high = np.max(highs, axis=0)
     # The band widens by the uncertainty of g, height and other inputs, and by the differences of
     # drops.
     wider = _wider(result)
@@ -91,9 +95,13 @@ def _wider(result: FitResult) -> float:
         return 1.0
     if estimate is None:
         return 1.0
-    ends = [estimate_of(fit, name) for fit in result.curves]
-    width = max(one.high for one in ends) - min(one.low for one in ends)
-    return (estimate.high - estimate.low) / max(width, 1e-300)
+    low = math.inf
+    high = -math.inf
+    for fit in result.curves:
+        of_law = estimate_of(fit, name)
+        low = min(low, of_law.low)
+        high = max(high, of_law.high)
+    return (estimate.high - estimate.low) / max(high - low, 1e-300)
 
 
 def limit_of(result: FitResult, more: float = 0.0) -> float:
@@ -119,21 +127,28 @@ def as_text(result: FitResult) -> str:
 
 def headline(result: FitResult) -> dict[str, str]:
     """The main numbers of the fit, by name. Where no law is chosen, each says under which it holds."""
-    files = ", ".join(f"{s.name}: {s.kind}" for s in result.sets)
-    count = sum(len(s.pairs()[0]) for s in result.sets)
+    files = []
+    count = 0
+    for s in result.sets:
+        speeds, _ = s.pairs()
+        count += len(speeds)
+        files.append(f"{s.name}: {s.kind}")
     low, high = result.speeds
-    rows = {"data": f"{files}; {count} impacts", "law": _law_row(result)}
+    rows = {"data": f"{', '.join(files)}; {count} impacts", "law": _law_row(result)}
     if result.alpha is not None:
-        condition = "" if result.law else ", if it is hunt-crossley"
-        rows["α"] = _shown(result.alpha, " s/m") + condition
+        rows["α"] = _shown(result.alpha, " s/m")
+        if not result.law:
+            rows["α"] += ", if it is hunt-crossley"
     if result.between is not None:
         rows["between drops"] = f"they differ by {100 * result.between:.2g} %, included above"
     if result.e0 is not None:
-        condition = "" if result.law == WITH_E0 else ", if there is one"
-        rows["constant loss e0"] = _shown(result.e0) + condition
+        rows["constant loss e0"] = _shown(result.e0)
+        if result.law != WITH_E0:
+            rows["constant loss e0"] += ", if there is one"
     if result.restitution is not None:
-        condition = "" if result.law else ", if it is constant"
-        rows["e"] = _shown(result.restitution) + condition
+        rows["e"] = _shown(result.restitution)
+        if not result.law:
+            rows["e"] += ", if it is constant"
     rows["holds for"] = f"impact speeds of {low:.3g} ... {high:.3g} m/s"
     rows["found"] = f"e scatters by {100 * result.best.scatter:.2g} %"
     found = []
@@ -146,8 +161,11 @@ def headline(result: FitResult) -> dict[str, str]:
 
 
 def _law_row(result: FitResult) -> str:
+    """The law that is chosen, or why none is."""
+    if result.law and result.asked != "auto":
+        return f"{result.law}, as asked for"
     if result.law:
-        return result.law + (", as asked for" if result.asked != "auto" else "")
+        return result.law
     if result.doubts:
         return "undecided: " + "; ".join(result.doubts)
     if result.lack.is_certain:
@@ -180,19 +198,23 @@ def _heard(result: FitResult) -> list[str]:
 
 
 def trains_of(s: TouchTimes) -> list[tuple[str, ...]]:
-    """Candidate trains of clicks, a row each: letter, touches, from, to, α, s_e, ln of the odds."""
-    return [
-        (
-            "ABCDEF"[i],
-            f"{len(one.times)}",
-            f"{one.times[0]:.3f} s",
-            f"{one.times[-1]:.3f} s",
-            f"{with_uncertainty(one.alpha.value, one.alpha.uncertainty)} s/m" if one.alpha else "",
-            f"{100 * one.scatter:.2g} %" if one.scatter else "",
-            f"{one.score:.0f}",
-        )
-        for i, one in enumerate(s.heard)
-    ]
+    """Candidate trains of clicks, a row each: letter, touches, from, to, α, s_e, ln of the odds.
+
+    Trains too short for a fit have neither α nor s_e: "".
+    """
+    rows: list[tuple[str, ...]] = []
+    for letter, picks in zip("ABCDEF", s.heard, strict=False):
+        alpha = ""
+        if picks.alpha is not None:
+            alpha = f"{with_uncertainty(picks.alpha.value, picks.alpha.uncertainty)} s/m"
+        scatter = ""
+        if picks.scatter:
+            scatter = f"{100 * picks.scatter:.2g} %"
+        begin = f"{picks.times[0]:.3f} s"
+        end = f"{picks.times[-1]:.3f} s"
+        score = f"{picks.score:.0f}"
+        rows.append((letter, f"{len(picks.times)}", begin, end, alpha, scatter, score))
+    return rows
 
 
 TRAIN_COLUMNS = ("train", "touches", "from", "to", "α", "e scatters by", "ln odds of a ball")
@@ -219,7 +241,9 @@ def _laws(result: FitResult) -> list[str]:
 
 def odds_text(odds: float) -> str:
     """ "27 : 1"."""
-    return f"{odds:.3g} : 1" if odds >= 1 else f"1 : {1 / odds:.3g}"
+    if odds >= 1:
+        return f"{odds:.3g} : 1"
+    return f"1 : {1 / odds:.3g}"
 
 
 def _budget(result: FitResult) -> list[str]:
@@ -245,12 +269,35 @@ def as_record(result: FitResult) -> dict[str, Any]:
     best = result.best
     alpha = result.alpha
     e = result.restitution
+    files = []
+    noises = []
+    for s, noise in zip(result.sets, best.noise, strict=True):
+        speeds, _ = s.pairs()
+        files.append({"name": s.name, "kind": s.kind, "impacts": len(speeds)})
+        is_given = s.known_noise is not None
+        noises.append({"file": s.name, "value": noise, "unit": s.noise_unit, "given": is_given})
+    laws = []
+    for fit, odds in zip(result.fits, result.odds, strict=True):
+        parameters = fit.law.describe(tuple(fit.parameters), fit.reference)
+        laws.append(
+            {
+                "law": fit.law.name,
+                "log_likelihood": fit.log_evidence,
+                "odds": odds,
+                "parameters": parameters,
+            }
+        )
+    drops = []
+    for drop in result.drops:
+        alpha_of_drop = drop.alpha and dataclasses.asdict(drop.alpha)
+        drops.append({"file": drop.name, "doubts": list(drop.doubts), "alpha": alpha_of_drop})
+    against = []
+    if result.against is not None:
+        against.append(comparison.as_record(result.against))
     return {
         "schema": SCHEMA,
         "kind": "hcbench fit",
-        "files": [
-            {"name": s.name, "kind": s.kind, "impacts": len(s.pairs()[0])} for s in result.sets
-        ],
+        "files": files,
         "law": result.law,
         "law_asked": result.asked,
         "doubts": list(result.doubts),
@@ -265,33 +312,15 @@ def as_record(result: FitResult) -> dict[str, Any]:
         "constant_loss_e0": result.e0 and dataclasses.asdict(result.e0),
         "speed_range_m_per_s": list(result.speeds),
         "scatter": best.scatter,
-        "noise": [
-            {"file": s.name, "value": n, "unit": s.noise_unit, "given": s.known_noise is not None}
-            for s, n in zip(result.sets, best.noise, strict=True)
-        ],
-        "laws": [
-            {
-                "law": fit.law.name,
-                "log_likelihood": fit.log_evidence,
-                "odds": odds,
-                "parameters": fit.law.describe(tuple(fit.parameters), fit.reference),
-            }
-            for fit, odds in zip(result.fits, result.odds, strict=True)
-        ],
-        "drops": [
-            {
-                "file": drop.name,
-                "doubts": list(drop.doubts),
-                "alpha": drop.alpha and dataclasses.asdict(drop.alpha),
-            }
-            for drop in result.drops
-        ],
+        "noise": noises,
+        "laws": laws,
+        "drops": drops,
         "between_drops": result.between,
-        "flagged": [dataclasses.asdict(flag) for flag in result.flags],
+        "flagged": list(map(dataclasses.asdict, result.flags)),
         "warnings": list(result.warnings),
         "budget": dataclasses.asdict(result.budget),
         "max_error": limit_of(result),
-        "against": [] if result.against is None else [comparison.as_record(result.against)],
+        "against": against,
     }
 
 

@@ -75,7 +75,10 @@ class Track(Dataset):
 
     @property
     def _drop(self) -> float | None:
-        return self.drop if self.setup.drop is None else self.setup.drop
+        """The height of the drop, m: as given, else as the track shows it, if it does."""
+        if self.setup.drop is not None:
+            return self.setup.drop
+        return self.drop
 
     @property
     def _dropped(self) -> bool:
@@ -129,12 +132,9 @@ class Track(Dataset):
                     train.launch[j], self.times[at] - touch[j]
                 )
                 by[at] = slope[:, None] * train.by[j] - velocity[at, None] * touch_by[j]
-        is_known = self.setup.height is not None
-        prior = [
-            (0.0, math.inf),
-            (0.0, math.inf),
-            drop_prior(self.setup, own[2]) if is_known else (0.0, math.inf),
-        ]
+        flat = (0.0, math.inf)
+        # Of the floor's height, of the time of the first touch and of ln of the first speed.
+        prior = [flat, flat, drop_prior(self.setup, own[2])]
         return LinearModel(
             residual=self.heights - own[0] - path + by[:, 1 + q :] @ latent,
             by_own=np.stack([np.ones(len(path)), -velocity, by[:, 0]], axis=1),
@@ -149,7 +149,7 @@ class Track(Dataset):
         """Labels for the columns of by_scatter."""
         labels = [f"touch {i + 1} at {t:.3f} s" for i, t in enumerate(self.touch_times)]
         # Only a drop tells the speed into the first touch.
-        first = 0 if self._dropped else 1
+        first = int(not self._dropped)
         return labels[first:-1]
 
 
@@ -157,7 +157,9 @@ def upright(times: Floats, heights: Floats, setup: MeasurementSetup) -> Floats:
     """Heights that rise upwards: pictures count downwards, and flights then curve the other way."""
     steps = np.diff(times)
     bend = np.diff(np.diff(heights) / steps) / (0.5 * (steps[1:] + steps[:-1]))
-    return -heights if float(np.median(bend)) > 0.5 * setup.ballistics.gravity else heights
+    if float(np.median(bend)) > 0.5 * setup.ballistics.gravity:
+        return -heights
+    return heights
 
 
 def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats) -> Track:
@@ -186,7 +188,9 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     top = float(before_touch.max(initial=floor))
     fallen = max(_FALLEN * (top - floor), 3.0 * noise)
     held = np.flatnonzero(before_touch > top - fallen)
-    begin = int(held[-1]) + 1 if held.size else 0
+    begin = 0
+    if held.size:
+        begin = int(held[-1]) + 1
     has_fall = int(lows[0]) - begin >= _LEAST_FRAMES
     touches = times[lows].tolist()
     # Two rounds: the floor's height gives the touches, and the touches give the floor.
@@ -197,9 +201,14 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     if len(touches) < needed:
         raise _too_few(name, len(touches))
     end = touches[-1] - _UNSURE * (touches[-1] - touches[-2])
-    is_begun = times >= times[begin] if has_fall else times > touches[0]
+    if has_fall:
+        is_begun = times >= times[begin]
+        drop = top - floor
+    else:
+        # The part before the first touch shows no free fall: it is left out.
+        is_begun = times > touches[0]
+        drop = None
     kept = is_begun & (times < end)
-    drop = top - floor if has_fall else None
     return Track(name, setup, times[kept], heights[kept], np.array(touches), floor, drop)
 
 
@@ -279,7 +288,10 @@ def _refined(
     arcs = []
     for begin, end in itertools.pairwise(ends):
         inside = (times > begin + 0.5 * frame) & (times < end - 0.5 * frame)
-        arcs.append(np.polyfit(times[inside], raised[inside], 1) if inside.sum() > 1 else None)
+        arc = None
+        if inside.sum() > 1:
+            arc = np.polyfit(times[inside], raised[inside], 1)
+        arcs.append(arc)
     refined = list(touches)
     levels = []
     for i, (before, after) in enumerate(itertools.pairwise(arcs)):
@@ -303,11 +315,16 @@ def _extended(
 ) -> list[float]:
     """Touches, and those after them that the heights of flights tell, however few frames show them.
 
-    heights: over the floor.
-    least: m, of a flight that is one.
+    touches, times: s. heights: over the floor, m, at these times.
+    least: height of a flight that is one, m.
+    frame: time between two frames, s. gravity: m/s².
     """
     while True:
-        window = touches[-1] - touches[-2] if len(touches) > 1 else times[-1] - touches[-1]
+        # Flights shrink: the next one is shorter than the last, if there is a last one.
+        if len(touches) > 1:
+            window = touches[-1] - touches[-2]
+        else:
+            window = times[-1] - touches[-1]
         after = heights[(times > touches[-1] + 0.5 * frame) & (times < touches[-1] + window)]
         flight = math.sqrt(8.0 * max(float(after.max(initial=0.0)), 0.0) / gravity)
         is_seen = gravity * flight**2 / 8.0 > least and flight > _LEAST_FRAMES * frame

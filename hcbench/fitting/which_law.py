@@ -39,12 +39,17 @@ def chosen_law(evidence: Mapping[str, float]) -> str | None:
         behind = evidence[best] - evidence[name]
         if (in_family and name in FAMILY) or (best == "constant" and name == WITH_E0):
             continue
-        if behind < math.log(ODDS_OVER_E0 if name == WITH_E0 else ODDS_TO_TELL):
+        needed = ODDS_TO_TELL
+        if name == WITH_E0:
+            needed = ODDS_OVER_E0
+        if behind < math.log(needed):
             return None
     if not in_family:
         return best
     lead = evidence[PLAIN] - evidence[WITH_E0]
-    return EITHER if abs(lead) < math.log(ODDS_TO_TELL) else best
+    if abs(lead) < math.log(ODDS_TO_TELL):
+        return EITHER
+    return best
 
 
 def laws_left(evidence: Mapping[str, float], odds: float = ODDS_TO_TELL) -> set[str]:
@@ -136,9 +141,9 @@ class _PowerCurve(FittedCurve):
         if self.level == 0.0 and e > 1.0:
             return 0.0, 0.0, (0.0,)
         at_reference = self.level + self.factor * self.reference**self.power
-        by_parameter = (
-            at_reference / e * (speed / self.reference) ** self.power if self.power else 1.0
-        )
+        by_parameter = 1.0
+        if self.power:
+            by_parameter = at_reference / e * (speed / self.reference) ** self.power
         return math.log(e), self.power * moving / e, (by_parameter,)
 
 
@@ -197,7 +202,11 @@ def hunt_crossley(d: float) -> tuple[float, float]:
     size = abs(d)
     if size < _TINY:
         return -2.0 / 3.0 * d, -2.0 / 3.0 * d
-    e = restitution_of_one(size) if size <= TOP else 1.0 / size
+    if size <= TOP:
+        e = restitution_of_one(size)
+    else:
+        # Far beyond any real impact e goes as 1/d.
+        e = 1.0 / size
     # With u = d e: du/dd = d (1 - u)/((1 + d) u), from d (1 + e) = ln(1 + d) - ln(1 - d e).
     slope = (1.0 - size * e) / ((1.0 + size) * e * e) - 1.0
     return math.copysign(math.log(e), -d), math.copysign(slope, -d)
@@ -232,7 +241,9 @@ class _HuntCrossleyCurve(FittedCurve):
     @property
     def count(self) -> int:
         """Number of parameters of the law."""
-        return 1 if self.log_e0 is None else 2
+        if self.log_e0 is None:
+            return 1
+        return 2
 
     def local(self, speed: float) -> Local:
         """ln e at a speed, m/s, its slope over ln v, and its derivatives by the logarithms of both
@@ -240,7 +251,10 @@ class _HuntCrossleyCurve(FittedCurve):
         """
         log_e, slope = hunt_crossley(self.rate * speed)
         at_reference = hunt_crossley(self.rate * self.reference)[1]
-        by_loss = slope / at_reference if at_reference else speed / self.reference
+        # Without loss both slopes are 0, and their ratio is that of the speeds.
+        by_loss = speed / self.reference
+        if at_reference:
+            by_loss = slope / at_reference
         if self.log_e0 is None:
             return log_e, slope, (by_loss,)
         return self.log_e0 + log_e, slope, (by_loss, 1.0)

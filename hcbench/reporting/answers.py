@@ -74,7 +74,10 @@ def _more(answer: Mapping[str, Any], choice: Mapping[str, Any]) -> Iterator[str]
         yield answer["caution"]
     yield answer["band_note"]
     words = [f"{wording.sentence(choice['energy'])}."]
-    words.append("A body comes to rest." if choice["rests"] else "A body does not come to rest.")
+    if choice["rests"]:
+        words.append("A body comes to rest.")
+    else:
+        words.append("A body does not come to rest.")
     if choice["passive"]["flat"] is False:
         words.append("A box on its face gains energy: for spheres only.")
     yield " ".join(words)
@@ -112,8 +115,13 @@ def best_of(answer: Mapping[str, Any]) -> Mapping[str, Any]:
 def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
     """An answer's choice whose setting a run has; None where it is none of its choices."""
     answer = answer_of(view, run.engine, run.timestep, alpha)
-    choices = [] if answer is None else answer["choices"]
-    return next((choice for choice in choices if choice["setting"] == run.setting), None)
+    if answer is None:
+        return None
+    choice: Mapping[str, Any]
+    for choice in answer["choices"]:
+        if choice["setting"] == run.setting:
+            return choice
+    return None
 
 
 def error_of(view: View, run: RunKey, alpha: float | None = None) -> float:

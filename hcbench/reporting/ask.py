@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from hcbench.benchmark.study import Study
+    from hcbench.benchmark.study import Run, Study
 
 Tick = Callable[[int, int], None]
 Stage = Callable[[str], AbstractContextManager[Tick]]
@@ -131,13 +131,15 @@ def write_report(
             swept = is_sweep(study)
             if swept and device:
                 raise UserError("--device", "given with a sweep that has run", "a study")
-            name, plan = (
-                (Path(study).resolve().name, None) if swept else find_plan(study, warn, device)
-            )
+            plan = None
+            missing: tuple[str, ...] = ()
+            if swept:
+                name = Path(study).resolve().name
+            else:
+                name, plan = find_plan(study, warn, device)
+                missing = plan.missing
             default = default_folder(name, quick)
-            folder = folder_for(
-                out, default, plan.missing if plan else (), engines_in(out or default)
-            )
+            folder = folder_for(out, default, missing, engines_in(out or default))
         if plan is None:
             with stage("reading the sweep"):
                 results = read(study, pool.map)
@@ -145,7 +147,9 @@ def write_report(
                 return StudyReport(build(results, folder, pool, tick), results)
         with atomic_folder(folder, PAGE) as scratch:
             with stage("impacts") as tick:
-                results = run_in_pool(pool, plan.quick() if quick else plan, tick)
+                if quick:
+                    plan = plan.quick()
+                results = run_in_pool(pool, plan, tick)
             with stage("drawing") as tick:
                 build(results, scratch, pool, tick)
     return StudyReport(folder / PAGE, results)
@@ -165,23 +169,26 @@ def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple
 def _without_uncompiled(study: Study, warn: Callable[[str], None]) -> Study:
     """A study without the runs of plug-ins that cannot be compiled here, with a line to `warn`.
 
-    NotCompiled where nothing else is in it.
+    Raises NotCompiled where nothing else is in it.
     """
     from hcbench.sim import registry
     from hcbench.sim.capabilities import HasPlugin
     from hcbench.system.compiler import NotCompiled
 
-    plugged = [
-        run for run in study.runs if not registry.recipe(f"{run.engine}.{run.recipe}").native
-    ]
-    for name in dict.fromkeys(run.engine for run in plugged):
+    # By engine, the runs that need its plug-in.
+    plugged: dict[str, list[Run]] = {}
+    for run in study.runs:
+        recipe = registry.recipe(f"{run.engine}.{run.recipe}")
+        if not recipe.native:
+            plugged.setdefault(run.engine, []).append(run)
+    for name, with_plugin in plugged.items():
         engine = registry.engine(name)
         if not isinstance(engine, HasPlugin):
             continue
         try:
             engine.plugin()
         except NotCompiled as error:
-            runs = tuple(run for run in study.runs if run.engine != name or run not in plugged)
+            runs = tuple(run for run in study.runs if run not in with_plugin)
             if not runs:
                 raise
             warn(f"left out, not compiled: the plug-in of {name}. {error}")

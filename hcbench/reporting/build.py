@@ -124,7 +124,11 @@ def _provenance(by_gravity: Views, results: Results) -> dict[str, str]:
         place = "the true cup"
     exponent = f"{study['exponent']:g}"
     alphas = [f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas]
-    bands = [f"{band_text(shown)} {_under(shown)}" for shown in by_gravity.shown]
+    bands = []
+    gravities = []
+    for shown in by_gravity.shown:
+        bands.append(f"{band_text(shown)} {_under(shown)}")
+        gravities.append(f"{shown.gravity:g} m/s²")
     return {
         "scene": f"{study['scene']} ({place})",
         "mass": f"{view.mass:.6g} kg ({view.mass / units.POUND:.3g} lb)",
@@ -133,7 +137,7 @@ def _provenance(by_gravity: Views, results: Results) -> dict[str, str]:
         "exponent n": exponent,
         "α": "; ".join(alphas),
         "impact speeds": "; ".join(bands),
-        "gravity": wording.listed([f"{shown.gravity:g} m/s²" for shown in by_gravity.shown]),
+        "gravity": wording.listed(gravities),
         "starts": f"{study['phases']} places in a time step where the contact starts",
         "impacts": str(len(results.table)),
         "loops": f"judged from {STEPS_TO_COMPARE} steps in contact on",

@@ -77,7 +77,9 @@ def under(results: Results, gravity: float) -> Results:
         return tuple(values[name] for name in chosen.columns) in chosen_values
 
     def pick(table: pd.DataFrame) -> pd.DataFrame:
-        return table if table.empty else table.merge(chosen)
+        if table.empty:
+            return table
+        return table.merge(chosen)
 
     settings = [record for record in results.settings if is_chosen(record)]
     keys = [key for key in results.table.folded if is_chosen(dict(zip(RUN_KEY, key, strict=True)))]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -101,16 +102,27 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
     texts = tables.PastedTexts(by_gravity)
     answers: list[dict[str, Any]] = []
     runs: list[dict[str, Any]] = []
+    # Columns of the ranking under each gravity.
+    heads = {}
+    fastest = 0.0
     for shown in by_gravity.shown:
         answers += [_answer(shown, answer) for answer in answered(shown)]
         runs += _runs(shown, loops, texts)
-    of_answers = [tuple(answer[name] for name in _WHERE) for answer in answers]
+        heads[shown.gravity] = tables.HEADS[shown.gravity > 0]
+        fastest = max(fastest, float(shown.band[1]))
+    of_answers = list(map(operator.itemgetter(*_WHERE), answers))
     start = _start(of_answers or ran, view)
+    scans = []
+    if without_gravity is not None:
+        scans = _scans(without_gravity)
+    drop_gravity = STANDARD_GRAVITY
+    if with_gravity is not None:
+        drop_gravity = with_gravity.gravity
     return {
         "body": {"k": study["stiffness"], "n": study["exponent"], "m": view.mass},
         "alphas": view.alphas,
-        "band": [0.0, max(float(shown.band[1]) for shown in by_gravity.shown)],
-        "gravities": [shown.gravity for shown in by_gravity.shown],
+        "band": [0.0, fastest],
+        "gravities": list(heads),
         "engines": [[engine_title(engine), engine] for engine in view.engines],
         "start": dict(zip(_WHERE, start, strict=True)),
         "hues": KIND_COLOURS,
@@ -120,12 +132,12 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
         "texts": texts.stored,
         "how": texts.settings,
         "ranking": tables.rankings(by_gravity),
-        "heads": {shown.gravity: tables.HEADS[shown.gravity > 0] for shown in by_gravity.shown},
+        "heads": heads,
         "constants": tables.constants(by_gravity),
         "loops": loops.stored,
-        "scans": [] if without_gravity is None else _scans(without_gravity),
+        "scans": scans,
         "dropHeight": study.get("train_height"),
-        "dropGravity": with_gravity.gravity if with_gravity else STANDARD_GRAVITY,
+        "dropGravity": drop_gravity,
         "drops": _drops(with_gravity or view),
     }
 
@@ -184,7 +196,7 @@ def _choice(choice: PageChoice) -> dict[str, Any]:
         "kind": choice.kind,
         "setting": choice.setting,
         "say": choice.say,
-        "more": [line for line in choice.more if line],
+        "more": list(filter(None, choice.more)),
         "error": choice.error,
         "band": choice.band,
         "text": choice.text,
@@ -282,14 +294,18 @@ def _scans(view: View) -> list[dict[str, Any]]:
     for run, points in view.step_curves().items():
         if run.engine == REFERENCE:
             continue
-        errors = [abs(point.worst_phase) for _, point in points]
+        steps = []
+        errors = []
+        for step, point in points:
+            steps.append(step)
+            errors.append(abs(point.worst_phase))
         scans.append(
             {
                 "engine": run.engine,
                 "setting": run.label,
                 "alpha": view.main_alpha,
                 "v": float(view.study["step_speed"]),
-                "steps": [step for step, _ in points],
+                "steps": steps,
                 "error": digits(errors, 3),
             }
         )

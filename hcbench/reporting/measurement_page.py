@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hcbench.laws import closed_form
-from hcbench.measuring.curve import CurvePoint
+from hcbench.measuring.curve import Curve
 from hcbench.measuring.landing import by_drop, headline, labels
 from hcbench.measuring.measurement import Measurement
 from hcbench.measuring.text import motion_notes, setting_text
@@ -62,12 +62,12 @@ def measurement_page(measurement: Measurement) -> str:
 
 def summary(measurement: Measurement) -> str:
     """The result in a sentence."""
-    points = [p for p in measurement.curve if not math.isnan(p.restitution)]
-    if not points:
+    curve = measurement.curve.measured()
+    if not len(curve):
         return "No impact of it could be measured."
-    low = min(p.lowest for p in points)
-    high = max(p.highest for p in points)
-    band = f"{points[0].speed_in:.3g} ... {points[-1].speed_in:.3g} m/s"
+    low = curve.lowest.min()
+    high = curve.highest.max()
+    band = f"{curve.speed_in[0]:.3g} ... {curve.speed_in[-1]:.3g} m/s"
     text = f"Restitution between {low:.3f} and {high:.3f} at impact speeds of {band}."
     if measurement.spread > 0:
         spread = f"{measurement.spread:.2g}"
@@ -79,24 +79,21 @@ def summary(measurement: Measurement) -> str:
 
 def curve_figure(measurement: Measurement) -> Figure:
     """e over approach speed, m/s: a band over the phases, what the model asks for, and the target."""
-    points = [p for p in measurement.curve if not math.isnan(p.restitution)]
-    speeds = np.array([p.speed_in for p in points], dtype=float)
-    e = np.array([p.restitution for p in points], dtype=float)
-    lowest = np.array([p.lowest for p in points], dtype=float)
-    highest = np.array([p.highest for p in points], dtype=float)
+    curve = measurement.curve.measured()
+    speeds = curve.speed_in
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
     if measurement.facts.asked:
         asked = dict(zip(measurement.request.speeds, measurement.facts.asked, strict=True))
-        values = [asked[p.speed] for p in points]
+        values = [asked[speed] for speed in curve.speed.tolist()]
         axes.plot(speeds, values, color=LAW, linewidth=4.0, label="what the model asks for")
     if measurement.wanted is not None:
         wanted = measurement.wanted.at(speeds)
         axes.plot(speeds, wanted, color=LIMIT, linestyle=(0, (4, 2)), label="target")
-    draw_band(axes, speeds, lowest, highest, MEASURED.colour)
-    axes.plot(speeds, e, label="measured", **MEASURED.line())
+    draw_band(axes, speeds, curve.lowest, curve.highest, MEASURED.colour)
+    axes.plot(speeds, curve.restitution, label="measured", **MEASURED.line())
     axes.set_ylabel("restitution e", color=INK)
-    axes.set_ylim(0.0, max(1.05, 1.05 * highest.max(initial=0.0)))
+    axes.set_ylim(0.0, max(1.05, 1.05 * curve.highest.max(initial=0.0)))
     speed_axis(axes, inches=False)
     axes.legend(loc="best")
     return figure
@@ -179,16 +176,18 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
     """
     law = measurement.law
     facts = measurement.facts
-    points = [p for p in measurement.curve if not math.isnan(p.restitution) and not p.angle]
-    if law is None or not points or not measurement.loops:
+    measured = measurement.curve.measured()
+    head_on = measured.take(measured.angle == 0.0)
+    if law is None or not len(head_on) or not measurement.loops:
         return None
     loops = LoopStore()
     gravity = float(np.linalg.norm(facts.gravity))
     where = {"engine": facts.engine, "step": facts.timestep, "gravity": gravity, "alpha": law.alpha}
-    runs = [{**where, **_measured(measurement, points, loops)}]
+    runs = [{**where, **_measured(measurement, head_on, loops)}]
     if facts.asked:
         asked = dict(zip(measurement.request.speeds, facts.asked, strict=True))
-        runs.append({**where, **_asked(points, [asked[p.speed] for p in points])})
+        values = [asked[speed] for speed in head_on.speed.tolist()]
+        runs.append({**where, **_asked(head_on, values)})
     for run in runs:
         error = np.abs(np.array(run["e"]) - closed_form.restitution(law.alpha, np.array(run["v"])))
         run["error"] = digits(error, 3)
@@ -198,7 +197,7 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
         "body": {"k": law.stiffness, "n": law.exponent, "m": measurement.effective_mass},
         "alphas": [law.alpha],
         "gravities": [gravity],
-        "band": [0.0, 1.02 * max(p.speed_in for p in points)],
+        "band": [0.0, 1.02 * float(head_on.speed_in.max())],
         "engines": [[facts.engine, facts.engine]],
         "start": where,
         "answers": [{**where, "choices": [{"kind": "", "shown": shown}]}],
@@ -211,16 +210,17 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
     return Explorer(as_json(data), {name: TABS[name] for name in ("loop", "numbers")})
 
 
-def _measured(
-    measurement: Measurement, points: Sequence[CurvePoint], loops: LoopStore
-) -> dict[str, Any]:
-    """The curve, by the impacts whose loops there are."""
+def _measured(measurement: Measurement, curve: Curve, loops: LoopStore) -> dict[str, Any]:
+    """The curve as the script takes it, by the impacts whose loops there are.
+
+    loops: takes the loops in.
+    """
     with_loop = {impact.launch.speed: impact for impact in measurement.loops}
     phases = []
     e = []
     samples = []
     loop_numbers = []
-    for point in points:
+    for point in curve:
         impact = with_loop.get(point.speed)
         if impact is None:
             e.append(point.restitution)
@@ -232,21 +232,24 @@ def _measured(
             samples.append(impact.samples)
             loop_numbers.append(_add(loops, impact))
     return {
-        **_line("measured", MEASURED.colour, points),
+        **_line("measured", MEASURED.colour, curve),
         "phase": phases[0],
         "e": places(e, 5),
-        "low": places([point.lowest for point in points], 5),
-        "high": places([point.highest for point in points], 5),
+        "low": places(curve.lowest, 5),
+        "high": places(curve.highest, 5),
         "samples": samples,
         "loops": loop_numbers,
     }
 
 
-def _asked(points: Sequence[CurvePoint], e: Sequence[float]) -> dict[str, Any]:
-    """Curve of e that the model's settings ask for, without loops."""
+def _asked(curve: Curve, e: Sequence[float]) -> dict[str, Any]:
+    """Curve of e that the model's settings ask for, without loops.
+
+    e: one for each point of the measured curve.
+    """
     values = places(e, 5)
     return {
-        **_line("what the model asks for", LIMIT, points),
+        **_line("what the model asks for", LIMIT, curve),
         "phase": 0.5,
         "samples": [0] * len(e),
         "loops": [-1] * len(e),
@@ -257,16 +260,16 @@ def _asked(points: Sequence[CurvePoint], e: Sequence[float]) -> dict[str, Any]:
     }
 
 
-def _line(name: str, colour: str, points: Sequence[CurvePoint]) -> dict[str, Any]:
-    """Names, colour and speeds of a curve."""
+def _line(name: str, colour: str, curve: Curve) -> dict[str, Any]:
+    """Names, colour and speeds (m/s) of a curve."""
     return {
         "setting": name,
         "label": name,
         "title": name,
         "colour": colour,
         "dashes": "",
-        "asked": digits([p.speed for p in points], 4),
-        "v": digits([p.speed_in for p in points], 5),
+        "asked": digits(curve.speed, 4),
+        "v": digits(curve.speed_in, 5),
     }
 
 

@@ -66,20 +66,23 @@ def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict
     if drawing.draw is None:
         return record
     with figure_defaults():
-        drawn = drawing.draw()
-        figure, measured = drawn if isinstance(drawn, tuple) else (drawn, "")
+        figure = drawing.draw()
+        measured = ""
+        if isinstance(figure, tuple):
+            figure, measured = figure
         svg = svg_bytes(figure)
         if folder is not None:
             write_bytes(folder / f"{drawing.name}.svg", svg)
             if png:
                 write_bytes(folder / f"{drawing.name}.png", png_bytes(figure))
-    width, height = (round(96 * inches) for inches in figure.get_size_inches())
+    # In the pixels of CSS, 96 to an inch.
+    width, height = 96 * figure.get_size_inches()
     return {
         **record,
         "measured": measured,
         "source": _data_url(svg),
-        "width": width,
-        "height": height,
+        "width": round(width),
+        "height": round(height),
     }
 
 

@@ -207,8 +207,12 @@ def second_axis(
 
 def log_axis(axes: Axes, which: Literal["x", "y"]) -> None:
     """A log axis with plain powers of ten."""
-    (axes.set_xscale if which == "x" else axes.set_yscale)("log")
-    axis = axes.xaxis if which == "x" else axes.yaxis
+    if which == "x":
+        axes.set_xscale("log")
+        axis: Axis = axes.xaxis
+    else:
+        axes.set_yscale("log")
+        axis = axes.yaxis
     axis.set_major_locator(LogLocator(numticks=9))
     axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
     axis.set_minor_locator(NullLocator())

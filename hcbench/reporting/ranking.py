@@ -63,7 +63,9 @@ def grade(view: View, ratio: float) -> str:
     """ "good", "even" or "bad" against the best constant."""
     if ratio < 1 - TIE:
         return "good"
-    return "even" if ratio <= 1 + tie(view) else "bad"
+    if ratio <= 1 + tie(view):
+        return "even"
+    return "bad"
 
 
 def tie(view: View) -> float:
@@ -78,17 +80,21 @@ def error_ratio(view: View, run: RunKey) -> float:
     """
     if any(score["failed"] or score["energy_gained"] for score in _judged(view, run)):
         return math.inf
-    alphas = [view.main_alpha] if view.gravity else view.alphas
+    alphas = view.alphas
+    if view.gravity:
+        alphas = [view.main_alpha]
     ratios = [over_constant(view, run, alpha) for alpha in alphas]
     return max(filter(math.isfinite, ratios), default=math.inf)
 
 
 def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
     """The scores that a verdict goes by: under gravity settings are fitted for the main α."""
+    if not view.gravity:
+        return view.scores(run)
     score = view.score(run)
-    if view.gravity:
-        return [] if score is None else [score]
-    return view.scores(run)
+    if score is None:
+        return []
+    return [score]
 
 
 def lacks(view: View, run: RunKey) -> tuple[str, ...]:
@@ -128,8 +134,13 @@ def verdict(view: View, run: RunKey) -> RunVerdict:
         return RunVerdict("loses impacts", "bad", loop, wanting)
     ratio = error_ratio(view, run)
     against_constant = grade(view, ratio)
-    words = FOLLOWS_LAW if ratio <= FOLLOWS else _AGAINST_CONSTANT[against_constant]
-    return RunVerdict(words, "bad" if wanting else against_constant, loop, wanting)
+    words = _AGAINST_CONSTANT[against_constant]
+    if ratio <= FOLLOWS:
+        words = FOLLOWS_LAW
+    shown_grade = against_constant
+    if wanting:
+        shown_grade = "bad"
+    return RunVerdict(words, shown_grade, loop, wanting)
 
 
 def loop_verdict(view: View, run: RunKey) -> str:
@@ -175,8 +186,10 @@ def _least(
     """Select the runs with the least error, engines with nothing set left out: a user who asks has
     those already.
     """
-    is_set = [run for run in runs if run.engine != REFERENCE and run.setting != STOCK]
-    errors = {run: error(run) for run in is_set}
+    errors = {}
+    for run in runs:
+        if run.engine != REFERENCE and run.setting != STOCK:
+            errors[run] = error(run)
     least = min(errors.values(), default=math.inf)
     tied = least * (1 + TIE) + margin
     return [run for run, value in errors.items() if math.isfinite(value) and value <= tied]
@@ -190,11 +203,13 @@ def stock_runs(view: View) -> list[RunKey]:
 def advised(view: View) -> list[str]:
     """A sentence on engines with nothing set, and one on each engine's best setting at each step."""
     sentences = []
-    wrong = dict.fromkeys(
-        run.engine for run in stock_runs(view) if error_ratio(view, run) > 1 + tie(view)
-    )
+    # Titles of the engines, each once.
+    wrong = {}
+    for run in stock_runs(view):
+        if error_ratio(view, run) > 1 + tie(view):
+            wrong[run.engine] = wording.engine_title(run.engine)
     if wrong:
-        titles = wording.listed([wording.engine_title(engine) for engine in wrong], "nor")
+        titles = wording.listed(list(wrong.values()), "nor")
         sentences.append(f"With nothing set {titles} does not bounce like the law.")
     runs_at: dict[tuple[str, float], list[RunKey]] = {}
     for run in view.band_runs:
@@ -225,12 +240,18 @@ def overview_runs(view: View) -> list[RunKey]:
         groups.append(view.runs_by_resolution(True))
     for group in groups:
         for engine in view.engines:
-            others = [run for run in group if run.engine == engine and run not in picked]
-            own = [run for run in others if not view.is_plugin(run)]
-            picked += best(view, own)[:1]
+            by_settings = []
+            by_plugin = []
+            for run in group:
+                if run.engine != engine or run in picked:
+                    continue
+                if view.is_plugin(run):
+                    by_plugin.append(run)
+                else:
+                    by_settings.append(run)
+            picked += best(view, by_settings)[:1]
             if view.gravity:
-                plugins = [run for run in others if view.is_plugin(run)]
-                picked += best(view, plugins)[:1]
+                picked += best(view, by_plugin)[:1]
     return list(dict.fromkeys(picked))
 
 

@@ -60,8 +60,7 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
     else:
         cells = _of_contact(score)
         also = [outcome.loop]
-        lacking = lacks(with_gravity, run) if with_gravity is not None else ()
-        if lacking:
+        if with_gravity is not None and (lacking := lacks(with_gravity, run)):
             also.append(f"under gravity {wording.listed(lacking)}")
     return {
         "engine": run.engine,
@@ -124,8 +123,10 @@ def constants(by_gravity: Views) -> list[Cells]:
     """Largest error of the best constant e for each α, over the launches of a step's runs."""
     rows = []
     for view in by_gravity.shown:
-        for step in sorted({run.timestep for run in view.band_runs}):
-            runs = [run for run in view.band_runs if run.timestep == step]
+        runs_at: dict[float, list[RunKey]] = {}
+        for run in view.band_runs:
+            runs_at.setdefault(run.timestep, []).append(run)
+        for step, runs in sorted(runs_at.items()):
             errors = {f"{alpha:.9g}": _constant(view, runs, alpha) for alpha in view.alphas}
             rows.append({"gravity": view.gravity, "step": step, "errors": errors})
     return rows

@@ -95,9 +95,11 @@ class View:
         what curves over speed are of.
         """
         least = min((one.angle for one in self.folded.values()), default=0.0)
-        return {
-            self._run_and_alpha(key): one for key, one in self.folded.items() if one.angle == least
-        }
+        chosen = {}
+        for key, one in self.folded.items():
+            if one.angle == least:
+                chosen[self._run_and_alpha(key)] = one
+        return chosen
 
     # The study and its law
 
@@ -234,8 +236,13 @@ class View:
 
     @cached_property
     def _curves(self) -> dict[tuple[RunKey, float], Curve]:
-        curves = {where: one.curve.measured() for where, one in self.head_on.items()}
-        return {where: curve for where, curve in curves.items() if len(curve)}
+        """Curves by run and α; without those of which no impact came back."""
+        curves = {}
+        for where, one in self.head_on.items():
+            curve = one.curve.measured()
+            if len(curve):
+                curves[where] = curve
+        return curves
 
     def score(self, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
         """The score of a run for one α, s/m, else the main one; None where it did not run for it."""
@@ -279,8 +286,11 @@ class View:
         for (run, alpha), one in self.head_on.items():
             if one.at_step is not None and self._is_main(alpha):
                 rows.setdefault(run._replace(timestep=0.0), []).append((run.timestep, one.at_step))
-        several = {run: by for run, by in rows.items() if len(by) > 1}
-        return {run: sorted(by, key=lambda point: point[0]) for run, by in several.items()}
+        several = {}
+        for run, points in rows.items():
+            if len(points) > 1:
+                several[run] = sorted(points, key=lambda point: point[0])
+        return several
 
     @cached_property
     def bounces(self) -> dict[RunKey, pd.DataFrame]:

@@ -81,7 +81,8 @@ def _sentence(scores: Sequence[EngineScore]) -> str:
     parts = []
     for word, (_, _, phrase) in _OBEDIENCE.items():
         engines = [_title(one) for one in last.values() if one.restitution == word]
-        parts += [phrase.format(listed(engines))] if engines else []
+        if engines:
+            parts.append(phrase.format(listed(engines)))
     return f"The restitution that is set is {'; '.join(parts)}."
 
 

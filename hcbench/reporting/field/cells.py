@@ -75,8 +75,14 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
             made[engine] = _row(view, engine, gravity, timestep)
 
     def order(engine: str) -> list[float]:
-        orders = [made[engine][column].order for column in (SETTINGS, CONSTANT, PLUGIN)]
-        return [math.inf if value is None else value for value in orders]
+        orders = []
+        for column in (SETTINGS, CONSTANT, PLUGIN):
+            value = made[engine][column].order
+            # Cells without a number come last.
+            if value is None:
+                value = math.inf
+            orders.append(value)
+        return orders
 
     return {engine: made[engine] for engine in sorted(made, key=order)}
 
@@ -134,16 +140,22 @@ def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Matrix
     least = math.inf
     if case is not None:
         least = view.error(case)
-    failing = [other for other in tried if math.isinf(view.error(other))]
     # Named are those that fail but would be the best by e alone; the off of
     # one that never bounced is NaN.
-    nearer = [other for other in failing if not view.off(other) >= least]
+    nearer = []
+    for other in tried:
+        is_failing = math.isinf(view.error(other))
+        if is_failing and not view.off(other) >= least:
+            nearer.append(other)
     note = ""
     if nearer:
-        note = f"Left out: {listed([left_out(view, other) for other in nearer])}."
+        names = [left_out(view, other) for other in nearer]
+        note = f"Left out: {listed(names)}."
     if case is None:
         first = nearer[0]
-        text = "adds energy" if view.gains(first) else "loses the ball"
+        text = "loses the ball"
+        if view.gains(first):
+            text = "adds energy"
         return MatrixCell(text, first.setting, "bad", case=first, note=note)
     return MatrixCell(wording.error(least), case.setting, grade(view, case), least, case, note)
 
@@ -161,9 +173,9 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
     note = ""
     if about:
         note = f"{about.text} ({about.source})."
-    gains = [case for case in cases if view.gains(case)]
+    gains = list(filter(view.gains, cases))
     if not gains:
-        launches = sum(view.scenes(case) for case in cases)
+        launches = sum(map(view.scenes, cases))
         none = "No launch of a setting of this engine ended with more energy than it began with."
         return MatrixCell(
             "never grows", f"{launches} launches", "good", 0.0, note=f"{none} {note}".strip()

@@ -33,8 +33,9 @@ FEATURES = {
 def energy_note(engine: str) -> Feature | None:
     """Note on an e above 1 in an engine, from the engine's folder; None without one."""
     adapter = registry.adapter(registry.base_name(engine))
-    features = adapter.features if isinstance(adapter, DescribesContact) else None
-    return None if features is None else features.energy
+    if not isinstance(adapter, DescribesContact) or adapter.features is None:
+        return None
+    return adapter.features.energy
 
 
 def features(
@@ -61,7 +62,11 @@ def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
                 cells[field.name] = stated
     nothing = Feature("–", "")
     cells["numbers"] = Feature(f"float{adapter.bits}", _FOLDER)
-    cells["bits"] = Feature(_bits(probe), RUN if probe else "")
+    # Without a probe nothing ran here that could be the source.
+    source = ""
+    if probe is not None:
+        source = RUN
+    cells["bits"] = Feature(_bits(probe), source)
     cells["threshold"] = _threshold(cells.get("threshold", nothing), _slowest_bounce(view, engine))
     return [cells.get(name, nothing) for name in FEATURES]
 

@@ -42,7 +42,9 @@ def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
     by_plugin = _following(view, ran, gravity, timestep, PLUGIN)
     by_plugin_only = [engine for engine in by_plugin if engine not in by_settings]
     others = [engine for engine in _bases(ran) if engine not in (*by_settings, *by_plugin_only)]
-    condition = "under gravity" if gravity else "without gravity"
+    condition = "without gravity"
+    if gravity:
+        condition = "under gravity"
     engines_follow = _engines_follow(by_settings)
     sentences = [
         f"At {time(timestep)} {condition}, {engines_follow} the law by settings alone{_named(by_settings)}."
@@ -51,11 +53,13 @@ def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
         count = _count(by_plugin_only)
         if by_settings:
             count += " more"
-        verb = "do" if len(by_plugin_only) > 1 else "does"
+        verb = "does"
+        if len(by_plugin_only) > 1:
+            verb = "do"
         sentences.append(f"With a plug-in, {count} {verb}{_named(by_plugin_only)}.")
     if others:
-        titles = [engine_title(engine) for engine in others]
-        sentences.append(f"No setting that was run here follows it in {listed(titles, 'or')}.")
+        titles = listed(list(map(engine_title, others)), "or")
+        sentences.append(f"No setting that was run here follows it in {titles}.")
     return sentences
 
 
@@ -72,10 +76,12 @@ def _following(
     view: FieldView, engines: list[str], gravity: float, timestep: float, *kinds: str
 ) -> list[str]:
     """Engines whose best setting of some kinds follows the law, by their names without versions."""
-    best = {engine: view.best(engine, gravity, timestep, *kinds) for engine in engines}
-    return _bases(
-        [engine for engine, case in best.items() if case is not None and view.follows_law(case)]
-    )
+    following = []
+    for engine in engines:
+        best = view.best(engine, gravity, timestep, *kinds)
+        if best is not None and view.follows_law(best):
+            following.append(engine)
+    return _bases(following)
 
 
 def _bases(engines: list[str]) -> list[str]:
@@ -91,7 +97,10 @@ def _count(engines: list[str]) -> str:
 
 
 def _named(engines: list[str]) -> str:
-    return f": {listed([engine_title(engine) for engine in engines])}" if engines else ""
+    """Titles of engines after a colon; "" for none."""
+    if not engines:
+        return ""
+    return f": {listed(list(map(engine_title, engines)))}"
 
 
 def band(view: FieldView, timestep: float) -> str:

@@ -21,7 +21,7 @@ from hcbench.sim.install import add_commands
 from hcbench.system.files import atomic_folder, write_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from hcbench.benchmark.results import Results
@@ -50,40 +50,51 @@ def build(
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
         plans = list(drawings(view))
-        figures = list(counted((map if pool is None else pool.imap)(save, plans), len(plans), tick))
-        probes = {case.engine: probe_of_engine for case, probe_of_engine in _probes(view)}
+        drawn = map(save, plans) if pool is None else pool.imap(save, plans)
+        figures = list(counted(drawn, len(plans), tick))
+        probes = _probes(view)
         write_text(scratch / COST, _costs(view, probes))
-        write_text(
-            scratch / PAGE,
-            page_text(view, figures, {engine: p for engine, (_, p) in probes.items()}),
-        )
+        by_engine = {case.engine: probe_of_engine for case, probe_of_engine in probes.items()}
+        write_text(scratch / PAGE, page_text(view, figures, by_engine))
     return folder / PAGE
 
 
-def _probes(view: FieldView) -> list[tuple[Case, tuple[Case, probe.Probe | None]]]:
-    """Each engine's best setting at the step nearest to 1 ms, else its default, with its features."""
-    probes = []
+def _probes(view: FieldView) -> dict[Case, probe.Probe | None]:
+    """Each engine's best setting at the step nearest to 1 ms, else its default, with its features.
+
+    None for a setting whose probe could not run.
+    """
+    probes = {}
     scene = probe.scene_of(view)
     for engine in view.engines:
-        steps = sorted(view.steps, key=_far_from_usual)
-        picks = [pick(engine, 0.0, h) for pick in (view.best, view.stock) for h in steps]
-        case = next((case for case in picks if case is not None), None)
+        case = _usual_case(view, engine)
         if case is not None:
-            probes.append((case, (case, probe.probe(setting_of(view, case), scene))))
+            probes[case] = probe.probe(setting_of(view, case), scene)
     return probes
+
+
+def _usual_case(view: FieldView, engine: str) -> Case | None:
+    """An engine's best setting without gravity at the step nearest to 1 ms, else its default."""
+    steps = sorted(view.steps, key=_far_from_usual)
+    for pick in (view.best, view.stock):
+        for step in steps:
+            case: Case | None = pick(engine, 0.0, step)
+            if case is not None:
+                return case
+    return None
 
 
 def _far_from_usual(step: float) -> float:
     return abs(math.log(step / _USUAL_STEP))
 
 
-def _costs(view: FieldView, probes: dict[str, tuple[Case, probe.Probe | None]]) -> str:
+def _costs(view: FieldView, probes: Mapping[Case, probe.Probe | None]) -> str:
+    """The table of computing time as CSV: engine, setting, step in s, and the cost by balls."""
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-    costs = [
-        (view.title(c.engine), c.setting, c.timestep, p.cost)
-        for c, p in probes.values()
-        if p is not None
-    ]
+    costs = []
+    for case, of_case in probes.items():
+        if of_case is not None:
+            costs.append((view.title(case.engine), case.setting, case.timestep, of_case.cost))
     return probe.csv_of(costs, machine)
 
 

@@ -60,11 +60,16 @@ def probe(setting: Setting, scene: Scene) -> Probe | None:
 def _probe_here(setting: Setting, scene: Scene) -> Probe:
     """Probe of a setting, in this process. Raises what the engine raises."""
     engine = cast("SteppedEngine", registry.engine(setting.engine))
-    first = [_bits(impact) for impact in engine.run(scene, setting, _LAUNCHES)]
-    again = [_bits(impact) for impact in engine.run(scene, setting, _LAUNCHES)]
-    alone = [_bits(engine.run(scene, setting, [launch])[0]) for launch in _LAUNCHES]
+    first = list(map(_bits, engine.run(scene, setting, _LAUNCHES)))
+    again = list(map(_bits, engine.run(scene, setting, _LAUNCHES)))
+    alone = []
+    for launch in _LAUNCHES:
+        (impact,) = engine.run(scene, setting, [launch])
+        alone.append(_bits(impact))
     cost: dict[int, float] = {}
-    with redirect_output() if engine.own_process else nullcontext():
+    # An engine with a process of its own prints from native code.
+    quiet = redirect_output() if engine.own_process else nullcontext()
+    with quiet:
         for balls in BALLS:
             cost |= _cost(engine, setting, scene, balls)
     return Probe(first == again, first == alone, cost)

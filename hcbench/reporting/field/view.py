@@ -120,7 +120,9 @@ class FieldView:
     @cached_property
     def engines(self) -> list[str]:
         """Engines that ran, in the study's order, without the reference."""
-        return [e for e in dict.fromkeys(case.engine for case in self.scores) if e != REFERENCE]
+        engines = dict.fromkeys(case.engine for case in self.scores)
+        engines.pop(REFERENCE, None)
+        return list(engines)
 
     @cached_property
     def gravities(self) -> list[float]:
