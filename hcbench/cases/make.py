@@ -89,7 +89,7 @@ def run(world: Json, steps: int, record: Sequence[Sequence[int]], **expected: An
     return {
         "world": world,
         "steps": steps,
-        "record": [list(each) for each in record],
+        "record": list(map(list, record)),
         "expected": expected,
     }
 
@@ -331,8 +331,11 @@ def force_at_rest() -> Iterator[Json]:
 def cradle() -> Iterator[Json]:
     """A cradle hands the speed on."""
     for h in (1 / 240, 1 / 1000):
-        places = [(i * (2 * RADIUS + 0.02), 0, 0) for i in range(5)]
-        bodies = [ball(place, (1, 0, 0) if i == 0 else (0, 0, 0)) for i, place in enumerate(places)]
+        bodies = []
+        # The first of five balls moves, along x; the gaps are of 0.02 m.
+        for i, speed in enumerate((1, 0, 0, 0, 0)):
+            x = i * (2 * RADIUS + 0.02)
+            bodies.append(ball((x, 0, 0), (speed, 0, 0)))
         last = round(1 / h)
         out = [0.0] * 12 + [1.0, 0.0, 0.0]
         yield run(world(h, bodies, 1.0, floor=False), last, [(last, last)], velocity=out)
@@ -355,10 +358,11 @@ def text() -> str:
     """Return the content of the file: a run a line."""
     cases = []
     for about, runs in _CASES:
-        lines = ",\n".join(
-            json.dumps(run, separators=(",", ":"), ensure_ascii=False) for run in runs()
-        )
-        cases.append(f'{json.dumps(about, ensure_ascii=False)[:-1]}, "runs": [\n{lines}]}}')
+        # The object of the case, without the bracket that closes it: its runs follow.
+        opened = json.dumps(about, ensure_ascii=False)[:-1]
+        lines = [json.dumps(run, separators=(",", ":"), ensure_ascii=False) for run in runs()]
+        listed = ",\n".join(lines)
+        cases.append(f'{opened}, "runs": [\n{listed}]}}')
     head = json.dumps({"set": "hcbench-cases-1", "status": "draft", "units": "SI"})
     return f'{head[:-1]}, "cases": [\n' + ",\n".join(cases) + "]}\n"
 

@@ -60,12 +60,15 @@ def run_engines(
                 "engine", f"{name!r} has no adapter of cases", f"one of: {', '.join(adapters())}"
             )
         registry.require(name)
-    paths = {name: adapters()[name.partition("@")[0]] for name in names}
-    every = [(name, number) for name in names for number in range(_variants(paths[name]))]
+    # Name, adapter and number of the variant of each engine to run.
+    every: list[tuple[str, Path, int]] = []
+    for name in names:
+        adapter = adapters()[name.partition("@")[0]]
+        every += [(name, adapter, variant) for variant in range(_variants(adapter))]
     results: list[Json] = []
     cases = the_cases(only)
     with ThreadPoolExecutor(jobs) as pool:
-        run = pool.map(lambda each: _run(cases, each[0], paths[each[0]], each[1]), every)
+        run = pool.map(lambda each: _run(cases, *each), every)
         for done, each in enumerate(run, 1):
             results.append(each)
             progress(done, len(every))
@@ -89,8 +92,10 @@ def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
         command = [str(python), "-c", _SCRIPT, *arguments]
         done = run_with_parent(command, Path(folder), os.environ)
         if not out.exists():
+            reason = f"ended with {done.returncode}"
             said = done.stderr.strip().splitlines()
-            reason = said[-1] if said else f"ended with {done.returncode}"
+            if said:
+                reason = said[-1]
             raise EngineFailed(f"engine {name!r}", reason, "results of its cases")
         return dict(parse_json(read_text(out)))
 

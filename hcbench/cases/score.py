@@ -33,7 +33,10 @@ def the_cases(only: Sequence[str] = ()) -> Json:
     for name in only:
         if name not in ids:
             raise UserError("--case", repr(name), f"one of {ids[0]} ... {ids[-1]}")
-    return {**whole, "cases": [case for case in whole["cases"] if not only or case["id"] in only]}
+    if not only:
+        return whole
+    chosen = [case for case in whole["cases"] if case["id"] in only]
+    return {**whole, "cases": chosen}
 
 
 def known_failures() -> dict[str, dict[str, str]]:
@@ -92,9 +95,10 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
         raise UserError(
             source, f"a ball at rest before an impact: {error}", "states of the cases"
         ) from None
-    printable = [
-        {**verdict, "why": sanitized(verdict["why"], _LONGEST_WHY)} for verdict in verdicts
-    ]
+    printable = []
+    for verdict in verdicts:
+        why = sanitized(verdict["why"], _LONGEST_WHY)
+        printable.append({**verdict, "why": why})
     engine = results["engine"]
     return EngineScore(
         engine=sanitized(engine["name"]),
@@ -151,16 +155,16 @@ def read_scores(path: Path, only: Sequence[str] = ()) -> list[EngineScore]:
         raise UserError(str(path), "not JSON", "a JSON file of results") from None
     if not content:
         raise UserError(str(path), "nothing in it", "the results of an engine, or a list of them")
-    return [
-        score(each, str(path), only)
-        for each in (content if isinstance(content, list) else [content])
-    ]
+    if not isinstance(content, list):
+        content = [content]
+    return [score(each, str(path), only) for each in content]
 
 
 def measured() -> list[EngineScore]:
     """Scores of the engines and versions that were measured for the pages, from `measured.json`."""
-    return [
-        EngineScore(
+    scores = []
+    for each in validated(parse_json(read_text(MEASURED)), "scores", MEASURED.name):
+        one = EngineScore(
             engine=each["engine"],
             version=each["version"],
             verdicts=tuple(each["verdicts"]),
@@ -168,8 +172,8 @@ def measured() -> list[EngineScore]:
             threshold=each["threshold"],
             cpu_s=each["cpu_s"],
         )
-        for each in validated(parse_json(read_text(MEASURED)), "scores", MEASURED.name)
-    ]
+        scores.append(one)
+    return scores
 
 
 def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
@@ -198,12 +202,13 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
     By the first two cases: normal impacts without gravity, then slow ones under it. None where they
     were not run, or have no numbers.
     """
-    if [case["id"] for case in cases["cases"][:2]] != ["C01", "C02"]:
+    ids = [case["id"] for case in cases["cases"]]
+    if ids[:2] != ["C01", "C02"]:
         return None, 0.0
     normal, slow, *_ = cases["cases"]
     measured = list(_restitutions(normal, runs.get(normal["id"], [])))
     under_gravity = list(_restitutions(slow, runs.get(slow["id"], [])))
-    silent = [impact.speed for impact in under_gravity if impact.is_silent]
+    silent = _silent_speeds(under_gravity)
     threshold = max(silent, default=0.0)
     first, second, *_ = verdicts
     if first["verdict"] == second["verdict"] == "pass":
@@ -212,7 +217,7 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
         return None, 0.0
     if _range_of_means(measured) < _ALIKE:
         return "ignored", threshold
-    silent += [impact.speed for impact in measured if impact.is_silent]
+    silent += _silent_speeds(measured)
     threshold = max(silent, default=0.0)
     if silent:
         tolerance = normal["tolerance"]["restitution"]["value"]
@@ -220,6 +225,11 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
         if above and all(abs(impact.e - impact.asked) <= tolerance for impact in above):
             return "threshold", threshold
     return "mixed", threshold
+
+
+def _silent_speeds(impacts: Sequence[_CaseBounce]) -> list[float]:
+    """Speeds, m/s, of the impacts after which nothing bounces."""
+    return [impact.speed for impact in impacts if impact.is_silent]
 
 
 def _range_of_means(measured: Sequence[_CaseBounce]) -> float:

@@ -54,8 +54,11 @@ class BaselineImpact(BaseModel):
 
     @model_validator(mode="after")
     def _require_restitution(self) -> Self:
-        measured = self.status in (Status.PARTED, Status.RESTED)
-        if not (0 <= self.restitution < math.inf if measured else math.isnan(self.restitution)):
+        if self.status in (Status.PARTED, Status.RESTED):
+            is_right = 0 <= self.restitution < math.inf
+        else:
+            is_right = math.isnan(self.restitution)
+        if not is_right:
             raise ValueError("a restitution where one was measured, and only there")
         return self
 
@@ -78,11 +81,15 @@ class Baseline(BaseModel):
     @model_validator(mode="after")
     def _require_something_measured(self) -> Self:
         first = self.impacts[0]
-        sent = [
-            Launch.at_angle(i.launch.angle, i.launch.speed, i.phase, first.height, first.spin)
-            for i in self.impacts
-        ]
-        if len(set(sent)) < len(sent) or sent != [impact.launch for impact in self.impacts]:
+        launches = [impact.launch for impact in self.impacts]
+        # One request has one height and one spin.
+        sent = []
+        for launch in launches:
+            speed = launch.speed
+            sent.append(
+                Launch.at_angle(launch.angle, speed, launch.phase, first.height, first.spin)
+            )
+        if len(set(sent)) < len(sent) or sent != launches:
             raise ValueError("each launch once, and all of one request")
         if all(math.isnan(impact.restitution) for impact in self.impacts):
             raise ValueError("at least one restitution")
@@ -93,11 +100,19 @@ class Baseline(BaseModel):
         phases that only some speeds had.
         """
         first = self.impacts[0]
+        # A dict keeps each value once, in order.
+        speeds: dict[float, None] = {}
+        phases: dict[float, None] = {}
+        angles: dict[float, None] = {}
+        for impact in self.impacts:
+            speeds[impact.speed] = None
+            phases[impact.phase] = None
+            angles[impact.launch.angle] = None
         return replace(
             base or Request(),
-            speeds=tuple(dict.fromkeys(impact.speed for impact in self.impacts)),
-            phases=tuple(dict.fromkeys(impact.phase for impact in self.impacts)),
-            angle=tuple(dict.fromkeys(impact.launch.angle for impact in self.impacts)),
+            speeds=tuple(speeds),
+            phases=tuple(phases),
+            angle=tuple(angles),
             height=first.height,
             spin=first.spin,
             adapt_phases=False,
@@ -117,10 +132,12 @@ def write_baseline(path: Path, measured: Mapping[str, Measurement], force: bool 
 
 
 def _record(measurement: Measurement) -> dict[str, Any]:
+    """A measurement for the file: engine, its version, step in s, and each impact."""
     facts = measurement.facts
-    impacts = [
-        BaselineImpact.model_validate(record(BASELINE_IMPACT, i)) for i in measurement.impacts
-    ]
+    impacts = []
+    for impact in measurement.impacts:
+        columns = record(BASELINE_IMPACT, impact)
+        impacts.append(BaselineImpact.model_validate(columns))
     return Baseline(
         engine=facts.engine,
         version=facts.version,
@@ -144,15 +161,16 @@ def read_baseline(path: Path, name: str) -> Baseline:
         raise UserError("baseline", f"{path} is not JSON", "what --write-baseline wrote") from None
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise UserError("baseline", f"{path} is not a baseline", "what --write-baseline wrote")
-    if (schema := content.get("schema")) != SCHEMA:
-        raise UserError(
-            "baseline",
-            f"{path} has schema {schema!r}{f', {FORMER_E}' if schema == 1 else ''}",
-            f"schema {SCHEMA}",
-            "Renew it: hcbench check MODEL --write-baseline FILE --force",
-        )
+    schema = content.get("schema")
+    if schema != SCHEMA:
+        got = f"{path} has schema {schema!r}"
+        if schema == 1:
+            got += f", {FORMER_E}"
+        advice = "Renew it: hcbench check MODEL --write-baseline FILE --force"
+        raise UserError("baseline", got, f"schema {SCHEMA}", advice)
     checks = content.get("checks")
-    checks = checks if isinstance(checks, dict) else {}
+    if not isinstance(checks, dict):
+        checks = {}
     entry = checks.get(name)
     # A file with one model: its name may have changed since.
     if entry is None and len(checks) == 1:

@@ -113,7 +113,10 @@ def _listed(path: Path, spec: CheckSpec) -> list[Check]:
         changes["max_error"] = read_max_error(options["max_error"])
     if options["limit"] is not None:
         changes["limit"] = read_limit(options["limit"])
-    checks = checks_of(path, None if options["baseline"] is None else Path(options["baseline"]))
+    baseline: Path | None = None
+    if options["baseline"] is not None:
+        baseline = Path(options["baseline"])
+    checks = checks_of(path, baseline)
     return [dataclasses.replace(check, **changes) for check in checks]  # type: ignore[arg-type]
 
 

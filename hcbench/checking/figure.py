@@ -32,11 +32,17 @@ def errors_png(report: Report) -> bytes:
 
 
 def _error_panel(axes: Axes, outcome: Outcome) -> None:
-    rows = [row for row in outcome.rows if not math.isnan(row.worst_phase)]
+    """Plot the error of e in the worst phase over approach speed, m/s, between its limits."""
+    speeds = []
+    errors = []
+    for row in outcome.rows:
+        if not math.isnan(row.worst_phase):
+            speeds.append(row.speed_in)
+            errors.append(row.worst_phase)
     axes.axhline(0.0, color=LAW, linewidth=2.0)
     for sign in (-1, 1):
         axes.axhline(sign * outcome.max_error, color=LIMIT, linestyle=(0, (4, 2)), linewidth=1.0)
-    axes.plot([row.speed_in for row in rows], [row.worst_phase for row in rows], **MEASURED.line())
+    axes.plot(speeds, errors, **MEASURED.line())
     axes.set_title(f"{sanitized(outcome.name)}: {outcome.verdict.value}", loc="left")
     axes.set_ylabel("e - target, worst phase")
     speed_axis(axes, inches=False)

@@ -165,7 +165,9 @@ class Check:
             return self.rest.text
         if self.baseline is not None:
             return f"the baseline of {self.baseline.engine} {self.baseline.version}"
-        return self.wanted.description if self.wanted is not None else "nothing: measured only"
+        if self.wanted is None:
+            return "nothing: measured only"
+        return self.wanted.description
 
     @property
     def allowed(self) -> float:
@@ -194,15 +196,20 @@ def plan(spec: CheckSpec) -> Check:
         request = _as_written(baseline, request, launch)
         default_error = MAX_DRIFT
     max_error = read_max_error(options["max_error"], default_error)
-    trajectory = options["trajectory"]
+    trajectory: Path | None = None
+    if options["trajectory"] is not None:
+        trajectory = Path(options["trajectory"])
     limits, drops = _limits(options)
     limit = read_limit(options["limit"])
     rest = read_rest_limits(options["max_depth"], options["max_vibration"])
     if rest is not None and limits:
         raise UserError("require", "given with a limit at rest", "one of the two")
+    source: str | tuple[str, ...] = spec.models
+    if len(spec.models) == 1:
+        source = spec.models[0]
     return Check(
         name=name,
-        source=spec.models[0] if len(spec.models) == 1 else spec.models,
+        source=source,
         request=request,
         wanted=wanted,
         baseline=baseline,
@@ -211,7 +218,7 @@ def plan(spec: CheckSpec) -> Check:
         limit=limit,
         limits=limits,
         drops=drops,
-        trajectory=None if trajectory is None else Path(trajectory),
+        trajectory=trajectory,
         rest=rest,
     )
 

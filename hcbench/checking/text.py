@@ -61,8 +61,10 @@ def outcome_text(outcome: Outcome) -> str:
         # A check prints only those notes of `measure` by which its numbers may be wrong.
         lines += [f"note: {sanitized(note)}" for note in outcome.measurement.facts.warnings]
     if outcome.against:
-        limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"
-        lines.append(f"against {outcome.against}{limit}")
+        against = f"against {outcome.against}"
+        if not math.isnan(outcome.max_error):
+            against += f", limit {outcome.max_error:g}"
+        lines.append(against)
     if outcome.rows:
         lines += ["", *table(*_table(outcome)), ""]
     lines.append(outcome.line)
@@ -78,11 +80,15 @@ def _table(outcome: Outcome) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 
 
 def _cells(row: CurvePoint, is_oblique: bool) -> tuple[str, ...]:
+    """Cells of one point: speeds in m/s, the angle in degrees; "" for an angle where all is normal."""
     # The difference of the two numbers as they are printed, so that the row adds up for its reader.
     error = round(row.restitution, _DECIMALS) - round(row.target, _DECIMALS)
+    angle = ""
+    if is_oblique:
+        angle = f"{math.degrees(row.angle):.4g}"
     return (
         f"{row.speed:.4g}",
-        f"{math.degrees(row.angle):.4g}" if is_oblique else "",
+        angle,
         number(row.speed_in, ".4g"),
         number(row.restitution),
         number(row.lowest),
@@ -104,6 +110,16 @@ def as_record_of(report: Report) -> dict[str, Any]:
 
 
 def _record(outcome: Outcome) -> dict[str, Any]:
+    """Record of one check, its numbers in SI; None for a worst point or a measurement that it has
+    not.
+    """
+    is_oblique = outcome.is_oblique
+    worst = None
+    if outcome.worst is not None:
+        worst = outcome.worst.record(is_oblique)
+    measurement = None
+    if outcome.measurement is not None:
+        measurement = as_record(outcome.measurement)
     return {
         "name": outcome.name,
         "verdict": outcome.verdict.value,
@@ -111,9 +127,9 @@ def _record(outcome: Outcome) -> dict[str, Any]:
         "message": outcome.message,
         "against": outcome.against,
         "max_error": outcome.max_error,
-        "worst": None if outcome.worst is None else outcome.worst.record(outcome.is_oblique),
-        "rows": [row.record(outcome.is_oblique) for row in outcome.rows],
-        "measurement": None if outcome.measurement is None else as_record(outcome.measurement),
+        "worst": worst,
+        "rows": [row.record(is_oblique) for row in outcome.rows],
+        "measurement": measurement,
     }
 
 

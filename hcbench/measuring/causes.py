@@ -102,11 +102,15 @@ def _gain(impacts: Sequence[Impact]) -> tuple[float, int]:
     """(largest e, fewest steps in contact) of the impacts that parted; of a body that slides or
     spins, e that would change the energy as much.
     """
-    parted = [i for i in impacts if i.status is Status.PARTED]
-    kept = [
-        math.sqrt(max(0.0, 1.0 - i.energy_lost)) for i in parted if not math.isnan(i.energy_lost)
-    ]
-    return max(kept, default=0.0), min((i.samples for i in parted), default=0)
+    parted = [impact for impact in impacts if impact.status is Status.PARTED]
+    largest = 0.0
+    for impact in parted:
+        if not math.isnan(impact.energy_lost):
+            # A normal impact keeps the share e² of its energy.
+            kept = max(0.0, 1.0 - impact.energy_lost)
+            largest = max(largest, math.sqrt(kept))
+    fewest = min((impact.samples for impact in parted), default=0)
+    return largest, fewest
 
 
 def gravity(

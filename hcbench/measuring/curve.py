@@ -76,8 +76,10 @@ class CurvePoint:
     @property
     def place(self) -> str:
         """Speed, and the angle of an oblique launch, in words."""
-        angle = f" and {math.degrees(self.angle):.4g} deg" if self.angle else ""
-        return f"{self.speed_in:.4g} m/s{angle}"
+        place = f"{self.speed_in:.4g} m/s"
+        if self.angle:
+            place += f" and {math.degrees(self.angle):.4g} deg"
+        return place
 
     def record(self, is_oblique: bool) -> dict[str, Any]:
         """The point as JSON and data frames have it.
@@ -128,24 +130,36 @@ def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None
     The points hold speeds in m/s, angles in rad, and e over the phases: mean, lowest, highest.
     """
     every = list(impacts)
+    count = len(every)
+    group = np.zeros(count, dtype=np.int64)
+    samples = np.zeros(count, dtype=np.int64)
+    sent = np.zeros((3, count))
+    came_back = np.zeros((3, count))
+    along = np.zeros((count, len(ALONG)))
+    target = np.full(count, math.nan)
     number_of: dict[Launch, int] = {}
-    group = [number_of.setdefault(impact.launch.at_any_phase, len(number_of)) for impact in every]
-    target = np.full(len(every), math.nan)
-    if wanted is not None:
-        for i, impact in enumerate(every):
-            if impact.is_measured:
-                target[i] = wanted(impact)
+    for i, impact in enumerate(every):
+        launch = impact.launch
+        group[i] = number_of.setdefault(launch.at_any_phase, len(number_of))
+        samples[i] = impact.samples
+        sent[:, i] = launch.speed, launch.angle, launch.phase
+        came_back[:, i] = impact.speed_in, impact.restitution, impact.restitution_after_force
+        along[i] = along_plate(impact)
+        if wanted is not None and impact.is_measured:
+            target[i] = wanted(impact)
+    speed, angle, phase = sent
+    speed_in, restitution, after_force = came_back
     return curve_of_columns(
-        np.array(group, dtype=np.int64),
-        speed=np.array([impact.launch.speed for impact in every]),
-        angle=np.array([impact.launch.angle for impact in every]),
-        phase=np.array([impact.launch.phase for impact in every]),
-        speed_in=np.array([impact.speed_in for impact in every]),
-        restitution=np.array([impact.restitution for impact in every]),
+        group,
+        speed=speed,
+        angle=angle,
+        phase=phase,
+        speed_in=speed_in,
+        restitution=restitution,
         target=target,
-        samples=np.array([impact.samples for impact in every], dtype=np.int64),
-        after_force=np.array([impact.restitution_after_force for impact in every]),
-        along=np.array([along_plate(impact) for impact in every]).reshape(-1, len(ALONG)),
+        samples=samples,
+        after_force=after_force,
+        along=along,
     )
 
 

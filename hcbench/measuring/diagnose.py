@@ -19,7 +19,7 @@ from hcbench.system.errors import HcbenchError
 from hcbench.terms.impact import Impact, Launch, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.model_under_test import ModelUnderTest, Suspect
@@ -78,7 +78,7 @@ def diagnose(
     touched = [impact for impact in impacts if impact.status is not Status.NO_TOUCH]
     impacts = touched or impacts
     suspects = model.suspects(impacts, wanted)
-    if not touched and not any(s.code == NO_PUSH for s in suspects):
+    if not touched and NO_PUSH not in _codes(suspects):
         # Something stopped the bodies before the contact could act.
         return (), ""
 
@@ -87,7 +87,7 @@ def diagnose(
         goal = _constant_goal(assumed)
     if not _is_off(impacts, goal, tolerance):
         return _always_reported(suspects), ""
-    if suspects and all(s.apply is None for s in suspects):
+    if suspects and not _fixable(suspects):
         return tuple(map(_cause, suspects)), "None of these could be tried on this model."
 
     trials = _Trials(model, _probe_launches(impacts, goal, model.step_cost), goal)
@@ -95,7 +95,7 @@ def diagnose(
     fixable = _fixable(suspects)
     causes = _tried_causes(fixable, trials, tolerance)
     causes += [_cause(s) for s in suspects if s.apply is None and s.always_reported]
-    codes = {cause.code for cause in causes}
+    codes = _codes(causes)
     fixes = [s for s in fixable if s.code in codes]
     remaining = trials.max_error(fixes)
     if fixes and remaining >= _NO_BOUNCE:
@@ -132,6 +132,15 @@ def _always_reported(suspects: Sequence[Suspect]) -> tuple[Cause, ...]:
     return tuple(_cause(s) for s in suspects if s.always_reported)
 
 
+def _codes(found: Iterable[Suspect | Cause]) -> frozenset[str]:
+    return frozenset(each.code for each in found)
+
+
+def _without(fixes: Sequence[Suspect], left_out: Suspect) -> list[Suspect]:
+    """All fixes but one, in their order."""
+    return [fix for fix in fixes if fix is not left_out]
+
+
 def _fixable(suspects: Sequence[Suspect]) -> list[Suspect]:
     return [s for s in suspects if s.apply is not None]
 
@@ -147,7 +156,7 @@ class _Trials:
 
     def impacts(self, fixes: Sequence[Suspect]) -> list[Impact]:
         """One for each launch; none where the fixes make the pair unmeasurable."""
-        key = frozenset(s.code for s in fixes)
+        key = _codes(fixes)
         if key not in self._impacts:
             try:
                 with self.model.fixed(fixes) as fixed:
@@ -197,10 +206,12 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
         return math.isnan(impact.restitution), _error(impact, goal)
 
     worst = max(impacts, key=badness).launch.speed
-    speeds = [impact.launch.speed for impact in impacts]
+    by_speed: dict[float, list[Impact]] = {}
+    for impact in impacts:
+        by_speed.setdefault(impact.launch.speed, []).append(impact)
     probes: list[Launch] = []
-    for speed in sorted({worst, min(speeds), max(speeds)}):
-        probes += _probe_phases([i for i in impacts if i.launch.speed == speed], step_cost)
+    for speed in sorted({worst, min(by_speed), max(by_speed)}):
+        probes += _probe_phases(by_speed[speed], step_cost)
 
     # Steps in contact of the longest impact.
     longest = max(10, *(impact.samples for impact in impacts))
@@ -231,9 +242,8 @@ def _hidden_suspects(
     impacts = trials.impacts(fixes)
     if not fixes or not impacts or trials.max_error(fixes) <= tolerance:
         return []
-    known = {suspect.code for suspect in suspects}
     # The fixes may bring a gain of energy that the model itself does not have.
-    known.add(ENERGY_GAIN)
+    known = _codes(suspects) | {ENERGY_GAIN}
     with trials.model.fixed(fixes) as fixed:
         return [s for s in fixed.suspects(impacts, wanted) if s.code not in known]
 
@@ -258,8 +268,7 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
     reported = [s for s in fixes if s.always_reported or s in needed]
     error_without: dict[str, float] = {}
     for suspect in reported:
-        others = [other for other in reported if other is not suspect]
-        error_without[suspect.code] = trials.max_error(others)
+        error_without[suspect.code] = trials.max_error(_without(reported, suspect))
     largest = max(error_without.values(), default=0.0) or 1.0
 
     def strength(suspect: Suspect) -> int:
@@ -274,7 +283,7 @@ def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) ->
     """The fixes that keep the error within `allowed`, the least likely left out first."""
     needed = list(fixes)
     for suspect in reversed(fixes):
-        others = [s for s in needed if s is not suspect]
+        others = _without(needed, suspect)
         if trials.max_error(others) <= allowed:
             needed = others
     return needed
@@ -313,7 +322,9 @@ def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) ->
     if span <= 2 * tolerance or max(e) - min(e) > _FLAT * span:
         return ""
     longest = max(impact.samples for impact in parted)
-    one = "takes one step and " if longest <= 1 else ""
+    one = ""
+    if longest <= 1:
+        one = "takes one step and "
     return (
         f"This contact {one}gives the same e at every speed, {float(np.mean(e)):.4g}, but the target is"
         f" {highest:.4g} ... {lowest:.4g}. The best constant e is wrong by {span / 2:.2g};"

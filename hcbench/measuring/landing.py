@@ -158,7 +158,8 @@ def unresolved(landings: Landings) -> list[str]:
         fix = f"a step of {_SHARE_OF_FALL * shortest:.1g} s"
         found.append(f"The step is too long for the fall: {evidence}. Use {fix} or less.")
     gains = [drop for drop in landings.drops if drop.restitution > 1.0 + NOTABLE_GAIN]
-    if coarse := [drop for drop in gains if _steps(drop, h) < _ENOUGH_STEPS]:
+    coarse = [drop for drop in gains if _steps(drop, h) < _ENOUGH_STEPS]
+    if coarse:
         worst = max(coarse, key=lambda drop: drop.restitution)
         steps = _steps(worst, h)
         evidence = f"e up to {worst.restitution:.4g} with {steps:.0f} steps in contact"
@@ -189,18 +190,20 @@ def _steps(drop: Landing, timestep: float) -> float:
 
 def as_record(landings: Landings) -> dict[str, Any]:
     """The landings as `--json` prints them."""
-    about = {
-        f.name: getattr(landings, f.name) for f in dataclasses.fields(landings) if f.name != "drops"
-    }
+    about = {}
+    for field in dataclasses.fields(landings):
+        if field.name != "drops":
+            about[field.name] = getattr(landings, field.name)
     drops = [_drop_record(drop) for drop in landings.drops]
     return {"schema": 1, "kind": "hcbench landing", **about, "window_s": WINDOW_S, "drops": drops}
 
 
 def _drop_record(drop: Landing) -> dict[str, Any]:
+    """One landing in SI units: its numbers, each foot's, and force (N) over time (s) as lists."""
     return {
         **record(LANDING, drop),
         LANDING_SPEED_OUT.key: drop.speed_out,
-        "feet": [dataclasses.asdict(foot) for foot in drop.feet],
+        "feet": list(map(dataclasses.asdict, drop.feet)),
         LANDING_TIME.key: drop.time.tolist(),
         LANDING_FORCE.key: drop.force.tolist(),
     }
@@ -246,8 +249,10 @@ def labels(robots: Sequence[Landings]) -> list[str]:
     names = [sanitized(landings.model, 40) for landings in robots]
     unique = []
     for i, name in enumerate(names, 1):
-        is_shared = names.count(name) > 1
-        unique.append(f"{name} ({i})" if is_shared else name)
+        label = name
+        if names.count(name) > 1:
+            label = f"{name} ({i})"
+        unique.append(label)
     return unique
 
 
@@ -259,6 +264,12 @@ def by_drop(robots: Sequence[Landings], names: Sequence[str]) -> Iterator[tuple[
 
 def _row(drop: Landing, name: str) -> tuple[str, ...]:
     """Cells of one landing: times in ms, slip and penetration in mm, tilt in degrees."""
+    impulse = ""
+    if not math.isnan(drop.impulse):
+        impulse = f"{drop.impulse:.4g}"
+    contact = number(1e3 * drop.contact, ".3g")
+    if drop.contact >= WINDOW_S:
+        contact = _STAYS
     return (
         f"{drop.height:.4g}",
         f"{math.degrees(drop.tilt):.4g}",
@@ -266,8 +277,8 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
         number(drop.speed_in, ".4g"),
         number(drop.restitution, ".3f"),
         number(drop.peak, ".2f"),
-        "" if math.isnan(drop.impulse) else f"{drop.impulse:.4g}",
-        _STAYS if drop.contact >= WINDOW_S else number(1e3 * drop.contact, ".3g"),
+        impulse,
+        contact,
         number(1e3 * drop.slip, ".2f"),
         number(1e3 * drop.penetration, ".2f"),
         str(len(drop.feet)),
@@ -278,13 +289,16 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
 def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
     """Cells of each foot of one landing: times in ms, slip and penetration in mm, forces in N."""
     rows: list[tuple[str, ...]] = []
+    tilt = ""
+    if is_tilted:
+        tilt = f"{math.degrees(drop.tilt):.4g}"
     for foot in drop.feet:
         contact = number(1e3 * foot.contact, ".3g")
         if foot.touch + foot.contact >= WINDOW_S:
             contact = _STAYS
         row = (
             f"{drop.height:.4g}",
-            f"{math.degrees(drop.tilt):.4g}" if is_tilted else "",
+            tilt,
             sanitized(foot.part, 30),
             f"{1e3 * foot.touch:.3g}",
             f"{foot.speed:.3g}",

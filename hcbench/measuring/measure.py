@@ -129,8 +129,12 @@ def measure(
     """
     require("tolerance", tolerance, 0 <= tolerance <= 1, "0 ... 1, a difference in e")
     given = alpha is not None or restitution is not None or points
-    goal = Wanted(alpha, restitution, points) if given else None
-    most = (RestLimits() if diagnose else ANY_REST) if rest else None
+    goal = None
+    if given:
+        goal = Wanted(alpha, restitution, points)
+    most = None
+    if rest:
+        most = RestLimits() if diagnose else ANY_REST
     job = Job(model, engine, make_request(pair, **launch), goal, tolerance, diagnose, rest=most)
     return run_job(_measured, job, read_limit(limit))
 
@@ -205,13 +209,16 @@ def _as_files(model: Any) -> str | tuple[str, ...] | None:
         and model
         and all(isinstance(part, str | Path) for part in model)
     ):
-        return tuple(str(part) for part in model)
+        return tuple(map(str, model))
     return None
 
 
 def _label(source: str | tuple[str, ...]) -> str:
+    """The name of a model in messages: its paths, or "MJCF text"."""
     parts = [source] if isinstance(source, str) else source
-    return sanitized("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
+    if parts[0].lstrip().startswith("<"):
+        return sanitized("MJCF text")
+    return sanitized(" + ".join(parts))
 
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
@@ -308,7 +315,9 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
                 return engine
     if isinstance(source, str | Path):
         raise _model_file_error(source)
-    got = "a function that returned None" if source is None else f"a {type(source).__name__}"
+    got = f"a {type(source).__name__}"
+    if source is None:
+        got = "a function that returned None"
     raise UserError("model", got, f"a path, {_objects()}")
 
 

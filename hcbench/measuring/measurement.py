@@ -58,7 +58,9 @@ def Wanted(
 
     Raises UserError and QuantityError.
     """
-    ways = {"alpha": alpha, "restitution": restitution, "points": points if len(points) else None}
+    ways: dict[str, Any] = {"alpha": alpha, "restitution": restitution, "points": None}
+    if len(points):
+        ways["points"] = points
     given = [name for name, value in ways.items() if value is not None]
     if len(given) != 1:
         raise UserError("target", " and ".join(given) or "none", f"one of {', '.join(ways)}")
@@ -145,8 +147,10 @@ class Measurement(Drawn):
             return
         curve = self.curve
         shown = curve[:: max(1, len(curve) // 4)]
-        yield from (f"e = {p.restitution:.4f} at {p.speed_in:.4g} m/s" for p in shown[:5])
-        yield from (f"{cause.code}: {cause.title}" for cause in self.causes[:3])
+        for point in shown[:5]:
+            yield f"e = {point.restitution:.4f} at {point.speed_in:.4g} m/s"
+        for cause in self.causes[:3]:
+            yield f"{cause.code}: {cause.title}"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         for point in self.curve:

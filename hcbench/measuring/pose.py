@@ -41,7 +41,7 @@ def read_joints(text: Any) -> Pose:
         return tuple((str(name), _numbers(name, values)) for name, values in text.items())
     pose: list[tuple[str, tuple[float, ...]]] = []
     for part in str(text).split(","):
-        name, equals, values = (piece.strip() for piece in part.rpartition("="))
+        name, equals, values = map(str.strip, part.rpartition("="))
         # A further value of the joint before.
         if not equals and pose and values:
             pose[-1] = pose[-1][0], (*pose[-1][1], *_values(pose[-1][0], values))

@@ -69,8 +69,10 @@ def at_rest(
     model: ModelUnderTest, limits: RestLimits | None, impacts: Sequence[Impact]
 ) -> tuple[Rest | None, list[Suspect]]:
     """The pair at rest, and what can be tried to bring it within the limits, likeliest first."""
-    rest = None if limits is None else model.at_rest()
-    if limits is None or rest is None or not limits.beyond(rest):
+    if limits is None:
+        return None, []
+    rest = model.at_rest()
+    if rest is None or not limits.beyond(rest):
         return rest, []
     suspects = [*model.rest_suspects(), *model.suspects(impacts, None)]
     return rest, [s for s in suspects if s.apply is not None and s.code not in _OTHER_WEIGHT]
@@ -84,9 +86,11 @@ def rest_causes(
     """
     if limits is None:
         return ()
-    excess = {
-        name: value for name, (value, _) in limits.beyond(rest).items() if math.isfinite(value)
-    }
+    # What is beyond its limit, by the name of the quantity.
+    excess: dict[str, float] = {}
+    for name, (value, _limit) in limits.beyond(rest).items():
+        if math.isfinite(value):
+            excess[name] = value
     if not excess:
         return ()
     causes: dict[str, tuple[float, Cause]] = {}

@@ -33,7 +33,16 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
     """The measurement for JSON; NaN for a number that does not apply."""
     facts = measurement.facts
     score = measurement.score
-    wanted = measurement.wanted
+    is_oblique = measurement.request.is_oblique
+    target = None
+    if measurement.wanted is not None:
+        target = measurement.wanted.description
+    score_record = None
+    if score is not None:
+        score_record = dataclasses.asdict(score)
+    rest = None
+    if measurement.rest is not None:
+        rest = record(REST, measurement.rest)
     return {
         "schema": SCHEMA,
         "kind": "hcbench measurement",
@@ -50,18 +59,18 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "speed_shares": dict(facts.shares),
         "settings": dict(facts.settings),
         "model_asks": {"restitution": list(facts.asked), "description": facts.asked_description},
-        "target": None if wanted is None else wanted.description,
-        "curve": [p.record(measurement.request.is_oblique) for p in measurement.curve],
+        "target": target,
+        "curve": [point.record(is_oblique) for point in measurement.curve],
         "phase_spread": measurement.spread,
         "energy_gained": measurement.energy_gained,
         "law": _law(measurement),
-        "score": None if score is None else dataclasses.asdict(score),
-        "impacts": [_impact(i) for i in measurement.impacts],
-        "loops": [_loop(impact) for impact in measurement.loops],
-        "causes": [dataclasses.asdict(c) for c in measurement.causes],
+        "score": score_record,
+        "impacts": list(map(_impact, measurement.impacts)),
+        "loops": list(map(_loop, measurement.loops)),
+        "causes": list(map(dataclasses.asdict, measurement.causes)),
         "remedy": measurement.remedy,
-        "rest": None if measurement.rest is None else record(REST, measurement.rest),
-        "rest_causes": [dataclasses.asdict(c) for c in measurement.rest_causes],
+        "rest": rest,
+        "rest_causes": list(map(dataclasses.asdict, measurement.rest_causes)),
         "notes": list(facts.notes),
     }
 
@@ -86,25 +95,27 @@ def _impact(impact: Impact) -> dict[str, Any]:
 
 
 def _loop(impact: Impact) -> dict[str, Any]:
+    """The loop of an impact that has one: its launch, and its columns as lists, in SI units."""
     assert impact.loop is not None
     loop = impact.loop.thinned(_LOOP_SAMPLES)
-    return {
-        SPEED.key: impact.launch.speed,
-        PHASE.key: impact.launch.phase,
-        **{field.key: field.of(loop).tolist() for field in LOOP},
-    }
+    columns: dict[str, Any] = {SPEED.key: impact.launch.speed, PHASE.key: impact.launch.phase}
+    for field in LOOP:
+        columns[field.key] = field.of(loop).tolist()
+    return columns
 
 
 def as_text(measurement: Measurement) -> str:
     """The measurement as lines for a terminal."""
     facts = measurement.facts
     lines = list(measurement.headline)
-    lines += [f"{name}: {sanitized(setting_text(value))}" for name, value in facts.settings.items()]
+    for name, value in facts.settings.items():
+        lines.append(f"{name}: {sanitized(setting_text(value))}")
     if facts.asked_description:
         lines.append(f"the model asks for: {sanitized(facts.asked_description)}")
     if measurement.rest is not None:
         lines.append(f"at rest: {measurement.rest.text}")
-    lines += [f"note: {sanitized(note)}" for note in (*facts.notes, *motion_notes(measurement))]
+    notes = (*facts.notes, *motion_notes(measurement))
+    lines += [f"note: {sanitized(note)}" for note in notes]
     lines += ["", *_curve_lines(measurement), *_along_lines(measurement), ""]
     for impact in measurement.failed[:_FAILURES]:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
@@ -208,12 +219,13 @@ def _shares_note(measurement: Measurement) -> list[str]:
     """One sentence on what changed the speed during the contact,
     where it was not the contact alone.
     """
-    shares = measurement.facts.shares
-    notable = [
-        f"{share:+.2g} by {name}" for name, share in shares.items() if abs(share) >= _NOTABLE_SHARE
-    ]
-    if not measurement.facts.more_than_contact >= _NOTABLE_SHARE:
+    facts = measurement.facts
+    if not facts.more_than_contact >= _NOTABLE_SHARE:
         return []
+    notable = []
+    for name, share in facts.shares.items():
+        if abs(share) >= _NOTABLE_SHARE:
+            notable.append(f"{share:+.2g} by {name}")
     return [f"While in contact the approach changed by, in speeds at touch: {', '.join(notable)}."]
 
 
@@ -244,7 +256,9 @@ def _along_lines(measurement: Measurement) -> list[str]:
 
 def setting_text(value: Any) -> str:
     """A setting of the engine, written as in the model."""
-    return " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
+    if not isinstance(value, list):
+        return str(value)
+    return " ".join(f"{each:.6g}" for each in value)
 
 
 def _score_lines(measurement: Measurement) -> list[str]:

@@ -66,16 +66,16 @@ def _arrays(trajectory: Any) -> dict[str, Floats]:
     if not isinstance(trajectory, Mapping):
         got = f"a {type(trajectory).__name__}"
         raise UserError("trajectory", got, "a file or a mapping with qpos and qvel of each state")
+    arrays: dict[str, Floats] = {}
     try:
-        return {
-            name: np.asarray(trajectory[name], dtype=float)
-            for name in ("qpos", "qvel", "time")
-            if name in trajectory
-        }
+        for name in ("qpos", "qvel", "time"):
+            if name in trajectory:
+                arrays[name] = np.asarray(trajectory[name], dtype=float)
     except (TypeError, ValueError):
         raise UserError(
             "trajectory", "no numbers in it", "arrays qpos and qvel, a row a state"
         ) from None
+    return arrays
 
 
 def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
@@ -89,23 +89,26 @@ def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
 
 def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
     """The touchdowns as `--json` prints them."""
-    about = {
-        f.name: getattr(motion, f.name) for f in dataclasses.fields(motion) if f.name != "feet"
-    }
-    feet = [
-        {
-            "part": foot.part,
-            "other": foot.other,
-            "setting": foot.setting,
-            "valid_m_per_s": foot.band,
-            "share_outside": foot.outside,
-            "time_s": foot.time.tolist(),
-            "normal_speed_m_per_s": foot.speed.tolist(),
-            "sliding_speed_m_per_s": foot.slide.tolist(),
-        }
-        for foot in motion.feet
-    ]
+    about = {}
+    for field in dataclasses.fields(motion):
+        if field.name != "feet":
+            about[field.name] = getattr(motion, field.name)
+    feet = [_foot_record(foot) for foot in motion.feet]
     return {"schema": 1, "kind": "hcbench touchdowns", **about, "feet": feet}
+
+
+def _foot_record(foot: Touchdowns) -> dict[str, Any]:
+    """One foot: times and speeds of its touchdowns as lists, a number a touchdown."""
+    return {
+        "part": foot.part,
+        "other": foot.other,
+        "setting": foot.setting,
+        "valid_m_per_s": foot.band,
+        "share_outside": foot.outside,
+        "time_s": foot.time.tolist(),
+        "normal_speed_m_per_s": foot.speed.tolist(),
+        "sliding_speed_m_per_s": foot.slide.tolist(),
+    }
 
 
 def as_text(motion: TrajectoryTouchdowns) -> str:
@@ -116,7 +119,8 @@ def as_text(motion: TrajectoryTouchdowns) -> str:
     ]
     if not motion.feet:
         return "\n".join([*lines, "nothing that moves met anything that does not"]) + "\n"
-    lines += ["", *table(*without_empty(_HEADER, [_row(foot) for foot in motion.feet], "outside"))]
+    rows = [_row(foot) for foot in motion.feet]
+    lines += ["", *table(*without_empty(_HEADER, rows, "outside"))]
     if motion.interval > PARTED_S:
         shown = f"{1e3 * motion.interval:.3g} ms"
         lines += [
@@ -137,7 +141,12 @@ def as_text(motion: TrajectoryTouchdowns) -> str:
 
 def _row(foot: Touchdowns) -> tuple[str, ...]:
     """Cells of one foot: speeds in m/s, the last but one in per cent."""
-    valid = "—" if foot.band is None else f"{foot.band[0]:.3g} ... {foot.band[1]:.3g}"
+    valid = "—"
+    outside = ""
+    if foot.band is not None:
+        low, high = foot.band
+        valid = f"{low:.3g} ... {high:.3g}".replace("0 ... inf", "any")
+        outside = f"{100 * foot.outside:.3g} %"
     return (
         sanitized(foot.part, 30),
         sanitized(foot.other, 30),
@@ -147,7 +156,7 @@ def _row(foot: Touchdowns) -> tuple[str, ...]:
         f"{foot.speed.max():.3g}",
         f"{np.median(foot.slide):.3g}",
         f"{foot.slide.max():.3g}",
-        valid.replace("0 ... inf", "any"),
-        "" if foot.band is None else f"{100 * foot.outside:.3g} %",
+        valid,
+        outside,
         sanitized(foot.setting),
     )

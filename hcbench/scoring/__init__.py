@@ -52,9 +52,13 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
     require("impacts", list(impacts), bool(impacts), "one or more")
     positive("mass", mass, "kg")
     total = Tally(law, mass)
-    loops = (score_loop(impact, law, mass) for impact in impacts)
     total.add(_columns(impacts))
-    total.add_loops(loop for loop in loops if loop is not None)
+    loops = []
+    for impact in impacts:
+        loop = score_loop(impact, law, mass)
+        if loop is not None:
+            loops.append(loop)
+    total.add_loops(loops)
     return total.score()
 
 
@@ -72,19 +76,33 @@ def _columns(impacts: Sequence[Impact]) -> Measured:
 
     Launches that differ in phase alone share a number.
     """
-    numbers: dict[Launch, int] = {}
-    launch = []
-    for impact in impacts:
-        at_any_phase = impact.launch.at_any_phase
-        launch.append(numbers.setdefault(at_any_phase, len(numbers)))
+    count = len(impacts)
+    launch = np.zeros(count, dtype=np.int64)
+    samples = np.zeros(count, dtype=np.int64)
+    parted = np.zeros(count, dtype=bool)
+    rested = np.zeros(count, dtype=bool)
+    numbers = np.zeros((4, count))
+    number_of: dict[Launch, int] = {}
+    for i, impact in enumerate(impacts):
+        launch[i] = number_of.setdefault(impact.launch.at_any_phase, len(number_of))
+        samples[i] = impact.samples
+        parted[i] = impact.status is Status.PARTED
+        rested[i] = impact.status is Status.RESTED
+        numbers[:, i] = (
+            impact.launch.speed,
+            impact.speed_in,
+            impact.restitution,
+            impact.energy_lost,
+        )
+    speed, speed_in, e, energy_lost = numbers
     return Measured(
-        speed=np.array([i.launch.speed for i in impacts]),
-        launch=np.array(launch),
-        parted=np.array([i.status is Status.PARTED for i in impacts]),
-        rested=np.array([i.status is Status.RESTED for i in impacts]),
-        speed_in=np.array([i.speed_in for i in impacts]),
-        e=np.array([i.restitution for i in impacts]),
-        energy_lost=np.array([i.energy_lost for i in impacts]),
-        samples=np.array([i.samples for i in impacts], dtype=np.int64),
-        gained=any("energy" in i.reason for i in impacts),
+        speed=speed,
+        launch=launch,
+        parted=parted,
+        rested=rested,
+        speed_in=speed_in,
+        e=e,
+        energy_lost=energy_lost,
+        samples=samples,
+        gained=any("energy" in impact.reason for impact in impacts),
     )

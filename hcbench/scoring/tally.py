@@ -319,16 +319,13 @@ def best_constant(alpha: float, speeds: Floats) -> tuple[float, float]:
 
 def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
     """Figures of all loops together: the worst of each."""
-    return {
-        "loops": len(loops),
-        "loop_rms": max((s.rms for s in loops), default=math.nan),
-        "area_ratio": _furthest([s.area_ratio for s in loops]),
-        "force_ratio": _furthest([s.force_ratio for s in loops]),
-        "penetration_ratio": _furthest([s.penetration_ratio for s in loops]),
-        "duration_ratio": _furthest([s.duration_ratio for s in loops]),
-        "touch_force": max((s.touch_force for s in loops), default=math.nan),
-        "tension_share": max((s.tension_share for s in loops), default=math.nan),
-    }
+    worst: dict[str, Any] = {"loops": len(loops)}
+    worst["loop_rms"] = max((loop.rms for loop in loops), default=math.nan)
+    for ratio in ("area_ratio", "force_ratio", "penetration_ratio", "duration_ratio"):
+        worst[ratio] = _furthest([getattr(loop, ratio) for loop in loops])
+    for share in ("touch_force", "tension_share"):
+        worst[share] = max((getattr(loop, share) for loop in loops), default=math.nan)
+    return worst
 
 
 def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, Any]:

@@ -111,16 +111,17 @@ class Choice:
 
     @property
     def record(self) -> dict[str, Any]:
-        """For JSON."""
+        """For JSON. scenes: in which it was tested for a gain of energy, 0 where it gained."""
+        scenes = 0
+        if self.passivity is not None and not self.passivity.warning:
+            scenes = self.passivity.scenes
         return {
             "kind": self.kind,
             "setting": self.setting.name,
             "line": self.line,
             "within": self.within,
             "energy": self.energy,
-            "scenes": 0
-            if self.passivity is None or self.passivity.warning
-            else self.passivity.scenes,
+            "scenes": scenes,
             "text": self.text,
             "max_error": self.max_error,
             "speeds_m_per_s": list(self.speeds),
@@ -164,9 +165,13 @@ class Answer(Drawn):
         best = self.best
         yield f"{self.engine}, step {time_step(self.target.timestep)} s: {best.line}"
         yield f"largest e {best.max_e:.4f}; {best.energy}"
-        yield from (f"or {choice.line}" for choice in self.choices if choice is not best)
-        yield from (f"never {never.setting}: {never.why}" for never in self.never[:_SHOWN])
-        yield from filter(None, [self.left_out])
+        for choice in self.choices:
+            if choice is not best:
+                yield f"or {choice.line}"
+        for never in self.never[:_SHOWN]:
+            yield f"never {never.setting}: {never.why}"
+        if self.left_out:
+            yield self.left_out
         yield f"to paste: .text, {len(self.text.splitlines())} lines"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
@@ -202,23 +207,30 @@ class Answer(Drawn):
         return f"--plugin prints the plug-in: {exact.within}"
 
     def of(self, kind: Kind) -> Choice | None:
-        """The choice of a kind."""
-        return next((choice for choice in self.choices if choice.kind == kind), None)
+        """The choice of a kind; None without one."""
+        for choice in self.choices:
+            if choice.kind == kind:
+                return choice
+        return None
 
     @property
     def best(self) -> Choice:
-        """The choice of the kind that was asked for, or else of the next kind."""
+        """The choice of the kind that was asked for, or else of the next kind.
+
+        Raises SettingError without any, with the reasons.
+        """
         if self.named is not None:
             return self.named
-        best = next((choice for kind in _NEXT[self.asked] if (choice := self.of(kind))), None)
-        if best is None:
-            why = "; ".join(f"{never.setting}: {never.why}" for never in self.never)
-            raise SettingError(
-                "recipe",
-                f"no setting of {self.engine!r} is recommended here ({why})",
-                "another step, or the plug-in",
-            )
-        return best
+        for kind in _NEXT[self.asked]:
+            choice = self.of(kind)
+            if choice is not None:
+                return choice
+        why = "; ".join(f"{never.setting}: {never.why}" for never in self.never)
+        raise SettingError(
+            "recipe",
+            f"no setting of {self.engine!r} is recommended here ({why})",
+            "another step, or the plug-in",
+        )
 
     @property
     def is_as_asked(self) -> bool:
@@ -235,11 +247,9 @@ class Answer(Drawn):
         """The chosen setting, or else another, with what the engine
         did; a plug-in alone is run now.
         """
-        tuned = self.best.tuned or next(
-            (choice.tuned for choice in self.choices if choice.tuned), None
-        )
-        if tuned is not None:
-            return tuned
+        for choice in (self.best, *self.choices):
+            if choice.tuned is not None:
+                return choice.tuned
         plug_in = registry.recipes(self.engine)[self.best.setting.name]
         return make_tuned(plug_in, "a law in place of the contact", self.target, self.scene, None)
 

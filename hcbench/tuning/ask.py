@@ -267,7 +267,9 @@ def tune_model(
         alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton
     )
     wanted = spring or Wanted(alpha, restitution, points, target)
-    band = [v for v, _ in points] if len(points) > 1 else list(DEFAULT_SPEEDS)
+    band = list(DEFAULT_SPEEDS)
+    if len(points) > 1:
+        band = [v for v, _ in points]
     if speeds is not None:
         band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
     launch: LaunchOptions = {
@@ -283,10 +285,15 @@ def tune_model(
         "actuators": actuators,
     }
     requests = [make_request(each, **launch) for each in pairs]
-    if len({frozenset(request.pair or ()) for request in requests}) < len(requests):
+    # Two bodies are one pair, whichever of them is named first.
+    different = {frozenset(request.pair or ()) for request in requests}
+    if len(different) < len(requests):
         raise UserError("pair", " and ".join(map(str, pairs)), "each pair once")
-    files = {"write-model": write_model, "write-include": write_include}
-    outputs = {f"--{name}": Path(file) for name, file in files.items() if file is not None}
+    outputs: dict[str, Path] = {}
+    if write_model is not None:
+        outputs["--write-model"] = Path(write_model)
+    if write_include is not None:
+        outputs["--write-include"] = Path(write_include)
     require_outputs(outputs, [model, package], force)
     output = _output(outputs.get("--write-model"), outputs.get("--write-include"), version)
     seconds = read_limit(limit) or LIMIT_S
@@ -343,8 +350,10 @@ def _output(model: Path | None, include: Path | None, version: str | None) -> Ou
         if match is None:
             raise UserError("for", repr(version), "an engine and its version, as ENGINE@3.5")
         engine = match[1]
-        numbers = tuple(int(part) for part in match[2].split("."))
-    folder = None if model is None else model.absolute().parent
+        numbers = tuple(map(int, match[2].split(".")))
+    folder: Path | None = None
+    if model is not None:
+        folder = model.absolute().parent
     name = ""
     if include is not None:
         # A model names the file that it includes as seen from its own folder.
@@ -371,7 +380,9 @@ def _spring(
         raise UserError("target", " and ".join(given) or "none", f"one of {names}")
     if adams is not None:
         return read_adams(adams)
-    return None if newton is None else read_newton(newton)
+    if newton is not None:
+        return read_newton(newton)
+    return None
 
 
 def make_target(
@@ -404,7 +415,9 @@ def make_target(
         alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton
     )
     setting = load_scene(scene)
-    n = setting.exponent if exponent is None else exponent
+    n = setting.exponent
+    if exponent is not None:
+        n = exponent
     k = setting.stiffness
     if stiffness is not None:
         k = units.parse(stiffness, "stiffness", "--stiffness", n)
@@ -424,7 +437,9 @@ def make_target(
         band = default_band(step, g)
     low = min(band)
     high = max(band)
-    m = setting.mass if mass is None else units.parse(mass, "mass", "mass")
+    m = setting.mass
+    if mass is not None:
+        m = units.parse(mass, "mass", "mass")
     if spring is not None:
         points = spring.points(m, low, high)
     if restitution is not None:

@@ -50,7 +50,8 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
 
     chosen = []
     for role, promise in promises.items():
-        chosen += [(recipe, f"{promise}; {contact}") for recipe in recipes if serves(recipe, role)]
+        why = f"{promise}; {contact}"
+        chosen += [(recipe, why) for recipe in recipes if serves(recipe, role)]
     if not chosen:
         names = ", ".join(registry.recipes(engine))
         got = f"'auto' has no recipe for {engine!r} here"

@@ -111,13 +111,16 @@ def _width(target: Target) -> float:
 
 
 def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> list[Launch]:
-    """One each, shape (n,): m/s at touch, of a step, m/s."""
-    return [
-        Launch.touching(
-            v, p, target.timestep, target.gravity, slip=(s if target.friction else 0.0, 0.0)
-        )
-        for v, p, s in zip(speeds.tolist(), phases.tolist(), slips.tolist(), strict=True)
-    ]
+    """n launches. speeds: at touch, m/s, shape (n,). phases: shares of a step. slips: along the plate,
+    m/s; none without friction.
+    """
+    if not target.friction:
+        slips = np.zeros_like(slips)
+    launches = []
+    for v, phase, slip in zip(speeds.tolist(), phases.tolist(), slips.tolist(), strict=True):
+        launch = Launch.touching(v, phase, target.timestep, target.gravity, slip=(slip, 0.0))
+        launches.append(launch)
+    return launches
 
 
 _Measure = Callable[[Sequence[Impact], Target, Scene], Floats]
@@ -193,13 +196,16 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
     # The grid comes first, phases of one speed after another.
     grid = impacts[: _SPEEDS * _PHASES]
     constant, constant_error = minimax_constant(target)
+    reason = ""
+    if failed:
+        reason = failed[0].reason
     evaluation = Evaluation(
         constant=constant,
         constant_error=constant_error,
         phase_spread=_phase_spread(grid),
         loop_rms=_loop_rms(grid[::_PHASES], target),
         failed=len(failed),
-        reason=failed[0].reason if failed else "",
+        reason=reason,
         launches=len(impacts),
         friction_error=friction_error(oblique, scene),
     )
@@ -278,10 +284,10 @@ MOTIONS = (
 def oblique_launches(target: Target) -> list[Launch]:
     """Launches over the target's band: each speed and phase with each of MOTIONS."""
     speeds = np.geomspace(target.speed_min, target.speed_max, SPEEDS).tolist()
-    return [
-        Launch(v, phase, slip=slip, spin=spin)
-        for v, phase, (slip, spin) in itertools.product(speeds, PHASES, MOTIONS)
-    ]
+    launches = []
+    for v, phase, (slip, spin) in itertools.product(speeds, PHASES, MOTIONS):
+        launches.append(Launch(v, phase, slip=slip, spin=spin))
+    return launches
 
 
 def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:

@@ -131,10 +131,12 @@ class _Finder:
         tuned = make_tuned(recipe, "the given recipe", self.target, self.scene, self._integrator)
         if not math.isfinite(tuned.error):
             raise self._failure(tuned)
-        is_one = recipe.role in (Role.CONSTANT_E, Role.STOCK)
-        return self.choice(
-            "constant" if is_one else "settings" if recipe.native else "exact", tuned
-        )
+        kind: Kind = "exact"
+        if recipe.role in (Role.CONSTANT_E, Role.STOCK):
+            kind = "constant"
+        elif recipe.native:
+            kind = "settings"
+        return self.choice(kind, tuned)
 
     def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind | None) -> list[Choice]:
         """The best of each kind; the plug-in alone where that was asked for, which needs no search.
@@ -208,11 +210,10 @@ class _Finder:
         promise = None
         if math.isfinite(tuned.error):
             rows = len(setting.options.get("rows", ()))
-            curve = (
-                ConstantRestitution(target.points[0][1])
-                if len(target.points) == 1
-                else target.curve
-            )
+            curve = target.curve
+            if len(target.points) == 1:
+                _speed, e = target.points[0]
+                curve = ConstantRestitution(e)
             option = self._adapter.model_options(setting)
             promise = Promise(setting.name, rows, curve, tuned.error, band, option)
             text = self._adapter.promised(text, self.pair, promise)
@@ -264,7 +265,9 @@ class _Finder:
             return None
         if recipe.exact_above is None:
             tuned = self._best([(recipe, "a law in place of the contact")], math.inf)
-            return None if tuned is None else self.choice("exact", tuned)
+            if tuned is None:
+                return None
+            return self.choice("exact", tuned)
         setting = recipe(target)
         low = exact_from(recipe, target)
         if not low < target.speed_max:
@@ -285,13 +288,16 @@ class _Finder:
         if passivity is not None and passivity.warning:
             self.never.append(Never(recipe.name, passivity.warning))
             return None
+        max_e = float(target.restitution(low))
+        if passivity is not None:
+            max_e = max(max_e, passivity.bounces.max_e)
         return Choice(
             "exact",
             setting,
             self._adapter.snippet(setting, self.scene.form, self.pair),
             recipe.within or _EXACT,
             (low, target.speed_max),
-            max(float(target.restitution(low)), passivity.bounces.max_e if passivity else 0.0),
+            max_e,
             passivity,
             passivity is None or passivity.bounces.passive,
             (*self._adapter.needs(setting), *_above(low, target.speed_min)),

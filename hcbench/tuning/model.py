@@ -114,15 +114,21 @@ def tune_job(
     require("max_error", max_error, 0 <= max_error <= 1, "0 ... 1, a difference in e")
     require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
     first, *others = requests
+    curve: RestitutionCurve | None = None
+    spring: AdamsImpact | NewtonSpring | None = None
+    if isinstance(wanted, RestitutionCurve):
+        curve = wanted
+    else:
+        spring = wanted
     job = _TuneJob(
         source=source,
         engine=engine,
         request=first,
-        wanted=wanted if isinstance(wanted, RestitutionCurve) else None,
+        wanted=curve,
         tolerance=0.0,
         diagnose=False,
         others=tuple(others),
-        spring=None if isinstance(wanted, RestitutionCurve) else wanted,
+        spring=spring,
         max_error=max_error,
         output=output,
     )
@@ -149,7 +155,7 @@ def _require_known_version(engine: Engine, output: Output) -> None:
     if not output.version or engine.backend is None:
         return
     name = registry.base_name(engine.name)
-    version = ".".join(str(part) for part in output.version)
+    version = ".".join(map(str, output.version))
     got = f"{output.engine}@{version}"
     if output.engine != name:
         raise UserError("for", repr(got), f"a version of {name}, which opens this model")
@@ -174,7 +180,10 @@ def _tuned(job: Job) -> TunedModel:
         return engine.open(rebuild() if rebuild else source, request, rebuild)
 
     wanted = job.wanted or _of_spring(job, requests, as_it_was)
-    each = [way for request in requests for way in engine.attitudes(source, request)]
+    # Each pair as it can lie, with the attitude's name.
+    each: list[tuple[str, Request]] = []
+    for request in requests:
+        each += engine.attitudes(source, request)
     before = engine.standing(source, None, requests)
     tries: list[_Try] = []
     alike = [request for _, request in each]
@@ -217,16 +226,8 @@ def _tuned(job: Job) -> TunedModel:
     notes = dict.fromkeys(setting.notes)
     for pair in pairs:
         notes |= dict.fromkeys(pair.facts.notes)
-    promises = []
-    for request in requests:
-        theirs = []
-        for pair, (_, launched) in zip(pairs, each, strict=True):
-            if launched.pair == request.pair:
-                theirs.append(pair)
-        band = min(request.speeds), max(request.speeds)
-        bound = float(as_bound(largest_error(theirs)))
-        promises.append(Promise(setting.name, 1, wanted, bound, band))
-
+    launched = list(zip(alike, pairs, strict=True))
+    promises = [_promise(setting.name, request, wanted, launched) for request in requests]
     return TunedModel(
         setting.name,
         setting.texts(promises, job.output),
@@ -239,6 +240,22 @@ def _tuned(job: Job) -> TunedModel:
     )
 
 
+def _promise(
+    name: str,
+    request: Request,
+    wanted: RestitutionCurve,
+    launched: Sequence[tuple[Request, TunedPair]],
+) -> Promise:
+    """The promise of a setting for the pair of a request, over its band of speeds, m/s.
+
+    launched: what was asked and measured of all pairs, in each of their attitudes.
+    """
+    theirs = [measured for asked, measured in launched if asked.pair == request.pair]
+    band = min(request.speeds), max(request.speeds)
+    bound = float(as_bound(largest_error(theirs)))
+    return Promise(name, 1, wanted, bound, band)
+
+
 def _of_spring(
     job: _TuneJob, requests: Sequence[Request], opened: Callable[[Request], ModelUnderTest]
 ) -> RestitutionCurve:
@@ -247,8 +264,10 @@ def _of_spring(
     Raises UserError for pairs of different effective masses, on which that e depends.
     """
     assert job.spring is not None
-    masses = []
+    masses: list[float] = []
+    speeds: list[float] = []
     for request in requests:
+        speeds += request.speeds
         with opened(request) as model:
             masses.append(model.facts().effective_mass)
     if max(masses) > _SAME_MASS * min(masses):
@@ -256,7 +275,6 @@ def _of_spring(
             f"effective masses of {min(masses):.3g} to {max(masses):.3g} kg, on which its e depends"
         )
         raise UserError("pair", got, "pairs of one mass", "Tune them one by one")
-    speeds = [v for request in requests for v in request.speeds]
     return MeasuredRestitution(job.spring.points(float(np.mean(masses)), min(speeds), max(speeds)))
 
 
@@ -295,7 +313,9 @@ def _lift(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
                 straight[impact.launch.speed, impact.launch.phase] = impact.restitution
         for impact in impacts:
             lift = abs(impact.restitution - straight[impact.launch.speed, impact.launch.phase])
-            largest = max(largest, math.inf if math.isnan(lift) else lift)
+            if math.isnan(lift):
+                lift = math.inf
+            largest = max(largest, lift)
     return largest
 
 
@@ -324,13 +344,18 @@ def _speeds(request: Request, held_out: bool) -> list[float]:
     """
     low = min(request.speeds)
     high = max(request.speeds)
-    speeds = np.geomspace(low, high, 2 * _HELD_OUT_SPEEDS + 1 if held_out else _TRIED_SPEEDS)
+    count = _TRIED_SPEEDS
+    if held_out:
+        count = 2 * _HELD_OUT_SPEEDS + 1
+    speeds = np.geomspace(low, high, count)
     # Its ends may be off in the last digit.
     speeds[0] = low
     speeds[-1] = high
-    kept = [low, *speeds[1::2], high] if held_out else list(speeds)
+    kept = speeds.tolist()
+    if held_out:
+        kept = [low, *kept[1::2], high]
     # A band of one speed has equal ends: each speed once.
-    return [float(v) for v in dict.fromkeys(kept)]
+    return list(map(float, dict.fromkeys(kept)))
 
 
 def _measured_pair(
@@ -353,14 +378,18 @@ def _measured_pair(
     by_speed: dict[float, list[Impact]] = {}
     with opened(request) as model:
         for halving in range(halvings + 1):
-            new = tuple(_about_worst(by_speed, wanted) if halving else speeds)
+            new = tuple(speeds)
+            if halving:
+                new = tuple(_about_worst(by_speed, wanted))
             sent = dataclasses.replace(
                 request, speeds=new, phases=shares, adapt_phases=halvings > 0
             )
             impacts = impacts_of(model, sent)
             for speed in new:
                 by_speed[speed] = [i for i in impacts if i.launch.speed == speed]
-        every = [impact for speed in sorted(by_speed) for impact in by_speed[speed]]
+        every: list[Impact] = []
+        for speed in sorted(by_speed):
+            every += by_speed[speed]
         # The part of e that other forces take after the contact's force has ended.
         taken = 0.0
         for impact in every:
@@ -368,7 +397,9 @@ def _measured_pair(
             if impact.restitution > 0.0 and math.isfinite(share) and abs(share) > abs(taken):
                 taken = share
         curve = curve_of(every, lambda impact: float(wanted.at(impact.speed_in)))
-        judged = _judged(model, request, every, wanted) if halvings else []
+        judged: list[Impact] = []
+        if halvings:
+            judged = _judged(model, request, every, wanted)
         return TunedPair(
             model.facts(),
             curve,
@@ -402,7 +433,9 @@ def _judged(
         by_error = sorted([*before, *impacts], key=lambda impact: _error([impact], wanted))
         worst = [impact.launch for impact in by_error[-_WORST:]]
         away = _NEARBY / 4.0**closer * random.uniform(-1.0, 1.0, (2, _NEAR_LAUNCHES, len(worst)))
-        shares = [math.log(launch.speed / low) / width if width else 0.0 for launch in worst]
+        shares = [0.0] * len(worst)
+        if width:
+            shares = [math.log(launch.speed / low) / width for launch in worst]
         phases = [launch.phase for launch in worst]
         impacts += launched((shares + away[0]).ravel(), (phases + away[1]).ravel())
     return impacts
@@ -410,11 +443,13 @@ def _judged(
 
 def _error(impacts: Sequence[Impact], wanted: RestitutionCurve) -> float:
     """The largest error of e; infinite where an impact has none."""
-    errors = []
+    largest = 0.0
     for impact in impacts:
         error = abs(impact.restitution - float(wanted.at(impact.speed_in)))
-        errors.append(math.inf if math.isnan(error) else error)
-    return max(errors, default=0.0)
+        if math.isnan(error):
+            return math.inf
+        largest = max(largest, error)
+    return largest
 
 
 def _about_worst(at: dict[float, list[Impact]], wanted: RestitutionCurve) -> list[float]:

@@ -92,10 +92,14 @@ class TunedModel(Shown):
         for pair in self.pairs[:_SHOWN]:
             low, high = pair.band
             within = f"e within {as_bound(pair.max_error)} from {low:.3g} to {high:.3g} m/s"
-            yield f"{' on '.join(pair.facts.pair)}{f', {pair.attitude}' if pair.attitude else ''}: {within}"
+            name = " on ".join(pair.facts.pair)
+            if pair.attitude:
+                name += f", {pair.attitude}"
+            yield f"{name}: {within}"
         if self.gains:
             yield f"to paste: .text, {len(self.text.splitlines())} lines"
-            yield from (f"written: {path}" for path in self.files)
+            for path in self.files:
+                yield f"written: {path}"
         else:
             yield f"nothing is written: {self.no_gain}"
 

@@ -91,9 +91,9 @@ def write(jobs: int = 2) -> None:
 
 def questions() -> Iterator[Question]:
     """Every question that the file answers."""
-    yield from (
-        Question(*each) for each in product(file_content()["versions"], _STEPS, _GRAVITIES, _ALPHAS)
-    )
+    engines = file_content()["versions"]
+    for conditions in product(engines, _STEPS, _GRAVITIES, _ALPHAS):
+        yield Question(*conditions)
 
 
 @lru_cache(maxsize=1)

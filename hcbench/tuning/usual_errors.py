@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Collection, Sequence
 from functools import lru_cache
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -39,11 +39,22 @@ GRAVITIES = (9.81, 0.0)
 BANDS = ((), (0.1, 2.0))
 # Digits that people type.
 _DIGITS = (*range(10, 20), *range(20, 50, 2), 25, 35, 45, *range(50, 100, 5))
+# α of the paper's studies, s/m.
 _STUDIED = tuple(alpha / INCH for alpha in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
-_TYPED = (float(f"{digits}e{power}") for power in (-3, -2, -1) for digits in _DIGITS)
-ALPHAS = tuple(
-    sorted({*_STUDIED, *(alpha for alpha in _TYPED if _STUDIED[0] < alpha < _STUDIED[-1])})
-)
+
+
+def _tabulated_alphas() -> tuple[float, ...]:
+    """α of the rows, s/m, rising: those of the studies, and between them those that people type."""
+    alphas = set(_STUDIED)
+    for power in (-3, -2, -1):
+        for digits in _DIGITS:
+            typed = float(f"{digits}e{power}")
+            if _STUDIED[0] < typed < _STUDIED[-1]:
+                alphas.add(typed)
+    return tuple(sorted(alphas))
+
+
+ALPHAS = _tabulated_alphas()
 # α of the fine table, s/m: from 0.01 to 100.
 FINE_ALPHAS = tuple(float(f"{10 ** (k / 32 - 2):.4g}") for k in range(129))
 # A row is trusted if the AROUND rows around it lie within this share of a line.
@@ -143,10 +154,11 @@ def write(jobs: int = 2) -> None:
     conditions = [Condition(*each) for each in product(engines, STEPS, GRAVITIES, BANDS)]
     with WorkerPool(jobs) as pool:
         asked = iter(pool.map(_asked_row, list(product(conditions, ALPHAS))))
-    lines = [
-        json.dumps({**each._asdict(), "lows": lows(each), "rows": [next(asked) for _ in ALPHAS]})
-        for each in conditions
-    ]
+    lines = []
+    for condition in conditions:
+        rows = list(islice(asked, len(ALPHAS)))
+        record = {**condition._asdict(), "lows": lows(condition), "rows": rows}
+        lines.append(json.dumps(record))
     write_text(FILE, "[\n" + ",\n".join(lines) + "\n]\n")
 
 
@@ -174,7 +186,9 @@ def _for_page(condition: dict[str, Any]) -> dict[str, Any]:
 
     rows = []
     for i, (alpha, *choices) in enumerate(table):
-        onward = line(table, i) if i + 1 < len(table) else None
+        onward = None
+        if i + 1 < len(table):
+            onward = line(table, i)
         rows.append([alpha, *map(numbered, choices), numbered(onward)])
     return {**condition, "names": list(numbers), "rows": rows}
 
