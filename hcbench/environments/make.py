@@ -119,7 +119,7 @@ def _known(python: str) -> str:
 
 
 def _numbers(version: str) -> tuple[int, ...]:
-    return tuple(int(number) for number in re.findall(r"\d+", version))
+    return tuple(map(int, re.findall(r"\d+", version)))
 
 
 def _make(folder: Path, python: str) -> None:

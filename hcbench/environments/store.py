@@ -131,7 +131,11 @@ def _read(folder: Path) -> Environment:
 
 def _order(version: str) -> list[tuple[int, str]]:
     """Sorts 3.9 before 3.10."""
-    return [
-        (int(part), "") if part.isdigit() else (-1, part)
-        for part in re.findall(r"\d+|[a-z]+", version)
-    ]
+    order = []
+    for part in re.findall(r"\d+|[a-z]+", version):
+        if part.isdigit():
+            order.append((int(part), ""))
+        else:
+            # A word sorts before any number: 3.9rc1 before 3.9.1.
+            order.append((-1, part))
+    return order

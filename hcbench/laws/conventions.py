@@ -120,9 +120,8 @@ class Conversion(Shown):
         yield f"α = {self.alpha:.6g} s/m"
         if self.speed is not None:
             yield f"at {self.speed:.6g} m/s: e of the law {self.restitution:.6g}"
-        yield from (
-            f"{row.system} {row.parameter}: {row.text} {row.unit}".rstrip() for row in self.rows
-        )
+        for row in self.rows:
+            yield f"{row.system} {row.parameter}: {row.text} {row.unit}".rstrip()
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         return (asdict(row) | {"value": row.text} for row in self.rows)
@@ -201,7 +200,9 @@ def contact_of(
         elif adams is not None:
             e = adams.restitution(_needed("mass", mass, "kg"), _needed("speed", speed, "m/s"))
         elif newton is not None:
-            e = newton.restitution(1.0 if newton.per_mass else _needed("mass", mass, "kg"))
+            # A spring per unit mass has the same e for every mass.
+            m = 1.0 if newton.per_mass else _needed("mass", mass, "kg")
+            e = newton.restitution(m)
         assert e is not None
         alpha = _alpha_of(e, speed, reading)
     if speed is not None:

@@ -80,9 +80,12 @@ class ImpactLaw(Drawn):
         speeds = units.parse_values(speed, "speed", "speed", least=0.0)
         e: Floats = closed_form.restitution(self.alpha, speeds)
         given: Any = speed.magnitude if isinstance(speed, PintQuantity) else speed
-        if isinstance(given, str):
-            return e if len(e) > 1 else float(e[0])
-        return e.reshape(np.shape(given)) if np.ndim(given) else float(e[0])
+        # Text may hold one speed or several.
+        if isinstance(given, str) and len(e) > 1:
+            return e
+        if isinstance(given, str) or np.ndim(given) == 0:
+            return float(e[0])
+        return e.reshape(np.shape(given))
 
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
         """Everything about one impact at each speed: e, penetration,
@@ -93,7 +96,8 @@ class ImpactLaw(Drawn):
 
     def _lines(self) -> Iterator[str]:
         yield f"Hunt-Crossley law, α = {self.alpha:.6g} s/m"
-        yield from (f"e = {self.e(v):.3f} at {v:g} m/s" for v in _SHOWN)
+        for v in _SHOWN:
+            yield f"e = {self.e(v):.3f} at {v:g} m/s"
 
     def _rows(self) -> Iterator[Mapping[str, Any]]:
         for impact in self.impacts(_SHOWN):
@@ -146,8 +150,8 @@ def law(
     n = units.parse(exponent, "exponent", "exponent")
     if stiffness is None and n >= 1 and n != 1.5:
         raise UserError("stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    k = units.parse(
-        PAPER_STIFFNESS if stiffness is None else stiffness, "stiffness", "stiffness", n
-    )
+    if stiffness is None:
+        stiffness = PAPER_STIFFNESS
+    k = units.parse(stiffness, "stiffness", "stiffness", n)
     force = HuntCrossley(k, units.parse(alpha, "alpha", "alpha"), n)
     return ImpactLaw(force, units.parse(mass, "mass", "mass", above=0))

@@ -64,14 +64,17 @@ def impact(
     positive("speed", speed, "m/s")
     require("gravity", gravity, 0 <= gravity < math.inf, "0 m/s^2 or more, towards the plate")
     require("count", count, count >= 3, "3 points or more")
-    force_law = law.at(speed) if isinstance(law, TouchSpeedLaw) else law
+    force_law: ForceLaw
+    if isinstance(law, TouchSpeedLaw):
+        force_law = law.at(speed)
+    else:
+        force_law = law
     depth = _depth_scale(force_law, mass, speed)
     force = _force_over_units(force_law, depth, speed)
     inertia = depth / (mass * speed**2)
     weight = gravity * depth / speed**2
     path = _solve(force, inertia, weight, ending, tolerance, step_max)
     at_surface, at_no_force, at_turn, _ = path.t_events
-    parted = bool(at_surface.size or at_no_force.size)
     end = float(path.t[-1])
     tau = np.linspace(0.0, end, count)
     # Penetration over its scale, and rate over the impact speed.
@@ -81,16 +84,26 @@ def impact(
     eta[0] = 1.0
     if at_surface.size:
         xi[-1] = 0.0
-    turning = float(path.sol(at_turn[0])[0]) if at_turn.size else float(xi.max())
+    # Penetration where it turned, over its scale.
+    deepest = float(xi.max())
+    if at_turn.size:
+        deepest = float(path.sol(at_turn[0])[0])
+    status = Status.RESTED
+    reason = "lost too much energy in contact to part"
+    speed_out = 0.0
+    if at_surface.size or at_no_force.size:
+        status = Status.PARTED
+        reason = ""
+        speed_out = float(-eta[-1] * speed)
     loop = Loop(tau * depth / speed, xi * depth, eta * speed, force(xi, eta))
     return Impact(
         launch=Launch(speed),
-        status=Status.PARTED if parted else Status.RESTED,
-        reason="" if parted else "lost too much energy in contact to part",
+        status=status,
+        reason=reason,
         speed_in=speed,
-        speed_out=float(-eta[-1] * speed) if parted else 0.0,
+        speed_out=speed_out,
         duration=end * depth / speed,
-        penetration_max=turning * depth,
+        penetration_max=deepest * depth,
         force_max=_largest(lambda t: float(force(*path.sol(t))), tau, loop.force),
         samples=count,
         loop=loop,
@@ -147,7 +160,10 @@ def _solve(
         return float(state[0])
 
     def pushing(_: float, state: Floats) -> float:
-        return float(force(state[0], state[1]) * inertia) if ending is Ending.FORCE else 1.0
+        if ending is Ending.FORCE:
+            return float(force(state[0], state[1]) * inertia)
+        # Above 0: this event never comes.
+        return 1.0
 
     def turning(_: float, state: Floats) -> float:
         return float(state[1])
@@ -159,6 +175,9 @@ def _solve(
     for event, terminal, direction in zip(events, (1, 1, 0, 1), (-1, -1, -1, 1), strict=True):
         event.terminal = bool(terminal)
         event.direction = direction
+    first_step = step_max
+    if math.isfinite(tolerance):
+        first_step = min(step_max, 1e-3)
     path = solve_ivp(
         rates,
         (0.0, LONGEST),
@@ -169,7 +188,7 @@ def _solve(
         rtol=tolerance,
         atol=tolerance / 10.0,
         max_step=step_max,
-        first_step=min(step_max, 1e-3) if math.isfinite(tolerance) else step_max,
+        first_step=first_step,
     )
     if path.status < 0:
         raise EngineFailed("simulation", path.message, "a law that is finite and smooth for x > 0")

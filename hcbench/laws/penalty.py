@@ -108,4 +108,8 @@ def one_way_restitution(zeta: float) -> float:
     if abs(zeta - 1.0) < 1e-8:
         return math.exp(-1.0)
     root = math.sqrt(abs(1.0 - zeta**2))
-    return math.exp(-zeta * (math.acos(zeta) if zeta < 1.0 else math.acosh(zeta)) / root)
+    if zeta < 1.0:
+        angle = math.acos(zeta)
+    else:
+        angle = math.acosh(zeta)
+    return math.exp(-zeta * angle / root)

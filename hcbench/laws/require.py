@@ -38,5 +38,6 @@ def within(slot: str, values: Floats | float, low: float, high: float, meaning: 
     """The values as an array of floats; raises UserError unless low <= every value <= high."""
     array = np.asarray(values, dtype=float)
     bad = array[~((array >= low) & (array <= high))]
-    require(slot, float(bad.flat[0]) if bad.size else 0.0, not bad.size, meaning)
+    if bad.size:
+        require(slot, float(bad.flat[0]), False, meaning)
     return array

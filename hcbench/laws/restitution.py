@@ -94,10 +94,9 @@ class Restitution(RestitutionCurve):
     def margin(self, speeds: Floats | float) -> float:
         """Largest uncertainty of e at these speeds (m/s), with 95 % confidence, from that of α."""
         off = SIGMAS_95 * self.uncertainty
-        e, low, high = (
-            Restitution(alpha, self.reading).at(speeds)
-            for alpha in (self.alpha, self.alpha + off, max(self.alpha - off, 0.0))
-        )
+        e = self.at(speeds)
+        low = Restitution(self.alpha + off, self.reading).at(speeds)
+        high = Restitution(max(self.alpha - off, 0.0), self.reading).at(speeds)
         return float(max(np.max(e - low), np.max(high - e)))
 
 

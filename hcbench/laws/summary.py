@@ -123,7 +123,10 @@ def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
 
 
 def _parts(value: Any, slot: str, expected: str, count: int) -> list[str]:
-    parts = [part.strip() for part in value.split(",")] if isinstance(value, str) else []
+    """The parts of a text between commas, `count` of them; UserError with `slot` for anything else."""
+    parts = []
+    if isinstance(value, str):
+        parts = [part.strip() for part in value.split(",")]
     if len(parts) != count:
         raise UserError(slot, f"{value!r:.80}", expected)
     return parts

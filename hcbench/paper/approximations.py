@@ -39,9 +39,8 @@ def inward_share(u: Floats | float) -> Floats:
     d = 1.5 * within("u", u, 0.0, np.inf, "α v_i of 0 or more")
     s = one_minus_restitution(d)
     # 1 - G = 2 d (1/3 - d/4 + d²/5 ...): by its series where the difference would lose digits.
-    terms = np.polynomial.polynomial.polyval(
-        -np.minimum(d, 0.05), [2.0 / (i + 3) for i in range(13)]
-    )
+    coefficients = 2.0 / np.arange(3.0, 16.0)
+    terms = np.polynomial.polynomial.polyval(-np.minimum(d, 0.05), coefficients)
     area = s * (2.0 - s)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(d < 0.05, d * terms, 1.0 - g_ratio(d)) / area
@@ -79,7 +78,9 @@ class Approximation:
         if not over.size:
             return np.inf
         i = int(over[0])
-        low = float(grid[i - 1]) if i else 0.0
+        low = 0.0
+        if i > 0:
+            low = float(grid[i - 1])
         return float(brentq(excess, low, float(grid[i]), xtol=1e-16, rtol=1e-13))
 
 

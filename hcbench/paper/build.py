@@ -65,7 +65,8 @@ def build(
 
     Raises OutputError where the folder cannot be written.
     """
-    plan = drawings(replace(QUICK if quick else FULL, jobs=jobs))
+    effort = QUICK if quick else FULL
+    plan = drawings(replace(effort, jobs=jobs))
     with atomic_folder(folder, PAGE) as scratch:
         (scratch / "figures").mkdir()
         figures = {}
@@ -90,8 +91,13 @@ def engines_drawn_in(folder: Path) -> set[str]:
 
 
 def _page(figures: dict[str, dict[str, Any]]) -> str:
+    """The page. figures: each figure's values for the template, by its name."""
     numbers = printed_numbers()
-    engines = engines_with_two_blocks()
+    titles = []
+    notes = []
+    for name in engines_with_two_blocks():
+        titles.append(engine_title(name))
+        notes.append(registry.submodule(name, "scene.two_blocks").NOTE)
     return render(
         "paper.html",
         figures=figures,
@@ -102,8 +108,6 @@ def _page(figures: dict[str, dict[str, Any]]) -> str:
         factors=factors(),
         asked=ASKED,
         laws=LAWS,
-        engine_titles=listed([engine_title(name) for name in engines]),
-        engine_notes=" ".join(
-            registry.submodule(name, "scene.two_blocks").NOTE for name in engines
-        ),
+        engine_titles=listed(titles),
+        engine_notes=" ".join(notes),
     )

@@ -89,7 +89,9 @@ def simulate_in_engine(
     # Raises EngineMissing before the simulation starts.
     engine.version()
     count = math.ceil(until / timestep) + 1
-    forces = np.array([0.0 if drive is None else drive(i * timestep) for i in range(count)])
+    forces = np.zeros(count)
+    if drive is not None:
+        forces[:] = [drive(i * timestep) for i in range(count)]
     start = velocity - 0.5 * timestep * float(forces[0]) / system.mass
     blocks = TwoBlocks(system.mass, system.gap, law, timestep, tuned_at)
     where = interpreter_of(engine)

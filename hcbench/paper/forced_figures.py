@@ -142,7 +142,7 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
             line: dict[str, Any] = {**numbered_line(i), "linewidth": 1.2}
             title = engine_title(name)
             contacts = _contact_names(name, tuned_at)
-            label = f"{title} {'; right: '.join(contacts)}"
+            label = f"{title} " + "; right: ".join(contacts)
             handles += left.plot(in_gap.time * 1e3, in_gap.position * 1e3, **line, label=label)
             right.plot(pressed.position * 1e6, pressed.resultant, **line)
             path = _distance(in_gap.time, in_gap.position, clear, clear.position)

@@ -114,7 +114,8 @@ def figure_2() -> Figure:
     axes: Axes = figure.subplots()
     x = np.linspace(0.0, 1.0, 200)
     for n, colour in ((1.0, GREY), (1.25, GREEN), (1.5, BLUE), (2.0, PURPLE)):
-        axes.plot(x, x**n, color=colour, linewidth=2.2 if n == 1.5 else 1.3, label=f"n = {n:g}")
+        linewidth = 2.2 if n == 1.5 else 1.3
+        axes.plot(x, x**n, color=colour, linewidth=linewidth, label=f"n = {n:g}")
     axes.fill_between(x, x**1.5, color=BLUE, alpha=0.12, linewidth=0)
     axes.text(0.72, 0.2, "½ m vᵢ²", color=BLUE, ha="center")
     axes.plot([1.0, 1.0], [0.0, 1.0], color=INK, linewidth=0.8, linestyle=(0, (3, 2)))

@@ -192,7 +192,10 @@ def _failure(name: str, said: str, folder: Path) -> NotCompiled:
         reason = f"{name} failed in {folder}: {os.strerror(errno.ENOSPC)}"
         return NotCompiled(reason, "room for the library", "Or name another folder: HCBENCH_CACHE")
     lines = said.strip().splitlines() or ["no message"]
-    first = next((line for line in lines if "error:" in line), lines[-1])
+    errors = [line for line in lines if "error:" in line]
+    first = lines[-1]
+    if errors:
+        first = errors[0]
     return NotCompiled(f"{name} failed: {first}", _WORKING, _ANOTHER)
 
 
@@ -226,11 +229,13 @@ def loaded(source: str) -> Path | None:
     """The library made of `source` that this process has loaded, whoever
     compiled it; None without one.
     """
-    # 0 on systems that cannot ask for a library without loading it.
-    path = _HERE / source
     mode = getattr(os, "RTLD_NOLOAD", 0)
+    if not mode:
+        # This system cannot ask for a library without loading it.
+        return None
+    path = _HERE / source
     libraries = user_folder("cache").glob(f"{path.parent.parent.name}-{path.stem}-*.so")
-    for library in libraries if mode else ():
+    for library in libraries:
         try:
             ctypes.CDLL(str(library), mode=mode)
         except OSError:

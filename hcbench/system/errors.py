@@ -38,13 +38,15 @@ class HcbenchError(Exception):
         self.got = got
         self.expected = expected
         self.advice = advice
-        parts = [
-            sanitized(" ".join(part.split()), LONGEST) for part in (slot, got, expected, advice)
-        ]
+        parts = []
+        for part in (slot, got, expected, advice):
+            in_one_line = " ".join(part.split())
+            parts.append(sanitized(in_one_line, LONGEST))
         # The longest part gives way until the message fits.
         while (excess := len(_message(*parts)) - LONGEST) > 0:
-            i = max(range(4), key=lambda i: len(parts[i]))
-            parts[i] = sanitized(parts[i], max(20, len(parts[i]) - excess - 3))
+            longest = max(parts, key=len)
+            i = parts.index(longest)
+            parts[i] = sanitized(longest, max(20, len(longest) - excess - 3))
         super().__init__(_message(*parts))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -124,7 +126,8 @@ def foreign_errors(slot: str, *kinds: type[Exception], advice: str = "") -> Iter
     except HcbenchError:
         raise
     except caught as error:
-        raise EngineFailed(slot, f"{error}" if kinds else typed(error), "", advice) from error
+        got = str(error) if kinds else typed(error)
+        raise EngineFailed(slot, got, "", advice) from error
 
 
 def typed(error: Exception) -> str:

@@ -136,7 +136,7 @@ def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
             replace_file(path.resolve(), content)
         else:
             with stream:
-                stream.writelines([content] if isinstance(content, bytes) else content)
+                stream.writelines(_pieces(content))
     except OSError as error:
         raise unwritable("output", path, error, "a place that can be written to") from None
 
@@ -175,6 +175,13 @@ def _open_stream(path: Path) -> BinaryIO | None:
     return None
 
 
+def _pieces(content: bytes | Iterable[bytes]) -> Iterable[bytes]:
+    """The pieces of a content; one where it is whole."""
+    if isinstance(content, bytes):
+        return [content]
+    return content
+
+
 def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = False) -> None:
     """Write a file whole or not at all: a neighbour first, which is then
     renamed; OSError where that fails.
@@ -184,7 +191,7 @@ def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = Fals
     neighbour = path.parent / f".hcbench-{os.getpid()}-{threading.get_ident()}.new"
     try:
         with neighbour.open("wb") as file:
-            file.writelines([content] if isinstance(content, bytes) else content)
+            file.writelines(_pieces(content))
             if sync:
                 file.flush()
                 os.fsync(file.fileno())
@@ -342,12 +349,15 @@ def _read_manifest(folder: Path) -> dict[str, str]:
     """
     try:
         content = parse_json(read_text(folder / MANIFEST))
-        files = content["files"] if content["kind"] == _KIND else {}
-        return {
-            str(name): str(digest)
-            for name, digest in files.items()
-            if not Path(name).is_absolute() and ".." not in Path(name).parts
-        }
+        if content["kind"] != _KIND:
+            return {}
+        digests = {}
+        for name, digest in content["files"].items():
+            path = Path(name)
+            # Nothing outside the folder was written by hcbench.
+            if not path.is_absolute() and ".." not in path.parts:
+                digests[str(name)] = str(digest)
+        return digests
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return {}
 

@@ -36,8 +36,10 @@ class Shown:
         """The result in at most 12 lines of at most 100 columns."""
         lines = []
         for line in self._lines():
-            is_long = len(line) > COLUMNS
-            lines.append(f"{line[: COLUMNS - 3]}..." if is_long else line)
+            if len(line) > COLUMNS:
+                lines.append(line[: COLUMNS - 3] + "...")
+            else:
+                lines.append(line)
         if len(lines) > _LINES:
             lines[_LINES - 1 :] = ["..."]
         return "\n".join(lines)

@@ -38,7 +38,9 @@ def write_output(path: Path, content: str | bytes, option: str, force: bool = Fa
     that the same option did not write, and OutputError where it cannot be written.
     """
     _require_replaceable(path, option, force)
-    write_bytes(path, _marked(content.encode() if isinstance(content, str) else content, option))
+    if isinstance(content, str):
+        content = content.encode()
+    write_bytes(path, _marked(content, option))
 
 
 def require_outputs(
@@ -77,14 +79,21 @@ def _is_stream(path: Path) -> bool:
     return path.exists() and not path.is_file()
 
 
+def _without_function(name: str) -> str:
+    """The file of a name: FILE.py of "FILE.py:FUNCTION"."""
+    stem, colon, _ = name.partition(".py:")
+    if colon:
+        return f"{stem}.py"
+    return name
+
+
 def _existing(value: object) -> Iterator[Path]:
     """Files and folders that an argument names, or several arguments."""
     if isinstance(value, tuple | list):
         for each in value:
             yield from _existing(each)
     elif isinstance(value, str | Path):
-        file, colon, _ = str(value).partition(".py:")
-        path = Path(f"{file}.py" if colon else file)
+        path = Path(_without_function(str(value)))
         if _is(path, Path.exists):
             yield path
 
@@ -158,9 +167,7 @@ def _named(path: Path, content: bytes) -> list[Path]:
     """
     names = set()
     for match in _QUOTED.findall(content):
-        # "FILE.py:FUNCTION" names FILE.py.
-        name, colon, _ = match.decode(errors="replace").partition(".py:")
-        names.add(f"{name}.py" if colon else name)
+        names.add(_without_function(match.decode(errors="replace")))
     beside = [path.parent / name for name in names]
     folders = [path.parent]
     folders += [each for each in beside if _is(each, Path.is_dir)]

@@ -22,10 +22,15 @@ def sanitized(text: object, longest: int = _LONGEST) -> str:
 
     longest: characters, before what is cut off.
     """
-    shown = "".join(
-        "?" if unicodedata.category(c) in _UNSEEN else c for c in str(text)[: longest + 1]
-    )
-    return shown if len(shown) <= longest else f"{shown[:longest]}..."
+    shown = ""
+    for character in str(text)[: longest + 1]:
+        if unicodedata.category(character) in _UNSEEN:
+            shown += "?"
+        else:
+            shown += character
+    if len(shown) > longest:
+        return f"{shown[:longest]}..."
+    return shown
 
 
 def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
@@ -93,9 +98,11 @@ def number(value: float, digits: str = ".4f") -> str:
 
 def arguments(values: Mapping[str, Any]) -> str:
     """Keyword arguments of a call."""
-    return ", ".join(
-        f"{k}={shortest(v) if isinstance(v, float) else repr(v)}" for k, v in values.items()
-    )
+    words = []
+    for name, value in values.items():
+        text = shortest(value) if isinstance(value, float) else repr(value)
+        words.append(f"{name}={text}")
+    return ", ".join(words)
 
 
 def time_step(step: float) -> str:

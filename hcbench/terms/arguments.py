@@ -142,7 +142,10 @@ def name_parameters(error: HcbenchError, names: Collection[str]) -> None:
 
     def parameter(option: str) -> str:
         candidates = (option.replace("-", "_"), *_PARAMETERS.get(option, ()))
-        return next((name for name in candidates if name.partition("=")[0] in names), "")
+        for name in candidates:
+            if name.partition("=")[0] in names:
+                return name
+        return ""
 
     def named(text: str) -> str:
         text = text.replace("--beyond-bounds", _BEYOND_BOUNDS)
@@ -174,7 +177,9 @@ def _plain(value: Any) -> Any:
         return value.item()
     if type(value) in (list, tuple):
         return type(value)(map(_plain, value))
-    return {key: _plain(each) for key, each in value.items()} if type(value) is dict else value
+    if type(value) is dict:
+        return {key: _plain(each) for key, each in value.items()}
+    return value
 
 
 def checked_fields(cls: C) -> C:
@@ -192,13 +197,14 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
     for name, annotation in function.__annotations__.items():
         if name != "return":
             with suppress(NameError):
-                hint = (
-                    eval(annotation, function.__globals__)
-                    if isinstance(annotation, str)
-                    else annotation
-                )
-                of_keywords = get_origin(hint) is Unpack
-                hints |= get_type_hints(get_args(hint)[0]) if of_keywords else {name: hint}
+                hint: Any = annotation
+                if isinstance(annotation, str):
+                    hint = eval(annotation, function.__globals__)
+                origin: Any = get_origin(hint)
+                if origin is Unpack:
+                    hints |= get_type_hints(get_args(hint)[0])
+                else:
+                    hints[name] = hint
     return hints
 
 

@@ -91,7 +91,9 @@ class InUnits:
     def expected(self) -> str:
         """The words of an error for what was expected."""
         kind = units.QUANTITIES[self.quantity]
-        what = f"{'numbers' if self.several else 'a number'}{' in ' * bool(kind.unit)}{kind.unit}"
+        what = "numbers" if self.several else "a number"
+        if kind.unit:
+            what += f" in {kind.unit}"
         return f"{what}, or text like {kind.example!r}"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
@@ -234,8 +236,12 @@ def _fields(table: type[FileTable]) -> dict[str, FieldInfo]:
 
 
 def _expected(field: FieldInfo) -> str:
-    in_units = next((each.expected for each in field.metadata if isinstance(each, InUnits)), "")
-    return field.description or in_units
+    if field.description:
+        return field.description
+    for each in field.metadata:
+        if isinstance(each, InUnits):
+            return each.expected
+    return ""
 
 
 def read_numbers(

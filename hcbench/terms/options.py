@@ -256,12 +256,15 @@ class CheckOptions(TargetOptions, SharedOptions, MotionOptions, total=False):
 
 
 def _options_of(declared: type) -> dict[str, Option]:
-    hints = get_type_hints(declared, include_extras=True)
-    stated: dict[str, Option] = {name: get_args(hint)[1] for name, hint in hints.items()}
-    return {
-        name: option._replace(flag=option.flag or name.replace("_", "-"))
-        for name, option in stated.items()
-    }
+    """The option of each annotation `Annotated[type, Option]`, by name; its flag is the name, unless
+    it states another.
+    """
+    options: dict[str, Option] = {}
+    for name, hint in get_type_hints(declared, include_extras=True).items():
+        _, option = get_args(hint)
+        flag = option.flag or name.replace("_", "-")
+        options[name] = option._replace(flag=flag)
+    return options
 
 
 OPTIONS = _options_of(CheckOptions)

@@ -119,12 +119,16 @@ class Scene:
         _require("gravity", 0 <= g < math.inf, f"{g!r} m/s^2", "0 m/s^2 or more, towards the plate")
         _require("friction", 0 <= self.friction < math.inf, f"{self.friction!r}", "0 or more")
         off = self.off_axis
-        room = -R2 - R1 if self.form == "cup" else 0.0
+        room = 0.0
+        allowed = "0 m: a plane has no axis"
+        if self.form == "cup":
+            room = -R2 - R1
+            allowed = f"0 m, or less than |R2| - R1 = {room!r} m"
         _require(
             "off_axis",
             off == 0 or 0 < off < room,
             f"{off!r} m in the form {self.form!r}",
-            f"0 m, or less than |R2| - R1 = {room!r} m" if room else "0 m: a plane has no axis",
+            allowed,
         )
 
     @property
@@ -142,11 +146,10 @@ class Scene:
     @property
     def tilt(self) -> float:
         """Angle between the axis and the normal at the touch, rad, in the plane of x and z."""
-        return (
-            math.asin(self.off_axis / (-self.plate_radius - self.ball_radius))
-            if self.off_axis
-            else 0.0
-        )
+        if self.off_axis == 0.0:
+            return 0.0
+        room = -self.plate_radius - self.ball_radius
+        return math.asin(self.off_axis / room)
 
     @property
     def normal(self) -> tuple[float, float, float]:
@@ -156,11 +159,10 @@ class Scene:
     @property
     def touch_offset(self) -> tuple[float, float, float]:
         """From where the ball's centre is when it touches on the axis to where it touches, m."""
-        lift = (
-            (-self.plate_radius - self.ball_radius) * (1.0 - math.cos(self.tilt))
-            if self.off_axis
-            else 0.0
-        )
+        lift = 0.0
+        if self.off_axis:
+            room = -self.plate_radius - self.ball_radius
+            lift = room * (1.0 - math.cos(self.tilt))
         return self.off_axis, 0.0, lift
 
     @property
@@ -171,10 +173,8 @@ class Scene:
     @property
     def relative_radius(self) -> float:
         """R = 1/(1/R1 + 1/R2), m: the sphere that meets a plane as this pair meets."""
-        return 1.0 / (
-            1.0 / self.ball_radius
-            + (0.0 if math.isinf(self.plate_radius) else 1.0 / self.plate_radius)
-        )
+        # A flat plate has an infinite radius: 1/inf is 0.
+        return 1.0 / (1.0 / self.ball_radius + 1.0 / self.plate_radius)
 
 
 class _Body(FileTable):
@@ -223,12 +223,16 @@ class _File(FileTable):
 
 def scene_names() -> list[str]:
     """The built-in scenes, sorted."""
-    return sorted({file.parent.name for folder in _BUILT_IN for file in folder.glob(f"*/{FILE}")})
+    names: set[str] = set()
+    for folder in _BUILT_IN:
+        names |= {file.parent.name for file in folder.glob(f"*/{FILE}")}
+    return sorted(names)
 
 
 def built_in_folder(name: str) -> Path:
     """The folder of that name among the built-in scenes."""
-    return next(path for folder in _BUILT_IN if (path := folder / name).is_dir())
+    paths = [folder / name for folder in _BUILT_IN]
+    return next(path for path in paths if path.is_dir())
 
 
 @checked
@@ -271,6 +275,14 @@ def read_scene(folder: Path) -> Scene:
         raise SceneError(f"{path}: {error.slot}", error.got, error.expected, error.advice) from None
 
 
+def _models(file: _File, folder: Path) -> dict[str, dict[str, Path]]:
+    """Paths of an engine's own models, by engine and role. Raises SceneError."""
+    models = {}
+    for engine, roles in file.models.items():
+        models[engine] = {role: _model(folder, engine, role, name) for role, name in roles.items()}
+    return models
+
+
 def _scene(file: _File, folder: Path) -> Scene:
     """The scene that a file describes; values with units become SI. Raises SceneError or
     QuantityError.
@@ -291,10 +303,7 @@ def _scene(file: _File, folder: Path) -> Scene:
         exponent=law.exponent,
         gravity=file.gravity,
         friction=file.friction,
-        models={
-            engine: {role: _model(folder, engine, role, name) for role, name in roles.items()}
-            for engine, roles in file.models.items()
-        },
+        models=_models(file, folder),
     )
 
 

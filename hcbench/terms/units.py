@@ -222,9 +222,9 @@ def _without_pint(value: object, kind: QuantityKind, slot: str, exponent: float 
     unit = str(value.units)
     # [()] makes a number of an array without dimensions.
     magnitude = np.asarray(value.magnitude)[()]
-    return magnitude * _scale(
-        "" if unit == "dimensionless" else unit, kind, slot, str(value), exponent
-    )
+    if unit == "dimensionless":
+        unit = ""
+    return magnitude * _scale(unit, kind, slot, str(value), exponent)
 
 
 def _fraction(text: str) -> float:

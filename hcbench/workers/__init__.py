@@ -115,16 +115,21 @@ def map_surviving_crashes(
     crashes = suspects_end = 0
     while (done := len(results)) < len(jobs):
         alone = done < suspects_end
-        batch = jobs[done : done + 1] if alone else jobs[done:]
+        batch = jobs[done:]
+        time_limit = limit * together
+        if alone:
+            batch = jobs[done : done + 1]
+            time_limit = limit
         try:
-            results += worker.run(function, (batch, *args), limit if alone else limit * together)
+            results += worker.run(function, (batch, *args), time_limit)
             assert len(results) == done + len(batch), (
                 f"{len(results) - done} results of {len(batch)} jobs"
             )
             crashes = 0
         except WorkerDied as death:
             results += death.results
-            crashes = 0 if death.results else crashes
+            if death.results:
+                crashes = 0
             if together > 1 and not alone:
                 suspects_end = len(results) + together
                 continue
@@ -160,7 +165,9 @@ class WorkerPool:
 
     def begin(self, module: str, function: str, *args: Any) -> None:
         """Start all processes, and let each call a function of a module first, as `begin` does."""
-        for worker in () if in_worker() else self._workers:
+        if in_worker():
+            return
+        for worker in self._workers:
             worker.begin(module, function, *args)
 
     def map(self, function: Callable[[Job], Result], jobs: Iterable[Job]) -> list[Result]:

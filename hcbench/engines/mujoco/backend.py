@@ -39,14 +39,19 @@ def backend() -> Any:
 def has_feature(mujoco: Any, feature: str) -> bool:
     """Say whether this MuJoCo has a feature, a key of `_FEATURES`."""
     owner, attribute, _ = _FEATURES[feature]
-    return hasattr(getattr(mujoco, owner) if owner else mujoco, attribute)
+    # The class that has it, or the module itself.
+    where = mujoco
+    if owner:
+        where = getattr(mujoco, owner)
+    return hasattr(where, attribute)
 
 
 def can_pull(version: tuple[int, ...]) -> bool:
     """Say whether contacts can adhere, both in this version of MuJoCo, such as (3,
     5), and in the installed one.
     """
-    since = tuple(int(part) for part in _FEATURES["adhesion"][2].split("."))
+    _, _, first_version = _FEATURES["adhesion"]
+    since = tuple(map(int, first_version.split(".")))
     return has_feature(backend(), "adhesion") and (not version or version >= since)
 
 

@@ -40,19 +40,27 @@ class MujocoBodies:
         mu = world["friction"]
         bounce = solref(world["restitution"], h)
         pair = f'solref="{bounce}" solreffriction="0 {-1 / h}" solimp=".9999 .9999 .001"'
-        names = ["floor"] * world["floor"] + [f"geom{i}" for i in range(len(world["bodies"]))]
-        geoms = [self._body(i, body) for i, body in enumerate(world["bodies"])]
-        geoms += ['<geom name="floor" type="plane" size="9 9 1"/>'] * world["floor"]
-        friction = f'condim="{3 if mu else 1}" friction="{mu} {mu} 0 0 0"'
-        pairs = [
-            f'<pair geom1="{a}" geom2="{b}" {pair} {friction}/>' for a, b in combinations(names, 2)
-        ]
+        names = []
+        geoms = ""
+        if world["floor"]:
+            names.append("floor")
+        for i, body in enumerate(world["bodies"]):
+            names.append(f"geom{i}")
+            geoms += self._body(i, body)
+        if world["floor"]:
+            geoms += '<geom name="floor" type="plane" size="9 9 1"/>'
+        condim = 3 if mu else 1
+        friction = f'condim="{condim}" friction="{mu} {mu} 0 0 0"'
+        pairs = ""
+        for a, b in combinations(names, 2):
+            pairs += f'<pair geom1="{a}" geom2="{b}" {pair} {friction}/>'
         pull = f'gravity="{" ".join(map(str, world["gravity"]))}"'
         option = f'<option timestep="{h}" {pull} cone="elliptic" impratio="1e6"/>'
-        parts = f"<worldbody>{''.join(geoms)}</worldbody><contact>{''.join(pairs)}</contact>"
+        parts = f"<worldbody>{geoms}</worldbody><contact>{pairs}</contact>"
         self.model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}{parts}</mujoco>")
         self.data = mujoco.MjData(self.model)
-        for i, body in enumerate(each for each in world["bodies"] if not each.get("fixed")):
+        moving = [body for body in world["bodies"] if not body.get("fixed")]
+        for i, body in enumerate(moving):
             self.data.qvel[6 * i : 6 * i + 6] = body["velocity"] + body["spin"]
 
     def _body(self, i: int, body: dict[str, Any]) -> str:

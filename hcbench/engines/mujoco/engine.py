@@ -153,8 +153,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         rows = setting.options.get("rows", ())
         if not rows or any(row.get("friction") for row in rows):
             return setting
-        options = {**setting.options, "rows": [{**row, "friction": friction} for row in rows]}
-        return replace(setting, options=options)
+        with_it = [{**row, "friction": friction} for row in rows]
+        return replace(setting, options={**setting.options, "rows": with_it})
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """Return the MJCF of the scene under a setting."""
@@ -282,8 +282,13 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         """Measure how a user's model stands, in plain steps of the model."""
         from hcbench.engines.mujoco.model.standing import standing
 
-        opened = [setting.open(r) if setting else self.open(source, r) for r in requests]
-        return standing(opened)  # type: ignore[arg-type]
+        opened: list[Any] = []
+        for request in requests:
+            if setting is None:
+                opened.append(self.open(source, request))
+            else:
+                opened.append(setting.open(request))
+        return standing(opened)
 
 
 def _one_file(source: Any) -> Any:

@@ -79,12 +79,12 @@ def orbits(
     require("cycles", cycles, cycles >= 1, "1 cycle or more")
     require("keep", keep, 1 <= keep <= cycles, f"1 ... {cycles} of the cycles")
     require("jobs", jobs, jobs >= 1, "1 process or more")
-    cases = [
-        (replace(system, gap=float(x)), drive)
-        if over == "gap"
-        else (system, replace(drive, **{over: float(x)}))
-        for x in values
-    ]
+    cases = []
+    for value in values:
+        if over == "gap":
+            cases.append((replace(system, gap=float(value)), drive))
+        else:
+            cases.append((system, replace(drive, **{over: float(value)})))
     start = np.array([position, velocity])
     task = partial(_simulate, cycles=cycles, keep=keep, start=start, tolerance=tolerance)
     # Neighbouring values take about as many steps: dealt out in turn,
@@ -111,18 +111,18 @@ def _simulate(
     """Simulate these systems and drives side by side; rows as `Orbits` keeps them, shape (5, cases,
     keep).
     """
-    system = cases[0][0]
+    system, _ = cases[0]
     position, velocity = start.tolist()
-    amplitude = np.array([d.amplitude for _, d in cases])
-    omega = 2.0 * np.pi * np.array([d.frequency for _, d in cases])
-    phase = np.array([d.phase for _, d in cases])
-    length, speed = np.array(
-        [motion_size(s, position, velocity, abs(d.amplitude), d) for s, d in cases]
-    ).T
+    numbers = np.empty((6, len(cases)))
+    for i, (body, drive) in enumerate(cases):
+        size = motion_size(body, position, velocity, abs(drive.amplitude), drive)
+        numbers[:, i] = drive.amplitude, drive.frequency, drive.phase, body.gap, *size
+    amplitude, frequency, phase, gap, length, speed = numbers
+    omega = 2.0 * np.pi * frequency
     contact = TwoSidedContact(
         laws=(system.right, system.left),
         mass=system.mass,
-        half_gap=np.array([s.gap for s, _ in cases]) / 2.0,
+        half_gap=gap / 2.0,
         drive=lambda t, rows: amplitude[rows] * np.sin(omega[rows] * t + phase[rows]),
         length=length,
         speed=speed,

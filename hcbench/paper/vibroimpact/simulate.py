@@ -109,6 +109,9 @@ def _motion_of(
     """
     q, v, lost, put_in = states.T
     half = system.gap / 2.0
+    energy = np.empty_like(q)
+    for i, x in enumerate(q.tolist()):
+        energy[i] = stored(system.right, x - half) + stored(system.left, -x - half)
     return SimulatedMotion(
         time=times,
         position=q,
@@ -116,9 +119,7 @@ def _motion_of(
         right=pressing(system.right, q - half, v),
         left=pressing(system.left, -q - half, -v),
         kinetic=0.5 * system.mass * v * v,
-        stored=np.array(
-            [stored(system.right, x - half) + stored(system.left, -x - half) for x in q.tolist()]
-        ),
+        stored=energy,
         lost=lost,
         put_in=put_in,
         events=events,
@@ -126,12 +127,10 @@ def _motion_of(
 
 
 def _force_of(drive: Drive | None, times: Floats) -> Floats:
-    """P in N at times (s), same shape."""
-    return (
-        np.zeros_like(times)
-        if drive is None
-        else np.array([_checked(drive, float(t)) for t in times])
-    )
+    """P in N at times (s), same shape; 0 without a drive."""
+    if drive is None:
+        return np.zeros_like(times)
+    return np.array([_checked(drive, float(t)) for t in times])
 
 
 def _checked(drive: Drive, time: float) -> float:
@@ -192,7 +191,9 @@ def motion_size(
     if isinstance(drive, Sinusoid):
         energy = start + 0.5 * (force / (2.0 * math.pi * drive.frequency)) ** 2 / system.mass
     else:
-        energy = start + (force * _solve(elastic, force) if force else 0.0)
+        energy = start
+        if force:
+            energy += force * _solve(elastic, force)
     require(
         "start", energy, energy > 0.0, "a motion: a speed, a position inside a block, or a drive"
     )

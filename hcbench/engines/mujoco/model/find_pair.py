@@ -143,9 +143,10 @@ def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
 
     chain: bodies with joints from this one to the root.
     """
-    names = [
-        joint_name(model, joint) for ancestor in chain for joint in _joints_of(model, ancestor)
-    ]
+    joints: list[int] = []
+    for ancestor in chain:
+        joints += _joints_of(model, ancestor)
+    names = [joint_name(model, joint) for joint in joints]
     listed = ", ".join(names[:_NAMED_JOINTS])
     if len(names) > _NAMED_JOINTS:
         listed += ", ..."
@@ -179,9 +180,9 @@ def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
                 start, _translations(model, start), f"body {name!r} on its free joint"
             )
         chain = chain[: chain.index(start) + 1]
-        joints = [
-            int(model.body_jntadr[b]) + j for b in chain[::-1] for j in range(model.body_jntnum[b])
-        ]
+        joints: list[int] = []
+        for ancestor in reversed(chain):
+            joints += _joints_of(model, ancestor)
     else:
         names = [joint_name(model, j) for j in range(model.njnt)]
         if name not in names:
@@ -221,8 +222,10 @@ def immobile_error(pair: ContactPair) -> UserError:
     states = []
     for part in (pair.first, pair.second):
         hinged = any(pair.model.body_jntnum[body] for body in _ancestors(pair.model, part.body))
-        turns = "is on hinges or balls only, which do not bring it nearer"
-        states.append(f"{part.name!r} {turns if hinged else 'does not move'}")
+        state = "does not move"
+        if hinged:
+            state = "is on hinges or balls only, which do not bring it nearer"
+        states.append(f"{part.name!r} {state}")
     return UserError(
         "pair",
         " and ".join(states),

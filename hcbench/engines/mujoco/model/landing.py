@@ -166,9 +166,11 @@ class _Bench:
         # Up, out of the floor that it is in, or down to where it first touches.
         is_in_floor = touches(0.0)
         step = _SCAN if is_in_floor else -_SCAN
-        ways = (step * i for i in range(1, round(_FARTHEST / _SCAN)))
-        end = next((way for way in ways if touches(way) is not is_in_floor), None)
-        if end is None:
+        for i in range(1, round(_FARTHEST / _SCAN)):
+            end = step * i
+            if touches(end) is not is_in_floor:
+                break
+        else:
             advice = 'Add a floor: <geom type="plane" size="0 0 1"/> in the worldbody'
             raise UserError(
                 "model",
@@ -221,7 +223,10 @@ class _Bench:
                     "a robot that its controller holds",
                     "Try --controller pd:KP,KD or a smaller --timestep",
                 )
-            force = self._tread(data, before, then - (first if feet else then), feet, hits)
+            since_touch = 0.0
+            if feet:
+                since_touch = then - first
+            force = self._tread(data, before, since_touch, feet, hits)
             if not feet:
                 if then > latest:
                     break
@@ -243,7 +248,9 @@ class _Bench:
         speed_out = take_off_speed(pushed, np.array(rising), h)
         time: Floats = np.arange(len(forces), dtype=np.float64) * h
         fallen = tuple(foot.log.footfall(self._name(body, foot)) for body, foot in feet.items())
-        impulse = math.nan if self.beside is None else h * float(pushed.max())
+        impulse = math.nan
+        if self.beside is not None:
+            impulse = h * float(pushed.max())
         return Landing(
             height, tilt, -rising[0], speed_out, self.mass * self.g, fallen, time, pushed, impulse
         )

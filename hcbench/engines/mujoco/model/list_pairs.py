@@ -117,8 +117,10 @@ def _described(
     # The nearest points coincide; the effective mass is the same for either
     # sign of the contact's normal.
     if not normal.any():
-        normals = [c.frame[:3] for c in data.contact if tuple(sorted(c.geom.tolist())) == key]
-        normal = normals[0] if normals else normal
+        for contact in data.contact:
+            if tuple(sorted(contact.geom.tolist())) == key:
+                normal = contact.frame[:3]
+                break
     distance = math.nan
     mass = math.nan
     if np.isfinite(near.distance):
@@ -126,12 +128,15 @@ def _described(
         if normal.any():
             mass = _mass_along(model, data, (body_a, body_b), near.point, normal)
     joints = moving_joints(model, body_a) + moving_joints(model, body_b)
+    moved = "nothing"
+    if joints:
+        moved = joints[0].description
     return CandidatePair(
         bodies=(body_name(model, body_a), body_name(model, body_b)),
         geoms=(name_a, name_b),
         types=(_shape(model, a), _shape(model, b)),
         pair=joined_names([_unmistakable(model, a), _unmistakable(model, b)]),
-        joint=joints[0].description if joints else "nothing",
+        joint=moved,
         effective_mass=mass,
         distance=distance,
         touching=key in here,

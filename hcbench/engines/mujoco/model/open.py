@@ -100,7 +100,9 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
         model.opt.gravity[:] = request.gravity
     if not request.actuators:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
-    return model, label if state is None else kind, state
+    if state is not None:
+        label = kind
+    return model, label, state
 
 
 def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:

@@ -121,7 +121,10 @@ class ContactPair:
         distance to it is not reliable.
         """
         kind = int(backend().mjtGeom.mjGEOM_HFIELD)
-        return next((geom for geom in self.geoms if int(self.model.geom_type[geom]) == kind), -1)
+        for geom in self.geoms:
+            if int(self.model.geom_type[geom]) == kind:
+                return geom
+        return -1
 
     def approach_row(self, data: Any, point: Floats, normal: Floats) -> Floats:
         """(nv,) J: the approach rate of the two at a point along a normal is J @ qvel."""
@@ -142,8 +145,12 @@ class ContactPair:
             return None
         signs = np.where(sides[contacts.geom[acting, 0]] == 1, 1.0, -1.0)
         normals = contacts.frame[acting, :3] * signs[:, None]
-        normal = np.mean(normals, axis=0)
-        length = float(np.linalg.norm(normal))
+        mean = np.mean(normals, axis=0)
+        length = float(np.linalg.norm(mean))
+        # Opposite normals have no mean direction.
+        normal = normals[0]
+        if length > 0:
+            normal = mean / length
         points = []
         for number in acting:
             solref = tuple(contacts.solref[number].tolist())
@@ -151,7 +158,7 @@ class ContactPair:
             first, second = contacts.geom[number].tolist()
             points.append(ContactPoint(solref, solimp, (first, second)))
         return PairContact(
-            normal=normal / length if length > 0 else normals[0],
+            normal=normal,
             point=np.mean(contacts.pos[acting], axis=0),
             onset=float(contacts.includemargin[acting].max()),
             distance=float(contacts.dist[acting].min()),

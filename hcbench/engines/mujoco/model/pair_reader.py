@@ -116,11 +116,13 @@ class PairReader:
         """Find the pair's contacts among all."""
         sides = self.place.pair.sides
         self._geoms = geoms
-        self._mine = [
-            (i, bool(sides[a] == 2), self._pyramid and dims[i] > 1)
-            for i, (a, b) in enumerate(geoms)
-            if sides[a] + sides[b] == 3
-        ]
+        self._mine = []
+        for i, (a, b) in enumerate(geoms):
+            # A geom of the first counts 1, one of the second 2: only one of each add up to 3.
+            if sides[a] + sides[b] == 3:
+                is_turned = bool(sides[a] == 2)
+                is_pyramid = self._pyramid and dims[i] > 1
+                self._mine.append((i, is_turned, is_pyramid))
         self.others = len(self._mine) < len(geoms)
 
     def _use_contact(self) -> None:

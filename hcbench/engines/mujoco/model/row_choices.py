@@ -63,7 +63,8 @@ class Load:
 
 def estimated_mobility(model: object, first: int, second: int) -> float:
     """MuJoCo's estimate of 1/mass of a contact of two bodies, 1/kg."""
-    return float(sum(model.body_invweight0[body][0] for body in (first, second)))  # type: ignore[attr-defined]
+    weights = model.body_invweight0  # type: ignore[attr-defined]
+    return float(weights[first][0] + weights[second][0])
 
 
 def row_choices(
@@ -89,8 +90,9 @@ def row_choices(
         strength = float(f"{load.strength:.2g}")
         rounded = replace(load, strength=strength)
         # The fit of rows that pull may end farther from the target than that of rows that do not.
-        for pulls in (True, False) if adhesive else (False,):
-            yield "spring and damper", _fitted(goal, band, rounded, pulls)
+        if adhesive:
+            yield "spring and damper", _fitted(goal, band, rounded, True)
+        yield "spring and damper", _fitted(goal, band, rounded, False)
 
 
 def one_step(e: float, timestep: float) -> Rows:

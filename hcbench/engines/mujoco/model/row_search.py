@@ -106,7 +106,10 @@ def _damper(damping: float, impedance: tuple[float, float, float], adhesive: boo
     impedance: its highest, width (m) and midpoint.
     """
     solimp = (MIN_IMPEDANCE, *impedance, _POWER)
-    return ConstraintRow.direct(0.0, damping, solimp, adhesion=MOST_PULL if adhesive else 0.0)
+    adhesion = 0.0
+    if adhesive:
+        adhesion = MOST_PULL
+    return ConstraintRow.direct(0.0, damping, solimp, adhesion=adhesion)
 
 
 class RowSearch:
@@ -313,8 +316,12 @@ def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[
     the band, then some slow ones.
     """
     low, high = band
-    count, phases = _GRID_LARGE if is_large else _GRID_SMALL
-    speeds = np.geomspace(low, high, count) if low < high else np.array([low])
+    count, phases = _GRID_SMALL
+    if is_large:
+        count, phases = _GRID_LARGE
+    speeds = np.array([low])
+    if low < high:
+        speeds = np.geomspace(low, high, count)
     plan = []
     for k, speed in enumerate(speeds):
         # Each speed's phases lie between those of the others: few launches, no gap in phase.

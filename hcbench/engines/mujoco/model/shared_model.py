@@ -121,7 +121,8 @@ class LentModel(ModelUnderTest):
     def _unlike_mujoco(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
         """Suspect the engine if the same launches bounce otherwise in MuJoCo itself."""
         # One phase of each speed: the last.
-        mine = list({impact.launch.at_any_phase: impact for impact in impacts}.values())
+        of_speed = {impact.launch.at_any_phase: impact for impact in impacts}
+        mine = list(of_speed.values())
         theirs = simulate.impacts_in(self._own, [impact.launch for impact in mine])
         worst = None
         largest = TOLERANCE

@@ -141,7 +141,10 @@ class MujocoFlight:
         self._opened.warned.extend(warned)
         depths, rates, forces, _, along = zip(*rows, strict=True)
         x, v, f = np.array([depths, rates, forces])[:, None]
-        return Record(x, v, f, np.array(along).T[:, None] if self.is_oblique else None)
+        tangential = None
+        if self.is_oblique:
+            tangential = np.array(along).T[:, None]
+        return Record(x, v, f, tangential)
 
     def note(self, steps: int) -> str:
         """Name other contacts of the first `steps` steps, the last of
@@ -156,7 +159,9 @@ class MujocoFlight:
             taken = self._causes.taken(steps)
             if not self._touched:
                 name = max(taken, key=taken.__getitem__)
-                return f"what slowed it most: {name}" if taken[name] > 0 else ""
+                if taken[name] > 0:
+                    return f"what slowed it most: {name}"
+                return ""
             self._keep_shares({name: speed / self._touch_speed for name, speed in taken.items()})
         names = sorted(geom_name(self._model, geom) for geom in touched)
         if not names:
@@ -319,7 +324,10 @@ class Flights(Simulation, Generic[Flight]):
         for i, record in enumerate(records):
             row = record.rows()[:, 0]
             seen[: len(row), i, : row.shape[1]] = row
-        return Record(seen[0], seen[1], seen[2], seen[3:] if self._looks_along else None, seen)
+        tangential = None
+        if self._looks_along:
+            tangential = seen[3:]
+        return Record(seen[0], seen[1], seen[2], tangential, seen)
 
 
 class MujocoUserSimulation(Flights[MujocoFlight]):

@@ -99,7 +99,10 @@ class MujocoAlongPlate:
         turned: the moving geom is its second.
         """
         pushed = wrench[1] * frame[3:6] + wrench[2] * frame[6:9]
-        self.friction = self.friction + (pushed if turned else -pushed)
+        if turned:
+            self.friction = self.friction + pushed
+        else:
+            self.friction = self.friction - pushed
 
     def row(self, data: Any, velocity: Floats, point: Floats, rate: float) -> Floats:
         """Motion along the plate, shape (8,): slip 2 m/s, spin 3 rad/s,

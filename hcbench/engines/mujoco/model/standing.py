@@ -75,9 +75,14 @@ def rest_of_pair(opened: MujocoModel) -> Rest | None:
             if not place.gravity > 0.0:
                 return None
             data.qpos[:] = place.qpos
-        moves = bool(opened.model.body_weldid[place.pair.second.body])
-        rest = _rest(opened, data, from_body=place.pair.second.body if moves else 0)
-        return rest if rest is DIVERGED or math.isfinite(rest.force_noise) else None
+        # The second body, if it moves; else the world.
+        from_body = 0
+        if opened.model.body_weldid[place.pair.second.body]:
+            from_body = place.pair.second.body
+        rest = _rest(opened, data, from_body=from_body)
+        if rest is DIVERGED or math.isfinite(rest.force_noise):
+            return rest
+        return None
 
 
 def _touches(opened: MujocoModel, data: Any) -> bool:

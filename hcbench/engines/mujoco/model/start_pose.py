@@ -80,9 +80,15 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
     joint = names.index(name) if name in names else _free_joint(model, name)
     if joint is not None:
         address = model.jnt_qposadr[joint]
-        ends = [*model.jnt_qposadr[joint + 1 :], model.nq]
-        free = int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE)
-        target = data.qpos[address : address + 3 if free and len(values) == 3 else ends[0]]
+        # The numbers of a joint end where those of the next one begin.
+        end = model.nq
+        if joint + 1 < model.njnt:
+            end = model.jnt_qposadr[joint + 1]
+        is_free = int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE)
+        if is_free and len(values) == 3:
+            # A place without an attitude.
+            end = address + 3
+        target = data.qpos[address:end]
     elif name in STATE_FIELDS:
         target = getattr(data, name).reshape(-1)
     elif name in _IGNORED:
@@ -136,11 +142,14 @@ def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float
     """
     kinds = backend().mjtJoint
     kind = int(model.jnt_type[joint])
-    low, high = (float(end) for end in model.jnt_range[joint])
+    low, high = model.jnt_range[joint].tolist()
     address = int(model.jnt_qposadr[joint])
     if kind == kinds.mjJNT_BALL:
         angle = 2.0 * math.acos(min(1.0, abs(float(data.qpos[address]))))
         return angle - high, TURNED, math.nan
     value = float(data.qpos[address])
     nearest = float(np.clip(value, low, high))
-    return abs(value - nearest), MOVED if kind == kinds.mjJNT_SLIDE else TURNED, nearest
+    allowed = TURNED
+    if kind == kinds.mjJNT_SLIDE:
+        allowed = MOVED
+    return abs(value - nearest), allowed, nearest

@@ -171,10 +171,8 @@ def swing_to_touch(
     """
     mujoco = backend()
     model = pair.model
-    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    is_moved = np.isin(model.jnt_dofadr, dofs) & np.isin(
-        model.jnt_type, [int(kind) for kind in kinds]
-    )
+    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    is_moved = np.isin(model.jnt_dofadr, dofs) & np.isin(model.jnt_type, kinds)
     limited = np.flatnonzero(is_moved & (model.jnt_limited != 0))
     places = model.jnt_qposadr[limited]
     # A joint that starts beyond its limit may stay there.
@@ -188,7 +186,9 @@ def swing_to_touch(
         normal = near.normal
         # The two touch: there is no direction between them any more.
         if not normal.any():
-            return move if move is not None else swing(model, data, row, dofs)
+            if move is None:
+                move = swing(model, data, row, dofs)
+            return move
         move = swing(model, data, pair.approach_row(data, near.point, normal), dofs)
         if move is None or abs(near.distance) < _CLOSE:
             return move

@@ -127,10 +127,9 @@ def _events(
             before.qvel[:] = qvel[i - 1]
             backend().mj_fwdPosition(model, before)
         for parts, contact in began.items():
-            speeds = [
-                _speeds(model, state, data, contact, geoms_of[parts]) for state in (before, data)
-            ]
-            speed, slide = max(speeds)
+            speeds_before = _speeds(model, before, data, contact, geoms_of[parts])
+            speeds_now = _speeds(model, data, data, contact, geoms_of[parts])
+            speed, slide = max(speeds_before, speeds_now)
             if speed > 0.0:
                 events.setdefault(parts, []).append((float(time[i]), speed, slide))
     return {geoms_of[parts]: rows for parts, rows in events.items()}

@@ -92,7 +92,7 @@ def model_settings(
     adhesive = can_pull(version)
 
     def setting(name: str, rows_of: Mapping[_Kind, Rows]) -> ModelSetting:
-        return _setting(source, label, name, [(pair, rows_of[pair.like]) for pair in pairs])
+        return _setting(source, label, name, _with_rows(pairs, rows_of))
 
     # The first pair of each kind.
     leaders = {pair.like: pair for pair in reversed(pairs)}
@@ -125,7 +125,7 @@ def _searched(
     rows_of: dict[_Kind, Rows] = {pair.like: starting_rows(adhesive) for pair in pairs}
     for like in rows_of:
         alike = [pair for pair in pairs if pair.like == like]
-        spec = written(source, [(pair, rows_of[pair.like]) for pair in pairs]).spec
+        spec = written(source, _with_rows(pairs, rows_of)).spec
         launched = list(alike[0].opened)
         if len(alike) > 1:
             launched += alike[-1].opened
@@ -133,6 +133,13 @@ def _searched(
         search = RowSearch(spec, launched, goal, alike[0].band, was, set_rows)
         rows_of[like] = search.best(adhesive)
     return rows_of
+
+
+def _with_rows(
+    pairs: Sequence[PairToTune], rows_of: Mapping[_Kind, Rows]
+) -> list[tuple[PairToTune, Rows]]:
+    """Each pair with the rows of its kind."""
+    return [(pair, rows_of[pair.like]) for pair in pairs]
 
 
 def _row_setter(
@@ -143,11 +150,14 @@ def _row_setter(
 
     plain: the model as it is, whose cone and impratio hold where no row needs others.
     """
-    geoms_alike = [geoms for pair in pairs if pair.like == like for geoms in pair.geoms]
+    geoms_alike: list[tuple[int, int]] = []
+    for pair in pairs:
+        if pair.like == like:
+            geoms_alike += pair.geoms
 
     def set_rows(model: Any, rows: Rows) -> None:
         tried = {**rows_of, like: rows}
-        impratio = needed_impratio(plain, [(pair, tried[pair.like]) for pair in pairs])
+        impratio = needed_impratio(plain, _with_rows(pairs, tried))
         if impratio > 0.0:
             model.opt.cone = int(backend().mjtCone.mjCONE_ELLIPTIC)
             model.opt.impratio = impratio
@@ -263,7 +273,9 @@ def _setting(
             if section:
                 sections.append(section)
         paste = "\n".join(part for part in (made.lines, *sections) if part)
-        lines = f'<include file="{output.include}"/>' if output.include else paste
+        lines = paste
+        if output.include:
+            lines = f'<include file="{output.include}"/>'
         whole = ""
         if made.own:
             whole = own_text(source, output.folder, lines)

@@ -158,15 +158,15 @@ class MujocoModel(ModelUnderTest):
             pair=(_shown(model, place.pair.first, geoms), _shown(model, place.pair.second, geoms)),
             moved=place.joint.description + self._other_ways(),
             timestep=float(model.opt.timestep),
-            gravity=tuple(float(g) for g in self._gravity()),  # type: ignore[arg-type]
+            gravity=tuple(map(float, self._gravity())),  # type: ignore[arg-type]
             effective_mass=place.effective_mass,
-            normal=tuple(float(x) for x in place.contact.normal),  # type: ignore[arg-type]
+            normal=tuple(map(float, place.contact.normal)),  # type: ignore[arg-type]
             settings=settings,
             asked=asked,
             asked_description=words,
             notes=tuple(self._notes()),
             warnings=plugin_warnings(self.warned),
-            point=tuple(float(x) for x in place.contact.point),  # type: ignore[arg-type]
+            point=tuple(map(float, place.contact.point)),  # type: ignore[arg-type]
             shares=dict(self.shares),
             friction=geom_friction(model, geoms),
             promise=self._promise(),
@@ -179,13 +179,15 @@ class MujocoModel(ModelUnderTest):
         law = restitution_law(self.model, self.place.contact.geoms)
         if law is not None:
             words = f"plug-in hcbench.restitution: {law.description}"
-            return tuple(float(law.at(v)) for v in speeds), words
+            return _e_at(law, speeds), words
         promise = self._promise()
         written, words = written_contact(self.place)
         if promise is not None:
             words = f"{promise.setting} by hcbench: {promise.curve.description}"
-            return tuple(float(promise.curve.at(v)) for v in speeds), words
-        return written.curve(speeds) if written is not None else (), words
+            return _e_at(promise.curve, speeds), words
+        if written is None:
+            return (), words
+        return written.curve(speeds), words
 
     def _other_ways(self) -> str:
         """A hint how to launch another body, where this one was chosen of several."""
@@ -201,13 +203,14 @@ class MujocoModel(ModelUnderTest):
 
     def _notes(self) -> list[str]:
         """Sentences that a reader of the numbers must know."""
-        notes = [
-            *([self.place.note] if self.place.note else []),
-            *overlap_notes(self.place.overlap),
-        ]
+        notes = []
+        if self.place.note:
+            notes.append(self.place.note)
+        notes += overlap_notes(self.place.overlap)
         if self.model.nflex:
             notes.append("The model has flexes, which act, but only geoms are measured.")
-        if abs(slope := self._distance_slope() - 1.0) > _ROUGH:
+        slope = self._distance_slope() - 1.0
+        if abs(slope) > _ROUGH:
             notes.append(
                 f"MuJoCo's distance of the two falls by {1.0 + slope:.3g} m in a metre of approach:"
                 " it is rough for these shapes, and so is e."
@@ -295,6 +298,11 @@ class MujocoModel(ModelUnderTest):
             if suspect.apply is not None:
                 suspect.apply(model)
         return MujocoModel(model, self.label, self.state, self.request)
+
+
+def _e_at(curve: RestitutionCurve, speeds: Sequence[float]) -> tuple[float, ...]:
+    """e of a curve at each impact speed, m/s."""
+    return tuple(float(curve.at(v)) for v in speeds)
 
 
 def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:

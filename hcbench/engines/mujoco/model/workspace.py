@@ -39,10 +39,16 @@ class LaunchWorkspace:
         mujoco = backend()
         model = opened.model
         data = copy.copy(opened.start)
-        plugged = restitution_law(model, opened.place.contact.geoms) is not None
-        staged = integrator_name(model) == "RK4"
-        seen, free = (mujoco.MjData(model), mujoco.MjData(model)) if staged else (data, None)
-        return cls(data, seen, free, WithoutContact(model) if plugged else None)
+        seen = data
+        free = None
+        # RK4 leaves another state than that before the step in `data`.
+        if integrator_name(model) == "RK4":
+            seen = mujoco.MjData(model)
+            free = mujoco.MjData(model)
+        without = None
+        if restitution_law(model, opened.place.contact.geoms) is not None:
+            without = WithoutContact(model)
+        return cls(data, seen, free, without)
 
 
 def copy_state(model: Any, source: Any, target: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -152,7 +153,7 @@ def _write_rows(
     """
     before = contact_in_force(model, *geoms)
     place = pair.place
-    first, second = (int(model.geom_bodyid[geom]) for geom in geoms)
+    first, second = model.geom_bodyid[list(geoms)].tolist()
     # MuJoCo's estimates of mass differ between links, though these bounce as one.
     share = estimated_mobility(model, first, second)
     share /= estimated_mobility(model, place.pair.first.body, place.pair.second.body)
@@ -161,7 +162,9 @@ def _write_rows(
         spec.delete(extra)
     # MuJoCo scales a soft row by its own estimate of the mass; a stiff one sets the acceleration.
     is_soft = rows[0].solimp[0] == MIN_IMPEDANCE
-    scale = share if is_soft else 1.0
+    scale = 1.0
+    if is_soft:
+        scale = share
     lines = []
     for i, row in enumerate(rows):
         values: dict[str, Any] = {
@@ -189,19 +192,19 @@ def _write_rows(
 
 
 def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
-    """Set a <pair>'s attributes; its line."""
+    """Set attributes of a <pair>, and return its line of XML."""
+    attributes = []
     for name, value in values.items():
         field = getattr(element, name)
         if isinstance(value, list):
             field[: len(value)] = value
+            text = _numbers(value)
         else:
             setattr(element, name, value)
-    attributes = " ".join(
-        f'{name}="{_numbers(value) if isinstance(value, list) else f"{value:g}"}"'
-        for name, value in values.items()
-    )
-    first, second = (quoted(name) for name in names)
-    return f"<pair geom1={first} geom2={second} {attributes}/>"
+            text = f"{value:g}"
+        attributes.append(f'{name}="{text}"')
+    first, second = map(quoted, names)
+    return f"<pair geom1={first} geom2={second} {' '.join(attributes)}/>"
 
 
 def _friction_damping(place: PairAtTouch, load: Load) -> float:
@@ -228,7 +231,8 @@ def _name_geoms(
     names = {}
     # By number: MuJoCo 3.3 gives the geoms of a spec no .id.
     by_id = list(spec.geoms)
-    for geom in dict.fromkeys(g for pair in geoms for g in pair):
+    # A dict keeps each geom once, in order.
+    for geom in dict.fromkeys(itertools.chain.from_iterable(geoms)):
         names[geom] = str(model.geom(geom).name)
         if not names[geom]:
             names[geom] = by_id[geom].name = f"geom_{geom}"

@@ -107,9 +107,11 @@ def _directories(path: Path, folder: Path) -> str:
     spec = spec_of(path)
     if not _has_assets(spec):
         return ""
-    names = ("meshdir", "texturedir")
-    leading = [(name, os.path.relpath(getattr(spec, name), folder.resolve())) for name in names]
-    return f"<compiler {' '.join(f'{name}={quoted(value)}' for name, value in leading)}/>\n"
+    attributes = []
+    for name in ("meshdir", "texturedir"):
+        way = os.path.relpath(getattr(spec, name), folder.resolve())
+        attributes.append(f"{name}={quoted(way)}")
+    return f"<compiler {' '.join(attributes)}/>\n"
 
 
 def included(lines: str) -> str:
@@ -119,8 +121,6 @@ def included(lines: str) -> str:
 
 def taken_pairs(model: Any, geoms: Sequence[tuple[int, int]]) -> bool:
     """Say whether the model has <pair>s of its own for any of these geoms."""
-    own = {
-        frozenset(each)
-        for each in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
-    }
-    return any(frozenset(each) in own for each in geoms)
+    own = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
+    # In a frozenset the order of the two does not matter.
+    return not set(map(frozenset, own)).isdisjoint(map(frozenset, geoms))

@@ -52,8 +52,9 @@ def screened(
     if not scene.gravity:
         return Passivity(bounces)
     contact, runs = tried(scene, setting)
-    slides = any(row.friction for row in options.rows) and setting.timestep >= _FINEST
-    drift = rest_on_slope(contact, runs[0]).drift if slides else math.nan
+    drift = math.nan
+    if any(row.friction for row in options.rows) and setting.timestep >= _FINEST:
+        drift = rest_on_slope(contact, runs[0]).drift
     others = ""
     if options.impratio:
         others = effect_on_others(contact.option, setting.timestep, scene.gravity)
@@ -92,7 +93,10 @@ def certified(
 def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
     """The text that a user pastes for some pairs."""
     if options.law is None:
-        return f"<contact>{''.join(pairs_text(options.rows, pair) for pair in pairs)}</contact>"
+        lines = ""
+        for pair in pairs:
+            lines += pairs_text(options.rows, pair)
+        return f"<contact>{lines}</contact>"
     from hcbench.engines.mujoco import plugin
     from hcbench.engines.mujoco.plugin.law_mjcf import law_instances
 
@@ -112,12 +116,16 @@ def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
         partial(_pasted, options),
         scene.touch_radius,
     )
-    integrators = _LIKE_EULER if integrator in _LIKE_EULER else (integrator,)
-    cones = (options.cone,) if options.cone else _CONES
-    first = Stepping(integrator, cones[0])
-    others = [
-        *(Stepping(other, cones[0]) for other in integrators if other != integrator),
-        *(Stepping(integrator, cone) for cone in cones[1:]),
-        *(Stepping(integrator, cones[0], solver) for solver in _SOLVERS[1:]),
-    ]
-    return contact, [first, *others]
+    cones: tuple[str, ...] = _CONES
+    if options.cone:
+        cones = (options.cone,)
+    # The setting's own comes first; each of the others differs from it in one option.
+    runs = [Stepping(integrator, cones[0])]
+    if integrator in _LIKE_EULER:
+        for other in _LIKE_EULER:
+            if other != integrator:
+                run = Stepping(other, cones[0])
+                runs.append(run)
+    runs += [Stepping(integrator, cone) for cone in cones[1:]]
+    runs += [Stepping(integrator, cones[0], solver) for solver in _SOLVERS[1:]]
+    return contact, runs

@@ -111,11 +111,13 @@ class Contact:
     def with_boxes(self, options: Stepping, count: int = 1) -> Any:
         """A plain model of boxes, one on top of the other."""
         names = [f"box{i}" for i in range(count)]
-        bodies = "".join(
-            f'<body name="{name}" pos="0 0 {(2 * i + 1) * _HALF!r}"><freejoint/>'
-            f'<geom name="{name}" type="box" size="{_HALF} {_HALF} {_HALF}" mass="0.5"/></body>'
-            for i, name in enumerate(names)
-        )
+        bodies = ""
+        for i, name in enumerate(names):
+            height = (2 * i + 1) * _HALF
+            bodies += f'<body name="{name}" pos="0 0 {height!r}"><freejoint/>'
+            bodies += (
+                f'<geom name="{name}" type="box" size="{_HALF} {_HALF} {_HALF}" mass="0.5"/></body>'
+            )
         return self.model(bodies, options, list(itertools.pairwise(["plate", *names])))
 
 
@@ -151,7 +153,9 @@ def drops(
 
 def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
     """Rest of a ball that may not turn on a slope, held by friction."""
-    slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    slides = ""
+    for axis in ("1 0 0", "0 1 0", "0 0 1"):
+        slides += f'<joint type="slide" axis="{axis}"/>'
     model = contact.with_ball(options, slides)
     angle = math.radians(degrees)
     model.opt.gravity[:] = contact.gravity * np.array([math.sin(angle), 0.0, -math.cos(angle)])
@@ -247,7 +251,9 @@ def certify(
         findings.append(Finding("40 drops: bounce on", name, dropped.still_bouncing, 0))
         if slides:
             rest = rest_on_slope(contact, options)
-            drift = rest.drift if math.isnan(drift) else max(drift, rest.drift)
+            if math.isnan(drift):
+                drift = rest.drift
+            drift = max(drift, rest.drift)
             findings.append(Finding("drift on a slope", name, rest.drift, MOST_DRIFT, "m/s"))
         findings.append(
             Finding("rolling ball", name, _rolling(contact, options), _KEPT, "x energy")

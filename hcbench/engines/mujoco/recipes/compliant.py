@@ -47,9 +47,12 @@ def compliant_pairs(
 
     adhesive: whether the damper may pull; None for what the installed MuJoCo can do.
     """
-    if not 0 < (lowest := float(target.restitution(target.speed_max))) < 1:
+    lowest = float(target.restitution(target.speed_max))
+    if not 0 < lowest < 1:
         got = f"{lowest:.4g} at {target.speed_max:.4g} m/s"
         raise SettingError("restitution", got, "a bounce with a loss, 0 < e < 1", "Use `compliant`")
+    if adhesive is None:
+        adhesive = has_feature(backend(), "adhesion")
     with map_result(lambda rows: compliant_options(rows, target, integrator)):
         rows = _rows_for(
             target.curve,
@@ -57,7 +60,7 @@ def compliant_pairs(
             target.timestep,
             target.gravity,
             target.corners,
-            has_feature(backend(), "adhesion") if adhesive is None else adhesive,
+            adhesive,
         )
     return compliant_options(list(rows), target, integrator)
 

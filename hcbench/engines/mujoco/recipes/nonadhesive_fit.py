@@ -199,9 +199,9 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     # From this depth on each damper's own spring outweighs it on the way out of the fastest impact.
     depth = np.minimum(guess.from_depth * widths, top)
     speed = band.speeds[-1] * np.sqrt(np.maximum(0.0, 1 - (depth / top) ** (law.exponent + 1)))
-    levers = np.array(
-        [impedance(s, r) * r / s[1] ** 2 for s, r in zip(solimps, depth, strict=True)]
-    )
+    levers = np.zeros(len(widths))
+    for i, solimp in enumerate(solimps):
+        levers[i] = impedance(solimp, depth[i]) * depth[i] / solimp[1] ** 2
     S = (D / guess.highest * speed + law.stiffness / mass * depth**law.exponent) / levers
     # Together these springs stay below the law's own force, so that the others have a part of it.
     elastic = (terms.weights * terms.lever * S).sum(axis=1)

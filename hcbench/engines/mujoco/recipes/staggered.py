@@ -95,13 +95,16 @@ def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
         n = law.exponent
         return float(((n + 1) * target.mass * speed**2 / (2 * law.stiffness)) ** (1 / (n + 1)))
 
+    lag = target.timestep / 2
+    if integrator == "RK4":
+        lag = 0.0
     return Band(
         law=law,
         mass=target.mass,
         speeds=np.geomspace(target.speed_min, target.speed_max, _SPEEDS),
         low=0.9 * deepest(target.speed_min),
         top=_HEADROOM * deepest(target.speed_max),
-        lag=0.0 if integrator == "RK4" else target.timestep / 2,
+        lag=lag,
     )
 
 
@@ -307,9 +310,14 @@ def staggered_rows(
         sensitivity = np.array(at_speeds)
     layouts = _layouts(band, impedance)
     fits = [_fit_pruned(band, dampers, misfit, sensitivity) for dampers in layouts]
-    # A second stretch of dampers costs pairs: it has to pay.
-    best = min(fits, key=lambda fit: fit.misfit * (1.5 if len(fit.dampers) > 2 else 1.0))
-    return _rows(band, best)
+
+    def cost(fit: _Fit) -> float:
+        # A second stretch of dampers costs pairs: it has to pay.
+        if len(fit.dampers) > 2:
+            return 1.5 * fit.misfit
+        return fit.misfit
+
+    return _rows(band, min(fits, key=cost))
 
 
 STAGGERED = Recipe(

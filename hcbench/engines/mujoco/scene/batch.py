@@ -109,7 +109,10 @@ class BatchedModel:
         if self.sliding and i != axis.Z:
             return None
         start, width, _ = self._spans()[kind]
-        picked = path[:, :, start + (0 if self.sliding else i) : start + width * self.size : width]
+        first = start
+        if not self.sliding:
+            first += i
+        picked = path[:, :, first : start + width * self.size : width]
         return picked.transpose(0, 2, 1).reshape(-1, path.shape[1])[:count]
 
     @property
@@ -142,10 +145,12 @@ def batch_kind(loaded: SceneModel) -> Kind:
         return "alone"
     # A <joint type="free"> may bring along what a slide would act on.
     sliding = loaded.root.find(".//freejoint") is not None and axis.stays_on_axis(mujoco, model)
-    version = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
+    version = tuple(map(int, mujoco.__version__.split(".")[:2]))
     if version < _SINCE and not (sliding and axis.has_one_constraint(model)):
         return "alone"
-    return "sliding" if sliding else "free"
+    if sliding:
+        return "sliding"
+    return "free"
 
 
 def _solves_as_usual(mujoco: Any, option: Any) -> bool:
@@ -174,11 +179,11 @@ def _touches_in_one_way(model: Any) -> bool:
     if ((model.geom_contype | model.geom_conaffinity) & ~_MASK).any():
         return False
     moving = model.body_weldid[model.geom_bodyid] != 0
-    possible = {frozenset(pair) for pair in axis.collidable_pairs(model, moving)}
+    possible = set(map(frozenset, axis.collidable_pairs(model, moving)))
     if not model.npair:
         return len(possible) <= 1
     pairs = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
-    return possible <= {frozenset(pair) for pair in pairs}
+    return possible <= set(map(frozenset, pairs))
 
 
 def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
@@ -195,7 +200,8 @@ def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     if sliding:
         axis.copy_inverse_weights(mujoco, model, one)
-    assert model.nv == size * (_SLIDING if sliding else _FREE)[1]
+    _, dofs = _SLIDING if sliding else _FREE
+    assert model.nv == size * dofs
     return BatchedModel(model, size, loaded.at, sliding)
 
 

@@ -9,6 +9,7 @@ in a cup the tendon `contact`.
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -185,8 +186,10 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
             raise ValueError(before)
         ratio = mass / before
         for key in ("diaginertia", "fullinertia"):
-            if ratio != 1.0 and (inertia := inertial.get(key)) is not None:
-                inertial.set(key, numbers_text(float(number) * ratio for number in inertia.split()))
+            inertia = inertial.get(key)
+            if ratio != 1.0 and inertia is not None:
+                scaled = [float(number) * ratio for number in inertia.split()]
+                inertial.set(key, numbers_text(scaled))
     except ValueError:
         raise SceneError(
             str(path),
@@ -203,13 +206,11 @@ def add_pairs(
     named `others`, added to the model.
     """
     contact = section(root, "contact")
-    return [
-        ET.SubElement(
-            contact, "pair", {"geom1": ball.get("name", ""), "geom2": other} | pair_attributes(row)
-        )
-        for row in rows
-        for other in others
-    ]
+    pairs = []
+    for row, other in itertools.product(rows, others):
+        attributes = {"geom1": ball.get("name", ""), "geom2": other} | pair_attributes(row)
+        pairs.append(ET.SubElement(contact, "pair", attributes))
+    return pairs
 
 
 def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
@@ -222,8 +223,11 @@ def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -
         values["adhesion"] = [row.adhesion]
     if row.friction:
         values |= {"friction": [row.friction] * 2, "solreffriction": row.solreffriction}
-    texts = {key: numbers_text(numbers, number) for key, numbers in values.items() if numbers}
-    return {"condim": "3" if row.friction else "1"} | texts
+    attributes = {"condim": "3" if row.friction else "1"}
+    for key, numbers in values.items():
+        if numbers:
+            attributes[key] = numbers_text(numbers, number)
+    return attributes
 
 
 def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
@@ -259,7 +263,7 @@ def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
     except (OSError, UnicodeDecodeError, LookupError) as error:
         raise SceneError(str(path), f"{error}", "a readable MJCF") from None
     for parent in list(root.iter()):
-        for child in [c for c in parent if c.tag == "include"]:
+        for child in parent.findall("include"):
             inner = (folder / child.get("file", "")).resolve()
             if inner in (*above, path.resolve()):
                 raise SceneError(str(path), f"{inner} includes itself", "includes without a circle")

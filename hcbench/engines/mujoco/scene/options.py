@@ -74,8 +74,10 @@ class Options:
 def read_options(options: Mapping[str, Any]) -> Options:
     """Options from a setting; SettingError names the first one that MuJoCo does not have."""
     table = validate(_Table, options, SettingError, "mujoco option '{}'")
-    law = None if table.law is None else law_of(table.law)
-    if law is not None and table.rows:
-        raise SettingError("mujoco option 'law'", "given with rows", "one of the two")
+    law = None
+    if table.law is not None:
+        law = law_of(table.law)
+        if table.rows:
+            raise SettingError("mujoco option 'law'", "given with rows", "one of the two")
     rows = tuple(ConstraintRow(**row.model_dump()) for row in table.rows)
     return Options(table.integrator, rows, law, table.cone, table.impratio)

@@ -91,6 +91,9 @@ def record(
     packed = workspace.batch.pack(states)
     count = max(1, min(most, workspace.buffer.size // packed.size))
     path = workspace.buffer[: packed.size * count].reshape(len(packed), count, -1)
+    first_warm = None
+    if warm is not None:
+        first_warm = warm[None]
     sensed = np.empty((len(packed), count, batch.model.nsensordata))
     model.mujoco.rollout.rollout(
         [batch.model] * len(packed),
@@ -99,7 +102,7 @@ def record(
         # MuJoCo's checks take as long as two steps.
         skip_checks=True,
         nstep=count,
-        initial_warmstart=None if warm is None else warm[None],
+        initial_warmstart=first_warm,
         state=path,
         sensordata=sensed,
     )
@@ -111,11 +114,10 @@ def record(
     paths = _Paths(batch, states, path, sensed)
     # Numbers that are not finite belong into the record.
     with np.errstate(all="ignore"):
-        seen = (
-            _on_plane(model, paths)
-            if model.clearance is None
-            else _in_cup(model, paths, model.clearance)
-        )
+        if model.clearance is None:
+            seen = _on_plane(model, paths)
+        else:
+            seen = _in_cup(model, paths, model.clearance)
         if oblique:
             seen = np.concatenate([seen, _along_plate(model, paths)])
     if gave_up:
@@ -238,21 +240,20 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     Penetration is how far the centre is out of the sphere in which it is free: no engine in that.
     """
     distance, deeper = _from_centre(model, paths, clearance)
-    speeds = [paths.state(_VELOCITY, i) for i in range(3)]
+    vx, vy, vz = (paths.state(_VELOCITY, i) for i in range(3))
 
     def along(vector: list[Floats]) -> Floats:
         return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])
 
-    gain_x, gain_y, gain_z = (np.diff(speed, axis=1) for speed in speeds)
     # The part of the contact alone: gravity took off its own.
     fall = model.scene.gravity * model.timestep
-    gained = -along([gain_x, gain_y, gain_z + fall])
+    gained = -along([np.diff(vx, axis=1), np.diff(vy, axis=1), np.diff(vz, axis=1) + fall])
     sensed = None
     if model.sensed:
         sensed = -along([paths.acceleration(i) for i in range(3)])
-    speed = np.abs(speeds[0]) + np.abs(speeds[1]) + np.abs(speeds[2])
+    speed = np.abs(vx) + np.abs(vy) + np.abs(vz)
     force = _force(model, gained, (speed[:, :-1], speed[:, -1]), sensed)
-    rate = along([v[:, :-1] for v in speeds])
+    rate = along([vx[:, :-1], vy[:, :-1], vz[:, :-1]])
     return np.stack([distance - clearance, rate, force])
 
 

@@ -100,14 +100,17 @@ class ConstraintRow:
 
     def option(self) -> dict[str, Any]:
         """The row as a MuJoCo setting writes it."""
-        rubbing = {"friction": self.friction, "solreffriction": list(self.solreffriction)}
-        return {
+        option: dict[str, Any] = {
             "solref": list(self.solref),
-            "solimp": [float(number) for number in self.solimp],
+            "solimp": list(map(float, self.solimp)),
             "onset": self.onset,
             "adhesion": self.adhesion,
-            **{key: value for key, value in rubbing.items() if value},
         }
+        if self.friction:
+            option["friction"] = self.friction
+        if self.solreffriction:
+            option["solreffriction"] = list(self.solreffriction)
+        return option
 
 
 def _rise(u: Any, midpoint: Any, power: Any) -> Any:

@@ -199,9 +199,8 @@ def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
                 path, "there is no limited tendon 'contact'", "one between the two centres"
             )
         return float(data.ten_length[tendon] - model.tendon_range[tendon][1])
-    ball, plate = (
-        mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in ("ball", "plate")
-    )
+    ball = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "ball")
+    plate = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "plate")
     if plate < 0 or model.body_weldid[model.geom_bodyid[plate]] != 0:
         raise SceneError(path, "there is no fixed geom 'plate'", "one that cannot move")
     return -float(mujoco.mj_geomDistance(model, data, ball, plate, 1.0, None))

@@ -66,7 +66,13 @@ def _contact_ways(model: Any) -> list[tuple[int, int, int]]:
             model.pair_dim.tolist(),
             strict=True,
         )
-        return [(a, b, dim) if ball[a] else (b, a, dim) for a, b, dim in pairs]
+        ways = []
+        for one, other, dim in pairs:
+            if ball[one]:
+                ways.append((one, other, dim))
+            else:
+                ways.append((other, one, dim))
+        return ways
     dims = model.geom_condim
     return [(b, o, int(max(dims[b], dims[o]))) for b, o in collidable_pairs(model, ball)]
 

@@ -173,10 +173,14 @@ class MujocoWorld(World):
         self.gravity = scene.normal_gravity
         self.mass = scene.mass
         self.speed_reading = speed_reading(pool.model.model)
-        self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
-        self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
-        # Nothing looks at one simulation while another is stepped: fewer, larger ones are faster.
-        if self.concurrent == 1:
+        in_a_thread = _ALONE
+        if pool.max_batch > 1:
+            in_a_thread = pool.max_batch
+        self.places = pool.threads * in_a_thread
+        self.concurrent = _CONCURRENT
+        if pool.threads == 1:
+            self.concurrent = 1
+            # Nothing looks at one simulation while another is stepped: fewer, larger are faster.
             self.places *= _ROUNDS
         self._resources = ExitStack()
         self._resources.enter_context(captured_warnings())
@@ -216,7 +220,10 @@ class MujocoSimulation(Simulation):
                 seen, self._states = recorded
                 self._steps += seen.shape[2]
                 x, v, f = seen[:3]
-                return Record(x, v, f, seen[3:] if oblique else None, seen)
+                tangential = None
+                if oblique:
+                    tangential = seen[3:]
+                return Record(x, v, f, tangential, seen)
             # MuJoCo gave up on a whole batch for the sake of one ball: from here on each is alone.
             self._alone = True
 

@@ -153,7 +153,10 @@ class BulletBody:
         accelerations = [part / self.mass for part in direction]
         for part, inertia in zip(torque, self.inertia, strict=True):
             # Bullet does not turn a body about an axis without inertia.
-            accelerations.append(part / inertia if inertia > 0.0 else 0.0)
+            about = 0.0
+            if inertia > 0.0:
+                about = part / inertia
+            accelerations.append(about)
         return (*direction, *torque), accelerations
 
     def push(self, link: int, point: Vector, force: Vector) -> None:
@@ -178,10 +181,11 @@ class JointTree:
         infos = [body.bullet.getDynamicsInfo(body.number, link) for link in links]
         # (links, 6): the roots of m, m, m and the three of I, which scale
         # a link's rows of the Jacobian.
-        masses = [(info[_MASS],) * 3 for info in infos]
-        self._inertia = np.sqrt(
-            [(*mass, *info[_INERTIA]) for mass, info in zip(masses, infos, strict=True)]
-        )
+        inertias = []
+        for info in infos:
+            mass = info[_MASS]
+            inertias.append((mass, mass, mass, *info[_INERTIA]))
+        self._inertia = np.sqrt(inertias)
         # Each joint's origin in its link's centre of mass frame, m.
         self._pivots = []
         for info in infos[1:]:
@@ -214,7 +218,9 @@ class JointTree:
         states = body.bullet.getLinkStates(
             body.number, range(len(body.joints)), computeForwardKinematics=1
         )
-        twists = _base_twists(body.position) if body.mass > 0.0 else []
+        twists = []
+        if body.mass > 0.0:
+            twists += _base_twists(body.position)
         for joint, state, pivot in zip(body.joints, states, self._pivots, strict=True):
             twists += _joint_twists(joint, state[_CENTRE], state[_QUATERNION], pivot)
         # (freedoms, 3) each.
@@ -293,7 +299,10 @@ class ContactRow:
                 _, accelerations = push
                 part = sum(a * b for a, b in zip(reach, accelerations, strict=True))
                 # The second body feels the opposite force, and its motion counts the other way.
-                total += part if i == j else -part
+                if i == j:
+                    total += part
+                else:
+                    total -= part
         return float(total)
 
     @property

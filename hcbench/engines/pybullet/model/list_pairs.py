@@ -126,6 +126,9 @@ def _described(
     infos = [bullet.getDynamicsInfo(*link) for link in pair]
     settings = {name: [float(info[place]) for info in infos] for name, place in _DYNAMICS.items()}
     is_touching = distance <= 0.0
+    touching_in: tuple[str, ...] = ()
+    if is_touching:
+        touching_in = ("as it stands",)
     return CandidatePair(
         bodies=(_body(world, first), _body(world, second)),
         geoms=names,
@@ -137,7 +140,7 @@ def _described(
         effective_mass=mass,
         distance=distance,
         touching=is_touching,
-        touching_in=("as it stands",) if is_touching else (),
+        touching_in=touching_in,
         settings=settings,
     )
 
@@ -211,8 +214,10 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
 
 def _by_name(parts: list[_NamedPart], name: str) -> BodyPart:
     """The part of this name, which may also be the path of a file."""
-    is_known = any(known == name for _, known, _ in parts)
-    _, (body, link) = find_part(parts, name if is_known else Path(name).name)
+    sought = name
+    if not any(known == name for _, known, _ in parts):
+        sought = Path(name).name
+    _, (body, link) = find_part(parts, sought)
     return BodyPart(name, body, link)
 
 
@@ -233,7 +238,9 @@ def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
         raise UserError(
             "pair", f"no body {body} in this client", "a body id that loadURDF gave"
         ) from None
-    return BodyPart(f"{name} ({text})" if name else text, body, link)
+    if name:
+        text = f"{name} ({text})"
+    return BodyPart(text, body, link)
 
 
 def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
@@ -253,7 +260,10 @@ def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
         if file:
             prefixes.append(f"{stem}/")
         for link in range(-1, bullet.getNumJoints(body)):
-            raw = info[_BASE] if link < 0 else bullet.getJointInfo(body, link)[LINK_NAME]
+            if link < 0:
+                raw = info[_BASE]
+            else:
+                raw = bullet.getJointInfo(body, link)[LINK_NAME]
             name = _readable(raw)
             links += [("link", prefix + name, (body, link)) for prefix in dict.fromkeys(prefixes)]
     uses = Counter(name for _, name, _ in links)

@@ -49,7 +49,9 @@ class BodyPart:
         """
         stem, _, copy = self.name.partition(".")
         name = stem + "".join(f"_{number}" for number in re.findall(r" \((\d+)\)$", copy))
-        return name if name.isidentifier() else self.body
+        if name.isidentifier():
+            return name
+        return self.body
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,9 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
                 copies = sum(
                     Path(name).name.partition(" (")[0] == path.name for name in world.files.values()
                 )
-                world.files[body] = f"{path.name} ({copies + 1})" if copies else path.name
+                world.files[body] = path.name
+                if copies:
+                    world.files[body] += f" ({copies + 1})"
                 if restitution is not None:
                     world.unread[body] = restitution
         failed.pop_all()

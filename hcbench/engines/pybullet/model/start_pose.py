@@ -25,20 +25,26 @@ _Joint = tuple[int, int]
 
 def joint_states(bullet: BulletClient) -> dict[_Joint, tuple[float, float]]:
     """(position, velocity) of every joint that has one."""
-    return {
-        (body, joint): bullet.getJointState(body, joint)[:2]
-        for body in bullet.bodies()
-        for joint in range(bullet.getNumJoints(body))
-        if bullet.getJointInfo(body, joint)[JOINT_TYPE] in (REVOLUTE, PRISMATIC)
-    }
+    states: dict[_Joint, tuple[float, float]] = {}
+    for body in bullet.bodies():
+        for joint in range(bullet.getNumJoints(body)):
+            kind = bullet.getJointInfo(body, joint)[JOINT_TYPE]
+            if kind in (REVOLUTE, PRISMATIC):
+                position, velocity, *_ = bullet.getJointState(body, joint)
+                states[body, joint] = position, velocity
+    return states
 
 
 def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, Any]]:
-    """(body, pose, velocities) of every body, where the request sets a pose."""
-    return [
-        (body, bullet.getBasePositionAndOrientation(body), bullet.getBaseVelocity(body))
-        for body in (bullet.bodies() if request.pose else ())
-    ]
+    """(body, pose, velocities) of every body, where the request sets a pose; else nothing."""
+    if not request.pose:
+        return []
+    states = []
+    for body in bullet.bodies():
+        pose = bullet.getBasePositionAndOrientation(body)
+        velocities = bullet.getBaseVelocity(body)
+        states.append((body, pose, velocities))
+    return states
 
 
 def set_pose(world: LoadedWorld, request: Request) -> None:

@@ -185,7 +185,9 @@ class PybulletModel(ModelUnderTest):
     def facts(self) -> Facts:
         """Return the properties of the world and of its pair."""
         of_pair = restitutions(self.bullet, self.place)
-        is_known = not math.isnan(math.prod(of_pair))
+        told: list[float] | str = "not told"
+        if not math.isnan(math.prod(of_pair)):
+            told = list(of_pair)
         asked, words = self._asked(*of_pair)
         parameters = self.bullet.getPhysicsEngineParameters()
         notes = overlap_notes(self.place.overlap)
@@ -204,7 +206,7 @@ class PybulletModel(ModelUnderTest):
             effective_mass=self.place.effective_mass,
             normal=vector(self.place.normal),
             settings={
-                "restitution": list(of_pair) if is_known else "not told",
+                "restitution": told,
                 "numSubSteps": int(parameters["numSubSteps"]),
                 "numSolverIterations": int(parameters["numSolverIterations"]),
             },

@@ -99,7 +99,9 @@ def _check_circle(path: Path, names: list[str], parent_of: dict[str, str]) -> No
 
 def _listed(names: list[str]) -> str:
     shown = ", ".join(repr(name) for name in names[:_NAMED])
-    return f"{shown}, ..." if len(names) > _NAMED else shown
+    if len(names) > _NAMED:
+        shown += ", ..."
+    return shown
 
 
 def _numbers(text: str | None) -> list[float]:
@@ -114,8 +116,12 @@ def _check_size(slot: str, attribute: str, text: str | None, count: int) -> None
     """Refuse a size that is not so many numbers above 0."""
     numbers = _numbers(text)
     if len(numbers) != count or not all(0.0 < number < math.inf for number in numbers):
-        got = f"{attribute} is missing" if text is None else f"{attribute} {text[:40]!r}"
-        expected = "a number above 0, m" if count == 1 else f"{count} numbers above 0, m"
+        got = f"{attribute} is missing"
+        if text is not None:
+            got = f"{attribute} {text[:40]!r}"
+        expected = "a number above 0, m"
+        if count != 1:
+            expected = f"{count} numbers above 0, m"
         raise SceneError(slot, got, expected)
     require_bounds(f"{slot}: {attribute}", numbers, "length", "m")
 

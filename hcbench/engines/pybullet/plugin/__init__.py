@@ -25,7 +25,12 @@ from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model.bodies import LINK_NAME
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law, require_resolved
 from hcbench.laws.published import TouchSpeedLaw
-from hcbench.laws.restitution import ConstantRestitution, Restitution, RestitutionCurve
+from hcbench.laws.restitution import (
+    ConstantRestitution,
+    Reading,
+    Restitution,
+    RestitutionCurve,
+)
 from hcbench.sim.packages import suggest_names
 from hcbench.system import compiler as _compile
 from hcbench.system.errors import EngineFailed, HcbenchError, SettingError
@@ -83,7 +88,9 @@ def command(
     if isinstance(law, ConstantRestitution):
         keys = {"constant": law.restitution}
     elif isinstance(law, Restitution):
-        keys = {"alpha": law.alpha} | ({"reading": "linear"} if law.reading == "linear" else {})
+        keys = {"alpha": law.alpha}
+        if law.reading == "linear":
+            keys["reading"] = "linear"
     else:
         keys = {"stiffness": law.stiffness, "exponent": law.exponent}
         if isinstance(law, TouchSpeedLaw):
@@ -93,16 +100,17 @@ def command(
     if isinstance(friction, Friction) and is_force(law):
         keys |= {"friction": friction.static, "dynamic_friction": friction.dynamic}
         keys["slip_speed"] = friction.slip_speed
+    elif isinstance(friction, Friction):
+        keys["friction"] = friction.dynamic
     elif friction is not None:
-        keys["friction"] = friction.dynamic if isinstance(friction, Friction) else friction
+        keys["friction"] = friction
     if cup is not None:
         keys["cup"] = ",".join(shortest(float(part)) for part in cup)
-    name = "hunt_crossley" if is_force(law) else "restitution"
-    words = (
-        f"{key}={value if isinstance(value, str) else shortest(float(value))}"
-        for key, value in keys.items()
-    )
-    return " ".join([name, *words])
+    words = ["hunt_crossley" if is_force(law) else "restitution"]
+    for key, value in keys.items():
+        text = value if isinstance(value, str) else shortest(float(value))
+        words.append(f"{key}={text}")
+    return " ".join(words)
 
 
 @checked
@@ -227,7 +235,8 @@ def restitution_of(command: str) -> RestitutionCurve | None:
         return ConstantRestitution(float(keys["constant"]))
     if "alpha" not in keys:
         return None
-    return Restitution(float(keys["alpha"]), "linear" if keys.get("reading") == "linear" else "law")
+    reading: Reading = "linear" if keys.get("reading") == "linear" else "law"
+    return Restitution(float(keys["alpha"]), reading)
 
 
 def _side(bullet: BulletClient, side: Side) -> tuple[int, int]:
@@ -235,7 +244,9 @@ def _side(bullet: BulletClient, side: Side) -> tuple[int, int]:
 
     Raises SettingError for a link that the body does not have.
     """
-    body, link = (side, -1) if isinstance(side, int) else side
+    if isinstance(side, int):
+        return side, -1
+    body, link = side
     if isinstance(link, int):
         return body, link
     links = [

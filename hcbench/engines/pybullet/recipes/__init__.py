@@ -25,11 +25,10 @@ _SLOWEST = 1.601
 
 def _exact_above(e: float) -> float:
     """Impact speed over g h from which the plug-in's e is exact: Bullet adds g h after the impact."""
-    return (
-        max(_SLOWEST, (1.0 + math.sqrt(max(0.0, 1.0 - 0.75 * e**2))) / e**2)
-        if e**2 > 0.0
-        else math.inf
-    )
+    if not e**2 > 0.0:
+        return math.inf
+    root = math.sqrt(max(0.0, 1.0 - 0.75 * e**2))
+    return max(_SLOWEST, (1.0 + root) / e**2)
 
 
 RECIPES = (*_NATIVE, *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG, _exact_above))

@@ -31,13 +31,14 @@ def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
     # Bullet adds k h by itself.
     bullets = contacts.damping - timestep * contacts.stiffness
     columns = (contacts.onset.tolist(), contacts.stiffness.tolist(), bullets.tolist())
+    links = []
+    for x, k, c in zip(*columns, strict=True):
+        links.append({"onset": x, "stiffness": k, "damping": c})
     return {
         "world": WORLD,
         "ball": BALL,
         "plate": {"contactStiffness": RIGID, "contactDamping": 0.0},
-        "links": [
-            {"onset": x, "stiffness": k, "damping": c} for x, k, c in zip(*columns, strict=True)
-        ],
+        "links": links,
     }
 
 

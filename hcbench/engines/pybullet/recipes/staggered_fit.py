@@ -126,12 +126,10 @@ class FittedImpacts:
         """
         h = self.h
         fall = self.h * self.g
-        onset, stiffness, damping = (
-            of.T[..., None] for of in (contacts.onset, contacts.stiffness, contacts.damping)
-        )
         # (rows, b, 1)
-        k = (h / self.mass) * stiffness
-        c = (h / self.mass) * damping
+        onset = contacts.onset.T[..., None]
+        k = (h / self.mass) * contacts.stiffness.T[..., None]
+        c = (h / self.mass) * contacts.damping.T[..., None]
         x = np.tile(-self.phases * h * self.speeds, (k.shape[1], 1))
         v = np.tile(self.speeds - self.phases * fall, (k.shape[1], 1))
         before = (v + fall / 2) ** 2 - 2 * self.g * x

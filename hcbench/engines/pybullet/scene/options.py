@@ -72,9 +72,10 @@ class LinkOptions(OptionTable):
     @classmethod
     def _in_range(cls, value: float, info: ValidationInfo) -> float:
         if value < 0 or (value == 0 and info.field_name == "stiffness"):
-            raise mistake(
-                "0 m or more" if info.field_name == "onset" else "above 0 N/m", f"{value!r}"
-            )
+            expected = "above 0 N/m"
+            if info.field_name == "onset":
+                expected = "0 m or more"
+            raise mistake(expected, f"{value!r}")
         return value
 
 

@@ -81,15 +81,16 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
     world = {"fixedTimeStep": setting.timestep, **options.get("world", {})}
     before: list[str] = []
     made = dict(made)
-    calls = {
-        body: f"pybullet.changeDynamics({name}, -1, {arguments(options[body])})"
-        for body, name in names.items()
-        if options.get(body)
-    }
-    if links := options.get("links"):
-        rows = "".join(
-            f"    ({x['onset']!r}, {x['stiffness']!r}, {x['damping']!r}),\n" for x in links
-        )
+    calls = {}
+    for body, name in names.items():
+        if options.get(body):
+            given = arguments(options[body])
+            calls[body] = f"pybullet.changeDynamics({name}, -1, {given})"
+    links = options.get("links")
+    if links:
+        rows = ""
+        for link in links:
+            rows += f"    ({link['onset']!r}, {link['stiffness']!r}, {link['damping']!r}),\n"
         write = WRITE.replace('"ball.urdf"', f'"{pair[0]}.urdf"')
         before = [
             f"LINK = {LINK!r}",
@@ -100,12 +101,10 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
         made["ball"] = f'loadURDF("{pair[0]}.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
         each = calls["ball"].replace("-1", "link")
         calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {each}"
-    lines = [
-        f"pybullet.setPhysicsEngineParameter({arguments(world)})",
-        *before,
-        *(f"{names[body]} = pybullet.{call}" for body, call in made.items()),
-        *calls.values(),
-    ]
+    lines = [f"pybullet.setPhysicsEngineParameter({arguments(world)})", *before]
+    for body, call in made.items():
+        lines.append(f"{names[body]} = pybullet.{call}")
+    lines += calls.values()
     if "law" in options:
         law = json.dumps(plugin.command(law_of(options["law"])))
         lines.append(f"plugin = pybullet.loadPlugin({path})")

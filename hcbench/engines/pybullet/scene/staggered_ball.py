@@ -42,13 +42,20 @@ def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
         raise SettingError(
             "pybullet option 'links'", f"in the form {scene.form!r}", "the form 'plane'"
         )
-    if (deepest := max(link.onset for link in links)) >= radius:
+    deepest = max(link.onset for link in links)
+    if deepest >= radius:
         got = f"a ball of {radius:g} m, which the contact would enter by {deepest:.2g} m"
         raise SceneError(f"scene {scene.name!r}", got, "a larger ball, or a shorter step")
     text = ""
     for i, link in enumerate(links):
-        mass, inertia = (0.0, 0.0) if i else (scene.mass, scene.inertia)
+        mass = 0.0
+        inertia = 0.0
+        # The first link is the base, which has all the mass.
+        if i == 0:
+            mass = scene.mass
+            inertia = scene.inertia
         numbers = {"radius": radius - link.onset, "mass": mass, "inertia": inertia, "friction": 0.0}
         text += LINK.format(i=i, stiffness=link.stiffness, damping=link.damping, **numbers)
-        text += JOINT.format(i=i) if i else ""
+        if i > 0:
+            text += JOINT.format(i=i)
     return f'<robot name="ball">\n{text}</robot>\n'

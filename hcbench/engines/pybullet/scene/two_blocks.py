@@ -66,8 +66,9 @@ def _simulate(
         bullet.changeDynamics(plane, -1, **options["plate"])
     bullet.resetBaseVelocity(ball, [velocity, 0, 0])
     states = [(position, velocity)]
-    for plane in planes if blocks.tuned_at is None else ():
-        plugin.add(blocks.law, ball, plane, client=bullet.client)
+    if blocks.tuned_at is None:
+        for plane in planes:
+            plugin.add(blocks.law, ball, plane, client=bullet.client)
     for force in forces:
         centre = bullet.getBasePositionAndOrientation(ball)[0]
         bullet.applyExternalForce(ball, -1, [force, 0, 0], centre, bullet.module.WORLD_FRAME)

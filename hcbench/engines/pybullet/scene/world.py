@@ -135,13 +135,16 @@ class PybulletWorld(World):
         law = self.options.law
         if law is None:
             return
-        bowl = -self.scene.plate_radius
+        cup = None
+        if self.scene.form == "cup":
+            bowl = -self.scene.plate_radius
+            cup = (bowl, 0.0, 0.0, bowl)
         made = plugin.add(
             law,
             ball,
             self.plate,
             client=self.bullet.client,
-            cup=(bowl, 0.0, 0.0, bowl) if self.scene.form == "cup" else None,
+            cup=cup,
             speed=self._fastest,
         )
         self._laws.append(made)

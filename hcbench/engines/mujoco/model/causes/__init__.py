@@ -35,4 +35,7 @@ CHECKS = (
 
 def find_suspects(context: Context) -> list[Suspect]:
     """Everything that may matter here, likeliest first."""
-    return [suspect for check in CHECKS for suspect in check(context)]
+    suspects: list[Suspect] = []
+    for check in CHECKS:
+        suspects += check(context)
+    return suspects

@@ -18,8 +18,8 @@ def at_rest(context: Context) -> Iterator[Suspect]:
     """A contact that yields to a weight, and a step that is too long for it."""
     if (law := context.used) is not None:
         low, high, *curve = law.solimp
-        harder = [1.0 - _HARDER * (1.0 - d) for d in (low, high)]
-        solimp = (*(float(f"{d:.6g}") for d in harder), *curve)
+        harder = [float(f"{1.0 - _HARDER * (1.0 - d):.6g}") for d in (low, high)]
+        solimp = (*harder, *curve)
         yield Suspect(
             "soft-contact",
             "The contact yields to a weight: the bodies lie deep.",

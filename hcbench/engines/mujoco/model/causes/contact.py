@@ -119,6 +119,9 @@ def solref(context: Context) -> Iterator[Suspect]:
     else:
         code = "damped-solref"
         title = "asks for more damping than the target needs."
+    assumed_e = None
+    if context.wanted is None:
+        assumed_e = goal
     yield Suspect(
         code,
         f"solref {title}",
@@ -126,7 +129,7 @@ def solref(context: Context) -> Iterator[Suspect]:
         *_restitution_fix(context, goal),
         always_reported=certain,
         apply_last=True,
-        assumed_e=None if context.wanted is not None else goal,
+        assumed_e=assumed_e,
     )
 
 

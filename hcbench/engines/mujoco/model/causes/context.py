@@ -70,9 +70,13 @@ class Context:
     @property
     def all_geoms(self) -> tuple[int, ...]:
         """All geoms that touch, those of the moving body first."""
-        moving, others = zip(
-            *(_in_order(self.place, row[2]) for row in self.place.contact.rows), strict=True
-        )
+        moving = []
+        others = []
+        for row in self.place.contact.rows:
+            first, second = _in_order(self.place, row.geoms)
+            moving.append(first)
+            others.append(second)
+        # A dict keeps each geom once, in order.
         return tuple(dict.fromkeys(moving + others))
 
     @property
@@ -147,7 +151,11 @@ def _as_written(model: Any, geoms: tuple[int, int]) -> tuple[tuple[float, ...], 
 
 
 def _first_set(values: Floats, default: tuple[float, ...]) -> tuple[float, ...]:
-    return next((tuple(value.tolist()) for value in values if not same(value, default)), default)
+    """The first row of values that is not MuJoCo's default; the default where all are."""
+    for value in values:
+        if not same(value, default):
+            return tuple(value.tolist())
+    return default
 
 
 def same(a: Sequence[float] | Floats, b: Sequence[float]) -> bool:

@@ -61,11 +61,16 @@ def servo_damping(context: Context) -> Iterator[Suspect]:
 def solver(context: Context) -> Iterator[Suspect]:
     """A solver that stops before it has found the forces: looser than MuJoCo's own settings."""
     options = context.model.opt
-    loose = [
-        f"{name} {getattr(options, name):g}, {own:g} unless set"
-        for name, own in _SOLVER.items()
-        if (getattr(options, name) > own if name == "tolerance" else getattr(options, name) < own)
-    ]
+    loose = []
+    for name, own in _SOLVER.items():
+        value = getattr(options, name)
+        # Few iterations are loose, and so is a large tolerance.
+        if name == "tolerance":
+            is_loose = value > own
+        else:
+            is_loose = value < own
+        if is_loose:
+            loose.append(f"{name} {value:g}, {own:g} unless set")
     if loose:
         words = " ".join(f'{name}="{own:g}"' for name, own in _SOLVER.items())
         yield Suspect(
@@ -81,11 +86,12 @@ def resolution(context: Context) -> Iterator[Suspect]:
     """A step that does not resolve the contact."""
     law = context.used
     step = causes.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
-    stiffness = law.stiffness_damping()[0] if law is not None else 0.0
-    if (
-        any(i.status is Status.DIVERGED for i in context.impacts)
-        and stiffness * context.timestep**2 > 1
-    ):
+    stiffness = 0.0
+    if law is not None:
+        stiffness, _ = law.stiffness_damping()
+    has_diverged = any(impact.status is Status.DIVERGED for impact in context.impacts)
+    # Beyond 1, a step is longer than a radian of the oscillation.
+    if has_diverged and stiffness * context.timestep**2 > 1:
         text, apply = step.to(math.pi / math.sqrt(stiffness) / 40)
         yield Suspect(
             "unstable",

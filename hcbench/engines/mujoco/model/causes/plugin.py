@@ -36,12 +36,11 @@ def slow_for_plugin(
     def asked(speed: float) -> float:
         return float(law.at(speed)) - TOLERANCE
 
-    dead = [
-        impact.speed_in
-        for impact in impacts
-        if impact.speed_in < _SLOW * gained
-        and impact.restitution < float(law.at(impact.speed_in)) - TOLERANCE
-    ]
+    dead = []
+    for impact in impacts:
+        speed = impact.speed_in
+        if speed < _SLOW * gained and impact.restitution < asked(speed):
+            dead.append(speed)
     if not dead:
         return
     shorter = float(f"{min(dead) / (_CURED * abs(gravity)):.2g}")
