@@ -304,9 +304,9 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
             f"  fix    {sanitized(cause.fix)}",
         ]
         if math.isfinite(cause.alone):
-            tried = f"with this fix alone e is wrong by {cause.alone:.2g}"
+            tried = f"with this alone put right e is wrong by {cause.alone:.2g}"
             if len(causes) > 1 and math.isfinite(cause.without):
-                tried += f", with all other fixes by {cause.without:.2g}"
+                tried += f", with all others by {cause.without:.2g}"
             lines.append(f"  tried  {tried}")
         lines.append(f"  more   docs/reference/causes.md#{cause.code}")
     if remedy:

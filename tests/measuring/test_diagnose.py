@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import pytest
 
+import hcbench as hb
 from hcbench.measuring import Measurement, Wanted, measure
 from hcbench.terms.bounds import beyond_bounds
 
@@ -204,14 +205,22 @@ def test_a_planted_cause_is_named_and_its_fix_cures(name: str) -> None:
     assert code in codes, codes
     cause = found.causes[codes.index(code)]
     assert off(found, goal) > 0.02 or found.spread > 0.02
-    cured = planted.pasted(cause.fix)
     others = [c for c in found.causes if c.code != code and "timestep" not in c.fix]
-    for other in others:  # fixes that help only together
-        cured = cured.pasted(other.fix) if "=" in other.fix else cured
-    again = measure(
-        cured.text(), ("ball", "plate"), speeds=speeds, restitution=wanted, diagnose=False
-    )
-    assert off(again, goal, found.facts.asked) < 0.02, cause.fix
+    cured = planted
+    tuned_e = ""
+    for each in (cause, *others):  # fixes that help only together
+        if "hcbench tune" in each.fix:
+            tuned_e = re.findall(r"for e = (\S+)", each.fix)[0]
+        elif each is cause or "=" in each.fix:
+            cured = cured.pasted(each.fix)
+    text = cured.text()
+    allowed = 0.02
+    if tuned_e:
+        tuned = hb.tune_model(text, ("ball", "plate"), restitution=tuned_e, speeds=speeds)
+        text = tuned.written
+        allowed = max(allowed, tuned.max_error)
+    again = measure(text, ("ball", "plate"), speeds=speeds, restitution=wanted, diagnose=False)
+    assert off(again, goal, found.facts.asked) < allowed, cause.fix
 
 
 ALONE = [

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from long_searches import long_search
 
+import hcbench as hb
 from hcbench import engine
 from hcbench.cli import run
 from hcbench.laws.penalty import NewtonSpring
@@ -185,6 +186,36 @@ def test_a_row_of_one_step_is_taken_where_friction_allows_it() -> None:
     # The contact of this one does not throw up what slides.
     soft = GOOD.read_text().replace("0 -9500", "0.02 1")
     assert tune_job(soft, [request], Wanted(restitution=0.5), max_error=0.02).name != "one step"
+
+
+BOX = """<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="9 9 .1"/>
+    <body name="box" pos="0 0 .1">
+      <freejoint/>
+      <geom name="box" type="box" size=".1 .1 .1" mass="1"/>
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
+def hop_of_a_slide(text: str) -> float:
+    """Greatest height over its rest, m, of a box that is laid down as it slides at 1 m/s."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qvel[0] = 1.0
+    heights = []
+    while data.time < 1.0:
+        mujoco.mj_step(model, data)
+        heights.append(data.qpos[2] - 0.1)
+    return float(max(heights))
+
+
+def test_a_box_that_slides_on_what_tune_writes_hops_no_higher_than_before() -> None:
+    one_step = 'size=".1 .1 .1" mass="1" solref="0 -950" solimp="0.9999 0.9999 0.001 0.5 2"'
+    assert hop_of_a_slide(BOX.replace('size=".1 .1 .1" mass="1"', one_step)) > 0.04
+    tuned = hb.tune_model(BOX, "box,floor", restitution=0.9, speeds=[0.3, 2.0])
+    assert hop_of_a_slide(tuned.written) <= hop_of_a_slide(BOX)
 
 
 def test_a_bullet_script_gets_its_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -25,7 +25,9 @@ def _one_step(e: float, timestep: float | None, missing: list[str]) -> list[Syst
     if timestep is None:
         missing.append("MuJoCo's one-step bounce: it needs the timestep.")
         return []
-    note = "bounces in one step, Euler or implicitfast; solimp 0.9999 0.9999 0.001"
+    note = (
+        "without friction, bounces in one step, Euler or implicitfast; solimp 0.9999 0.9999 0.001"
+    )
     return [SystemValue("MuJoCo", "solref", (0.0, -(1.0 + e) / timestep), "", note)]
 
 

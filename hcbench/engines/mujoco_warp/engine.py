@@ -139,7 +139,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         """MuJoCo Warp's solref for a bounce in one step."""
         e = contact.restitution
         h = contact.timestep
-        note = "bounces in one step; solimp 0.9999 0.9999 0.001"
+        note = "without friction, bounces in one step; solimp 0.9999 0.9999 0.001"
         rows = (
             (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),)
             if e and h

@@ -117,6 +117,14 @@ class Context:
         return e
 
 
+def tuned_rows(context: Context, e: float) -> str:
+    """The fix of a pair with friction, for one e: no attribute of a geom alone bounces and slides."""
+    return (
+        f"{context.names}: what hcbench tune writes for e = {e:.3g} in this model; with friction "
+        "a solref alone throws up what slides"
+    )
+
+
 def written_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
     """Contact by the author's solref and solimp, in words too; None if different contacts add up."""
     rows = place.contact.rows

@@ -41,7 +41,8 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
         return
     row, impratio = _soft_row(context, friction)
     words = {"solref": row.solref, "solimp": row.solimp, "solreffriction": row.solreffriction}
-    attributes = []
+    # A <pair> that says nothing of friction has MuJoCo's default, not that of its geoms.
+    attributes = ['condim="3"', f'friction="{friction:g} {friction:g}"']
     for name, values in words.items():
         attributes.append(f'{name}="{numbers_text(values, "{:.6g}".format)}"')
     pair = " ".join(attributes)
