@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
-from small_sweeps import ENGINES, small
+from in_place import in_place
+from small_sweeps import small
 from sweep_engine import installed
 
 from hcbench.benchmark import plan
@@ -23,15 +24,21 @@ def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plan, "SHARD_IMPACTS", 16)
 
 
+@pytest.fixture
+def without_processes() -> Iterator[None]:
+    """A sweep of the reference runs in this process."""
+    with in_place():
+        yield
+
+
 @pytest.fixture(scope="session")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
-    """Folders of sweeps that nothing happened to, by name."""
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small sweep that nothing happened to."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, in_place():
         patch.setattr(plan, "SHARD_IMPACTS", 16)
-        sweep(study_from(ENGINES), folder / "engines", jobs=2)
-        sweep(study_from(small()), folder / "small")
-    yield {name: folder / name for name in ("engines", "small")}
+        sweep(study_from(small()), folder)
+    return folder
 
 
 @pytest.fixture

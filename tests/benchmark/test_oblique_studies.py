@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from in_place import in_place
 
 from hcbench.benchmark.batch import OBLIQUE_COLUMNS
 from hcbench.benchmark.results import IMPACT_COLUMNS, Results
@@ -35,9 +36,11 @@ OBLIQUE = {**STUDY, "angles": "0, 45, 85 deg", "friction": 0.5}
 
 @pytest.fixture(scope="module")
 def results() -> Results:
-    return run_study(study_from(OBLIQUE))
+    with in_place():
+        return run_study(study_from(OBLIQUE))
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_only_a_study_with_angles_has_their_columns(results: Results) -> None:
     assert list(results.impacts) == [*IMPACT_COLUMNS, *OBLIQUE_COLUMNS]
     plain = run_study(study_from(STUDY))
@@ -96,6 +99,7 @@ def test_the_page_has_the_largest_errors_against_both_laws(results: Results) -> 
     )
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_a_study_without_angles_has_no_such_table() -> None:
     assert not oblique(View(run_study(study_from({**STUDY, "run": STUDY["run"][:1]}))))
 

@@ -93,7 +93,7 @@ def test_what_was_measured_is_written_in_ten_digits_and_what_was_asked_in_all(
 
 
 def test_all_loops_keeps_every_speed_of_the_band_and_scores_as_before(results: Results) -> None:
-    everything = run_study(study_from({**CONTENT, "all_loops": True}), jobs=2)
+    everything = run_study(study_from({**CONTENT, "all_loops": True}))
     assert set(everything.loops["speed_m_per_s"]) == set(everything.impacts["speed_m_per_s"])
     assert (
         len(everything.loops.groupby([*RUN_KEY, "speed_m_per_s"])) == len(CONTENT["run"]) * 2 * 3

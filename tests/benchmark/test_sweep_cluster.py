@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from in_place import in_place
 from small_sweeps import TESTS, small, until, whole
 from sweep_engine import note
 
@@ -99,12 +100,6 @@ def kill(process: subprocess.Popen[str]) -> None:
     process.wait()
 
 
-def undisturbed(folder: Path) -> dict[str, bytes]:
-    """The files of a small sweep that nothing happened to."""
-    sweep(study_from(small()), folder / "undisturbed")
-    return whole(folder / "undisturbed")
-
-
 def test_a_cluster_that_loses_a_worker_leaves_the_same_bytes(tmp_path: Path, package: Path) -> None:
     note(package, sleep=0.2)
     path, study = [*TESTS, str(package)], study_from(small("tripping", "law"))
@@ -120,12 +115,16 @@ def test_a_cluster_that_loses_a_worker_leaves_the_same_bytes(tmp_path: Path, pac
         end = sweep(study, f"file://{tmp_path}/cluster", scheduler=address, progress=lose)
     assert (end.shards, worker.returncode) == (5, -signal.SIGKILL)
     note(package)
-    sweep(study, tmp_path / "whole")
+    with in_place():
+        sweep(study, tmp_path / "whole")
     assert whole(tmp_path / "cluster") == whole(tmp_path / "whole")
 
 
 def test_a_lost_scheduler_is_one_line_and_finished_parts_are_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    undisturbed: Path,
 ) -> None:
     study, folder = study_from(small()), tmp_path / "sweep"
     with running(scheduler()) as (process, address):
@@ -142,12 +141,13 @@ def test_a_lost_scheduler_is_one_line_and_finished_parts_are_kept(
     expected = "one that lasts as long as the sweep. Then go on with --resume"
     assert str(caught.value) == f"{gone}; expected {expected}"
     assert capfd.readouterr() == ("", "")
-    assert sweep(study, folder, resume=True).resumed >= 2
-    assert whole(folder) == undisturbed(tmp_path)
+    with in_place():
+        assert sweep(study, folder, resume=True).resumed >= 2
+    assert whole(folder) == whole(undisturbed)
 
 
 def test_a_sweep_goes_on_with_a_scheduler_that_is_started_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undisturbed: Path
 ) -> None:
     monkeypatch.setattr(cluster, "_CONNECT_S", 60.0)
     with running(scheduler()) as (first, address), ExitStack() as stack:
@@ -159,7 +159,7 @@ def test_a_sweep_goes_on_with_a_scheduler_that_is_started_again(
 
         sweep(study_from(small()), tmp_path / "sweep", scheduler=address, progress=restart)
         assert first.returncode == -signal.SIGKILL
-    assert whole(tmp_path / "sweep") == undisturbed(tmp_path)
+    assert whole(tmp_path / "sweep") == whole(undisturbed)
 
 
 def test_without_workers_or_with_others_it_is_one_line(

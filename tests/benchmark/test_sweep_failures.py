@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 import pytest
+from in_place import in_place
 from small_sweeps import small, whole
 from sweep_engine import note
 
@@ -40,7 +41,8 @@ def test_what_an_engine_dies_on_is_a_row_with_the_reason(tmp_path: Path, package
     assert set(reasons[4:8]) == {"MemoryError"}
     assert set(reasons[8:]) == {"RuntimeError: the solver lost its way"}
     note(package)
-    sweep(study, tmp_path / "well")
+    with in_place():
+        sweep(study, tmp_path / "well")
     kept = table["status"] != "crashed"
     pd.testing.assert_frame_equal(table[kept], read(tmp_path / "well").impacts[kept])
     summary = pd.read_csv(tmp_path / "out" / "_summary.csv")
@@ -82,14 +84,16 @@ class Failing(ThreadPoolExecutor):
         return failed
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_a_part_that_an_executor_failed_is_asked_for_again(
-    tmp_path: Path, undisturbed: dict[str, Path]
+    tmp_path: Path, undisturbed: Path
 ) -> None:
     with Failing(1) as executor:
         sweep(study_from(small()), tmp_path, executor=executor)
-    assert whole(tmp_path) == whole(undisturbed["small"])
+    assert whole(tmp_path) == whole(undisturbed)
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_an_executor_that_keeps_failing_is_one_line(tmp_path: Path) -> None:
     with (
         Failing(9) as executor,
@@ -104,6 +108,7 @@ def test_an_executor_that_keeps_failing_is_one_line(tmp_path: Path) -> None:
         sweep(study_from(small()), tmp_path / "closed", executor=closed)
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_a_worker_with_something_else_installed_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

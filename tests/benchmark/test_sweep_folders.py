@@ -25,7 +25,7 @@ from hcbench.benchmark.store import Store
 from hcbench.benchmark.study import study_from
 from hcbench.system.errors import CannotRun, OutputError, UserError
 
-pytestmark = pytest.mark.usefixtures("small_parts")
+pytestmark = pytest.mark.usefixtures("small_parts", "without_processes")
 
 
 def test_a_folder_of_a_sweep_is_not_taken_without_resume(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
 def test_a_full_disk_loses_nothing(
-    tmp_path: Path, code: int, monkeypatch: pytest.MonkeyPatch, undisturbed: dict[str, Path]
+    tmp_path: Path, code: int, monkeypatch: pytest.MonkeyPatch, undisturbed: Path
 ) -> None:
     real, left = files.LocalFiles.write, [4]
 
@@ -151,7 +151,7 @@ def test_a_full_disk_loses_nothing(
     monkeypatch.setattr(plan, "SHARD_IMPACTS", 16)
     end = sweep(study_from(small()), tmp_path, resume=True)
     assert 0 < end.resumed < 5
-    assert whole(tmp_path) == whole(undisturbed["small"])
+    assert whole(tmp_path) == whole(undisturbed)
 
 
 def test_a_file_that_cannot_be_written_whole_is_not_there(
@@ -187,27 +187,23 @@ def test_read_wants_a_finished_sweep(tmp_path: Path) -> None:
         read(tmp_path)
 
 
-def test_a_folder_can_be_anywhere_that_fsspec_opens(
-    undisturbed: dict[str, Path], tmp_path: Path
-) -> None:
+def test_a_folder_can_be_anywhere_that_fsspec_opens(undisturbed: Path, tmp_path: Path) -> None:
     memory = fsspec.filesystem("memory")
     sweep(study_from(small()), "memory://bucket/sweep")
     found = {
         str(Path(path).relative_to("/bucket/sweep")): memory.cat_file(path)
         for path in memory.find("/bucket/sweep")
     }
-    assert found == whole(undisturbed["small"])
+    assert found == whole(undisturbed)
     memory.pipe_file(
         "/bucket/sweep/" + next(n for n in found if n.startswith("part-0000002")), b"cut"
     )
     end = sweep(study_from(small()), "memory://bucket/sweep", resume=True)
     assert end.damaged == (2,)
     assert memory.find("/bucket/sweep/_damaged")
-    pd.testing.assert_frame_equal(
-        read("memory://bucket/sweep").impacts, read(undisturbed["small"]).impacts
-    )
+    pd.testing.assert_frame_equal(read("memory://bucket/sweep").impacts, read(undisturbed).impacts)
     sweep(study_from(small()), f"file://{tmp_path}/shared")
-    assert whole(tmp_path / "shared") == whole(undisturbed["small"])
+    assert whole(tmp_path / "shared") == whole(undisturbed)
     with pytest.raises(UserError, match="nowhere://x"):
         sweep(study_from(small()), "nowhere://x")
 

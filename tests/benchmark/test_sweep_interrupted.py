@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from in_place import in_place
 from small_sweeps import TESTS, small, until, whole
 from sweep_engine import note
 
@@ -65,7 +66,8 @@ def test_killed_at_any_moment_and_resumed_it_is_as_if_nothing_had_been(
         "at most the parts in flight, of two jobs, killed twice"
     )
     note(package)
-    sweep(study, tmp_path / "whole")
+    with in_place():
+        sweep(study, tmp_path / "whole")
     assert whole(killed) == whole(tmp_path / "whole")
 
 
@@ -84,7 +86,8 @@ def test_an_interrupt_leaves_whole_parts_and_no_process(tmp_path: Path, package:
     assert children
     assert not any(Path(f"/proc/{child}").exists() for child in children)
     note(package)
-    assert sweep(study_from(small("tripping", "law")), folder, resume=True).resumed >= 1
+    with in_place():
+        assert sweep(study_from(small("tripping", "law")), folder, resume=True).resumed >= 1
 
 
 def parent(process: int) -> int:
@@ -94,21 +97,21 @@ def parent(process: int) -> int:
         return 0
 
 
-def test_resuming_what_is_finished_does_nothing(
-    tmp_path: Path, undisturbed: dict[str, Path]
-) -> None:
-    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
+@pytest.mark.usefixtures("without_processes")
+def test_resuming_what_is_finished_does_nothing(tmp_path: Path, undisturbed: Path) -> None:
+    shutil.copytree(undisturbed, tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     end = sweep(study_from(small()), tmp_path, resume=True)
     assert (end.resumed, end.shards) == (5, 5)
     assert whole(tmp_path) == before
 
 
-def test_resume_begins_where_there_is_nothing(tmp_path: Path, undisturbed: dict[str, Path]) -> None:
+def test_resume_begins_where_there_is_nothing(tmp_path: Path, undisturbed: Path) -> None:
     sweep(study_from(small()), tmp_path / "new", resume=True)
-    assert whole(tmp_path / "new") == whole(undisturbed["small"])
+    assert whole(tmp_path / "new") == whole(undisturbed)
 
 
+@pytest.mark.usefixtures("without_processes")
 @pytest.mark.parametrize(
     "harm",
     [
@@ -120,9 +123,9 @@ def test_resume_begins_where_there_is_nothing(tmp_path: Path, undisturbed: dict[
 )
 @pytest.mark.parametrize("which", ["part-0000001-*", "_loops/*"])
 def test_a_damaged_part_is_put_aside_and_simulated_again(
-    tmp_path: Path, harm: Callable[[Path], None], which: str, undisturbed: dict[str, Path]
+    tmp_path: Path, harm: Callable[[Path], None], which: str, undisturbed: Path
 ) -> None:
-    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
+    shutil.copytree(undisturbed, tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     victim = next(iter(tmp_path.glob(which)))
     harm(victim)
@@ -138,10 +141,11 @@ def test_a_damaged_part_is_put_aside_and_simulated_again(
     assert len(read(tmp_path).impacts) == 80
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_a_part_under_another_s_number_is_simulated_again(
-    tmp_path: Path, undisturbed: dict[str, Path]
+    tmp_path: Path, undisturbed: Path
 ) -> None:
-    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
+    shutil.copytree(undisturbed, tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     first, second = sorted(tmp_path.glob("part-*"))[:2]
     second.write_bytes(first.read_bytes())
@@ -152,13 +156,14 @@ def test_a_part_under_another_s_number_is_simulated_again(
     assert whole(tmp_path) == before
 
 
+@pytest.mark.usefixtures("without_processes")
 @pytest.mark.parametrize(
     "name", ["part-0000099-{}.parquet", "part-0000000-0123456789abcdef.parquet", "x.parquet"]
 )
 def test_a_table_that_is_no_part_is_named_and_left_alone(
-    tmp_path: Path, name: str, undisturbed: dict[str, Path]
+    tmp_path: Path, name: str, undisturbed: Path
 ) -> None:
-    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
+    shutil.copytree(undisturbed, tmp_path, dirs_exist_ok=True)
     part = min(tmp_path.glob("part-*"))
     stranger = tmp_path / name.format(part.stem[-16:])
     stranger.write_bytes(part.read_bytes())
@@ -169,8 +174,9 @@ def test_a_table_that_is_no_part_is_named_and_left_alone(
     assert whole(tmp_path) == before
 
 
-def test_a_lost_loop_file_is_simulated_again(tmp_path: Path, undisturbed: dict[str, Path]) -> None:
-    shutil.copytree(undisturbed["small"], tmp_path, dirs_exist_ok=True)
+@pytest.mark.usefixtures("without_processes")
+def test_a_lost_loop_file_is_simulated_again(tmp_path: Path, undisturbed: Path) -> None:
+    shutil.copytree(undisturbed, tmp_path, dirs_exist_ok=True)
     before = whole(tmp_path)
     next(iter((tmp_path / "_loops").iterdir())).unlink()
     assert len(sweep(study_from(small()), tmp_path, resume=True).damaged) == 1

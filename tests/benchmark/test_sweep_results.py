@@ -16,6 +16,7 @@ import pytest
 from long_searches import long_study
 from small_sweeps import ENGINES, bouncing, small, whole
 
+from hcbench.benchmark import plan
 from hcbench.benchmark.fold import to_digits
 from hcbench.benchmark.read import read
 from hcbench.benchmark.results import RUN_KEY
@@ -30,9 +31,18 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures("small_parts")
 
 
-def test_a_sweep_finds_what_a_run_finds(undisturbed: dict[str, Path]) -> None:
-    study, folder = study_from(ENGINES), undisturbed["engines"]
-    swept, ran = read(folder), run_study(study, jobs=2)
+@pytest.fixture(scope="module")
+def engines_swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a sweep of several engines by two jobs."""
+    folder = tmp_path_factory.mktemp("engines")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan, "SHARD_IMPACTS", 16)
+        sweep(study_from(ENGINES), folder, jobs=2)
+    return folder
+
+
+def test_a_sweep_finds_what_a_run_finds(engines_swept: Path) -> None:
+    swept, ran = read(engines_swept), run_study(study_from(ENGINES))
     for name in ("impacts", "loops", "scores"):
         pd.testing.assert_frame_equal(getattr(swept, name), getattr(ran, name))
     assert swept.settings == json.loads(json.dumps(ran.settings))
@@ -42,7 +52,7 @@ def test_a_sweep_finds_what_a_run_finds(undisturbed: dict[str, Path]) -> None:
 @pytest.mark.needs_engine("pybullet")
 def test_bounces_under_gravity_are_swept_too(tmp_path: Path) -> None:
     study = study_from(tomllib.loads(bouncing("reference", "mujoco", "pybullet")))
-    sweep(study, tmp_path / "swept", jobs=2)
+    sweep(study, tmp_path / "swept")
     swept, ran = read(tmp_path / "swept"), run_study(study)
     for name, results in (("swept.csv", swept), ("ran.csv", ran)):
         (tmp_path / name).mkdir()
@@ -53,6 +63,7 @@ def test_bounces_under_gravity_are_swept_too(tmp_path: Path) -> None:
     assert swept.versions == ran.versions
 
 
+@pytest.mark.usefixtures("without_processes")
 @pytest.mark.parametrize(
     "harm", [Path.unlink, lambda path: path.write_bytes(b"cut")], ids=["lost", "cut"]
 )
@@ -68,8 +79,8 @@ def test_lost_bounces_are_simulated_again(tmp_path: Path, harm: Callable[[Path],
     assert len(read(tmp_path).trains) >= 3
 
 
-def test_pandas_reads_the_folder(undisturbed: dict[str, Path]) -> None:
-    table, ran = pd.read_parquet(undisturbed["engines"]), read(undisturbed["engines"]).impacts
+def test_pandas_reads_the_folder(engines_swept: Path) -> None:
+    table, ran = pd.read_parquet(engines_swept), read(engines_swept).impacts
     assert list(table) == list(ran)
     key = ["engine", "setting", "alpha_s_per_m", "timestep_s", "speed_m_per_s", "phase"]
     one, other = (t.astype({"engine": str, "setting": str}).sort_values(key) for t in (table, ran))
@@ -81,10 +92,10 @@ def test_pandas_reads_the_folder(undisturbed: dict[str, Path]) -> None:
     assert len(one) == alphas * speeds * phases == len(other)
 
 
-def test_the_summary_has_a_line_for_each_setting(undisturbed: dict[str, Path]) -> None:
+def test_the_summary_has_a_line_for_each_setting(engines_swept: Path) -> None:
     summary, scores = (
-        pd.read_csv(undisturbed["engines"] / "_summary.csv"),
-        read(undisturbed["engines"]).scores,
+        pd.read_csv(engines_swept / "_summary.csv"),
+        read(engines_swept).scores,
     )
     assert len(summary) == len(scores) == 8 + 2 * registry.is_there("pybullet")
     for name in ("impacts", "parted", "rested", "failed"):
@@ -96,23 +107,24 @@ def test_the_summary_has_a_line_for_each_setting(undisturbed: dict[str, Path]) -
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(3, marks=long_study)])
 def test_the_number_of_jobs_does_not_change_a_byte(
-    jobs: int, tmp_path: Path, undisturbed: dict[str, Path]
+    jobs: int, tmp_path: Path, engines_swept: Path
 ) -> None:
     sweep(study_from(ENGINES), tmp_path, jobs=jobs)
-    assert whole(tmp_path) == whole(undisturbed["engines"])
+    assert whole(tmp_path) == whole(engines_swept)
 
 
-def test_any_executor_does(tmp_path: Path, undisturbed: dict[str, Path]) -> None:
+def test_any_executor_does(tmp_path: Path, undisturbed: Path) -> None:
     study = study_from(small())
-    with ThreadPoolExecutor(3) as threads:
+    with ThreadPoolExecutor(2) as threads:
         sweep(study, tmp_path / "threads", executor=threads)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
         sweep(study, tmp_path / "processes", executor=processes)
         assert processes.submit(os.getpid).result() != os.getpid(), "it is left open"
     for name in ("threads", "processes"):
-        assert whole(tmp_path / name) == whole(undisturbed["small"])
+        assert whole(tmp_path / name) == whole(undisturbed)
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_what_a_study_asks_wrongly_is_said_before_anything_is_made(tmp_path: Path) -> None:
     wrong = {**ENGINES, "run": [{"engine": "mujoco", "recipe": "nothing", "timesteps": 1e-6}]}
     with pytest.raises(UserError, match="nothing"):
@@ -120,6 +132,7 @@ def test_what_a_study_asks_wrongly_is_said_before_anything_is_made(tmp_path: Pat
     assert not (tmp_path / "out" / "_sweep.json").exists()
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_progress_counts_up_to_all_impacts(tmp_path: Path) -> None:
     seen: list[Progress] = []
     end = sweep(study_from(small()), tmp_path, progress=seen.append)
@@ -128,6 +141,7 @@ def test_progress_counts_up_to_all_impacts(tmp_path: Path) -> None:
     assert end == seen[-1]
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_the_summary_can_be_opened_while_it_runs(tmp_path: Path) -> None:
     seen = []
 
