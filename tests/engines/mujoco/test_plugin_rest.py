@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 from plugin_options import CONES, INTEGRATORS, at_rest
 
-from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
-
 LONG = "HCBENCH_PLUGINS" in os.environ
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "plugins.md"
 
@@ -80,30 +78,3 @@ def test_other_solvers_creep_no_faster_than_the_page_says(name: str) -> None:
     if LONG:
         print(name, " | ".join(f"{one:.1e}" for one in fastest))
     assert (np.array(fastest) <= documented()[name]).all()
-
-
-LIFT = """<mujoco><option timestep="{h}"/><worldbody>
-<body name="lift" mocap="true"><geom type="box" size="6 6 .5" pos="0 0 -.5"/></body>
-<body name="load" pos="0 0 .1"><freejoint/><geom type="{shape}" size=".1 .1 .1" mass="1"/></body>
-</worldbody></mujoco>"""
-
-
-@pytest.mark.parametrize("e", [0.0, 0.7])
-@pytest.mark.parametrize("shape", ["sphere", "box"])
-def test_a_mocap_body_lifts_what_rests_on_it_as_in_native_contact(shape: str, e: float) -> None:
-    """MuJoCo gives a mocap body no speed, however the user moves it: up by 5 cm in 0.26 s here."""
-    deepest = []
-    for law in (None, ConstantRestitution(e)):
-        spec = mujoco.MjSpec.from_string(LIFT.format(h=2e-3, shape=shape))
-        if law is not None:
-            add_to_spec(spec, law, bodies=("lift", "load"))
-        model = spec.compile()
-        data = mujoco.MjData(model)
-        depths = []
-        for i in range(130):
-            data.mocap_pos[0, 2] = 0.05 * np.sin(6 * i * 2e-3)
-            mujoco.mj_step(model, data)
-            depths.append(-data.contact.dist.min(initial=0.0))
-        deepest.append(max(depths))
-    native, own = deepest
-    assert own <= native + 1e-3

@@ -100,3 +100,20 @@ def test_bodies_whose_equality_is_broken_roll_no_deeper_than_on_native_contact(
         deepest.append(depth)
     own, native = deepest
     assert own <= native + 1e-3
+
+
+@pytest.mark.parametrize(("stiff", "named"), [(0.01, 1), (0.02, 0)])
+def test_a_free_body_that_may_land_deeper_than_on_native_contact_is_named_once(
+    stiff: float, named: int
+) -> None:
+    """A step of 4 ms against a time constant of 10 or 20 ms: native contact lets a third of it in."""
+    spec = world(4e-3)
+    add_body(spec, "ball", (0, 0, RADIUS + 0.05))
+    spec.geom("floor").solref = spec.body("ball").geoms[0].solref = [stiff, 1.0]
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        _heights(Scene(spec, STOPS, [("ball", [0, 0, -3])]), 0.1)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert sum('body 1 "ball" may land more than 1 mm deeper' in words for words in warned) == named

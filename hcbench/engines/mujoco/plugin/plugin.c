@@ -19,7 +19,7 @@
 #include "../../../laws/published.c"
 
 enum { ROWS = 10, NAME = 64 };
-enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8 }; /* of hcbench.restitution */
+enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16 }; /* of hcbench.restitution */
 
 static const char* const FORCE_NAME = "hcbench.hunt_crossley";
 static const char* const RESTITUTION_NAME = "hcbench.restitution";
@@ -34,13 +34,13 @@ typedef struct { /* a number of the config, or where in numeric_data it is */
 } number;
 
 typedef struct { /* what stages of a Runge-Kutta step share of one contact */
-  int instance, id, order, rows;
-  double value[ROWS], closing, stands; /* stands: see stray_share */
+  int instance, id, order, rows, stands;
+  double value[ROWS], closing;
 } plan;
 
-typedef struct { /* a contact of MuJoCo that is to stand after a step, but for an approach of `closing`, and up to a share of rest */
+typedef struct { /* a contact of MuJoCo that is to stand after a step, but for an approach of `closing` */
   int contact;
-  double closing, share;
+  double closing;
 } standing;
 
 typedef struct { /* an instance, in mjData.plugin_data */
@@ -61,6 +61,9 @@ typedef struct { /* an instance, in mjData.plugin_data */
   int trees, *wild; /* of the first instance: which trees turn too far in a step for impacts */
   int stand, room_to_stand; /* of the first instance: how many contacts stand after the step (strays.c) */
   standing* stands;
+  int mocaps, jumps; /* of the first instance: how mocap bodies move (mocap.c) */
+  double mocap_time;
+  struct mocap* moving;
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
   int entries;
 } instance;
@@ -200,6 +203,7 @@ static int is_first(const mjModel* m, int i) {
 #include "trees.c"
 
 #include "force.c"
+#include "mocap.c"
 #include "restitution.c"
 #include "strays.c"
 
@@ -246,19 +250,30 @@ static void destroy(mjData* d, int i) {
   free(own->start);
   free(own->wild);
   free(own->stands);
+  free(own->moving);
   free(own);
   d->plugin_data[i] = 0;
 }
 
-/* Nothing outlives a step, so a copy has all it needs from its own init. */
+/* Ends the step that is under way, and forgets how mocap bodies moved. */
+static void forget(instance* own) { own->stage = own->starts = own->stand = own->mocaps = 0; }
+
+/* Nothing but how mocap bodies move outlives a step, so a copy has all else it needs from its own init. */
 static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
-  (void)m, (void)from;
-  instance_of(to, i)->stage = instance_of(to, i)->starts = instance_of(to, i)->stand = 0;
+  instance *own = instance_of(to, i), *other = instance_of(from, i);
+  size_t size = other->mocaps * sizeof(struct mocap);
+  (void)m;
+  forget(own);
+  if (!size) return;
+  own->moving = realloc(own->moving, size);
+  memcpy(own->moving, other->moving, size);
+  own->mocaps = other->mocaps;
+  own->mocap_time = other->mocap_time;
 }
 
 static void reset(const mjModel* m, mjtNum* state, void* data, int i) {
   (void)m, (void)state, (void)i;
-  if (data) ((instance*)data)->stage = ((instance*)data)->starts = ((instance*)data)->stand = 0;
+  if (data) forget(data);
 }
 
 static int no_state(const mjModel* m, int i) {

@@ -17,7 +17,6 @@
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
 #define HCB_STANDS 1e-5        /* m/s and rad/s, up to which a contact stands still */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
-#define HCB_FALLS 0.25         /* there, of bodies at rest that the solver has let go */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
 
@@ -101,39 +100,35 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
   return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
 }
 
-/* From which share of the speed that counts as rest on a contact that is to stand is solved again (strays.c); 0: never. That is
-   for contacts that turn against friction; that slide, or are pressed by other forces than rest.c knows, but for Newton where only
-   one is so; and under PGS at rest, whose elliptic cones at times let bodies fall without any force. */
-static double stray_share(const mjModel* m, const blow* b, int loaded) {
+/* Whether a contact that is to stand is solved again after the step where it does not (strays.c): one that turns against friction;
+   and one that slides, or is pressed by other forces than rest.c knows, but for Newton where only one is so. */
+static int may_stray(const mjModel* m, const blow* b, int loaded) {
   double slow = HCB_STRAYS * b->law.still;
   int slides = fmax(b->slip, hypot(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
   int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + slides;
-  if (b->tendon >= 0 || !(b->rests || b->held)) return 0;
-  return turns || reasons > 1 ? HCB_STRAYS : m->opt.solver == mjSOL_PGS ? HCB_FALLS : 0;
+  return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 1);
 }
 
 /* Marks a contact of MuJoCo as one that is to stand after the step. */
-static void let_stand(instance* memory, int contact, double closing, double share) {
-  if (share == 0) return;
+static void let_stand(instance* memory, int contact, double closing) {
   if (memory->stand == memory->room_to_stand) {
     memory->room_to_stand = memory->room_to_stand ? 2 * memory->room_to_stand : 16;
     memory->stands = realloc(memory->stands, memory->room_to_stand * sizeof(standing));
   }
-  memory->stands[memory->stand++] = (standing){contact, closing, share};
+  memory->stands[memory->stand++] = (standing){contact, closing};
 }
 
-/* Whether a mocap body lifts the contact's other body. MuJoCo takes a mocap body for one that stands still wherever the user moves
-   it: only MuJoCo's own rows, which push out by depth, lift what rests on it. After an impact that parts with e v, a contact is as
-   deep as v times the step at most; one that is deeper as it parts, for e of 1/4 and more, is being lifted. */
-static int is_lifted(const mjModel* m, const blow* b) {
-  int is_mocap = 0;
+/* Whether MuJoCo's own rows are to push what a mocap body has jumped into, as they do by depth; the mocap body stands still now.
+   After an impact that parts with e v, a contact is as deep as v times the step at most; one that is deeper as it parts, for e of
+   1/4 and more, is being pushed. */
+static int is_lifted(const mjModel* m, const instance* memory, const blow* b) {
+  int jumped = 0;
   for (int side = 0; side < 2 && b->tendon < 0; side++) {
-    /* Before MuJoCo 4 a mocap body and what is fixed to it are welded to the world, since then to the mocap body. */
-    int root = m->body_rootid[b->body[side]], weld = m->body_weldid[b->body[side]];
-    is_mocap |= m->body_mocapid[root] >= 0 && (weld == 0 || weld == root);
+    const mocap* own = moving_of(m, memory, b->body[side]);
+    jumped |= own && own->jumped && mju_norm(own->speed, 6) == 0;
   }
   int approaches = -b->rate[0] > b->law.still, parts = b->rate[0] > b->law.still;
-  return is_mocap && b->touches && !approaches && (!parts || b->x > 4 * b->rate[0] * m->opt.timestep);
+  return jumped && b->touches && !approaches && (!parts || b->x > 4 * b->rate[0] * m->opt.timestep);
 }
 
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
@@ -150,13 +145,13 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   if (stage == 1) {
     made = new_plan(memory, b->instance, b->id, b->order);
     made->rows = now.rows;
-    made->stands = stray_share(m, b, loaded);
+    made->stands = may_stray(m, b, loaded);
     made->closing = closing;
     memcpy(made->value, now.value, sizeof(now.value));
   }
   if (made && made->rows == now.rows) now = *made;
-  if (stage == 0) let_stand(memory, b->contact, closing, stray_share(m, b, loaded));
-  if (stage == 4 && made) let_stand(memory, b->contact, made->closing, made->stands);
+  if (stage == 0 && may_stray(m, b, loaded)) let_stand(memory, b->contact, closing);
+  if (stage == 4 && made && made->stands) let_stand(memory, b->contact, made->closing);
   if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
   for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);
 }

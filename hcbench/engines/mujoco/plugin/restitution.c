@@ -7,6 +7,7 @@
 #define HCB_CREEPS 3e-3    /* of that speed: contacts that rest and slip no faster stick, as the slip of others is known no better */
 #define HCB_FAST 0.1       /* rad a step: bodies that turn faster gain energy by MuJoCo's own step */
 #define HCB_COARSE_STEP 0.125 /* of a contact's time constant: from there on limbs sink deeper in a step than MuJoCo's contact, ... */
+#define HCB_COARSE_FREE 0.3    /* ... and free bodies from there on, ... */
 #define HCB_DEEPER 1e-3    /* ... named where that may be more, m */
 #define HCB_ITERATIONS 5   /* of the solver Newton, without which robots sink; ... */
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
@@ -30,8 +31,8 @@ static hcb_contact law_of_contact(const mjModel* m, const instance* own, double 
   return (hcb_contact){kind, value_of(m, own->asked_for_e ? &own->e : &own->alpha), friction, HCB_STILL * fall_ + 1e-9, 0, 0};
 }
 
-static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, blow* b) {
-  double v1[3], v2[3], turn[3];
+static void read_contact(const mjModel* m, const mjData* d, const instance* memory, const mjContact* c, blow* b) {
+  double v1[3], v2[3], turn[3], moved[2][3], turned[2][3];
   b->body[0] = m->geom_bodyid[c->geom[0]];
   b->body[1] = m->geom_bodyid[c->geom[1]];
   b->tendon = -1;
@@ -47,9 +48,10 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
   for (int i = 0; i < 5; i++) b->friction[i] = c->dim > 1 ? c->friction[i] : 0;
   velocity_at(m, d, b->body[0], c->pos, v1);
   velocity_at(m, d, b->body[1], c->pos, v2);
+  for (int side = 0; side < 2; side++) mocap_velocity(m, memory, b->body[side], c->pos, moved[side], turned[side]);
   for (int i = 0; i < 3; i++) {
-    v2[i] -= v1[i];
-    turn[i] = d->cvel[6 * b->body[1] + i] - d->cvel[6 * b->body[0] + i];
+    v2[i] += moved[1][i] - moved[0][i] - v1[i];
+    turn[i] = d->cvel[6 * b->body[1] + i] - d->cvel[6 * b->body[0] + i] + turned[1][i] - turned[0][i];
   }
   for (int side = 0; side < 2; side++) {
     const double* w = d->cvel + 6 * b->body[side];
@@ -65,11 +67,11 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
 }
 
 /* Adds contact k of MuJoCo, which is of entry `e` of the table, after those of the same pair. */
-static void add_contact(const mjModel* m, const mjData* d, int k, int i, int id, blow* b, int is_next) {
+static void add_contact(const mjModel* m, const mjData* d, const instance* memory, int k, int i, int id, blow* b, int is_next) {
   const mjContact* c = d->contact + k;
   int order = is_next ? b[-1].order + 1 : 0;
   *b = (blow){.instance = i, .id = id, .order = order, .contact = k};
-  read_contact(m, d, c, b);
+  read_contact(m, d, memory, c, b);
   b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
 }
 
@@ -112,7 +114,7 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
   for (int i = first, k = 0; i < m->nplugin; i++) {
     if (m->plugin[i] != m->plugin[first]) continue;
     for (int begin = k; k < kept && of[sorted[k]] == i; k++, count++) {
-      add_contact(m, d, sorted[k], i, id[sorted[k]], all + count, k > begin && id[sorted[k - 1]] == id[sorted[k]]);
+      add_contact(m, d, memory, sorted[k], i, id[sorted[k]], all + count, k > begin && id[sorted[k - 1]] == id[sorted[k]]);
     }
     count += add_limit(m, d, i, all + count);
   }
@@ -375,6 +377,32 @@ static int leave_out_wild(const mjModel* m, const instance* memory, blow* all, i
   return left;
 }
 
+/* Names once a mocap body that has moved unevenly in several steps, not one that has begun to move or was put elsewhere. */
+static void warn_of_jumps(const mjModel* m, const mjData* d, instance* memory, int body) {
+  const char* name = mj_id2name(m, mjOBJ_BODY, body);
+  if (++memory->jumps < HCB_JUMPS || memory->warned & WARNED_UNEVEN) return;
+  memory->warned |= WARNED_UNEVEN;
+  mju_warning("plugin %s: mocap body %d \"%s\" still moves unevenly at %g s, so its contacts are MuJoCo's own in such steps: move it "
+              "in every step, by little more or less than in the last", RESTITUTION_NAME, body, name ? name : "", d->time);
+}
+
+/* Leaves out contacts with mocap bodies that move unevenly; how many are left. */
+static int leave_out_uneven(const mjModel* m, const mjData* d, instance* memory, blow* all, int count) {
+  int left = 0, uneven = -1;
+  for (int i = 0; i < count; i++) {
+    int is_even_ = 1;
+    for (int side = 0; side < 2 && all[i].tendon < 0; side++) {
+      const mocap* own = moving_of(m, memory, all[i].body[side]);
+      if (!own || !own->uneven) continue;
+      is_even_ = 0;
+      if (all[i].touches) uneven = all[i].body[side];
+    }
+    if (is_even_) all[left++] = all[i];
+  }
+  if (uneven >= 0) warn_of_jumps(m, d, memory, uneven);
+  return left;
+}
+
 /* Refuses what it is wrong under, and names once what it was never tried with: an option of a later MuJoCo. */
 static void check_options(const mjModel* m, instance* memory, int first) {
 #ifdef HCB_MIDPOINT
@@ -400,22 +428,23 @@ static void check_options(const mjModel* m, instance* memory, int first) {
   warn_of_flags(m->opt.disableflags, mjDISABLESTRING, mjNDISABLE);
 }
 
-/* Names once a landing of a body with joints that may end deeper than on MuJoCo's own contact: bodies go in by up to a step's
-   travel before they meet their impact, and MuJoCo's contact by about a third of the travel in its time constant. */
+/* Names once a landing that may end deeper than on MuJoCo's own contact: bodies go in by up to a step's travel before they meet
+   their impact, and on MuJoCo's contact by about a third of the travel in its time constant; limbs by less, as others stop them. */
 static void warn_of_depth(const mjModel* m, const blow* all, int count, instance* memory) {
   double h = m->opt.timestep;
   for (int i = 0; i < count && !(memory->warned & WARNED_DEEPER); i++) {
     const blow* b = all + i;
-    int coarse = b->tendon < 0 && b->touches && b->constant > 0 && h > HCB_COARSE_STEP * b->constant;
-    if (!coarse || !(-h * b->rate[0] > HCB_DEEPER)) continue;
+    if (b->tendon >= 0 || !b->touches || b->constant <= 0 || !(-h * b->rate[0] > HCB_DEEPER)) continue;
     for (int side = 0; side < 2; side++) {
       int body = m->body_weldid[b->body[side]], dof = m->body_dofadr[m->body_rootid[body]];
-      if (body == 0 || m->body_dofnum[body] == 0 || (dof >= 0 && is_lone(m, dof))) continue;
+      if (body == 0 || m->body_dofnum[body] == 0) continue;
+      double share = dof >= 0 && is_lone(m, dof) ? HCB_COARSE_FREE : HCB_COARSE_STEP;
+      if (h <= share * b->constant) continue;
       const char* name = mj_id2name(m, mjOBJ_BODY, body);
       memory->warned |= WARNED_DEEPER;
       mju_warning("plugin %s: body %d \"%s\" may land more than %g mm deeper than on MuJoCo's own contact, whose time constant is "
                   "%g s: set a timestep of at most %g", RESTITUTION_NAME, body, name ? name : "", 1e3 * HCB_DEEPER, b->constant,
-                  HCB_COARSE_STEP * b->constant);
+                  share * b->constant);
       return;
     }
   }
@@ -478,7 +507,8 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   warn_of_iterations(m, d, memory);
   mj_markStack(d);
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
-  int count = gather(m, d, first, all);
+  if (stage < 2) follow_mocaps(m, d, memory);
+  int count = leave_out_uneven(m, d, memory, all, gather(m, d, first, all));
   memory->stand = 0;
   if (stage < 2) {
     for (int i = 0; i < count; i++) {
@@ -515,7 +545,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   for (int i = 0; i < count; i++) {
     all[i].held = loaded && all[i].touches && !all[i].rests;
     int is_new = stage < 2 || !planned(memory, all[i].instance, all[i].id, all[i].order);
-    if (!is_new || !is_lifted(m, all + i)) set_rows(m, d, memory, all + i, stage, loaded);
+    if (!is_new || !is_lifted(m, memory, all + i)) set_rows(m, d, memory, all + i, stage, loaded);
   }
   mj_freeStack(d);
 }

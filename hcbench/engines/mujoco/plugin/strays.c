@@ -11,8 +11,8 @@
    of it would do together. */
 
 /* The rate of a contact along one of its axes at the velocities of the data. */
-static double rate_along(const mjModel* m, const mjData* d, const mjContact* c, int axis) {
-  double sum = 0;
+static double rate_along(const mjModel* m, const mjData* d, const instance* memory, const mjContact* c, int axis) {
+  double sum = 0, moved[3], turned[3];
   const double* n = c->frame + 3 * axis;
   for (int side = 0; side < 2; side++) {
     int b = m->body_weldid[m->geom_bodyid[c->geom[side]]];
@@ -22,6 +22,8 @@ static double rate_along(const mjModel* m, const mjData* d, const mjContact* c, 
     for (int j = m->body_dofadr[b] + m->body_dofnum[b] - 1; j >= 0; j = m->dof_parentid[j]) {
       rate += d->qvel[j] * (dot(d->cdof + 6 * j, arm) + dot(d->cdof + 6 * j + 3, n));
     }
+    mocap_velocity(m, memory, m->geom_bodyid[c->geom[side]], c->pos, moved, turned);
+    rate += dot(moved, n);
     sum += side ? rate : -rate;
   }
 #ifdef HCB_SURFACE_VELOCITY
@@ -30,9 +32,9 @@ static double rate_along(const mjModel* m, const mjData* d, const mjContact* c, 
   return sum;
 }
 
-static double strays_from(const mjModel* m, const mjContact* c, double share) {
+static double strays_from(const mjModel* m, const mjContact* c) {
   int body[2] = {m->geom_bodyid[c->geom[0]], m->geom_bodyid[c->geom[1]]};
-  return share * HCB_STILL * fall(m, body, c->frame) + 1e-9;
+  return HCB_STRAYS * HCB_STILL * fall(m, body, c->frame) + 1e-9;
 }
 
 /* The solver's forces of a contact over the step, N; none of RK4, which has four. */
@@ -46,8 +48,7 @@ static int strays(const mjModel* m, const mjData* d, const instance* memory) {
   int found = 0;
   for (int i = 0; i < memory->stand; i++) {
     int k = memory->stands[i].contact;
-    double rate = rate_along(m, d, d->contact + k, 0) + memory->stands[i].closing, force[6];
-    double slow = strays_from(m, d->contact + k, memory->stands[i].share);
+    double rate = rate_along(m, d, memory, d->contact + k, 0) + memory->stands[i].closing, slow = strays_from(m, d->contact + k), force[6];
     if (rate > slow) solver_force(m, d, k, force);
     found |= (-rate > slow ? 1 : 0) | (rate > slow && force[0] > 0 ? 2 : 0);
   }
@@ -55,10 +56,11 @@ static int strays(const mjModel* m, const mjData* d, const instance* memory) {
 }
 
 /* Rows of a contact, and of them what the step makes of a force, in place of M^-1 alone. */
-static hcb_rows rows_in_step(const mjModel* m, mjData* d, const tree_parts* t, const mjContact* c, int damped, double* u) {
+static hcb_rows rows_in_step(const mjModel* m, mjData* d, const instance* memory, const tree_parts* t, const mjContact* c,
+                             int damped, double* u) {
   blow b = {.tendon = -1, .dim = c->dim, .point = c->pos, .frame = c->frame};
   for (int side = 0; side < 2; side++) b.body[side] = m->geom_bodyid[c->geom[side]];
-  for (int k = 0; k < 3; k++) b.rate[k] = rate_along(m, d, c, k);
+  for (int k = 0; k < 3; k++) b.rate[k] = rate_along(m, d, memory, c, k);
   hcb_rows r = rows_of(m, d, t, &b, u);
   for (int side = 0; side < 2 && r.part[side] >= 0 && damped; side++) {
     int size = part_size(t, r.part[side]);
@@ -102,8 +104,8 @@ static void hold_still(const mjModel* m, mjData* d, int first, int anew) {
   for (int i = 0; i < n; i++) {
     const mjContact* c = d->contact + memory->stands[i].contact;
     double force[6];
-    rows[i] = rows_in_step(m, d, &t, c, damped, u + 3 * i);
-    laws[i] = (hcb_contact){HCB_CONSTANT, 0, c->dim > 1 ? c->friction[0] : 0, strays_from(m, c, HCB_STRAYS), 0, 0};
+    rows[i] = rows_in_step(m, d, memory, &t, c, damped, u + 3 * i);
+    laws[i] = (hcb_contact){HCB_CONSTANT, 0, c->dim > 1 ? c->friction[0] : 0, strays_from(m, c), 0, 0};
     if (!anew) continue;
     solver_force(m, d, memory->stands[i].contact, force);
     push_change(&t, rows + i, force, -h, change);
