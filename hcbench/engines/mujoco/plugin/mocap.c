@@ -24,14 +24,19 @@ static int is_even(const mjModel* m, const double* one, const double* next) {
   return mju_norm3(change) <= fmax(HCB_EVEN * mju_norm3(next), falls);
 }
 
-static void follow_mocap(const mjModel* m, const mjData* d, int id, int is_next, mocap* own) {
+/* Whether this step follows the last one that was seen. */
+static int is_next(const mjModel* m, const mjData* d, const instance* memory) {
+  return fabs(d->time - memory->seen - m->opt.timestep) < 1e-6 * m->opt.timestep;
+}
+
+static void follow_mocap(const mjModel* m, const mjData* d, int id, int next, mocap* own) {
   double travel[6], back[4], turn[4];
   const double *pos = d->mocap_pos + 3 * id, *quat = d->mocap_quat + 4 * id;
   mju_sub3(travel, pos, own->pos);
   mju_negQuat(back, own->quat);
   mju_mulQuat(turn, quat, back);
   mju_quat2Vel(travel + 3, turn, 1);
-  own->steps = is_next ? (own->steps < 2 ? own->steps + 1 : 2) : 0;
+  own->steps = next ? (own->steps < 2 ? own->steps + 1 : 2) : 0;
   int moves = own->steps > 0 && mju_norm(travel, 6) > 0, moved = own->steps > 1 && mju_norm(own->travel, 6) > 0;
   int even = own->steps > 1 && is_even(m, own->travel, travel) && is_even(m, own->travel + 3, travel + 3);
   own->uneven = (moves || moved) && !even;
@@ -44,17 +49,14 @@ static void follow_mocap(const mjModel* m, const mjData* d, int id, int is_next,
 
 /* At the start of a step. Nothing changes where the time is that of the last call. */
 static void follow_mocaps(const mjModel* m, const mjData* d, instance* memory) {
-  double h = m->opt.timestep;
   int is_new = memory->mocaps != m->nmocap;
-  if (m->nmocap == 0 || (!is_new && memory->mocap_time == d->time)) return;
+  if (m->nmocap == 0 || (!is_new && memory->seen == d->time)) return;
   if (is_new) {
     memory->moving = realloc(memory->moving, m->nmocap * sizeof(mocap));
     memset(memory->moving, 0, m->nmocap * sizeof(mocap));
     memory->mocaps = m->nmocap;
   }
-  int is_next = !is_new && fabs(d->time - memory->mocap_time - h) < 1e-6 * h;
-  for (int id = 0; id < m->nmocap; id++) follow_mocap(m, d, id, is_next, memory->moving + id);
-  memory->mocap_time = d->time;
+  for (int id = 0; id < m->nmocap; id++) follow_mocap(m, d, id, !is_new && is_next(m, d, memory), memory->moving + id);
 }
 
 /* The mocap that a body is or is fixed to, as the first instance knows it; NULL: none. */

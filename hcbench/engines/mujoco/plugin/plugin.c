@@ -19,7 +19,7 @@
 #include "../../../laws/published.c"
 
 enum { ROWS = 10, NAME = 64 };
-enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16 }; /* of hcbench.restitution */
+enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32 }; /* of hcbench.restitution */
 
 static const char* const FORCE_NAME = "hcbench.hunt_crossley";
 static const char* const RESTITUTION_NAME = "hcbench.restitution";
@@ -47,7 +47,7 @@ typedef struct { /* an instance, in mjData.plugin_data */
   int is_force, tendon, pairs, *pair, linear, asked_for_e, warned;
   char law[NAME];
   number stiffness, alpha, e;
-  double exponent, static_friction, dynamic_friction, slip_speed;
+  double exponent, static_friction, dynamic_friction, slip_speed, lets; /* lets: how deep MuJoCo's contact would have gone, m */
   /* of the first instance: what all instances were read from (is_read), size bytes */
   char* source;
   size_t size;
@@ -62,7 +62,7 @@ typedef struct { /* an instance, in mjData.plugin_data */
   int stand, room_to_stand; /* of the first instance: how many contacts stand after the step (strays.c) */
   standing* stands;
   int mocaps, jumps; /* of the first instance: how mocap bodies move (mocap.c) */
-  double mocap_time;
+  double seen; /* of the first instance: time of the last step; NAN: none */
   struct mocap* moving;
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
   int entries;
@@ -235,6 +235,7 @@ static int init(const mjModel* m, mjData* d, int i) {
   if (!own) return -1;
   d->plugin_data[i] = (uintptr_t)own;
   own->is_force = is_force(m, i);
+  own->seen = NAN;
   read_instance(m, i, own);
   return 0;
 }
@@ -255,20 +256,25 @@ static void destroy(mjData* d, int i) {
   d->plugin_data[i] = 0;
 }
 
-/* Ends the step that is under way, and forgets how mocap bodies moved. */
-static void forget(instance* own) { own->stage = own->starts = own->stand = own->mocaps = 0; }
+/* Ends the step that is under way, and forgets what was before. */
+static void forget(instance* own) {
+  own->stage = own->starts = own->stand = own->mocaps = 0;
+  own->lets = 0;
+  own->seen = NAN;
+}
 
-/* Nothing but how mocap bodies move outlives a step, so a copy has all else it needs from its own init. */
+/* How deep contacts went and how mocap bodies move outlives a step; a copy has all else from its own init. */
 static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
   instance *own = instance_of(to, i), *other = instance_of(from, i);
   size_t size = other->mocaps * sizeof(struct mocap);
   (void)m;
   forget(own);
+  own->lets = other->lets;
+  own->seen = other->seen;
   if (!size) return;
   own->moving = realloc(own->moving, size);
   memcpy(own->moving, other->moving, size);
   own->mocaps = other->mocaps;
-  own->mocap_time = other->mocap_time;
 }
 
 static void reset(const mjModel* m, mjtNum* state, void* data, int i) {

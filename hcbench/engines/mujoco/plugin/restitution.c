@@ -450,6 +450,27 @@ static void warn_of_depth(const mjModel* m, const blow* all, int count, instance
   }
 }
 
+/* Names once a body that stands deeper than MuJoCo's own contact would let it: after an approach u about a third of u in its time
+   constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is. */
+static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
+  double h = m->opt.timestep, gravity = mju_norm3(m->opt.gravity);
+  int follows = memory->seen == d->time || is_next(m, d, memory);
+  for (int i = 0; i < count && !(memory->warned & WARNED_SUNK); i++) {
+    const blow* b = all + i;
+    if (b->tendon >= 0) continue;
+    double *lets = &instance_of(d, b->instance)->lets, least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * h;
+    double third = HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
+    *lets = fmax(*lets, fmax(-b->rate[0] * third, follows ? 0 : b->x));
+    if (!(b->x > fmax(*lets, gravity * third * third) + HCB_DEEPER)) continue;
+    int side = m->body_treeid[b->body[1]] >= 0;
+    const char* name = mj_id2name(m, mjOBJ_BODY, b->body[side]);
+    memory->warned |= WARNED_SUNK;
+    mju_warning("plugin %s: body %d \"%s\" stands %.2g mm deep at %g s, more than %g mm deeper than on MuJoCo's own contact: set a finer "
+                "timestep than %g s, or let nothing crush it", RESTITUTION_NAME, b->body[side], name ? name : "", 1e3 * b->x, d->time,
+                1e3 * HCB_DEEPER, h);
+  }
+}
+
 /* Whether all of a vector is finite, and no larger than what MuJoCo takes. */
 static int is_sound(const double* x, int n) {
   for (int k = 0; k < n; k++) {
@@ -523,6 +544,8 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     }
     warn_of_turns(m, d, all, count, memory);
     warn_of_depth(m, all, count, memory);
+    warn_of_sunk(m, d, all, count, memory);
+    memory->seen = d->time;
     if (memory->trees != m->ntree) memory->wild = realloc(memory->wild, ((memory->trees = m->ntree) + 1) * sizeof(int));
     if (!memory->is_again) memset(memory->wild, 0, m->ntree * sizeof(int));
     if (stage) {
