@@ -156,11 +156,15 @@ def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[D
     for grid in plan.grids:
         wanted = grid.dropped or grid.setting.timestep == study.train_step
         if wanted and study.main_alpha in grid.alphas and not grid.scene.off_axis:
+            duration = bouncing
+            if grid.dropped:
+                # Followed until it has come to rest.
+                duration = max(bouncing, _REST_S)
             drops[grid.scene, grid.setting.key] = Drop(
                 setting=grid.setting,
                 height=height,
                 law_heights=tuple(heights),
-                duration=max(bouncing, _REST_S) if grid.dropped else bouncing,
+                duration=duration,
                 rests=grid.dropped,
                 inputs=plan.inputs_of(grid),
             )
@@ -191,12 +195,12 @@ def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float, encode: 
     for drop, seen in dropped:
         key = run_key(drop.inputs.scene, drop.setting, alpha)
         count = len(seen.bounces)
+        # Touch and parting, s, and height, m, of each bounce: shape (count, 3).
+        bounces = np.array([dataclasses.astuple(bounce) for bounce in seen.bounces]).reshape(-1, 3)
         columns = [
             *key.values(),
             np.arange(1, count + 1),
-            np.array([bounce.touch for bounce in seen.bounces]),
-            np.array([bounce.parting for bounce in seen.bounces]),
-            np.array([bounce.height for bounce in seen.bounces]),
+            *bounces.T,
             np.array(drop.law_heights[:count]),
         ]
         tables.append(dict(zip(TRAIN_COLUMNS, columns, strict=True)))

@@ -44,18 +44,25 @@ def arrays(
 ) -> bytes:
     """Tables below one another, as NumPy's bytes. A column has values, or
     one text or float for all rows.
+
+    names: of the columns that are written. metadata: kept beside them, by name.
     """
     content: dict[str, Any] = {}
     for key, text in metadata.items():
         content[_ABOUT + key] = np.frombuffer(text, np.uint8)
-    lengths = [_length(table) for table in tables]
+    lengths = list(map(_length, tables))
     for name in names:
         columns = [_filled(table[name], n) for table, n in zip(tables, lengths, strict=True)]
-        joined = np.concatenate(columns) if columns else np.empty(0)
+        # Without tables there are no rows, and nothing that could be joined.
+        joined = np.empty(0)
+        if columns:
+            joined = np.concatenate(columns)
         if name in _TEXTS:
             content[_WORDS + name], content[name] = _by_number(joined, len(joined))
+        elif name in _WHOLE:
+            content[name] = joined.astype(np.int64)
         else:
-            content[name] = joined.astype(np.int64 if name in _WHOLE else np.float64)
+            content[name] = joined.astype(np.float64)
     sink = io.BytesIO()
     np.savez(sink, **content)
     return sink.getvalue()
@@ -142,9 +149,12 @@ def metadata_in(content: bytes) -> dict[str, bytes]:
 
         metadata_of_file = pq.read_metadata(io.BytesIO(content)).metadata or {}
         return {key.decode(): text for key, text in metadata_of_file.items()}
+    metadata = {}
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        names = [name for name in file.files if name.startswith(_ABOUT)]
-        return {name.removeprefix(_ABOUT): file[name].tobytes() for name in names}
+        for name in file.files:
+            if name.startswith(_ABOUT):
+                metadata[name.removeprefix(_ABOUT)] = file[name].tobytes()
+    return metadata
 
 
 def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str, Any]:

@@ -194,10 +194,12 @@ def open_files(where: str) -> Files:
         raise UserError(
             "folder", f"{where}: {error}", "a path, or an URL that fsspec opens"
         ) from None
-    local = "file" in (
-        system.protocol if isinstance(system.protocol, tuple) else (system.protocol,)
-    )
-    return (LocalFiles if local else Files)(system, root, where)
+    protocols = system.protocol
+    if not isinstance(protocols, tuple):
+        protocols = (protocols,)
+    if "file" in protocols:
+        return LocalFiles(system, root, where)
+    return Files(system, root, where)
 
 
 class TemporaryFiles(Files):

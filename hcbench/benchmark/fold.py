@@ -232,11 +232,21 @@ class Folder:
         return worst_first[np.unique(place[worst_first], return_index=True)[1]]
 
     def folded(self) -> Folded:
-        """Fold what was added."""
+        """Fold what was added; at least one part was."""
         angle = min(part.angle for part in self._parts)
-        # Parts at other angles have a curve of their own, which is not shown.
-        parts = [part for part in self._parts if part.angle == angle]
-        at_steps = [part.at_step for part in parts if part.at_step is not None]
+        curves = []
+        of_loops = []
+        half_way = []
+        at_step = None
+        for part in self._parts:
+            # Parts at other angles have a curve of their own, which is not shown.
+            if part.angle != angle:
+                continue
+            curves.append(part.curve)
+            of_loops.append(part.of_loops)
+            half_way.append(part.half_way)
+            if at_step is None:
+                at_step = part.at_step
         most = self._most
         friction = None
         if self._slid:
@@ -244,10 +254,10 @@ class Folder:
         return Folded(
             status=dict(self._status),
             angle=angle,
-            curve=Curve.joined([part.curve for part in parts]),
-            of_loops=ShownLaunches.joined([part.of_loops for part in parts]),
-            half_way=ShownLaunches.joined([part.half_way for part in parts]),
-            at_step=at_steps[0] if at_steps else None,
+            curve=Curve.joined(curves),
+            of_loops=ShownLaunches.joined(of_loops),
+            half_way=ShownLaunches.joined(half_way),
+            at_step=at_step,
             depth=most["depth"],
             restitution=(-most["minus_e"], most["e"]),
             off=most["off"],

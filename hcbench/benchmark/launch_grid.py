@@ -77,16 +77,20 @@ class LaunchGrid:
         part: numbers of the launches in the grid, counted over speeds, then angles, then phases.
         """
         speed, phase = self.asked(part)
-        angle = np.unravel_index(np.arange(part.start, part.stop), self.shape)[1]
+        _, angle, _ = np.unravel_index(np.arange(part.start, part.stop), self.shape)
+        # Slip of a launch of 1 m/s at each angle.
+        slips = np.array([Launch.at_angle(each, 1.0).slip[0] for each in self.angles])
+        steps_most = 2.0
+        if self.dropped:
+            steps_most = math.inf
         return Launches.touching(
             speed,
             phase,
             self.setting.timestep,
             self.scene.normal_gravity,
-            slip=speed
-            * np.array([Launch.at_angle(each, 1.0).slip[0] for each in self.angles])[angle],
+            slip=speed * slips[angle],
             spin=self.spin,
-            steps_most=math.inf if self.dropped else 2.0,
+            steps_most=steps_most,
             share=self.share,
         )
 
@@ -112,5 +116,7 @@ def speeds_at(study: Study, run: Run, timestep: float) -> tuple[float, ...]:
     low, high = map(max, (first, last), default_band(timestep, STANDARD_GRAVITY))
     if study.page != "field" or low == first:
         return run.speeds
-    stretch = (high - low) / (last - first) if last > first else 1.0
+    stretch = 1.0
+    if last > first:
+        stretch = (high - low) / (last - first)
     return tuple(low + stretch * (speed - first) for speed in run.speeds)

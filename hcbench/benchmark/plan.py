@@ -119,15 +119,18 @@ class Plan:
 
     def described(self) -> dict[str, Any]:
         """Everything that makes a sweep this one, as JSON. Equal descriptions give equal bytes."""
+        versions: dict[str, str] = {}
+        digests = {}
+        for name, inputs in self.inputs.items():
+            versions.update(inputs.versions)
+            digests[name] = inputs.digests
         return {
             "schema": SCHEMA,
             "kind": "hcbench sweep",
             "study": self.study.described(),
             "settings": self.records,
-            "versions": {
-                k: v for inputs in self.inputs.values() for k, v in inputs.versions.items()
-            },
-            "files": {name: inputs.digests for name, inputs in self.inputs.items()},
+            "versions": versions,
+            "files": digests,
             "impacts": self.impacts,
             "parts": len(self),
             "parts_of_settings": self.starts,
@@ -142,7 +145,7 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
     """
     if study.page == "field":
         study = study.of_engines(registry.is_there)
-    recipes = [_recipe(run) for run in study.runs]
+    recipes = list(map(_recipe, study.runs))
     engines = sorted({run.engine for run in study.runs})
     # A missing engine is an error before any recipe runs.
     versions = versions_here(*engines)
@@ -247,7 +250,9 @@ def _targets(study: Study, run: Run) -> list[Target]:
     has_own_band = run.dropped or study.page == "field"
     targets = []
     for timestep in run.timesteps:
-        band = speeds_at(study, run, timestep) if has_own_band else study.speeds
+        band = study.speeds
+        if has_own_band:
+            band = speeds_at(study, run, timestep)
         for law in laws:
             target = Target(
                 law,
@@ -271,17 +276,19 @@ def _settings(
         run = study.runs[number]
         jobs.append((run, target, kept.place_of(_recipe(run), target, versions_here(run.engine))))
     settings: dict[int, Setting] = {}
+    missing = []
     for job_number, job in enumerate(jobs):
         setting = _kept_setting(job)
-        if setting is not None:
+        if setting is None:
+            missing.append(job_number)
+        else:
             settings[job_number] = setting
     # Runs of few settings are made first: that they are few is mostly because each takes a search.
     count = Counter(number for number, _ in targets)
-    missing = [job_number for job_number in range(len(jobs)) if job_number not in settings]
     missing.sort(key=lambda job_number: count[targets[job_number][0]])
     made = mapper(_make_setting, [jobs[job_number] for job_number in missing])
     settings.update(zip(missing, made, strict=True))
-    in_order = [settings[job_number] for job_number in range(len(jobs))]
+    in_order = [settings[job_number] for job_number in sorted(settings)]
     if not study.device:
         return in_order
     return [replace(s, options={**s.options, "device": study.device}) for s in in_order]
@@ -316,7 +323,9 @@ def versions_here(*engines: str) -> Mapping[str, str]:
     # Only sweeps need pyarrow.
     with suppress(PackageNotFoundError):
         packages["pyarrow"] = version("pyarrow")
-    return {**packages, **{name: registry.require(name) for name in engines}}
+    for name in engines:
+        packages[name] = registry.require(name)
+    return packages
 
 
 def digests_of(scene: Scene, engine: str) -> dict[str, str]:

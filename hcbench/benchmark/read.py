@@ -82,9 +82,15 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
     for all_alphas in mapper(gather, jobs):
         for gathered in all_alphas:
             by_key[gathered.key] = gathered
-    in_order = [by_key[key] for key in _keys(about)]
-    folded = {gathered.key: gathered.folded for gathered in in_order}
-    scores = [(*gathered.key, *gathered.score) for gathered in in_order]
+    # In the order of the sweep's description.
+    in_order = []
+    folded = {}
+    scores = []
+    for key in _keys(about):
+        gathered = by_key[key]
+        in_order.append(gathered)
+        folded[gathered.key] = gathered.folded
+        scores.append((*gathered.key, *gathered.score))
     results = Results(
         study=study,
         settings=about["settings"],
@@ -193,17 +199,22 @@ def _loop_table(results: Sequence[Gathered]) -> pd.DataFrame:
     """All kept loops, one below another, in LOOP_COLUMNS: a row for each step, SI."""
     import pandas as pd
 
+    # Of each loop: setting and launch, samples, and how many there are.
+    keys = []
     loops = []
+    lengths = []
     for result in results:
-        loops += [((*result.key, *launch), loop) for launch, loop in result.loops]
+        for launch, loop in result.loops:
+            keys.append((*result.key, *launch))
+            loops.append(loop)
+            lengths.append(len(loop.time))
     if not loops:
         return pd.DataFrame(columns=LOOP_COLUMNS)
-    lengths = [len(loop.time) for _, loop in loops]
-    values_of_keys = zip(*(key for key, _ in loops), strict=True)
-    keys = [pd.Series(values).repeat(lengths).array for values in values_of_keys]
-
-    def joined(name: str) -> Any:
-        return np.concatenate([getattr(loop, name) for _, loop in loops])
-
-    samples = [joined("time"), joined("penetration"), joined("rate"), joined("force")]
-    return pd.DataFrame(dict(zip(LOOP_COLUMNS, [*keys, *samples], strict=True)))
+    columns: list[Any] = []
+    for values in zip(*keys, strict=True):
+        repeated = pd.Series(values).repeat(lengths)
+        columns.append(repeated.array)
+    for name in ("time", "penetration", "rate", "force"):
+        samples = [getattr(loop, name) for loop in loops]
+        columns.append(np.concatenate(samples))
+    return pd.DataFrame(dict(zip(LOOP_COLUMNS, columns, strict=True)))

@@ -209,14 +209,15 @@ class Results(Drawn):
         folder = Path(folder)
         try:
             summary = parse_json(read_text(folder / "summary.json"))
-            schema = summary.get("schema") if isinstance(summary, dict) else None
+            schema = None
+            if isinstance(summary, dict):
+                schema = summary.get("schema")
             if schema not in (SCHEMA, SCHEMA - 1):
-                raise UserError(
-                    "results",
-                    f"{folder} has schema {schema!r}{f', {FORMER_E}' if schema in FORMER else ''}",
-                    f"schema {SCHEMA}",
-                    "Run the study again with this version of hcbench",
-                )
+                got = f"{folder} has schema {schema!r}"
+                if schema in FORMER:
+                    got += f", {FORMER_E}"
+                advice = "Run the study again with this version of hcbench"
+                raise UserError("results", got, f"schema {SCHEMA}", advice)
             impacts, *tables = (read_table(folder / f"{name}.csv") for name in TABLES)
         except (OSError, ValueError) as error:
             raise UserError(

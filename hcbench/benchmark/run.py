@@ -204,13 +204,11 @@ def run_plan(
     report_progress(now)
     if plan.study.train_height is not None and store.bounces() is None:
         drops = plan_drops(plan, workers.mapper)
-        order = {id(drop): i for i, drop in enumerate(drops)}
-        seen = {
-            order[id(drop)]: end
-            for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts)
-        }
-        ends = [seen[i] for i in range(len(drops))]
-        dropped = list(zip(drops, ends, strict=True))
+        # Drops end in any order; the file has them in that of the plan.
+        end_of = {}
+        for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts):
+            end_of[id(drop)] = end
+        dropped = [(drop, end_of[id(drop)]) for drop in drops]
         store.write_bounces(bounce_table(dropped, plan.study.main_alpha, encode))
     missing = (number for number in range(len(plan)) if number not in done)
     run = partial(run_shard, encode=encode)

@@ -169,10 +169,14 @@ class Store:
         for name in names:
             if not name.endswith(".parquet") or _BOUNCES.fullmatch(name):
                 continue
-            match = _SHARD.fullmatch(name)
-            number = int(match[1]) if match else count
+            # A table of another name is none of the parts.
+            number = count
+            if match := _SHARD.fullmatch(name):
+                number = int(match[1])
             if number >= count or number in shards:
-                what = "twice that part" if number in shards else "no part"
+                what = "no part"
+                if number in shards:
+                    what = "twice that part"
                 raise UserError(
                     "folder",
                     f"{self.where} holds {name!r}, {what}",

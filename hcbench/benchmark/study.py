@@ -124,7 +124,10 @@ class Study:
         for field in dataclasses.fields(self):
             if field.name not in left_out:
                 value = getattr(self, field.name)
-                described[field.name] = list(value) if isinstance(value, tuple) else value
+                # JSON has lists, and no tuples.
+                if isinstance(value, tuple):
+                    value = list(value)
+                described[field.name] = value
         scene = self.scene
         return {
             **described,
@@ -224,6 +227,10 @@ def study_from(
     for line, run_table in tables.items():
         runs += _runs(run_table, line, file, scene, folder)
     _require_short_drop(file, runs, where)
+    # The page's unit is that in which the file states its speeds.
+    speed_unit = "m/s"
+    if "in" in str(content.get("speeds")):
+        speed_unit = "in/s"
     return Study(
         title=file.title or scene.title,
         scene=scene,
@@ -237,7 +244,7 @@ def study_from(
         train_height=file.train_height,
         train_step=file.train_step,
         page=file.page,
-        speed_unit="in/s" if "in" in str(content.get("speeds")) else "m/s",
+        speed_unit=speed_unit,
         all_loops=file.all_loops,
     )
 
@@ -339,8 +346,13 @@ def preview(study: Study) -> Study:
         # Few speeds: the ends of the band stand for it.
         speeds = study.speeds[:: max(1, len(study.speeds) - 1)]
     phases = max(1, study.phases // 2)
-    runs = tuple(_thinned(run, study, speeds) for run in study.runs if _is_shown(run, study))
-    runs = tuple(run for run in runs if run.timesteps)
+    runs = []
+    for run in study.runs:
+        if not _is_shown(run, study):
+            continue
+        thinned = _thinned(run, study, speeds)
+        if thinned.timesteps:
+            runs.append(thinned)
     if not runs:
         got = "every run is oblique, off the axis or without the main α"
         raise StudyError("quick", got, "a run that a preview can show", "Run it without --quick")
@@ -355,7 +367,7 @@ def preview(study: Study) -> Study:
         alphas=(study.main_alpha,),
         speeds=speeds,
         phases=phases,
-        runs=runs,
+        runs=tuple(runs),
         left_out=left_out,
     )
 
@@ -380,7 +392,9 @@ def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
     steps = run.timesteps[::2]
     if study.page == "field":
         # Every second step of all engines: those of one engine alone may be others.
-        steps_of_study = {step for other in study.runs for step in other.timesteps}
+        steps_of_study: set[float] = set()
+        for other in study.runs:
+            steps_of_study.update(other.timesteps)
         shown = sorted(steps_of_study)[1::2]
         steps = tuple(step for step in run.timesteps if step in shown)
     if run.speeds != study.speeds:

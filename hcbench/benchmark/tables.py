@@ -87,12 +87,16 @@ def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) ->
         summaries.append({**key, **_summary(columns)})
         for i, loop in kept_loops:
             loops.append(_loop_columns(key, (float(speeds[i]), float(phases[i])), loop))
-    loops_file = encode(loops, LOOP_COLUMNS, {}) if loops else b""
+    loops_file = b""
+    loops_digest = b""
+    if loops:
+        loops_file = encode(loops, LOOP_COLUMNS, {})
+        loops_digest = digest(loops_file).encode()
     names = list(IMPACT_COLUMNS)
     if shard.oblique:
         names += OBLIQUE_COLUMNS
     metadata = {
-        _LOOPS: digest(loops_file).encode() if loops_file else b"",
+        _LOOPS: loops_digest,
         _SUMMARY: json.dumps(summaries).encode(),
     }
     return ShardFiles(shard.number, encode(tables, names, metadata), loops_file, summaries)

@@ -86,11 +86,8 @@ def read(path: Path) -> MeasuredBounces:
                     bounces.append(bounce)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise UserError("--data", f"{path}: {error}", "trajectories.zip") from None
-    numbers = np.array([bounce.number for bounce in bounces])
-    spin_before = np.array([bounce.spin for bounce in bounces])
-    before = np.array([bounce.before for bounce in bounces])
-    after = np.array([bounce.after for bounce in bounces])
-    u_e = np.array([bounce.u_e for bounce in bounces])
+    # A row each: number, spin, velocity before and after, u of e.
+    numbers, spin_before, before, after, u_e = map(np.array, zip(*bounces, strict=True))
     e = -after[:, 2] / before[:, 2]
     good = (u_e < 0.04) & (e > 0.3) & (e < 1.2)
     count = int(good.sum())

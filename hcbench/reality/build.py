@@ -58,7 +58,13 @@ def impacts_text(impacts: Sequence[ImpactRead]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for impact in impacts:
-        writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in astuple(impact)])
+        row = []
+        for value in astuple(impact):
+            if isinstance(value, float):
+                row.append(f"{value:.6g}")
+            else:
+                row.append(value)
+        writer.writerow(row)
     return text.getvalue()
 
 

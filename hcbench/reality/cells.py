@@ -99,7 +99,9 @@ def settings_of(data: str) -> Iterator[tuple[str, ContactSetting]]:
     known = SETS[data]
     for engine in installed():
         module: Any = registry.submodule(engine, "scene.toss")
-        for setting in module.SETTINGS if known.body().shape in module.SHAPES else ():
+        if known.body().shape not in module.SHAPES:
+            continue
+        for setting in module.SETTINGS:
             if known.TRAINING or all(p.name in known.FIXED for p in setting.parameters):
                 yield engine, setting
 

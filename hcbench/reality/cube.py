@@ -105,12 +105,14 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     variant: what of the data is left as published.
     """
     corrections = VARIANTS[variant]
-    read = (
-        as_motion(number, rows, corrections)
-        for number, rows in poses(folder)
-        if number % PARTS in parts
-    )
-    return Tosses(body(corrections), [each for each in read if each.flight >= LEAST_FLIGHT])
+    motions = []
+    for number, rows in poses(folder):
+        if number % PARTS not in parts:
+            continue
+        motion = as_motion(number, rows, corrections)
+        if motion.flight >= LEAST_FLIGHT:
+            motions.append(motion)
+    return Tosses(body(corrections), motions)
 
 
 def outcome(
@@ -134,12 +136,20 @@ def pack(folder: Path, path: Path) -> None:
 
     folder: the original repository's tosses. Each number keeps 1e-5 of its unit: half widths, or 1.
     """
-    kept = [(number, rows) for number, rows in poses(folder) if number % PARTS != HELD_OUT]
-    whole = [np.rint(rows / DIGIT).astype(np.int32) for _, rows in kept]
-    steps = [np.diff(rows, axis=0, prepend=0).astype(np.int32) for rows in whole]
+    numbers = []
+    lengths = []
+    differences = []
+    for number, rows in poses(folder):
+        if number % PARTS == HELD_OUT:
+            continue
+        digits = np.rint(rows / DIGIT).astype(np.int32)
+        numbers.append(number)
+        lengths.append(len(digits))
+        # Frames are alike: their differences are small numbers, which compress well.
+        differences.append(np.diff(digits, axis=0, prepend=0).astype(np.int32))
     np.savez_compressed(
         path,
-        numbers=np.array([number for number, _ in kept], dtype=np.int16),
-        lengths=np.array([len(rows) for rows in whole], dtype=np.int16),
-        differences=np.concatenate(steps),
+        numbers=np.array(numbers, dtype=np.int16),
+        lengths=np.array(lengths, dtype=np.int16),
+        differences=np.concatenate(differences),
     )

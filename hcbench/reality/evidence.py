@@ -66,8 +66,10 @@ def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
     constant: the slope that the same reading gives for a constant e, in words.
     """
     noise = np.random.default_rng(0)
-    drawn = (noise.integers(0, len(e), len(e)) for _ in range(500))
-    slopes = [np.polyfit(speed[i], e[i], 1)[0] for i in drawn]
+    slopes = []
+    for _ in range(500):
+        drawn = noise.integers(0, len(e), len(e))
+        slopes.append(np.polyfit(speed[drawn], e[drawn], 1)[0])
     low, high = np.percentile(slopes, [2.5, 97.5])
     slope = float(np.polyfit(speed, e, 1)[0])
     return Slope(name, len(e), float(np.median(e)), slope, float(low), float(high), constant)

@@ -45,13 +45,20 @@ def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
 
     unit: of the errors.
     """
-    settings = [score for score in scores if score.engine != NO_ENGINE]
+    settings = []
+    floors = []
+    for score in scores:
+        if score.engine == NO_ENGINE:
+            floors.append(score)
+        else:
+            settings.append(score)
     settings.sort(key=lambda score: score.error, reverse=True)
-    floors = [score for score in scores if score.engine == NO_ENGINE]
     figure = new_figure(8.2, 0.9 + 0.3 * len(settings))
     axes = figure.add_subplot()
     for row, score in enumerate(settings):
-        colour = LIMIT if score.setting == NOTHING else BLUE
+        colour = BLUE
+        if score.setting == NOTHING:
+            colour = LIMIT
         axes.plot([score.error_low, score.error_high], [row, row], color=colour, linewidth=2.0)
         axes.plot(score.error, row, "o", color=colour, markersize=5)
     for floor, (colour, dashes) in zip(floors, ((GREEN, "--"), (SLATE, ":")), strict=False):

@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +43,12 @@ def values_of(parameters: Parameters, data: str, cell: Cell) -> tuple[float, ...
     """A cell's values; None where they are not known."""
     searched = parameters.get(data, {}).get(cell.engine, {}).get(cell.setting, {})
     known = {**searched, **SETS[data].FIXED}
-    names = [parameter.name for parameter in cell.contact.parameters]
-    if not all(name in known for name in names):
-        return None
-    return tuple(known[name] for name in names)
+    values = []
+    for parameter in cell.contact.parameters:
+        if parameter.name not in known:
+            return None
+        values.append(known[parameter.name])
+    return tuple(values)
 
 
 def identify(
@@ -60,7 +62,9 @@ def identify(
     A mean error over a hundred tosses is rough in its parameters, as a corner may land or miss. The
     result is the minimum of a parabola fitted to the best third of all tries, not the luckiest try.
     """
-    cells = [cell for data in sets for cell in _starts(data, folders.get(data))]
+    cells: list[Cell] = []
+    for data in sets:
+        cells.extend(_starts(data, folders.get(data)))
     # Longest first, so that no worker is left with a long one at the end.
     longest = sorted(cells, key=lambda cell: -len(cell.values))
     tries = dict(zip(longest, run_each(pool, search, longest, tick), strict=True))
@@ -68,7 +72,8 @@ def identify(
     for (data, engine, key), group in groupby(cells, lambda cell: cell.key):
         of_setting = list(group)
         first = of_setting[0]
-        best = best_values(first, [each for cell in of_setting for each in tries[cell]])
+        tries_of_setting = chain.from_iterable(tries[cell] for cell in of_setting)
+        best = best_values(first, list(tries_of_setting))
         rounded = {}
         for parameter, value in zip(first.contact.parameters, best, strict=True):
             rounded[parameter.name] = float(f"{value:.4g}")
@@ -141,9 +146,9 @@ def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
 
     tries: (point, shape (n,), and its score), one or more.
     """
-    scores = np.array([score for _, score in tries])
+    points, scores = map(np.array, zip(*tries, strict=True))
     better = np.argsort(scores, kind="stable")[: max(len(tries) // 3, 1)]
-    points = np.array([point for point, _ in tries])[better]
+    points = points[better]
     best: Floats = points[0]
     low = points.min(axis=0)
     high = points.max(axis=0)

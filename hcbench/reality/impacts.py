@@ -317,13 +317,14 @@ class _ImpactFit:
         # Noise that is smaller than expected makes nothing surer.
         covariance = np.linalg.pinv(curvature) * max(chi_square, 1.0)
         step = 1e-2 * _SCALES
-        derived, *moved = self.derived(np.vstack([best, best + np.diag(step)]))
-        speed_in, speed_out, friction, slip, duration, lost = (float(x) for x in derived)
-        # How e and friction change with each unknown, by differences.
-        e_changes = (
-            np.array([changed[1] / changed[0] for changed in moved]) - derived[1] / derived[0]
-        )
-        friction_changes = np.array([changed[2] for changed in moved]) - derived[2]
+        # A row for the best unknowns, then one for a step of each.
+        derived = self.derived(np.vstack([best, best + np.diag(step)]))
+        speed_in, speed_out, friction, slip, duration, lost = derived[0].tolist()
+        # Changes of e and friction with each unknown, by differences.
+        e_at = derived[:, 1] / derived[:, 0]
+        friction_at = derived[:, 2]
+        e_changes = e_at[1:] - e_at[0]
+        friction_changes = friction_at[1:] - friction_at[0]
         slopes = np.stack([e_changes, friction_changes]) / step
         variances = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
         u_e, u_friction = np.sqrt(np.maximum(variances, 0.0)).tolist()

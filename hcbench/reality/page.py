@@ -55,10 +55,17 @@ def page_text(results: RealityResults) -> str:
     if results.impacts:
         impacts = draw(Drawing("impacts", partial(figures.impacts, results.impacts, results.twins)))
     toss = _toss(results)
+    # As JSON that no "<" in it can end early.
+    toss_json = ""
+    if toss:
+        toss_json = Markup(json.dumps(toss).replace("<", "\\u003c"))
+    page_script = None
+    if toss or results.changed:
+        page_script = script("reality.js")
     return render(
         "reality.html",
-        script=script("reality.js") if toss or results.changed else None,
-        toss=Markup(json.dumps(toss).replace("<", "\\u003c")) if toss else "",
+        script=page_script,
+        toss=toss_json,
         sets=list(scores),
         sources=SOURCES,
         modules=SETS,
@@ -212,7 +219,7 @@ def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore
 
     changed: set[tuple[str, str, str]] = set()
     for scores in results.changed.values():
-        changed.update(setting_of(score) for score in scores)
+        changed.update(map(setting_of, scores))
     own = [
         score for score in results.scores if score.set == "cube" and setting_of(score) in changed
     ]

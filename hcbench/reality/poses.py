@@ -86,30 +86,26 @@ def box_of(path: Path) -> Body:
     """
     try:
         root = ElementTree.fromstring(read_text(path))
-        owner, geom = next(
-            (body, geom)
-            for body in root.iter("body")
-            for geom in body.findall("geom")
-            if geom.get("type") == "box"
-        )
+        owner, geom = _first_box(root)
+        # MJCF has half of each side.
         size = [2.0 * float(part) for part in geom.get("size", "").split()]
         inertial = owner.find("inertial")
         if inertial is not None:
-            moments = [float(part) for part in inertial.get("diaginertia", "").split()]
+            moments = list(map(float, inertial.get("diaginertia", "").split()))
             return box(size, float(inertial.get("mass", "")), moments)
         density = float(geom.get("density", _DENSITY))
         return box(size, float(geom.get("mass", density * float(np.prod(size)))))
-    except (
-        OSError,
-        UnicodeDecodeError,
-        ElementTree.ParseError,
-        StopIteration,
-        ValueError,
-    ) as error:
-        words = (
-            "no body with a geom of type box" if isinstance(error, StopIteration) else str(error)
-        )
-        raise UserError("--model", f"{path}: {words}", "MJCF with a box") from None
+    except (OSError, UnicodeDecodeError, ElementTree.ParseError, ValueError) as error:
+        raise UserError("--model", f"{path}: {error}", "MJCF with a box") from None
+
+
+def _first_box(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementTree.Element]:
+    """The first body with a box, and its box. Raises ValueError without one."""
+    for body in root.iter("body"):
+        for geom in body.findall("geom"):
+            if geom.get("type") == "box":
+                return body, geom
+    raise ValueError("no body with a geom of type box")
 
 
 def read(paths: Sequence[Path], body: Body) -> Tosses:
@@ -193,11 +189,10 @@ def judge(
 
 def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
     """Median e and friction of impacts at one vertex; empty if no impact qualifies."""
-    sure = [each for each in impacts if each.good]
+    sure = [(each.e, each.friction) for each in impacts if each.good]
     if not sure:
         return {}
-    friction = float(np.median([each.friction for each in sure]))
-    e = float(np.median([each.e for each in sure]))
+    e, friction = np.median(sure, axis=0).tolist()
     return {"restitution": min(max(e, 0.0), 1.0), "friction": max(friction, 0.0)}
 
 
@@ -213,12 +208,16 @@ def text(own: Own, folder: Path) -> Iterator[str]:
         e = f"{each.e:.3f} ± {each.u_e:.3f}"
         friction = f"{each.friction:.3f} ± {each.u_friction:.3f}"
         contact = f"{1e3 * each.duration:12.1f}"
-        note = "" if each.good else "  not sure, or more than one corner"
+        note = ""
+        if not each.good:
+            note = "  not sure, or more than one corner"
         yield f"{each.time:9.3f} {each.speed_in:11.3f} {e:>15} {friction:>15} {contact}{note}"
     yield ""
     yield f"{'engine':<10} {'setting':<34} {'error, % of a width':>20} {'rotation, °':>12}"
     for score, values in sorted(own.scores, key=lambda pair: pair[0].error):
-        name = f"{score.setting}, {score.cone}" if score.cone else score.setting
+        name = score.setting
+        if score.cone:
+            name += f", {score.cone}"
         given = ", ".join(f"{parameter} {value:.3g}" for parameter, value in values.items())
         rotation = score.rotation_deg or 0.0
         yield f"{score.engine:<10} {name:<34} {score.error:20.1f} {rotation:12.1f}  {given}"

@@ -59,13 +59,15 @@ def of_outcome(
 def csv_text(scores: Iterable[SettingScore]) -> str:
     """The table."""
     text = io.StringIO()
-    writer = csv.DictWriter(
-        text, [field.name for field in fields(SettingScore)], lineterminator="\n"
-    )
+    names = [field.name for field in fields(SettingScore)]
+    writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
     for score in scores:
         row = asdict(score)
-        writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+        for name, value in row.items():
+            if isinstance(value, float):
+                row[name] = f"{value:.5g}"
+        writer.writerow(row)
     return text.getvalue()
 
 

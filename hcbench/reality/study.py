@@ -108,7 +108,9 @@ def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> 
     if "cube" in request.sets:
         impacts, twins = _impacts(request, parameters, pool)
         drawn = drawn_toss(pool, cells)
-    slopes = evidence.cube_slopes(impacts, twins) if impacts else []
+    slopes = []
+    if impacts:
+        slopes = evidence.cube_slopes(impacts, twins)
     switches: list[Switch] = []
     if "ellipse" in request.sets:
         training, judged = _both_parts(request, "ellipse")
@@ -192,7 +194,9 @@ def _floors(
 ) -> Iterator[SettingScore]:
     """Scores of what no engine gives: the best that a law can do, and what noise alone does."""
     outcomes: dict[str, Any] = {}
-    exact = _exact(data) if data == "cube" else None
+    exact = None
+    if data == "cube":
+        exact = _exact(data)
     if exact is not None:
         engine, constant, _ = exact
         grid = [request.cell(data, engine, constant, (friction,)) for friction in floors.FRICTIONS]
