@@ -134,10 +134,17 @@ class RestitutionFixture:
         if isinstance(model, list | tuple):
             return [self._resolve(part) for part in model]
         if isinstance(model, str | Path) and not str(model).lstrip().startswith("<"):
+            # "FILE.py:FUNCTION", or a file alone.
             file, colon, function = str(model).partition(".py:")
-            path = f"{file}.py" if colon else str(model)
+            path = str(model)
+            ending = ""
+            if colon:
+                path = f"{file}.py"
+                ending = f":{function}"
             beside = self._folder / path
-            return f"{beside if beside.exists() else path}{f':{function}' if colon else ''}"
+            if beside.exists():
+                path = str(beside)
+            return path + ending
         return model
 
 
@@ -184,11 +191,10 @@ class ModelBounce:
         max_vibration: rms, "1e-4 m/s", or a number in m/s.
         None: as the options of the fixture have it.
         """
-        asked = {"max_depth": max_depth, "max_vibration": max_vibration}
-        limits = {
-            name: self._options.get(name) if value is None else value
-            for name, value in asked.items()
-        }
+        limits = {"max_depth": max_depth, "max_vibration": max_vibration}
+        for name, value in limits.items():
+            if value is None:
+                limits[name] = self._options.get(name)
         self._require_target("rests", *limits.values())
         return self._hold(None, **limits)
 
@@ -207,6 +213,7 @@ class ModelBounce:
             )
 
     def _hold(self, max_error: float | None = None, **against: Any) -> Measurement:
+        """Measure, and fail the test where a limit is passed or nothing could be measured."""
         __tracebackhide__ = True
         self.is_measured = True
         outcome = self._check(max_error, against)
@@ -219,6 +226,10 @@ class ModelBounce:
         return outcome.measurement
 
     def _check(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
+        """Measure with the options of the fixture and those of this call.
+
+        Fails the test for options that are refused.
+        """
         from hcbench.checking import CheckSpec, plan, run_check
         from hcbench.system.errors import HcbenchError, UserError
         from hcbench.terms.arguments import name_parameters
@@ -248,7 +259,12 @@ def _require_known(slot: str, options: Mapping[str, Any]) -> None:
 
 
 def _name(model: Any) -> str:
+    """Names of a model's files, of an object its type."""
     parts = model if isinstance(model, list | tuple) else [model]
-    return " + ".join(
-        Path(p).name if isinstance(p, str | Path) else type(p).__name__ for p in parts
-    )
+    names = []
+    for part in parts:
+        if isinstance(part, str | Path):
+            names.append(Path(part).name)
+        else:
+            names.append(type(part).__name__)
+    return " + ".join(names)

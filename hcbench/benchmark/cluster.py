@@ -115,6 +115,10 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 
 
 def _require_workers(client: Any, address: str) -> None:
+    """Wait for a worker, and check their hcbench.
+
+    Raises CannotRun without workers in time, and for a worker with another version.
+    """
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except OSError:

@@ -117,6 +117,7 @@ def parquet(
 
 
 def _parquet_type(name: str) -> Any:
+    """Arrow's type of a column: texts by their numbers, whole numbers, or floats."""
     import pyarrow as pa
 
     if name in _TEXTS:
@@ -143,7 +144,10 @@ def _parquet_column(values: Any, length: int, kind: Any) -> Any:
 
 
 def metadata_in(content: bytes) -> dict[str, bytes]:
-    """The metadata stored with a table of either kind."""
+    """The metadata stored with a table of either kind.
+
+    content: bytes of the file, whose first ones tell the kind.
+    """
     if content.startswith(_PARQUET):
         import pyarrow.parquet as pq
 
@@ -184,6 +188,7 @@ def _parquet_columns(content: bytes, names: Collection[str] | None) -> dict[str,
 
 
 def _array_column(file: Any, name: str) -> Any:
+    """A column of NumPy's file, texts by their words: shape (n,)."""
     numbers_or_values = file[name]
     if name not in _TEXTS:
         return numbers_or_values
@@ -191,6 +196,7 @@ def _array_column(file: Any, name: str) -> Any:
 
 
 def _parquet_values(column: Any) -> Any:
+    """A column of Arrow's as an array, texts by their words: shape (n,)."""
     import pyarrow as pa
 
     if not pa.types.is_dictionary(column.type):

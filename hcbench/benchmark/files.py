@@ -67,6 +67,9 @@ class Files:
         return self._entries("", directories=True)
 
     def _entries(self, folder: str, directories: bool) -> list[str]:
+        """Sorted names of the files, or of the folders, in a folder; none where it does not
+        exist.
+        """
         try:
             entries = self._system.ls(self._path(folder), detail=True, refresh=True)
         except (FileNotFoundError, NotADirectoryError):
@@ -185,7 +188,10 @@ class LocalFiles(Files):
 
 
 def open_files(where: str) -> Files:
-    """The files in a folder, by path or fsspec URL; nothing is made yet."""
+    """The files in a folder, by path or fsspec URL; nothing is made yet.
+
+    Raises UserError for a URL that fsspec does not open, or whose package is not installed.
+    """
     if "://" not in where:
         return LocalFiles(LocalFileSystem(), str(Path(where).absolute()), where)
     try:
@@ -241,6 +247,10 @@ def _myself() -> dict[str, Any]:
 
 
 def _taken(where: str, owner: str) -> CannotRun:
+    """The error for a folder that another sweep writes to.
+
+    owner: content of the lock file, which a killed sweep may have left incomplete.
+    """
     try:
         content = parse_json(owner)
         who = f"another sweep, process {content['pid']} on {content['host']}, is writing there"

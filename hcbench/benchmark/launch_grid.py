@@ -110,6 +110,8 @@ def share_of(setting: Setting) -> float:
 def speeds_at(study: Study, run: Run, timestep: float) -> tuple[float, ...]:
     """Impact speeds of a run, m/s; on a field page moved into the band over which a body bounces at
     the step, with gravity or without.
+
+    timestep: s. The speeds keep their order, and are stretched evenly.
     """
     first = run.speeds[0]
     last = run.speeds[-1]

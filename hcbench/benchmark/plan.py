@@ -244,7 +244,10 @@ def _recipe(run: Run) -> Recipe:
 
 
 def _targets(study: Study, run: Run) -> list[Target]:
-    """Targets of a run's settings: each α at each step, over the speeds that it meets."""
+    """Targets of a run's settings: each α at each step, over the speeds that it meets.
+
+    Speeds are m/s, time steps s. A run that is dropped or on a field page has a band of its own.
+    """
     scene = run.scene
     laws = [HuntCrossley(scene.stiffness, alpha, scene.exponent) for alpha in run.alphas]
     has_own_band = run.dropped or study.page == "field"
@@ -270,7 +273,10 @@ def _targets(study: Study, run: Run) -> list[Target]:
 def _settings(
     study: Study, targets: Sequence[tuple[int, Target]], mapper: Callable[..., Iterable[Any]]
 ) -> list[Setting]:
-    """A setting for each (index of a run, target), in order."""
+    """A setting for each (index of a run, target), in order.
+
+    mapper: calls the recipes of those that are not kept from an earlier run.
+    """
     jobs: list[_Job] = []
     for number, target in targets:
         run = study.runs[number]
@@ -318,7 +324,10 @@ def _shard_size(grid: LaunchGrid) -> int:
 
 @lru_cache(maxsize=64)
 def versions_here(*engines: str) -> Mapping[str, str]:
-    """Versions of everything that the bytes of a shard depend on: package or engine -> version."""
+    """Versions of everything that the bytes of a shard depend on: package or engine -> version.
+
+    engines: their names. Raises EngineMissing for one that is not installed.
+    """
     packages = {name: version(name) for name in ("hcbench", "numpy", "scipy")}
     # Only sweeps need pyarrow.
     with suppress(PackageNotFoundError):
@@ -340,6 +349,10 @@ def digests_of(scene: Scene, engine: str) -> dict[str, str]:
 
 @lru_cache(maxsize=256)
 def _digest(path: Path, _: int) -> str:
+    """Digest of a file and of the files that it names.
+
+    _: time of the last change, ns, by which the cache tells a changed file.
+    """
     content = path.read_bytes()
     digest = hashlib.sha256(content)
     if path.suffix in (".xml", ".urdf"):

@@ -196,7 +196,10 @@ def _drops(store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _loop_table(results: Sequence[Gathered]) -> pd.DataFrame:
-    """All kept loops, one below another, in LOOP_COLUMNS: a row for each step, SI."""
+    """All kept loops, one below another, in LOOP_COLUMNS: a row for each step, SI.
+
+    results: of settings, in the order of the table. Without any loop the table has no rows.
+    """
     import pandas as pd
 
     # Of each loop: setting and launch, samples, and how many there are.

@@ -60,6 +60,7 @@ def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
 
 
 def _none(columns: list[str]) -> pd.DataFrame:
+    """A table without rows."""
     # Imported here: sweeps and worker processes need no pandas.
     import pandas as pd
 
@@ -172,6 +173,7 @@ class Results(Drawn):
         return self.table.frame
 
     def _lines(self) -> Iterator[str]:
+        """Lines for a terminal: title, counts, versions, and the tables there are."""
         yield str(self.study["title"])
         yield f"{len(self.table)} impacts, {len(self.settings)} settings"
         yield ", ".join(f"{name} {version}" for name, version in self.versions.items())
@@ -203,7 +205,10 @@ class Results(Drawn):
 
     @classmethod
     def read(cls, folder: str | Path) -> Results:
-        """Read what `write` wrote, in this schema; UserError for another folder."""
+        """Read what `write` wrote, in this schema; UserError for another folder.
+
+        folder: written by `hcbench report`.
+        """
         if not isinstance(folder, str | Path):
             raise UserError("folder", f"{folder!r:.80}", "a path")
         folder = Path(folder)

@@ -156,6 +156,7 @@ def sweep(
 
 @contextmanager
 def _workers(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
+    """The executor of a sweep: one that is given, a Dask cluster, or a pool of our own."""
     if executor is not None:
         width = int(getattr(executor, "_max_workers", jobs))
         yield Workers(executor, lambda: width)
@@ -181,6 +182,11 @@ def run_plan(
     """Run what is not in the store.
 
     encode: makes the bytes of a table.
+
+    store: where finished parts are, and where those to come are written.
+    resume: go on with a store that has parts. Raises UserError for such a store without it.
+    report_progress: called after each part.
+    timeouts: time limits of an engine, s.
     """
     store.create_or_verify(plan, resume)
     done = set[int]()

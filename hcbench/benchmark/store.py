@@ -55,6 +55,7 @@ class Store:
 
     @contextmanager
     def _output_errors(self, expected: str) -> Iterator[None]:
+        """Turn an error of the operating system into an OutputError that names the folder."""
         try:
             yield
         except OSError as error:
@@ -160,6 +161,9 @@ class Store:
     def _shards(self, count: int) -> dict[int, str]:
         """The names of the existing shards, by number. UserError for
         what is none of `count` shards.
+
+        count: shards of the plan, numbered from 0. Bounces, and files that are not tables, do not
+        count.
         """
         shards: dict[int, str] = {}
         with self._output_errors("a folder that can be read"):

@@ -203,7 +203,11 @@ def load_study(path: str | Path) -> Study:
 def study_from(
     content: Mapping[str, Any], where: str = "study", folder: Path | None = None
 ) -> Study:
-    """A Study from a study file's content; `folder` is where relative scene paths start."""
+    """A Study from a study file's content; `folder` is where relative scene paths start.
+
+    where: name of the file in errors. Raises StudyError for content of another form,
+    and for a main α or a step's speed that is not among the study's.
+    """
     file = validate(StudyFile, content, StudyError, f"{where}: {{}}")
     scene = load_scene(file.scene, folder)
     scene = dataclasses.replace(scene, **_stated(file))
@@ -384,6 +388,8 @@ def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
     """A run as a preview has it.
 
     speeds: m/s, in place of the study's band.
+
+    study: gives the main α and the steps of all runs.
     """
     run = replace(run, alphas=(study.main_alpha,))
     if run.dropped:

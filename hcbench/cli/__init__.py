@@ -101,6 +101,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _run(arguments: list[str]) -> int:
+    """Run a command and return its exit code; no exception leaves it, but in debugging."""
     try:
         # The shell sets the variable to ask for completions.
         if asked := os.environ.get(VARIABLE):
@@ -155,6 +156,7 @@ def _fail_on(error: OSError) -> int:
 
 
 def _fail(code: int, message: str) -> int:
+    """Print one line of what is wrong, and return the exit code."""
     if INTERRUPTS.came and code != _INTERRUPTED_CODE:
         # Python makes a RuntimeError of what is raised while a class is
         # made, a KeyError in an import.

@@ -40,6 +40,7 @@ class _Stream(io.TextIOWrapper):
 
     @contextmanager
     def _checked(self) -> Iterator[None]:
+        """Errors of writing to this stream: raised where it is required, else passed over."""
         try:
             yield
         except OSError as error:
@@ -194,13 +195,16 @@ def translate_errors(command: click.Command) -> click.Command:
 
 
 def _option_of(slot: str, context: click.Context) -> str | None:
-    """The option of the command line that a slot is about; None where none was given."""
-    given = {
-        name
-        for parameter in context.command.params
-        if parameter.name
-        and context.get_parameter_source(parameter.name) is click.core.ParameterSource.COMMANDLINE
-        for name in parameter.opts
-    }
+    """The option of the command line that a slot is about; None where none was given.
+
+    slot: name of an argument in an error.
+    """
+    given: set[str] = set()
+    for parameter in context.command.params:
+        if not parameter.name:
+            continue
+        source = context.get_parameter_source(parameter.name)
+        if source is click.core.ParameterSource.COMMANDLINE:
+            given.update(parameter.opts)
     names = _OPTIONS.get(slot, ("--" + slot.replace("_", "-"),))
     return next((name for name in names if name in given), None)

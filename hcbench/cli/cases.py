@@ -134,10 +134,10 @@ def _engines_beside(scores: Sequence[EngineScore], rows: Sequence[Mapping[str, s
     header = ("case", "", *(each.name for each in scores))
     lines = []
     for key in rows[0]:
-        words = [row[key] for row in rows]
-        if key not in ("engine", "version") and any(words):
+        signs = [row[key] for row in rows]
+        if key not in ("engine", "version") and any(signs):
             title = titles.get(key, "")
-            lines.append((key, title.ljust(width), *words))
+            lines.append((key, title.ljust(width), *signs))
     return table(header, lines)
 
 
@@ -167,20 +167,22 @@ def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None
 
 
 def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
+    """Known failures: the reason by engine and case. Raises UserError for a file of another form."""
     from hcbench.system.files import parse_json, read_text
 
+    known = {}
     try:
-        known = parse_json(read_text(path))
-        return {
-            str(engine): {str(k): str(v) for k, v in each.items()} for engine, each in known.items()
-        }
+        for engine, reasons in parse_json(read_text(path)).items():
+            known[str(engine)] = {str(case): str(reason) for case, reason in reasons.items()}
     except (OSError, ValueError, AttributeError) as error:
         raise UserError(
             "--expected", f"{path}: {error}", "a JSON file {engine: {case: reason}}"
         ) from None
+    return known
 
 
 def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> str:
+    """Verdicts as JUnit's XML, a suite for each engine."""
     from hcbench.cases.hcbench_cases import junit
 
     suites = [
@@ -192,6 +194,9 @@ def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]
 def _require_expected(
     scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]
 ) -> None:
+    """Raise LimitPassed for a case that fails and is not known to, or passes and is known to
+    fail.
+    """
     from hcbench.cases.hcbench_cases import outcome
 
     for each in scores:

@@ -126,7 +126,10 @@ def measure(
 def _next_line(
     measurement: Measurement, models: tuple[str, ...], python: str | None, options: Any
 ) -> str:
-    """The command to type next: `tune` where the target is missed, else `check`."""
+    """The command to type next: `tune` where the target is missed, else `check`.
+
+    models, python: as they were typed. options: of `check`, by their names.
+    """
     from hcbench.measuring.measurement import TOLERANCE
     from hcbench.sim import registry
     from hcbench.sim.capabilities import TunesModels
@@ -136,8 +139,12 @@ def _next_line(
     if python is not None:
         source = f"--python {quote(python)}"
     pair = quote(options["pair"] or joined_names(facts.pair))
-    targets = [name for name in ("alpha", "restitution") if options[name] is not None]
-    target = " ".join(f"--{name} {quote(str(options[name]))}" for name in targets)
+    targets = []
+    for name in ("alpha", "restitution"):
+        value = options[name]
+        if value is not None:
+            targets.append(f"--{name} {quote(str(value))}")
+    target = " ".join(targets)
 
     if measurement.wanted is None:
         missed = all(impact.restitution < _NO_BOUNCE for impact in measurement.measured)

@@ -37,20 +37,27 @@ def options(
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Decorator that adds options, by their names in
     `hcbench.terms.options`. cls: the class of each.
+
+    Raises KeyError for an unknown name.
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         for name in reversed(names):
             option = OPTIONS[name]
-            is_file = option.takes == "FILE"
+            flag = f"--{option.flag}"
+            if option.default is True:
+                flag += f"/--no-{option.flag}"
+            kind: Any = _choice(option)
+            metavar = option.takes or None
+            if option.takes == "FILE":
+                kind = PathType(path_type=Path, dir_okay=False)
+                metavar = None
             add = click.option(
-                f"--{option.flag}/--no-{option.flag}"
-                if option.default is True
-                else f"--{option.flag}",
+                flag,
                 name,
                 cls=cls,
-                type=PathType(path_type=Path, dir_okay=False) if is_file else _choice(option),
-                metavar=None if is_file else option.takes or None,
+                type=kind,
+                metavar=metavar,
                 default=option.default,
                 show_default=bool(option.choices),
                 help=option.help,
@@ -109,8 +116,9 @@ class QuantityType(click.types.StringParamType):
         from hcbench.terms import units
 
         slot = param.opts[0] if param else ""
-        read = units.parse_values if self.several else units.parse
-        return read(value, self.quantity, slot, **self.bounds)
+        if self.several:
+            return units.parse_values(value, self.quantity, slot, **self.bounds)
+        return units.parse(value, self.quantity, slot, **self.bounds)
 
 
 class UncertainType(click.types.StringParamType):

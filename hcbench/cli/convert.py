@@ -53,6 +53,7 @@ def convert(as_json: bool, **given: Any) -> None:
 
 
 def _lines(contact: Conversion) -> Iterator[str]:
+    """Lines of a conversion: α in s/m and s/in, the rows in columns, caveats."""
     from hcbench.terms import units
 
     yield f"α = {contact.alpha:.10g} s/m = {contact.alpha * units.INCH:.10g} s/in"

@@ -77,6 +77,7 @@ def remove(names: tuple[str, ...]) -> None:
 
 
 def _list(recipes: bool, as_json: bool) -> None:
+    """Print the engines, those beside hcbench and those in environments of their own."""
     from hcbench.environments import store
     from hcbench.sim import registry
 
@@ -104,6 +105,7 @@ def _list(recipes: bool, as_json: bool) -> None:
 
 
 def _record(name: str, about: dict[str, Any]) -> dict[str, Any]:
+    """A row of the list; keys that do not apply have empty values."""
     known: dict[str, Any]
     known = {
         "version": "",
@@ -143,6 +145,7 @@ def _beside(name: str) -> dict[str, Any]:
 
 
 def _elsewhere(made: Environment) -> dict[str, Any]:
+    """Facts of an engine in an environment of its own; its size in bytes."""
     return {
         "version": made.version,
         "python": made.python,

@@ -149,11 +149,17 @@ def fit(
         result = fit_files(files, against, law, kind, setup, part)
     with status("tuning a scene"):
         scene = None if engine is None or timestep is None else result.scene(engine, timestep)
-    lines = [] if as_json and page is None else _next(result, engine, scene, write_scene)
+    lines = []
+    # JSON has no lines to type next; a page has.
+    if not as_json or page is not None:
+        lines = _next(result, engine, scene, write_scene)
     _write(
         result, scene, lines, force, page=page, write_points=write_points, write_scene=write_scene
     )
-    (_print_json if as_json else _print)(result, scene, lines)
+    if as_json:
+        _print_json(result, scene, lines)
+    else:
+        _print(result, scene, lines)
 
 
 def _require_together(
@@ -204,6 +210,7 @@ def _fit_force(
 def _next(
     result: FitResult, engine: str | None, scene: Replay | None, write_scene: Path | None
 ) -> list[str]:
+    """Lines to type next."""
     from hcbench.fitting.next_lines import next_lines
 
     written = None if scene is None or write_scene is None else (scene, str(write_scene))
@@ -216,6 +223,7 @@ def _typed() -> tuple[str, ...]:
 
 
 def _print(result: FitResult, scene: Replay | None, lines: list[str]) -> None:
+    """Print the fit, the comparison with another material, the scene, and lines to type next."""
     from hcbench.fitting.comparison import as_text as comparison_text
     from hcbench.fitting.replay import replay_text
     from hcbench.fitting.text import as_text
@@ -229,6 +237,7 @@ def _print(result: FitResult, scene: Replay | None, lines: list[str]) -> None:
 
 
 def _print_json(result: FitResult, scene: Replay | None, _: list[str]) -> None:
+    """Print the fit as JSON, with the scene, if one was made."""
     from hcbench.fitting.replay import replay_record
     from hcbench.fitting.text import as_record
 

@@ -139,13 +139,14 @@ class Command(click.Command):
         titles = ["Target", *groups, "Options"]
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
         for parameter in self.get_params(ctx):
-            if (
-                isinstance(parameter, click.Option)
-                and (record := parameter.get_help_record(ctx)) is not None
-            ):
-                flag = parameter.opts[0].lstrip("-")
-                title = next((title for title, flags in groups.items() if flag in flags), "Options")
-                sections[title].append(record)
+            if not isinstance(parameter, click.Option):
+                continue
+            record = parameter.get_help_record(ctx)
+            if record is None:
+                continue
+            flag = parameter.opts[0].lstrip("-")
+            title = next((title for title, flags in groups.items() if flag in flags), "Options")
+            sections[title].append(record)
         for title, records in sections.items():
             if records:
                 with formatter.section(title):
@@ -172,10 +173,10 @@ def group(**settings: Any) -> Callable[[Callable[..., Any]], Group]:
 
 def described(each: Any) -> Any:
     """The command, with its examples and the place of its documentation at the end of its help."""
-    for parameter in [
-        *each.params,
-        *(p for sub in getattr(each, "commands", {}).values() for p in sub.params),
-    ]:
+    parameters = list(each.params)
+    for command in getattr(each, "commands", {}).values():
+        parameters += command.params
+    for parameter in parameters:
         if parameter.type is click.STRING or isinstance(parameter.type, click.types.FloatParamType):
             parameter.metavar = parameter.metavar or _TAKES.get(parameter.opts[0].lstrip("-"))
     page = _EXAMPLES[each.name][0]

@@ -43,23 +43,25 @@ def land(
 
     if not models and python is None:
         raise UserError("model", "none given", "a file with a robot, or --python FILE:FUNCTION")
-    sources = [*models, *([python] if python is not None else [])]
+    sources = list(models)
+    if python is not None:
+        sources.append(python)
     given = {"heights": heights, "tilt": tilt, "controller": controller}
     drops = make_drops(**{name: value for name, value in given.items() if value is not None})
     request = make_request(None, **pose)  # type: ignore[arg-type]
     seconds = read_limit(limit)
+    robots = []
     with status("dropping the robot"):
-        robots = [
-            land_job(Job(s, engine, request, None, TOLERANCE, False), drops, seconds)
-            for s in sources
-        ]
+        for source in sources:
+            job = Job(source, engine, request, None, TOLERANCE, False)
+            robots.append(land_job(job, drops, seconds))
     if page is not None:
         from hcbench.reporting.measurement_page import landing_page
 
         write_output(page, landing_page(robots), "--page", force)
-    if as_json:
-        print_json(
-            as_record(robots[0]) if len(robots) == 1 else [as_record(robot) for robot in robots]
-        )
-    else:
+    if not as_json:
         show(as_text(robots).rstrip())
+    elif len(robots) == 1:
+        print_json(as_record(robots[0]))
+    else:
+        print_json(list(map(as_record, robots)))

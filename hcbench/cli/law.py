@@ -57,7 +57,7 @@ def law(
         of_alpha = law(a, mass=mass, stiffness=stiffness, exponent=exponent)
         rows += of_alpha.impacts(speeds)
     if as_json:
-        print_json([dataclasses.asdict(row) for row in rows])
+        print_json(list(map(dataclasses.asdict, rows)))
         return
     header = (
         "α s/m",
@@ -72,8 +72,13 @@ def law(
     )
     values = []
     for row in rows:
-        numbers = dataclasses.astuple(row)[: len(header)]
-        values.append(tuple("-" if number is None else f"{number:.5g}" for number in numbers))
+        texts = []
+        for number in dataclasses.astuple(row)[: len(header)]:
+            if number is None:
+                texts.append("-")
+            else:
+                texts.append(f"{number:.5g}")
+        values.append(tuple(texts))
     show("\n".join(table(header, values)))
     if stiffness is None:
         print(
@@ -87,5 +92,7 @@ def law(
     for warning in warnings:
         kinds.setdefault(warning[:12], []).append(warning)
     for first, *others in kinds.values():
-        more = f" (and {len(others)} more)" if others else ""
+        more = ""
+        if others:
+            more = f" (and {len(others)} more)"
         print(f"warning: {first}{more}", file=sys.stderr)

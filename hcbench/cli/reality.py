@@ -146,6 +146,11 @@ def report_reality(
 def _request(
     sets: str | None, data: Path | None, part: int | None, identify: bool
 ) -> RealityRequest:
+    """The request: data sets with their folders.
+
+    A set whose data are missing is left out with a line to stderr. Raises UserError where it was asked
+    for by name, and for the held-out part without its data.
+    """
     from hcbench.reality import sources
     from hcbench.reality.cells import SETS, require_sets
     from hcbench.reality.study import RealityRequest
@@ -155,7 +160,10 @@ def _request(
     for name in chosen:
         if folders[name] is None and (advice := sources.missing(name)):
             if sets:
-                raise UserError("--data", f"has no {name}" if data else "not given", advice)
+                got = "not given"
+                if data:
+                    got = f"has no {name}"
+                raise UserError("--data", got, advice)
             print(f"left out: {name}. Add: --data, {advice}", file=sys.stderr)
     for name, folder in folders.items():
         if folder is not None and sources.differs(name, folder):

@@ -87,15 +87,25 @@ def tune_engine(
 
 
 def _next_line(answer: Answer, script: Path | None) -> str:
-    """The command that shows how the pasted text does: on the script, or on the user's model."""
+    """The command that shows how the pasted text does: on the script, or on the user's model.
+
+    script: where the scene was written; None where it was not.
+    """
     from hcbench.terms.setting import PAIR
 
     target = answer.target
     low, high = answer.best.speeds
-    model, pair = (quote(str(script)), PAIR) if script is not None else ("my.xml", answer.pair)
+    model = "my.xml"
+    pair = answer.pair
+    if script is not None:
+        model = quote(str(script))
+        pair = PAIR
     asked = f'--alpha "{target.law.alpha:.10g} s/m"'
     if target.reading == "points":
-        asked = f"--restitution {target.points[0][1]:g}" if target.is_constant else ""
+        # No option names a curve that is not constant.
+        asked = ""
+        if target.is_constant:
+            asked = f"--restitution {target.points[0][1]:g}"
     line = f"hcbench measure {model} --pair {quote(joined_names(pair))} {asked}".rstrip()
     return f'{line} --speeds "{low:.3g}:{high:.3g}:5 m/s"'
 
@@ -146,6 +156,10 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
 
 
 def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
+    """Print the answer: setting, error, text to paste, other choices, notes.
+
+    margin: of e, by the uncertainty of α. gate: None unless --certify asks for it.
+    """
     best = answer.best
     target = answer.target
     spheres = "; for spheres: a flat face gains energy" if best.flat is False else ""
@@ -178,12 +192,21 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
 
 
 def _print_gate(gate: Passivity) -> None:
-    verdict = "passed" if gate.sphere else "FAILED"
-    show(f"\ncertified: {verdict} for spheres, {'passed' if gate.flat else 'FAILED'} for boxes")
+    """Print the certificate: the verdicts, then each finding beside its limit."""
+    of_spheres = _verdict(gate.sphere)
+    of_boxes = _verdict(gate.flat)
+    show(f"\ncertified: {of_spheres} for spheres, {of_boxes} for boxes")
     for finding in gate.findings:
         mark = "ok " if finding.passed else "NOT"
         value = f"{finding.value:.5g} of at most {finding.limit:.5g} {finding.unit}".rstrip()
         show(f"  {mark} {finding.name}: {value} ({finding.under})")
+
+
+def _verdict(has_passed: bool | None) -> str:
+    """The word for a part of the certificate; what was not tested, None, has failed."""
+    if has_passed:
+        return "passed"
+    return "FAILED"
 
 
 def _rows(best: Choice, target: Target) -> dict[str, str]:
@@ -217,6 +240,7 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
 
 
 def _rest(tuned: Tuned) -> str:
+    """Words for the body at rest: m/s and m."""
     rest = tuned.rest
     if math.isnan(rest.penetration):
         return "no: it diverges"
@@ -230,9 +254,14 @@ def _slope(tuned: Tuned) -> dict[str, str]:
 
 
 def _conditions(target: Target) -> str:
-    falls = f"gravity {target.gravity:g} m/s^2" if target.gravity else "without gravity"
-    slides = f"friction {target.friction:g}, sliding and spinning"
-    return f"{falls}, {slides}" if target.friction else f"{falls}, frictionless and head-on"
+    """Gravity and friction of the launches, in words."""
+    falls = "without gravity"
+    if target.gravity:
+        falls = f"gravity {target.gravity:g} m/s^2"
+    slides = "frictionless and head-on"
+    if target.friction:
+        slides = f"friction {target.friction:g}, sliding and spinning"
+    return f"{falls}, {slides}"
 
 
 def _friction(result: Evaluation, target: Target) -> str:
@@ -270,8 +299,32 @@ def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) 
 
 
 def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str, Any]:
+    """The answer as `--json` prints it; None for what an exact setting, which needs no run, lacks.
+
+    margin: of e, by the uncertainty of α. gate: None unless --certify asks for it.
+    """
     best = answer.best
     tuned = best.tuned
+    why = "exact at any step: it needs no run"
+    of_run: dict[str, Any] = {
+        "evaluation": None,
+        "rest": None,
+        "slope_drift_m_per_s": None,
+        "warning": "",
+        "advice": [],
+    }
+    if tuned is not None:
+        why = tuned.why
+        of_run = {
+            "evaluation": dataclasses.asdict(tuned.evaluation),
+            "rest": {"rests": tuned.rests, **dataclasses.asdict(tuned.rest)},
+            "slope_drift_m_per_s": tuned.passivity.slope_drift,
+            "warning": tuned.flaws,
+            "advice": list(tuned.advice),
+        }
+    certificate = {}
+    if gate is not None:
+        certificate["certificate"] = _certificate(gate)
     return {
         "schema": 2,
         "engine": answer.engine,
@@ -279,20 +332,16 @@ def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str,
         "kind": best.kind,
         "requested": answer.asked,
         "pair": list(answer.pair),
-        "why": tuned.why if tuned else "exact at any step: it needs no run",
+        "why": why,
         "target": dataclasses.asdict(answer.target),
         "timestep_s": best.setting.timestep,
         "options": dict(best.setting.options),
-        "evaluation": dataclasses.asdict(tuned.evaluation) if tuned else None,
-        "rest": {"rests": tuned.rests, **dataclasses.asdict(tuned.rest)} if tuned else None,
-        "slope_drift_m_per_s": tuned.passivity.slope_drift if tuned else None,
-        "warning": tuned.flaws if tuned else "",
-        "advice": list(tuned.advice) if tuned else [],
+        **of_run,
         "notes": list(best.notes),
         "paste": best.text,
         **answer.record,
         "restitution_margin_95": margin,
-        **({} if gate is None else {"certificate": _certificate(gate)}),
+        **certificate,
     }
 
 

@@ -64,13 +64,21 @@ def _next_line(
 ) -> str:
     """The command that holds the first pair to the limit, in CI too; that
     measures it where it is beyond.
+
+    limit: largest error of e that passes.
+    written: the tuned model's path; None: it was not written.
+    alpha: s/m; given: the other options, by their names.
     """
     pair = tuned.pairs[0]
     low, high = pair.band
-    asked = [f'--alpha "{alpha:.10g} s/m"'] if alpha is not None else []
+    asked = []
     if given.get("restitution") is not None:
         asked = [f"--restitution {given['restitution']:g}"]
-    model = "tuned.xml" if written is None else quote(str(written))
+    elif alpha is not None:
+        asked = [f'--alpha "{alpha:.10g} s/m"']
+    model = "tuned.xml"
+    if written is not None:
+        model = quote(str(written))
     words = [
         model,
         f"--pair {quote(given['pair'][0])}",
@@ -84,6 +92,10 @@ def _next_line(
 
 
 def _nothing_gained(tuned: TunedModel, limit: float) -> LimitPassed:
+    """The error where no setting is better than the model's own.
+
+    limit: largest error of e that passes.
+    """
     from hcbench.tuning.tuned_model import AS_IT_IS
 
     stays = tuned.name == AS_IT_IS and tuned.max_error <= limit
@@ -125,6 +137,7 @@ def _reasons(tuned: TunedModel, limit: float) -> list[str]:
 
 
 def _record(tuned: TunedModel) -> dict[str, Any]:
+    """The tuned model as `--json` prints it, SI."""
     facts = tuned.pairs[0].facts
     return {
         "schema": 1,
@@ -137,8 +150,8 @@ def _record(tuned: TunedModel) -> dict[str, Any]:
         "max_error": tuned.max_error,
         "gains": tuned.gains,
         "passive": {"flat": tuned.flat},
-        "pairs": [_pair_record(pair) for pair in tuned.pairs],
-        "before": tuned.before.record | {"pairs": [_pair_record(pair) for pair in tuned.untuned]},
+        "pairs": list(map(_pair_record, tuned.pairs)),
+        "before": tuned.before.record | {"pairs": list(map(_pair_record, tuned.untuned))},
         "after": tuned.after.record,
         "worse": tuned.worse,
         "taken_by_joints": tuned.taken,
@@ -148,6 +161,7 @@ def _record(tuned: TunedModel) -> dict[str, Any]:
 
 
 def _pair_record(tuned: TunedPair) -> dict[str, Any]:
+    """A pair as `--json` prints it, SI."""
     return {
         "pair": list(tuned.facts.pair),
         "attitude": tuned.attitude,
@@ -172,7 +186,9 @@ def _print(tuned: TunedModel, limit: float) -> None:
     for pair in tuned.pairs:
         facts = pair.facts
         low, high = pair.band
-        attitude = f", on its {pair.attitude}" if pair.attitude else ""
+        attitude = ""
+        if pair.attitude:
+            attitude = f", on its {pair.attitude}"
         show(
             f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg"
         )
@@ -197,7 +213,11 @@ def _print(tuned: TunedModel, limit: float) -> None:
 
 
 def _table(tuned: TunedModel) -> list[str]:
-    """The model before and after, a line each."""
+    """The model before and after, a line each.
+
+    Speeds are m/s; the other quantities in the units that are printed. Rows that neither model has
+    a number for are left out.
+    """
     from hcbench.sim.standing import QUANTITIES
 
     rows = [("", "before", "after")]
@@ -218,10 +238,12 @@ def _table(tuned: TunedModel) -> list[str]:
     before = tuned.before.record
     after = tuned.after.record
     for quantity in QUANTITIES:
-        numbers = [record[quantity.key] / quantity.si for record in (before, after)]
-        if not all(map(math.isnan, numbers)):
-            texts = [f"{number:.3g}" for number in numbers]
-            rows.append((f"{quantity.title}, {quantity.unit}", texts[0], texts[1]))
+        # In the unit that is printed.
+        was_then = before[quantity.key] / quantity.si
+        is_now = after[quantity.key] / quantity.si
+        if math.isnan(was_then) and math.isnan(is_now):
+            continue
+        rows.append((f"{quantity.title}, {quantity.unit}", f"{was_then:.3g}", f"{is_now:.3g}"))
     first = max(len(name) for name, _, _ in rows)
     second = max(len(was) for _, was, _ in rows)
     return [f"{name:<{first}}  {was:>{second}}  {now}" for name, was, now in rows]

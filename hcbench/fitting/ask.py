@@ -197,6 +197,8 @@ def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
 def _touches(text: str | None) -> tuple[int | None, range | None]:
     """The train, from 0, and its touches, from 1, of "2:14", "B" or
     "B2:14"; None for what is not given.
+
+    Raises UserError for text of another form, and for touches that do not rise from 1.
     """
     if text is None:
         return None, None

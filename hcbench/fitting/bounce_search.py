@@ -255,7 +255,10 @@ class _Search:
         return np.asarray(np.minimum(counted.sum(axis=1), _MOST_INSIDE), dtype=float)
 
     def last_that_counts(self, i: int, j: int) -> tuple[int, int]:
-        """The last flight of a train that ends with this one, without last clicks that add little."""
+        """The last flight of a train that ends with this one, without last clicks that add little.
+
+        i, j: numbers of the clicks that begin and end the flight.
+        """
         # A click this weak is one of many: as many again are too weak to be seen.
         weak = self.level.min() + _AS_LOUD
         while (h := int(self.before[i, j])) >= 0:
@@ -296,7 +299,11 @@ def _ln_normal(away: Floats, sd: Floats) -> Floats:
 
 
 def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
-    """ln of the odds of a touch against clutter by the change of level, dB: loudness goes as speed."""
+    """ln of the odds of a touch against clutter by the change of level, dB: loudness goes as speed.
+
+    change: of level over the flight, dB; e: that the flight would mean; both of one shape.
+    gap: a touch within the flight is unheard.
+    """
     impacts = 1.0
     if gap:
         # Another impact, unheard, lies between the two.

@@ -90,7 +90,10 @@ def _value(fit: LawFit, name: str, move: Floats) -> float:
 
 
 def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSetup]) -> Floats:
-    """δ of the law's parameters when the setup changes to each of `setups`: shape (c, q)."""
+    """δ of the law's parameters when the setup changes to each of `setups`: shape (c, q).
+
+    sets: in the order of the fit; their setups are what changes.
+    """
     q = len(fit.parameters)
     total = np.zeros((q, q + 1 + len(setups)))
     for s, own, latent, model, noise in zip(

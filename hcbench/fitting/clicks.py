@@ -69,6 +69,9 @@ def bands(recording: Recording) -> Iterator[FrequencyBand]:
 
 
 def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats:
+    """The sound above `lower`, Hz, and below `upper`, if given: shape (n,), without a look
+    ahead.
+    """
     if upper is None:
         sections = butter(4, lower, "highpass", fs=recording.rate, output="sos")
     else:

@@ -121,6 +121,8 @@ def bounce_train(
     """Flights with the relative changes `latent` of each e.
 
     first: speed (m/s) of the first launch; where `dropped`, of the touch before it.
+
+    latent: shape (impacts,). Speeds are m/s.
     """
     q = curve.count
     impacts = len(latent)

@@ -119,6 +119,8 @@ def fit_law(
     reference: m/s, middle of the data.
 
     width: per data set (m,), how much wider than s_e each e scatters; None: all alike.
+
+    sets: data sets that share the law's parameters, each with its own noise s_m.
     """
     parameters = _start(law, sets, reference)
     # One entry a data set: own parameters, relative changes of e, and s_m.
@@ -242,6 +244,10 @@ def _posterior(
 ) -> tuple[Posterior, float, float]:
     """Compute the posterior over the law's parameters, ln of its integral, and the share that was
     cut off.
+
+    parameters, move: of the law, and the last Newton step, shape (q,).
+    hessian: second derivatives of ln of the likelihood, negated, shape (q, q).
+    fine: likelihood over the grid of noise.
     """
     make = _line if law.count == 1 else _shares
     centre = move

@@ -74,7 +74,12 @@ class _Fitted:
 
 
 def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
-    """Normal scatter first; where an impact stands out, that of a t distribution."""
+    """Normal scatter first; where an impact stands out, that of a t distribution.
+
+    reference: m/s, at which the laws' parameters are defined.
+
+    Raises UserError where no law comes near the data.
+    """
     fits = {name: fit_law(law, sets, reference) for name, law in LAWS.items()}
     evidence = [one.log_evidence for one in fits.values()]
     if not all(map(math.isfinite, evidence)):
@@ -157,7 +162,10 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
 
 
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
-    """The curve of all files at once; evidence: the product over files, each with its parameters."""
+    """The curve of all files at once; evidence: the product over files, each with its parameters.
+
+    reference: m/s. Flags and outliers are those of the single files.
+    """
     widths: list[Floats] = []
     for one in each:
         widths.extend(one.widths)
@@ -274,7 +282,10 @@ def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
 
 
 def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) -> FitResult:
-    """The result with α, e0 and e of the law that is chosen, or of those left where none is."""
+    """The result with α, e0 and e of the law that is chosen, or of those left where none is.
+
+    each: the files by themselves; only those without doubts give a common α.
+    """
     if result.law is not None:
         laws = {result.law}
     else:
@@ -357,6 +368,8 @@ def _constant(
 ) -> tuple[Estimate, float | None, list[tuple[str, float]]]:
     """e of a constant, by which share of 1 - e the files differ, and those
     that do not go with the others.
+
+    used: the drops without doubts. One file alone has no such share: None.
     """
     inputs = error_budget(whole.fits["constant"], whole.sets).of_inputs
     if len(whole.sets) == 1:
@@ -373,6 +386,7 @@ def _lost(e: Estimate) -> Estimate:
 
 
 def _odd_one(name: str, off: float) -> str:
+    """Warning of a file whose value is off the others' by so many standard deviations."""
     side = "below"
     if off > 0:
         side = "above"
@@ -382,6 +396,9 @@ def _odd_one(name: str, off: float) -> str:
 
 
 def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
+    """Warnings of impacts that count little, of files left out, and of a scatter beyond what is
+    tried.
+    """
     warnings = []
     for one in each:
         if one.impacts:

@@ -90,12 +90,14 @@ class ForceFit(Shown):
         return max(0.0, self.alpha - half), self.alpha + half
 
     def _lines(self) -> list[str]:
+        """Lines for a terminal."""
         from hcbench.fitting.force_text import lines_of
         from hcbench.fitting.text import with_uncertainty
 
         return lines_of(self, with_uncertainty)
 
     def _rows(self) -> list[dict[str, object]]:
+        """The one row for a data frame: the file, and the parameters in SI."""
         from hcbench.fitting.force_text import as_record
 
         kept = ("stiffness_n_per_m_n", "exponent", "alpha_s_per_m", "restitution", "misfit")
@@ -108,6 +110,8 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     gives those.
 
     Raises UserError without mass and speed (or drop height), and unless the force is a single push.
+
+    time, force: s and N, shape (n,), rising times.
     """
     mass, u_mass, speed, u_speed = _approach(name, setup)
     inside, force = _pulse(name, time, force)

@@ -50,6 +50,10 @@ class Heights(Dataset):
         return self.uncertainty
 
     def _launches(self) -> Floats:
+        """Launch speeds that reach the heights, m/s: shape (n,).
+
+        v² = 2 g h, or (exp(2 d g h) - 1)/d with the drag d, s²/m².
+        """
         g = self.setup.ballistics.gravity
         drag = self.setup.ballistics.drag
         if not drag:
@@ -72,6 +76,8 @@ class Heights(Dataset):
         changes of each e, `latent` (m,).
 
         Its residual is that at no changes: what the ones given do is added back to first order.
+
+        own: ln of the first speed, m/s. The residuals are heights, m, one for each bounce.
         """
         dropped = self.setup.height is not None
         ballistics = self.setup.ballistics

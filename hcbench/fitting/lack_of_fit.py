@@ -82,6 +82,8 @@ def adhesion(fit: LawFit, s: Dataset) -> float:
 
     v_s: speed below which the bodies stick, whose kinetic energy is what parting them
     takes; to first order in (v_s/v)².
+
+    s: the data set that the law was fitted to.
     """
     speed = fit.models[0].speed
     change = _Change(fit, s, -((speed.min() / speed) ** 2)[:, None])

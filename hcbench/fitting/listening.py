@@ -89,7 +89,10 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
 
 
 def _ranked(heard: list[_Heard]) -> list[Picks]:
-    """The trains, the one to take first."""
+    """The trains, the one to take first.
+
+    heard: the likeliest first. A train that is nearly as likely and smoother takes its place.
+    """
     best = heard[0].improved()
     others = []
     for one in heard[1:]:
@@ -120,7 +123,10 @@ def quick_score(recording: Recording) -> float:
 
 
 def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
-    """Trains in all bands, without those that share their clicks with a likelier one."""
+    """Trains in all bands, without those that share their clicks with a likelier one.
+
+    The likeliest first, and none much less likely than that one.
+    """
     trains = []
     for band in bands(recording):
         times = band.places / band.rate
@@ -192,6 +198,7 @@ class _Heard:
         return TouchTimes(self.name, self.setup, self.timer.times(self.places), self.numbers)
 
     def fitted(self) -> _Heard:
+        """The train with the law with e0 fitted to it; without a fit where no law fits."""
         try:
             with np.errstate(all="ignore"):
                 return replace(self, fit=fit_law(LAWS[WITH_E0], [self.data()], self.reference))

@@ -74,7 +74,10 @@ def next_lines(
 
 
 def _inwards(low: float, high: float) -> tuple[float, float]:
-    """Both ends rounded inwards to three digits: pairs that were measured hold for no other speeds."""
+    """Both ends rounded inwards to three digits: pairs that were measured hold for no other speeds.
+
+    low, high: m/s, above 0.
+    """
     # The third digit of each, m/s.
     of_low = 10.0 ** (math.floor(math.log10(low)) - 2)
     of_high = 10.0 ** (math.floor(math.log10(high)) - 2)

@@ -61,7 +61,10 @@ class NoiseGrid:
     log_noise: tuple[Floats, ...]
 
     def weights(self, sets: Sequence[Dataset]) -> tuple[Floats, list[Floats]]:
-        """ln of prior mass of each value: of s_e, and of s_m a data set."""
+        """ln of prior mass of each value: of s_e, and of s_m a data set.
+
+        Shapes (k,) and, a data set, (l,). A known s_m is one point with all the mass.
+        """
         each = []
         for grid, s in zip(self.log_noise, sets, strict=True):
             if s.known_noise is not None:
@@ -146,7 +149,12 @@ def surface(
 
 
 def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[Dataset]) -> NoiseGrid:
-    """A grid over what the coarse one leaves likely at δ."""
+    """A grid over what the coarse one leaves likely at δ.
+
+    delta: change of the law's parameters, shape (q,). A known s_m keeps its one value.
+
+    Raises FloatingPointError where no noise is likely.
+    """
     per_set = coarse.over_noise(delta)
     by_scatter = [logsumexp(part, axis=1) for part in per_set]
     total = coarse.prior_scatter + sum(by_scatter)
@@ -163,6 +171,10 @@ def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[Dataset]) -> 
 
 
 def _zoomed(grid: Floats, log_weight: Floats) -> Floats:
+    """A finer grid over the part of a grid (n,) whose ln of weight is not negligible.
+
+    Raises FloatingPointError where no weight is a number.
+    """
     likely = np.flatnonzero(log_weight > log_weight.max() - _NEGLIGIBLE)
     if not likely.size:
         raise FloatingPointError("no noise is likely")

@@ -30,6 +30,8 @@ def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float)
     t as a mixture of normal distributions: the weight of an impact is the mean of its
     precision, given how far its e is off the law (expectation maximisation). Laws with weights
     of their own could not be compared.
+
+    reference: m/s.
     """
     widths: list[Floats] | None = None
     for _ in range(_ROUNDS):

@@ -46,7 +46,10 @@ def require_a_ball(name: str, setup: MeasurementSetup, times: Floats) -> None:
 
 
 def require_different(files: tuple[Path, ...]) -> None:
-    """Raises UserError for a file that is given twice, or whose content is."""
+    """Raises UserError for a file that is given twice, or whose content is.
+
+    files: paths. Those that cannot be read are passed over here.
+    """
     from hcbench.system.files import read_bytes
 
     # A file alone need not be read here.

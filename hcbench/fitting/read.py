@@ -106,6 +106,8 @@ def read_dataset(
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
     """The kind of data in a table, by its columns or as asked for. Raises
     UserError where they do not go.
+
+    asked: one of KINDS, or None.
     """
     name = columns.table.name
     named = frozenset(role for role in columns.places if not role.startswith("u_"))
@@ -134,7 +136,10 @@ def has_force(path: Path, kind: str | None = None) -> bool:
 
 
 def _force_columns(path: Path, kind: str | None) -> DataColumns | None:
-    """The columns of a file of forces; None for any other."""
+    """The columns of a file of forces; None for any other.
+
+    kind: as for `read_dataset`.
+    """
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
     lines = read_lines(path)
@@ -174,7 +179,11 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
 
 
 def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
-    """The touches heard in a recording, of the likeliest train or of the one asked for."""
+    """The touches heard in a recording, of the likeliest train or of the one asked for.
+
+    Raises UserError for a file without sound, a train that is not heard, too few touches, and
+    flights that no ball has.
+    """
     recording = read_recording(path, quick_score, part.begin, part.end)
     heard = listen(recording, setup)
     train = part.train or 0
@@ -228,6 +237,7 @@ def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
 
 
 def _require_few(name: str, count: int, what: str) -> None:
+    """Raise UserError for more readings than one ball gives."""
     if count > _MOST_TOUCHES:
         got = f"{count} {what}"
         advice = "Leave out the rattle at the end"
@@ -285,7 +295,10 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 
 def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    """Impact speeds with the e of each."""
+    """Impact speeds with the e of each.
+
+    Raises UserError for speeds that are not above 0, and an e outside of 0 ... 1.2.
+    """
     name = columns.table.name
     role = "speed_in"
     if "speed" in columns.places:
@@ -357,6 +370,10 @@ def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
 
 
 def _track(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
+    """A track of times, s, and heights, m, that rise upwards.
+
+    Raises UserError for times that do not rise, and a track of few points.
+    """
     times = columns.get("time")
     heights = columns.get("height")
     columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")

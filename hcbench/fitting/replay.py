@@ -153,6 +153,7 @@ def _made_up(scene: Replay, result: FitResult) -> Replay:
 
 
 def _touch_times(result: FitResult) -> TouchTimes:
+    """The first data set of touch times. Raises UserError where there is none."""
     for s in result.sets:
         if isinstance(s, TouchTimes):
             return s
@@ -160,7 +161,10 @@ def _touch_times(result: FitResult) -> TouchTimes:
 
 
 def _recorded(result: FitResult) -> Floats:
-    """Recorded touches from the second on, up to the first that is unheard, s."""
+    """Recorded touches from the second on, up to the first that is unheard, s.
+
+    Shape (n,), from the time of the second touch. Raises UserError for fewer than 4 in a row.
+    """
     s = _touch_times(result)
     numbers = s.numbers
     if numbers is None:
@@ -214,7 +218,10 @@ def _simulated(scene: Scene, setting: Setting, result: FitResult, recorded: Floa
 
 
 def touches_of(path: Trajectory) -> Floats:
-    """Times at which the surfaces met before each turn of the body, s."""
+    """Times at which the surfaces met before each turn of the body, s.
+
+    Shape (n,); a turn without contact before it counts at its own time.
+    """
     turns = np.flatnonzero((path.rate[:-1] > 0) & (path.rate[1:] <= 0))
     touches = []
     # The step from which the body has left the plate after the turn before.
@@ -254,7 +261,7 @@ def replay_text(scene: Replay) -> str:
     count = len(scene.simulated)
     missing = len(scene.recorded) - len(scene.simulated)
     rows = []
-    # Both begin with the second touch: the first is at 0.
+    # Both begin with the second touch, at 0 s.
     both = zip(scene.recorded, scene.simulated, strict=False)
     for number, (recorded, simulated) in enumerate(both, 2):
         late = 1e3 * (simulated - recorded)

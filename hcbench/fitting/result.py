@@ -70,6 +70,9 @@ class FitResult(Drawn):
     against: Comparison | None = None
 
     def _lines(self) -> Iterator[str]:
+        """The main numbers, a line each, and the comparison with another material, if there is
+        one.
+        """
         from hcbench.fitting.text import headline
 
         yield from (f"{name}: {value}" for name, value in headline(self).items())

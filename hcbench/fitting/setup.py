@@ -119,6 +119,8 @@ class MeasurementSetup:
     def perturbed(self) -> Iterator[tuple[str, float, MeasurementSetup]]:
         """Each uncertain input: its name, standard uncertainty, and the
         setup with it off by that much.
+
+        Without mass and diameter the flight has no air, and its inputs do not count.
         """
         names = ["gravity", "contact_time"]
         if self.has_air:
@@ -158,7 +160,10 @@ _QUANTITY = {
 
 
 def read_setup(**given: Unpack[SetupOptions]) -> MeasurementSetup:
-    """The setup of what a user writes. Raises UserError and QuantityError."""
+    """The setup of what a user writes. Raises UserError and QuantityError.
+
+    given: text with units, SI numbers, or (value, standard uncertainty), SI; None is left out.
+    """
     known: dict[str, Any] = {}
     for name, value in given.items():
         if value is None:

@@ -165,7 +165,12 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
 
 
 def _decoded(path: Path) -> str:
-    """UTF-8, UTF-16 with or without its mark, and what spreadsheets in Windows write."""
+    """UTF-8, UTF-16 with or without its mark, and what spreadsheets in Windows write.
+
+    Raises UnicodeDecodeError for what is not text, OSError for what cannot be read, and ValueError
+    for
+    a file beyond 16 MiB.
+    """
     try:
         text = read_text(path, "utf-8-sig", _LARGEST)
         if "\0" not in text:
@@ -208,7 +213,10 @@ def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
 
 
 def _is_header_of(comment: str, first: str) -> bool:
-    """Say whether a comment names the cells of the first line of numbers."""
+    """Say whether a comment names the cells of the first line of numbers.
+
+    comment: without its "#". first: the first line of numbers.
+    """
     if not _ONLY_NUMBERS.fullmatch(first):
         return False
     # The first of the signs that either has is the separator: both need as many of it.
@@ -495,6 +503,7 @@ def _with_point(table: Table, cell: str) -> str:
 
 
 def _share(cell: str) -> str:
+    """A share in per cent as a ratio; other text as it is."""
     try:
         return f"{float(cell.strip().rstrip('%').replace(',', '.')) / 100.0:.12g}"
     except ValueError:
@@ -537,6 +546,7 @@ def _looks_numeric(cell: str) -> bool:
 
 
 def _is_unit(text: str) -> bool:
+    """True for the unit of a column of times, places, speeds or forces."""
     if text not in _UNITS:
         return False
     for quantity in ("time", "position", "speed", "force"):

@@ -85,7 +85,10 @@ def _band_of(fit: LawFit, speeds: Floats) -> Floats:
 
 
 def _wider(result: FitResult) -> float:
-    """Factor by which the interval of the number that is given is wider than the posterior's."""
+    """Factor by which the interval of the number that is given is wider than the posterior's.
+
+    1 for a law whose parameter is not given, and where no number is.
+    """
     if result.best.law.name == "constant":
         name = "restitution"
         estimate = result.restitution
@@ -232,6 +235,7 @@ def _trains(s: TouchTimes) -> list[str]:
 
 
 def _laws(result: FitResult) -> list[str]:
+    """The table of all laws with their odds."""
     rows = [
         (fit.law.name, LAWS[fit.law.name].formula, f"{fit.log_evidence:.2f}", odds_text(odds))
         for fit, odds in zip(result.fits, result.odds, strict=True)
@@ -265,7 +269,10 @@ def _budget(result: FitResult) -> list[str]:
 
 
 def as_record(result: FitResult) -> dict[str, Any]:
-    """Record of the fit for `--json`; None for numbers that do not apply."""
+    """Record of the fit for `--json`; None for numbers that do not apply.
+
+    Speeds are m/s, α s/m; intervals are pairs of their ends.
+    """
     best = result.best
     alpha = result.alpha
     e = result.restitution

@@ -166,6 +166,8 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     """A track with its touches found. Raises UserError where there are too few.
 
     times, heights: (n,), s and m, rising times; of any point of the ball over any level.
+
+    The track begins with the free fall, where there is one, else after the first touch.
     """
     # The third difference has 20 times the variance of white noise, and is 0 for free flight.
     noise = float(np.median(np.abs(np.diff(heights, 3)))) / (0.6745 * math.sqrt(20.0))

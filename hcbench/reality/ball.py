@@ -99,6 +99,9 @@ def read(path: Path) -> MeasuredBounces:
 
 
 def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:
+    """The finite rows of a track, shape (n, 4): time, s, and place, m; none where the archive
+    lacks it.
+    """
     name = f"{root}{number:03d}.csv"
     if name not in archive.namelist():
         return np.empty((0, 4))

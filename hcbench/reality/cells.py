@@ -95,7 +95,11 @@ def installed() -> list[str]:
 
 
 def settings_of(data: str) -> Iterator[tuple[str, ContactSetting]]:
-    """(engine, setting) of what can be tried on a data set, by the engines that are installed."""
+    """(engine, setting) of what can be tried on a data set, by the engines that are installed.
+
+    data: name of the set. A set without a training part has only settings whose parameters it
+    fixes.
+    """
     known = SETS[data]
     for engine in installed():
         module: Any = registry.submodule(engine, "scene.toss")

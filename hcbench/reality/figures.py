@@ -44,6 +44,8 @@ def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
     """One row for each setting, floors as lines.
 
     unit: of the errors.
+
+    scores: of one data set.
     """
     settings = []
     floors = []

@@ -40,7 +40,10 @@ def committed() -> Parameters:
 
 
 def values_of(parameters: Parameters, data: str, cell: Cell) -> tuple[float, ...] | None:
-    """A cell's values; None where they are not known."""
+    """A cell's values; None where they are not known.
+
+    parameters: set -> engine -> setting -> name -> value, as `identify` gives them.
+    """
     searched = parameters.get(data, {}).get(cell.engine, {}).get(cell.setting, {})
     known = {**searched, **SETS[data].FIXED}
     values = []
@@ -61,6 +64,8 @@ def identify(
 
     A mean error over a hundred tosses is rough in its parameters, as a corner may land or miss. The
     result is the minimum of a parabola fitted to the best third of all tries, not the luckiest try.
+
+    sets: names of the data sets. folders: where their data are; None for those that are shipped.
     """
     cells: list[Cell] = []
     for data in sets:

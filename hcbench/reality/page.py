@@ -165,6 +165,7 @@ def _with_interval(score: SettingScore) -> str:
 
 
 def _noise_verdict(scores: Sequence[SettingScore]) -> Iterator[str]:
+    """Conclusion on the share of the noise in the cube's errors; none without both floors."""
     floors = [s for s in scores if s.set == "cube" and s.engine == NO_ENGINE]
     near = _comparable(scores)
     if len(floors) == 2 and near:
@@ -176,6 +177,7 @@ def _noise_verdict(scores: Sequence[SettingScore]) -> Iterator[str]:
 
 
 def _slope_verdict(results: RealityResults) -> Iterator[str]:
+    """Conclusions on the slope of e over speed; none without slopes."""
     if results.slopes:
         names = [
             slope.of.partition(",")[0] for slope in results.slopes if "synthetic" not in slope.of
@@ -210,7 +212,10 @@ def _elastic(scores: Sequence[SettingScore]) -> list[tuple[str, list[SettingScor
 
 
 def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore]]]:
-    """Scores with all corrections, then with parts of the data as published."""
+    """Scores with all corrections, then with parts of the data as published.
+
+    Of the settings alone that ran with such parts; empty where none did.
+    """
     if not results.changed:
         return []
 

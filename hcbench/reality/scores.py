@@ -57,7 +57,10 @@ def of_outcome(
 
 
 def csv_text(scores: Iterable[SettingScore]) -> str:
-    """The table."""
+    """The table.
+
+    A line each, with a header; numbers in five digits.
+    """
     text = io.StringIO()
     names = [field.name for field in fields(SettingScore)]
     writer = csv.DictWriter(text, names, lineterminator="\n")

@@ -167,6 +167,7 @@ def _poses(cell: Cell) -> tuple[Floats, Floats]:
 
 
 def _cells(request: RealityRequest, parameters: Parameters, data: str) -> Iterator[Cell]:
+    """A cell for each setting of a data set whose parameters are known."""
     for engine, setting in settings_of(data):
         values = values_of(parameters, data, request.cell(data, engine, setting))
         if values is not None:
@@ -192,7 +193,10 @@ def _exact(data: str) -> tuple[str, ContactSetting, ContactSetting] | None:
 def _floors(
     request: RealityRequest, parameters: Parameters, pool: WorkerPool, data: str
 ) -> Iterator[SettingScore]:
-    """Scores of what no engine gives: the best that a law can do, and what noise alone does."""
+    """Scores of what no engine gives: the best that a law can do, and what noise alone does.
+
+    data: name of the set.
+    """
     outcomes: dict[str, Any] = {}
     exact = None
     if data == "cube":

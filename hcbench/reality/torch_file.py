@@ -107,6 +107,7 @@ class _Unpickler(pickle.Unpickler):
         self.load_storage = load
 
     def find_class(self, module: str, name: str) -> Any:
+        """The few names that a tensor is made of; refuse any other, which could run code."""
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
             return lambda storage, offset, shape, strides, *_: _Tensor(
                 storage, offset, shape, strides
@@ -118,6 +119,10 @@ class _Unpickler(pickle.Unpickler):
         raise pickle.UnpicklingError(f"{module}.{name} is not a tensor")
 
     def persistent_load(self, pid: Any) -> Callable[[], _Numbers]:
+        """A function that reads a storage, since its numbers follow later in the file.
+
+        Raises UnpicklingError for a kind of numbers that is not known.
+        """
         _, kind, key, *_ = pid
         if kind not in _KINDS.values():
             raise pickle.UnpicklingError("a storage of unknown numbers")

@@ -68,7 +68,10 @@ def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) ->
 
 
 def _more(answer: Mapping[str, Any], choice: Mapping[str, Any]) -> Iterator[str]:
-    """Sentences on what else to know of a choice; some are empty."""
+    """Sentences on what else to know of a choice; some are empty.
+
+    answer, choice: as JSON.
+    """
     natives = [each["kind"] for each in answer["choices"] if each["kind"] != "exact"]
     if natives and choice["kind"] == natives[0]:
         yield answer["caution"]
@@ -113,7 +116,10 @@ def best_of(answer: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
-    """An answer's choice whose setting a run has; None where it is none of its choices."""
+    """An answer's choice whose setting a run has; None where it is none of its choices.
+
+    alpha: s/m; None: the study's main one.
+    """
     answer = answer_of(view, run.engine, run.timestep, alpha)
     if answer is None:
         return None

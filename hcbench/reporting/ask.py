@@ -117,6 +117,10 @@ def write_report(
 
     stage: shows, by a name, how far a part of the work is.
     warn: takes what was left out.
+
+    out: the folder; None: the default one. quick: a preview. device: of the engines, "" for any.
+
+    Raises UserError and StudyError for a study, OutputError for a folder.
     """
     with WorkerPool(jobs) as pool:
         with stage("reading the study"):

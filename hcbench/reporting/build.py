@@ -116,7 +116,10 @@ def _speed_span(view: View, unit: float) -> str:
 
 
 def _provenance(by_gravity: Views, results: Results) -> dict[str, str]:
-    """Scene, law, speeds and counts of the study, by the names that the page gives them."""
+    """Scene, law, speeds and counts of the study, by the names that the page gives them.
+
+    by_gravity: the views of one study.
+    """
     view = by_gravity.main
     study = view.study
     place = "the equivalent sphere on a flat plate"

@@ -289,7 +289,10 @@ def _drawn(view: View, run: RunKey) -> dict[str, str]:
 
 
 def _scans(view: View) -> list[dict[str, Any]]:
-    """Largest errors over the time step at one speed, for the main α."""
+    """Largest errors over the time step at one speed, for the main α.
+
+    Steps are s, rising. The reference, which is the law itself, is left out.
+    """
     scans = []
     for run, points in view.step_curves().items():
         if run.engine == REFERENCE:

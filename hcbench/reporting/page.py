@@ -56,6 +56,8 @@ class Drawing:
 def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict[str, Any]:
     """Draw a figure, save it in a folder, if any, as SVG and PNG, and
     return what a template needs of it.
+
+    A drawing without a function gives the record of an empty figure, with the reason.
     """
     record: dict[str, Any] = {
         "name": drawing.name,

@@ -60,7 +60,10 @@ def over_constant(view: View, run: RunKey, alpha: float) -> float:
 
 
 def grade(view: View, ratio: float) -> str:
-    """ "good", "even" or "bad" against the best constant."""
+    """ "good", "even" or "bad" against the best constant.
+
+    ratio: of the largest error to the best constant's.
+    """
     if ratio < 1 - TIE:
         return "good"
     if ratio <= 1 + tie(view):
@@ -124,7 +127,11 @@ def lies_still(view: View, run: RunKey) -> bool:
 
 
 def verdict(view: View, run: RunKey) -> RunVerdict:
-    """The words for one run."""
+    """The words for one run.
+
+    Energy that is gained weighs most, then lost impacts, then the error against the best
+    constant's.
+    """
     scores = _judged(view, run)
     loop = loop_verdict(view, run)
     wanting = lacks(view, run)
@@ -185,6 +192,9 @@ def _least(
 ) -> list[RunKey]:
     """Select the runs with the least error, engines with nothing set left out: a user who asks has
     those already.
+
+    margin: of e, that counts as a tie besides the share TIE. Runs without a finite error are left
+    out.
     """
     errors = {}
     for run in runs:

@@ -267,6 +267,7 @@ class View:
 
     @cached_property
     def _scores(self) -> dict[tuple[RunKey, float], Mapping[str, Any]]:
+        """Scores by run and α, that of the most impacts where a study has several."""
         out: dict[tuple[RunKey, float], Mapping[str, Any]] = {}
         for row in self.results.scores.to_dict("records"):
             key = self._run_and_alpha(tuple(row[k] for k in RUN_KEY))
@@ -314,6 +315,7 @@ class View:
         return self._run(*(record[name] for name in _RUN))
 
     def _run(self, scene: Any, engine: Any, setting: Any, timestep: Any = 0.0) -> RunKey:
+        """The run with these values of its key; `timestep` in s."""
         place = ""
         if scene != self.study["scene"]:
             place = _PLACES[self.study["scenes"][scene]["form"]]

@@ -61,32 +61,37 @@ def as_records(pairs: Sequence[CandidatePair]) -> list[dict[str, Any]]:
 
 
 def as_table(pairs: Sequence[CandidatePair], longest: int = 40) -> str:
-    """The pairs as a table, those that touch first, then the nearest."""
+    """The pairs as a table, those that touch first, then the nearest.
+
+    longest: rows at most. Distances are m, masses kg.
+    """
     if not pairs:
         return "no two parts of this model can meet\n"
-    rows = [
-        (
-            sanitized(p.pair),
-            f"{p.types[0]}, {p.types[1]}",
-            "yes" if p.touching else number(p.distance, ".3g"),
-            number(p.effective_mass, ".4g"),
-            sanitized(p.joint),
-        )
-        for p in pairs[:longest]
-    ]
-    header = ("--pair", "types", "touching, or m", "kg", "moved by")
-    lines = table(header, rows)
-    apart = [p for p in pairs if p.touching_in and not p.touching]
-    poses = [sanitized(f"{p.pair} in {', '.join(p.touching_in)}") for p in apart]
-    if poses:
-        lines.append(f"touching in other poses: {'; '.join(poses[:_NAMED])}")
-    if len(pairs) > longest:
-        lines.append(f"and {len(pairs) - longest} more: --json lists all")
+    rows = []
+    # By the text of a contact's settings, the pairs that have it.
     alike: dict[str, list[str]] = {}
     for p in pairs[:longest]:
+        touching = number(p.distance, ".3g")
+        if p.touching:
+            touching = "yes"
+        mass = number(p.effective_mass, ".4g")
+        rows.append(
+            (sanitized(p.pair), f"{p.types[0]}, {p.types[1]}", touching, mass, sanitized(p.joint))
+        )
         parameters = [f"{name} {_text(value)}" for name, value in p.settings.items()]
         setting = sanitized("; ".join(parameters))
         alike.setdefault(setting, []).append(sanitized(p.pair))
+    header = ("--pair", "types", "touching, or m", "kg", "moved by")
+    lines = table(header, rows)
+    in_other_poses = []
+    for p in pairs:
+        poses = ", ".join(p.touching_in)
+        if poses and not p.touching:
+            in_other_poses.append(sanitized(f"{p.pair} in {poses}"))
+    if in_other_poses:
+        lines.append(f"touching in other poses: {'; '.join(in_other_poses[:_NAMED])}")
+    if len(pairs) > longest:
+        lines.append(f"and {len(pairs) - longest} more: --json lists all")
     lines += [f"contact of {_some(of)}: {setting}" for setting, of in alike.items() if setting]
     return "\n".join(lines) + "\n"
 
@@ -114,12 +119,17 @@ def in_order(pairs: Sequence[CandidatePair]) -> list[CandidatePair]:
 
 
 def choice_error(pairs: Sequence[CandidatePair]) -> UserError:
-    """No pair was named, and the model leaves a choice, or none."""
+    """No pair was named, and the model leaves a choice, or none.
+
+    pairs: those that can meet, those that touch first.
+    """
     if not pairs:
         got = "none given, and no two parts of the model can meet"
         return UserError("pair", got, "a model with two parts that collide, one of which moves")
     some = "; ".join(f"{p.pair}{' (touching)' * p.touching}" for p in pairs[:_NAMED])
-    more = f"; and {len(pairs) - _NAMED} more" if len(pairs) > _NAMED else ""
+    more = ""
+    if len(pairs) > _NAMED:
+        more = f"; and {len(pairs) - _NAMED} more"
     return UserError(
         "pair",
         f"none given, and the model leaves a choice of {len(pairs)}: {some}{more}",

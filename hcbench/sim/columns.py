@@ -46,9 +46,13 @@ class Columns(Sequence[One]):
 
     def take(self, which: Any) -> Self:
         """The rows that an index array, a mask or a slice names, in its order."""
-        return type(self)(
-            *(v.take(which) if isinstance(v, Columns) else v[which] for v in self._values())
-        )
+        taken = []
+        for column in self._values():
+            if isinstance(column, Columns):
+                taken.append(column.take(which))
+            else:
+                taken.append(column[which])
+        return type(self)(*taken)
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -86,10 +90,13 @@ class Launches(Columns[Launch]):
         """The columns of launches."""
         if isinstance(launches, Launches):
             return launches
-        heights = (math.nan if launch.height is None else launch.height for launch in launches)
-        rows = [
-            (i.speed, i.phase, h, *i.slip, *i.spin) for i, h in zip(launches, heights, strict=True)
-        ]
+        rows = []
+        for launch in launches:
+            # A column of floats has NaN for a launch without a height.
+            height = math.nan
+            if launch.height is not None:
+                height = launch.height
+            rows.append((launch.speed, launch.phase, height, *launch.slip, *launch.spin))
         return cls.of_table(np.array(rows, dtype=np.float64).reshape(-1, 8))
 
     @classmethod
@@ -243,14 +250,20 @@ class Impacts(Columns[Impact]):
         columns: dict[str, Any] = {
             "launches": Launches.of([impact.launch for impact in impacts]),
             "status": np.array([_CODES[impact.status] for impact in impacts], dtype=np.int64),
-            **{name: np.zeros(len(impacts), np.int64) for name in ("row", "start")},
+            "row": np.zeros(len(impacts), np.int64),
+            "start": np.zeros(len(impacts), np.int64),
         }
         for field in fields(cls):
-            if field.name not in columns:
-                kind = {"Floats": np.float64, "Whole": np.int64}.get(str(field.type), np.object_)
-                column = columns[field.name] = np.empty(len(impacts), kind)
-                name = "loop" if field.name == "source" else field.name
-                column[:] = [getattr(impact, name) for impact in impacts]
+            if field.name in columns:
+                continue
+            kind = {"Floats": np.float64, "Whole": np.int64}.get(str(field.type), np.object_)
+            # The loops of single impacts are their own source.
+            name = field.name
+            if name == "source":
+                name = "loop"
+            column = np.empty(len(impacts), kind)
+            column[:] = [getattr(impact, name) for impact in impacts]
+            columns[field.name] = column
         return cls(**columns)
 
     def __len__(self) -> int:

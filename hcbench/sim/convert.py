@@ -88,10 +88,11 @@ def convert(
         "alpha": alpha, "drake": drake, "simbody": simbody, "restitution": restitution, "mass": mass,
         "speed": speed, "contact_time": contact_time, "timestep": timestep,
     }  # fmt: skip
-    numbers = {
-        name: None if value is None else units.parse(value, _QUANTITIES[name], name)
-        for name, value in given.items()
-    }
+    numbers: dict[str, float | None] = {}
+    for name, value in given.items():
+        numbers[name] = None
+        if value is not None:
+            numbers[name] = units.parse(value, _QUANTITIES[name], name)
     contact = contact_of(
         **numbers,
         solref=_solref(solref),
@@ -111,7 +112,9 @@ def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | 
     """
     if given is None:
         return None
-    parts = given.replace(",", " ").split() if isinstance(given, str) else given
+    parts: Sequence[float | str] = given
+    if isinstance(given, str):
+        parts = given.replace(",", " ").split()
     try:
         first, second = (units.parse(part, "number", "solref") for part in parts)
     except (TypeError, ValueError):

@@ -73,9 +73,13 @@ class Engine(ABC):
         """Return the engine's recipes, the preferred one of each role first: RECIPES of its module,
         or of `recipes` in its folder.
         """
-        own = import_module(type(self).__module__)
-        recipes = own if hasattr(own, "RECIPES") else module_of(self, "recipes")
-        return recipes.RECIPES if recipes else ()
+        module: Any = import_module(type(self).__module__)
+        if not hasattr(module, "RECIPES"):
+            module = module_of(self, "recipes")
+        if module is None:
+            return ()
+        recipes: Sequence[Recipe] = module.RECIPES
+        return recipes
 
     @abstractmethod
     def impacts(

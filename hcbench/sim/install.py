@@ -72,11 +72,17 @@ def add_commands(names: Iterable[str]) -> list[str]:
     by_python: dict[str, list[str]] = {}
     for name in names:
         backend = registry.engine(registry.base_name(name)).backend
-        by_python.setdefault(backend.newest_python if backend else "", []).append(name)
-    return [
-        f"{ADD} {' '.join(group)}" + (f" --python {python}" if python else "")
-        for python, group in sorted(by_python.items())
-    ]
+        python = ""
+        if backend is not None:
+            python = backend.newest_python
+        by_python.setdefault(python, []).append(name)
+    commands = []
+    for python, group in sorted(by_python.items()):
+        command = f"{ADD} {' '.join(group)}"
+        if python:
+            command += f" --python {python}"
+        commands.append(command)
+    return commands
 
 
 def names() -> list[str]:
@@ -101,6 +107,7 @@ def files_of(name: str) -> tuple[int, str]:
 
 
 def _backend(name: str) -> Backend:
+    """The package behind an engine. Raises UserError for an engine without one."""
     backend = registry.engine(name).backend
     if backend is None:
         raise UserError(
@@ -114,7 +121,8 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
     any), and the packages it needs.
     """
     adapter = entry_points.entry_point(name).dist
-    declared = (adapter.requires or ()) if adapter else ()
+    # An adapter that is in no package declares nothing.
+    declared = (adapter and adapter.requires) or ()
     is_own = adapter is not None and adapter.name == "hcbench"
     lines = list(worker_requirements())
     # Asked for with the extras of its own that the adapter goes with.
@@ -133,7 +141,10 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
             asked = re.split(r"[^\w.\[\],-]", needed, maxsplit=1)[0]
         else:
             lines.append("; ".join(filter(None, (needed, marker.strip()))))
-    lines.append(f"{asked}=={version}" if version else f"{asked}>={backend.oldest}")
+    if version:
+        lines.append(f"{asked}=={version}")
+    else:
+        lines.append(f"{asked}>={backend.oldest}")
     return lines
 
 

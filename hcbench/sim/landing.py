@@ -145,6 +145,7 @@ class Landings(Shown):
     notes: tuple[str, ...] = ()
 
     def _lines(self) -> Iterator[str]:
+        """Lines for a terminal: the robot, then each drop. Heights in m, forces over the weight."""
         yield f"{self.model}: {self.robot} ({self.mass:.4g} kg) on {self.floor}, {self.engine} {self.version}"
         for drop in self.drops:
             peak = f"force {drop.peak:.3g} times its weight"

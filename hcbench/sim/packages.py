@@ -53,11 +53,14 @@ def suggest_names(request: str, names: Iterable[str]) -> tuple[str, str]:
     the nearest one), for an error.
     """
     known = list(dict.fromkeys(filter(None, names)))
-    listed = known if len(known) <= _LISTED else [*known[:_LISTED], "..."]
+    listed = known[:_LISTED]
+    if len(known) > _LISTED:
+        listed.append("...")
+    expected = f"one of: {', '.join(listed) or 'none has a name'}"
     nearest = difflib.get_close_matches(request, known, 1)
-    return f"one of: {', '.join(listed) or 'none has a name'}", (
-        f"Did you mean {nearest[0]!r}?" if nearest else ""
-    )
+    if not nearest:
+        return expected, ""
+    return expected, f"Did you mean {nearest[0]!r}?"
 
 
 # (name, folder) of each.
@@ -74,7 +77,9 @@ def read_packages(given: str | Mapping[str, str]) -> Packages:
     packages = named_folders(given)
     for name, folder in packages:
         if not (name and folder and Path(folder).is_dir()):
-            got = f"{name}={folder}" if folder else name
+            got = name
+            if folder:
+                got += f"={folder}"
             raise UserError("package", repr(got), "NAME=DIR, with a folder that exists")
     return tuple((name, str(Path(folder).absolute())) for name, folder in packages)
 
@@ -168,12 +173,15 @@ def with_absolute_files(path: Path, packages: Packages) -> str:
 
     def absolute(match: re.Match[str]) -> str:
         name = match["name"]
+        # Folder of the file, None where its package is not known, and its path in there.
+        folder: Path | None = path.absolute().parent
+        rest = name
         if (named := _NAMED.fullmatch(name)) is not None:
             folder = folders.get(named["name"])
-            file = None if folder is None else folder / named["rest"]
-        else:
-            file = path.absolute().parent / name
-        shown = name if file is None or not is_file(file) else str(file.resolve())
+            rest = named["rest"]
+        shown = name
+        if folder is not None and is_file(folder / rest):
+            shown = str((folder / rest).resolve())
         return f"{match['before']}{match['quote']}{shown}{match['quote']}"
 
     return _FILE.sub(absolute, read_xml(path))

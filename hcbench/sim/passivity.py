@@ -248,6 +248,7 @@ class DropReader:
         self._steps += penetration.shape[1]
 
     def _judge(self, speed_in: float, speed_out: float) -> None:
+        """Take in one bounce, speeds in m/s; one without a speed in does not count."""
         if not speed_in > 0.0:
             return
         e = float(speed_out / speed_in)
@@ -291,23 +292,34 @@ def passivity_of(
     # An engine in an environment of its own answers by its adapter.
     adapter = getattr(engine, "adapter", engine)
     controlled = getattr(adapter, "error_controlled", None)
-    phases = 1 if controlled is None and not hasattr(adapter, "load") else _PHASES
+    has_steps = hasattr(adapter, "load")
+    phases = _PHASES
+    # Without steps that the engine keeps to, the phase within a step means nothing.
+    if controlled is None and not has_steps:
+        phases = 1
     if controlled is not None and controlled(setting):
         phases = 1
     slowest = max(_SLOW * low, _FALLS * scene.gravity * setting.timestep)
     below_band = np.geomspace(min(slowest, low), low, _SPEEDS)
     above_band = np.geomspace(high, max(high, _FAST), 3)
-    launches = [
-        Launch.touching(v, (phase + 0.5) / phases, setting.timestep, scene.gravity)
-        for v in (*below_band, *above_band)
-        for phase in range(phases)
-    ]
-    impacts = engine.run(scene, setting, launches)
-    measured = [i for i in impacts if i.is_measured and i.speed_in > 0.0]
-    gaining = [i.speed_in for i in measured if i.restitution > MOST_E]
-    largest = max((i.restitution for i in measured), default=0.0)
-    bounces = Bounces(largest, max(gaining, default=0.0), 0, len(measured))
-    if whole and hasattr(adapter, "load"):
+    launches = []
+    for v in (*below_band, *above_band):
+        for number in range(phases):
+            phase = (number + 0.5) / phases
+            launches.append(Launch.touching(v, phase, setting.timestep, scene.gravity))
+    largest = 0.0
+    # The fastest impact that gained energy, m/s.
+    fastest = 0.0
+    measured = 0
+    for impact in engine.run(scene, setting, launches):
+        if not impact.is_measured or not impact.speed_in > 0.0:
+            continue
+        measured += 1
+        largest = max(largest, impact.restitution)
+        if impact.restitution > MOST_E:
+            fastest = max(fastest, impact.speed_in)
+    bounces = Bounces(largest, fastest, 0, measured)
+    if whole and has_steps:
         bounces = bounces.joined(drops_in(engine, scene, setting, train=train))  # type: ignore[arg-type]
     return Passivity(bounces)
 

@@ -45,15 +45,18 @@ class Promise:
     def text(self) -> str:
         """The promise as a model keeps it; "" for a target that is neither one α nor one e."""
         if isinstance(self.curve, Restitution):
-            name = "alpha" if self.curve.reading == "law" else "linear"
+            name = "linear"
+            if self.curve.reading == "law":
+                name = "alpha"
             goal = f"{name} {self.curve.alpha:.6g} s/m"
         elif isinstance(self.curve, ConstantRestitution):
             goal = f"restitution {self.curve.restitution:.6g}"
         else:
             return ""
         low, high = self.speeds
-        plural = "s" if self.rows > 1 else ""
-        head = f"{self.setting.replace(' ', '-')} by hcbench: {self.rows} pair{plural}"
+        head = f"{self.setting.replace(' ', '-')} by hcbench: {self.rows} pair"
+        if self.rows > 1:
+            head += "s"
         text = f"{head}; {goal}; error {self.error:.3g}; speeds {low:.4g} {high:.4g} m/s"
         if not self.option:
             return text

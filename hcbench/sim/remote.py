@@ -141,6 +141,7 @@ class RemoteEngine(Wrapped):
         ]
 
     def _options(self, recipe: str, target: Target, *integrator: str) -> Mapping[str, Any]:
+        """Options that a recipe gives for a target, computed in the engine's environment."""
         options: Mapping[str, Any] = call(
             _options_there, self.name, recipe, target, *integrator, limit=None, at=self.interpreter
         )
@@ -201,6 +202,7 @@ class RemoteEngine(Wrapped):
         return path
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        """Refuse an object of this process: it cannot be sent there. Raises UserError."""
         got = f"{self.name!r} is in an environment of its own, and given an object of this one"
         raise UserError(
             "engine", got, "a model's file", "An object is measured by the engine beside hcbench"
@@ -270,7 +272,10 @@ def interpreter(environment: Environment) -> Interpreter:
     modules = []
     for top in wanted:
         module = sys.modules[top]
-        folders = list(module.__path__) if hasattr(module, "__path__") else None
+        # A module of one file has no folders.
+        folders = None
+        if hasattr(module, "__path__"):
+            folders = list(module.__path__)
         modules.append((top, module.__file__, folders))
     known = {name: value for name, value in values.items() if tops[name] in wanted}
     setup = _SETUP.format(modules=modules, values=known)

@@ -139,12 +139,18 @@ def let_down(world: World) -> Rest | None:
     if not world.gravity > 0.0:
         return None
     steps = min(_STEPS_MAX, round(_SECONDS / world.timestep))
+    # Penetration, rate and force, shape (3, n), of some steps each.
     rows: list[Floats] = []
+    left = steps
     with closing(world.follow(Launch(0.0, height=_LET_DOWN))) as simulation:
-        while (left := steps - sum(part.shape[1] for part in rows)) > 0:
-            rows.append(simulation.advance(left).rows()[:3, 0])
-            if not np.isfinite(rows[-1]).all():
+        while left > 0:
+            part = simulation.advance(left).rows()[:3, 0]
+            if not np.isfinite(part).all():
                 return DIVERGED
-    x, v, f = (last_half(row) for row in np.concatenate(rows, axis=1))
+            rows.append(part)
+            left -= part.shape[1]
+    x, v, f = map(last_half, np.concatenate(rows, axis=1))
+    if not f.any():
+        return None
     time = np.arange(float(len(x))) * world.timestep
-    return rest_of(time, x, v, f) if f.any() else None
+    return rest_of(time, x, v, f)

@@ -212,8 +212,13 @@ class BallSimulation(Simulation):
         reported = []
         for _ in range(steps):
             z, v = states[-1]
-            at_start = law(world.radius - z, -v) if law and z < world.radius else None
-            reported.append(force() if force else at_start)
+            at_start = None
+            if law and z < world.radius:
+                at_start = law(world.radius - z, -v)
+            if force:
+                reported.append(force())
+            else:
+                reported.append(at_start)
             try:
                 states.append(step())
             # The engine gave up.
@@ -227,7 +232,8 @@ class BallSimulation(Simulation):
         by_momentum = momentum_force(
             world.mass, world.timestep, np.diff(v) + fall, speeds, world.bits
         )
-        read = np.array([math.nan if f is None else f for f in reported])
+        # None becomes NaN.
+        read = np.array(reported, dtype=np.float64)
         forces = np.where(np.isnan(read), by_momentum, read)
         return Record((world.radius - z[:-1])[None], -v[None, :-1], forces[None])
 

@@ -151,7 +151,9 @@ class CopiesWorld(BatchWorld):
         kind = self._copies.kind
         rule = rule_for(sent, self.scene, self.timestep, self.bits, kind)
         reading = begun(placed[0], placed[1], kind)
-        few = len(sent) // _FEW if len(sent) > _FEW * _WIDTH else 0
+        few = 0
+        if len(sent) > _FEW * _WIDTH:
+            few = len(sent) // _FEW
         reading = self._copies.read_on(rule, reading, few, NEVER)
         if few:
             most = _LONGER * int(reading.steps.max()) + _REST

@@ -128,15 +128,15 @@ def run_launches(
     def run(group: Launches) -> Impacts:
         nonlocal first, whole
         group_impacts, taken = _run_group(world, group, first, whole)
-        first = whole = taken if expected else 0
+        if expected:
+            first = whole = taken
         return group_impacts
 
     if world.concurrent > 1 and len(launches) > most:
         size = even_size(len(launches), most)
+        groups = [launches[i : i + size] for i in range(0, len(launches), size)]
         with ThreadPoolExecutor(world.concurrent) as pool:
-            yield from pool.map(
-                run, [launches[i : i + size] for i in range(0, len(launches), size)]
-            )
+            yield from pool.map(run, groups)
         return
     done = 0
     while done < len(launches):
@@ -170,10 +170,11 @@ def _run_group(world: World, launches: Launches, first: int, expected: int) -> t
             return _until_ended(world, simulation, launches, first, expected)
     except CannotShareError:
         assert len(launches) > 1, "a launch that is simulated alone shares with none"
-        alone = [launches[i : i + 1] for i in range(len(launches))]
-        return Impacts.joined(
-            [_run_group(world, launch, first, expected)[0] for launch in alone]
-        ), expected
+        alone = []
+        for i in range(len(launches)):
+            impact, _ = _run_group(world, launches[i : i + 1], first, expected)
+            alone.append(impact)
+        return Impacts.joined(alone), expected
 
 
 def _until_ended(
@@ -208,8 +209,11 @@ def _until_ended(
         all_ended = bool(ended.all())
         if not all_ended:
             rows = np.concatenate([part[:, ended] for part in history], axis=2)
+        elif len(history) > 1:
+            rows = np.concatenate(history, axis=2)
         else:
-            rows = history[0] if len(history) == 1 else np.concatenate(history, axis=2)
+            # No copy of what may be large.
+            rows = history[0]
         order.append(left[ended])
         read = _read(world, launches.take(order[-1]), rows, counts[ended], ends[ended])
         _explain(read, simulation, counts)
@@ -299,13 +303,14 @@ def _groups(launches: Launches, name: str, scene: Scene, setting: Setting) -> It
     with quiet(), _explained_errors(engine):
         world = engine.load(scene, setting, fastest)
     with world, _explained_errors(engine):
-        places = min(world.places, engine.together) if engine.own_process else world.places
+        places = world.places
+        if engine.own_process:
+            places = min(places, engine.together)
         expected = _expected_steps(scene, setting.timestep, launches)
-        groups = (
-            _read_while_stepping(world, launches)
-            if world.room
-            else run_launches(world, launches, places, expected)
-        )
+        if world.room:
+            groups = _read_while_stepping(world, launches)
+        else:
+            groups = run_launches(world, launches, places, expected)
         while True:
             with quiet():
                 group = next(groups, None)
@@ -344,5 +349,9 @@ def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: 
             record = simulation.advance(steps - done)
             count = record.force.shape[1]
             path[:, done : done + count] = record.penetration[0], record.rate[0], record.force[0]
-            done = done + count if np.isfinite(path[:, done : done + count]).all() else steps
+            is_finite = np.isfinite(path[:, done : done + count]).all()
+            done += count
+            # The engine gave up.
+            if not is_finite:
+                break
     return Trajectory(np.arange(steps, dtype=np.float64) * setting.timestep, *path)

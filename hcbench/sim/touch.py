@@ -68,13 +68,20 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
     For shapes whose distance is known only roughly: equal steps, then bisection.
     """
     travels = np.linspace(start, stop, _SCAN_STEPS + 1).tolist()
-    begun = next((pair for pair in itertools.pairwise(travels) if touches(pair[1])), None)
-    if begun is None:
-        return None
-    low, high = begun
+    for low, high in itertools.pairwise(travels):
+        if touches(high):
+            return _bisected(touches, low, high)
+    return None
+
+
+def _bisected(touches: Callable[[float], bool], low: float, high: float) -> float:
+    """The least travel that makes a contact, between one without (low) and one with (high)."""
     for _ in range(_ROUNDS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if touches(middle) else (middle, high)
+        if touches(middle):
+            high = middle
+        else:
+            low = middle
     return float(high)
 
 
@@ -114,7 +121,9 @@ def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> N
     if not joints:
         return
     named = ", ".join(joint.description for joint in joints[:_SHOWN])
-    more = f" and {len(joints) - _SHOWN} more" if len(joints) > _SHOWN else ""
+    more = ""
+    if len(joints) > _SHOWN:
+        more = f" and {len(joints) - _SHOWN} more"
     cure = ", ".join(f"{joint.name}={joint.nearest:.4g}" for joint in joints)
     raise UserError(
         "model",
@@ -203,6 +212,7 @@ class TrajectoryTouchdowns(Shown):
     feet: tuple[Touchdowns, ...]
 
     def _lines(self) -> Iterator[str]:
+        """Lines for a terminal: the recording, then each foot. Speeds in m/s, times in ms."""
         every = f"{self.states} states, one every {1e3 * self.interval:.4g} ms"
         yield f"{self.model}: {every}, {self.engine} {self.version}"
         for foot in self.feet:
@@ -210,6 +220,7 @@ class TrajectoryTouchdowns(Shown):
             yield f"{foot.part} on {foot.other}: {len(foot.time)} touchdowns {most}"
 
     def _rows(self) -> Iterator[dict[str, object]]:
+        """A row for each touchdown, SI."""
         for foot in self.feet:
             for time, speed, slide in zip(foot.time, foot.speed, foot.slide, strict=True):
                 yield {

@@ -87,6 +87,7 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
 
 
 def _set(options: DartOptions) -> str:
+    """Line that sets e; "" where neither an e nor a law by e is given."""
     if options.restitution is None and not isinstance(options.law, Restitution):
         return ""
     e = (

@@ -150,6 +150,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         self._device(device)
 
     def _device(self, device: str) -> Any:
+        """JAX's device of a kind, "" for its default. Raises CannotRun without a GPU."""
         try:
             return self.backend.module("jax").devices(device or None)[0]
         except RuntimeError:

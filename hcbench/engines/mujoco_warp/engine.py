@@ -126,6 +126,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         self._device(device)
 
     def _device(self, device: str) -> Any:
+        """Warp's device of a kind, "" for the one it prefers. Raises CannotRun without a GPU."""
         warp = self.backend.module("warp")
         if device == "gpu" and not warp.is_cuda_available():
             raise no_gpu(self.name, "Warp", "Install NVIDIA's driver")

@@ -102,6 +102,7 @@ def read(file: Path) -> Trajectory:
 
 
 def _number(slot: str, index: int, name: str, text: str | None) -> float:
+    """A number of the file, SI. Raises SettingError with the line and the column."""
     try:
         return float(text or "")
     except ValueError:

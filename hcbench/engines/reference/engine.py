@@ -105,6 +105,7 @@ def law_of(setting: Setting, scene: Scene) -> Law:
 def _numbers(
     setting: Setting, defaults: Mapping[str, float], required: Sequence[str]
 ) -> dict[str, float]:
+    """Options as numbers, with defaults for those left out. Raises SettingError."""
     slot = f"{setting.name} option '{{}}'"
     return {**defaults, **read_numbers(setting.options, required, [*defaults], SettingError, slot)}
 

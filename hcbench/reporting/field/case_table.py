@@ -87,6 +87,7 @@ def _sentence(scores: Sequence[EngineScore]) -> str:
 
 
 def _cells(one: EngineScore) -> Iterable[MatrixCell]:
+    """Cells of one engine: its obedience, how many cases pass, then each verdict."""
     text, grade, _ = _OBEDIENCE.get(one.restitution or "", ("–", "none", ""))
     yield MatrixCell(text.format(f"{one.threshold:.2g}{NBSP}m/s"), grade=grade)
     yield MatrixCell(f"{one.passed} of {len(one.verdicts)}")

@@ -168,7 +168,10 @@ def left_out(view: FieldView, case: Case) -> str:
 
 
 def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
-    """Cell that says whether any setting of the engine adds energy at this step."""
+    """Cell that says whether any setting of the engine adds energy at this step.
+
+    cases: of the engine at this step. The engine's own note on its energy stands beside.
+    """
     about = energy_note(engine)
     note = ""
     if about:
@@ -218,6 +221,7 @@ def _loop(view: FieldView, case: Case | None) -> MatrixCell:
 
 
 def _files(engine: str) -> MatrixCell:
+    """Cell of the kinds of files that hcbench opens with an engine."""
     adapter = registry.adapter(registry.base_name(engine))
     if not isinstance(adapter, OpensModels):
         return MatrixCell(

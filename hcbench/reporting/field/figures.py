@@ -121,6 +121,9 @@ def loops_figure(view: FieldView) -> Figure:
 
 
 def _with_loops(view: FieldView) -> Iterator[tuple[str, Case]]:
+    """Each engine with its best setting at the finest step that has a loop; without those that
+    have none.
+    """
     for engine in view.engines:
         for step in view.steps:
             case = view.best(engine, view.gravities[0], step)
@@ -143,6 +146,7 @@ def _panels(view: FieldView, engines: list[str]) -> tuple[Figure, list[tuple[str
 
 
 def _label(panels: list[tuple[str, Axes]], x: str, y: str) -> None:
+    """Labels of the outer axes alone: y on the left, x on the lowest panel of each column."""
     columns = min(_COLUMNS, len(panels))
     for i, (_, axes) in enumerate(panels):
         if i % columns == 0:

@@ -75,7 +75,10 @@ def _engines_follow(engines: list[str]) -> str:
 def _following(
     view: FieldView, engines: list[str], gravity: float, timestep: float, *kinds: str
 ) -> list[str]:
-    """Engines whose best setting of some kinds follows the law, by their names without versions."""
+    """Engines whose best setting of some kinds follows the law, by their names without versions.
+
+    timestep: s; gravity: m/s². kinds: of settings, such as PLUGIN.
+    """
     following = []
     for engine in engines:
         best = view.best(engine, gravity, timestep, *kinds)

@@ -43,6 +43,8 @@ def build(
 
     index.html, tables and figures are the same bytes for the same
     results; cost.csv is of this machine.
+
+    pool: draws figures side by side; tick: takes how many are drawn, and of how many.
     """
     view = FieldView(results)
     with atomic_folder(folder, PAGE) as scratch:

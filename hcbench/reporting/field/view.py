@@ -90,6 +90,7 @@ class FieldView:
 
     @property
     def _of_main(self) -> list[tuple[Key, Folded]]:
+        """Keys and impacts of the α that the page is about."""
         place = RUN_KEY.index("alpha_s_per_m")
         of_main = []
         for key, one in self.results.table.folded.items():

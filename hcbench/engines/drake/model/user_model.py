@@ -136,12 +136,13 @@ class LoadedPlant:
     def part(self, name: str) -> Part:
         """Find the body, else the shape, of this name. UserError for
         neither, or a body without shapes.
+
+        name: as the model has it, or "KIND:NAME" to say which.
         """
-        bodies = [
-            self.plant.get_body(i)
-            for i in self.plant.GetBodyIndices(self.drake.default_model_instance())
-        ]
+        indices = self.plant.GetBodyIndices(self.drake.default_model_instance())
+        bodies = list(map(self.plant.get_body, indices))
         bodies += [self.plant.world_body(), *map(self.body_of, self._geometries)]
+        # Each body once, if it has shapes; then all shapes.
         parts = [
             ("body", body.name(), body) for body in dict.fromkeys(bodies) if self._shapes(body)
         ]
