@@ -300,6 +300,7 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
 
 
 def _is_finite(states: States) -> bool:
+    """Say whether all numbers of all states are finite."""
     for _, *bodies in states:
         for body in bodies:
             if not all(map(math.isfinite, body)):

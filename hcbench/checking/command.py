@@ -74,6 +74,10 @@ def check(
 def _run(
     spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress, measure_only: bool
 ) -> Report:
+    """The report on a model, on each check of a TOML file, or on a study or its results.
+
+    Raises UserError for a spec that cannot be planned, before anything runs.
+    """
     models = spec.models or (DEFAULT_FILE,)
     source = Path(models[0])
     is_toml = source.suffix.lower() == ".toml"
@@ -121,6 +125,10 @@ def _listed(path: Path, spec: CheckSpec) -> list[Check]:
 
 
 def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> Report:
+    """Hold each setting of a study to its own law: of the results in a folder, or of a run now.
+
+    Raises UserError for options of launches, which the study itself has.
+    """
     from hcbench.benchmark.results import Results
     from hcbench.benchmark.run import run_study
     from hcbench.benchmark.study import find_study, load_study

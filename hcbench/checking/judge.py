@@ -80,6 +80,10 @@ def _judge_limits(check: Check) -> Outcome:
 
 
 def _measure(check: Check) -> Measurement:
+    """Measure the pair of a check, and look for causes where its e is held against something.
+
+    Raises UserError for a pair that cannot be measured, EngineFailed for an engine that crashed.
+    """
     tolerance = TOLERANCE
     if check.wanted is not None:
         tolerance = min(check.max_error, TOLERANCE)

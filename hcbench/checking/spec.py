@@ -298,6 +298,10 @@ def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> Rest
 
 
 def _wanted(options: CheckOptions) -> RestitutionCurve | None:
+    """The target e(v) of α, of one e or of a file of pairs; None without any.
+
+    Raises UserError and QuantityError.
+    """
     if options["pairs"] is not None:
         return MeasuredRestitution(read_pairs(Path(options["pairs"])))
     if options["alpha"] is None and options["restitution"] is None:
@@ -306,6 +310,7 @@ def _wanted(options: CheckOptions) -> RestitutionCurve | None:
 
 
 def _require_inside(speeds: Sequence[float], pairs: MeasuredRestitution) -> None:
+    """Raise UserError for a speed, m/s, that is outside those of the pairs."""
     low = pairs.speeds[0]
     high = pairs.speeds[-1]
     for speed in speeds:

@@ -108,6 +108,7 @@ def _in_chunks(
 
 
 def _near_restitution(d: Floats, top: float) -> Floats:
+    """e over 0 <= d <= top, same shape, by the series."""
     e = _series(d, top)
     e *= d
     e /= SHIFT + d
@@ -117,6 +118,7 @@ def _near_restitution(d: Floats, top: float) -> Floats:
 
 
 def _near_loss(d: Floats, top: float) -> Floats:
+    """1 - e over 0 <= d <= top, same shape, by the same series, without its cancellation near 0."""
     share = _series(d, top)
     share /= SHIFT + d
     np.subtract(1.0, share, out=share)

@@ -48,8 +48,10 @@ def _positive(slot: str, value: Floats | float, unit: str) -> Floats:
 def _refuse(
     slot: str, values: Floats, wrong: NDArray[np.bool_], unit: str, expected: str
 ) -> Floats:
+    """The values; UserError with the first of those that are wrong."""
     if wrong.any():
-        raise UserError(slot, f"{float(values[wrong].flat[0])!r} {unit}", expected)
+        first = float(values[wrong].flat[0])
+        raise UserError(slot, f"{first!r} {unit}", expected)
     return values
 
 

@@ -249,6 +249,7 @@ def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversio
 
 
 def _needed(slot: str, value: float | None, unit: str) -> float:
+    """The value; UserError for None."""
     if value is None:
         raise UserError(
             slot, "none", f"a number in {unit}", "The restitution of this contact depends on it"

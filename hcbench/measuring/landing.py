@@ -132,6 +132,10 @@ def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
 
 
 def _landed(drops: DropPlan, job: Job) -> Landings:
+    """Drop the robot of a job, with notes on a step that is too long.
+
+    Raises UserError for an engine in which hcbench drops no robots.
+    """
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, LandsRobots):
         raise UserError(

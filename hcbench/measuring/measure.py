@@ -222,6 +222,9 @@ def _label(source: str | tuple[str, ...]) -> str:
 
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
+    """The answer of a job, within the limit of memory. Raises EngineFailed for any error that is not
+    hcbench's own.
+    """
     try:
         with memory_limit(_memory()), beyond_bounds(job.beyond_bounds):
             return work(job)

@@ -44,7 +44,8 @@ def read_joints(text: Any) -> Pose:
         name, equals, values = map(str.strip, part.rpartition("="))
         # A further value of the joint before.
         if not equals and pose and values:
-            pose[-1] = pose[-1][0], (*pose[-1][1], *_values(pose[-1][0], values))
+            last, before = pose[-1]
+            pose[-1] = last, (*before, *_values(last, values))
             continue
         if not (name and equals and values):
             expected = "joints with their values: 'hip=0.3, knee=-30 deg, base=0, 0, 0.3'"
@@ -54,6 +55,7 @@ def read_joints(text: Any) -> Pose:
 
 
 def _values(name: str, text: str) -> list[float]:
+    """Numbers of a joint in text, rad or m: "-30 deg", "1 0 0 0", "2 cm". Raises QuantityError."""
     number, _, unit = text.rpartition(" ")
     if unit in _ANGLES:
         return [_ANGLES[unit] * x for x in _numbers(name, number.split())]
@@ -131,7 +133,7 @@ def read_direction(text: Any) -> Vector:
         return _DIRECTIONS[text.strip()]
     parts = text.split(",") if isinstance(text, str) else list(text)
     try:
-        x, y, z = (float(part) for part in parts)
+        x, y, z = map(float, parts)
         length = math.sqrt(x * x + y * y + z * z)
     except (TypeError, ValueError):
         length = 0.0

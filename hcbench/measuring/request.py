@@ -92,6 +92,7 @@ def read_pair(pair: BodyPair | None) -> tuple[str, str] | None:
 
 
 def _pair_parts(pair: Any) -> list[Any]:
+    """The parts of "a,b" or of a list; none of anything else."""
     if isinstance(pair, str):
         return list(split_names(pair))
     if isinstance(pair, list | tuple):
@@ -129,7 +130,11 @@ def _height(height: Any) -> float:
 
 
 def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
-    """Shares of a step at which it touches: as given, or as many in the middles of equal parts."""
+    """Shares of a step at which it touches: as given, or as many in the middles of equal parts.
+
+    Raises QuantityError for a number of phases below 1 or above MAX_PHASES, and for shares that are
+    alike or not within 0 <= share < 1.
+    """
     if isinstance(phases, str):
         text = phases.strip()
         if text.isdecimal():
@@ -140,7 +145,7 @@ def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
         if not 1 <= phases <= MAX_PHASES:
             raise QuantityError("phases", str(phases), f"1 ... {MAX_PHASES}")
         return tuple((i + 0.5) / phases for i in range(phases))
-    values = tuple(float(phase) for phase in phases)
+    values = tuple(map(float, phases))
     are_inside = all(0 <= value < 1 for value in values)
     are_different = len(set(values)) == len(values)
     if not values or not are_inside or not are_different:
@@ -149,7 +154,9 @@ def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
 
 
 def _gravity(gravity: Any) -> Vector:
-    """Gravity, m/s²: three numbers, or one along -z."""
+    """Gravity, m/s²: three numbers, or one along -z. Raises QuantityError for one below 0, and for
+    another number of numbers.
+    """
     if isinstance(gravity, str) and "," in gravity:
         gravity = gravity.split(",")
     if isinstance(gravity, str) and _THREE_NUMBERS.fullmatch(gravity):

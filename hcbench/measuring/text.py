@@ -76,6 +76,7 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
 
 
 def _law(measurement: Measurement) -> dict[str, Any] | None:
+    """The law for comparison, SI; None without one."""
     law = measurement.law
     if law is None:
         return None

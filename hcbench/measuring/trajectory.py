@@ -79,6 +79,10 @@ def _arrays(trajectory: Any) -> dict[str, Floats]:
 
 
 def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
+    """Touchdowns in a recording: qpos (n, nq), qvel (n, nv) and time (n,), s.
+
+    Raises UserError for an engine in which hcbench reads no recordings.
+    """
     engine, source, _ = source_of(job)
     if not isinstance(engine, LandsRobots):
         raise UserError(

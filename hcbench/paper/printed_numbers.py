@@ -79,6 +79,7 @@ def _first_sections() -> Iterator[Printed]:
 
 
 def _constants() -> Iterator[Printed]:
+    """K1 and K2 of eqs. (5) and (6), in the units in which the paper prints them."""
     pair = constants.pair()
     k1 = pair.K1 / PSI
     metric = pair.K1 * 1e-4

@@ -156,6 +156,8 @@ def published_law_recipes(
     """
 
     def recipe(family: PublishedLaw) -> Recipe:
+        """The recipe of one law."""
+
         def function(target: Target) -> Options:
             e, _ = minimax_constant(target)
             return options(

@@ -102,6 +102,7 @@ class Recipe:
         return Setting(self.engine, self.name, target.timestep, options)
 
     def _require_integrator(self, integrator: str) -> None:
+        """Raise SettingError for an integrator that the recipe does not work with."""
         if self.integrators is None:
             expected = "none: it has no choice of one"
             raise SettingError("integrator", f"{integrator!r} for {self.name!r}", expected)

@@ -117,6 +117,10 @@ def _folder() -> Path:
 
 
 def _compile(command: list[str], target: Path) -> None:
+    """Compile a library, and put it and its digest at `target`, whole or not at all.
+
+    command: the compiler's, without its output. Raises NotCompiled with what the compiler said.
+    """
     # Built beside its place and renamed into it: another process may be building the same.
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         built = Path(folder) / target.name
@@ -178,6 +182,7 @@ def _run(command: list[str], folder: str) -> tuple[int, str]:
 
 
 def _kill_group(process: subprocess.Popen[str]) -> None:
+    """Kill a compiler and the processes that it started."""
     # Windows has no process groups of this kind.
     if not hasattr(os, "killpg"):
         process.kill()

@@ -68,11 +68,14 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def _no_nan(content: Any) -> Any:
+    """Content for JSON with None for each number that is not finite, and lists for tuples."""
     if isinstance(content, dict):
-        return {k: _no_nan(v) for k, v in content.items()}
+        return {key: _no_nan(value) for key, value in content.items()}
     if isinstance(content, list | tuple):
-        return [_no_nan(v) for v in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
+        return list(map(_no_nan, content))
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content
 
 
 def is_file(path: str | Path) -> bool:
@@ -297,6 +300,11 @@ def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
 
 
 def _move_all(scratch: Path, folder: Path) -> None:
+    """Move all files of a scratch folder into `folder`. Files that an earlier block wrote there, and
+    this one did not, are deleted, unless they were modified since.
+
+    Raises UserError where a file that is not of an earlier block is in the way.
+    """
     earlier = _read_manifest(folder)
     # An atomic_folder within this one leaves its own manifest.
     (scratch / MANIFEST).unlink(missing_ok=True)

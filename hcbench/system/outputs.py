@@ -68,6 +68,7 @@ def require_outputs(
 
 
 def _leads_to_itself(path: Path) -> bool:
+    """Say whether a path is of links in a circle."""
     try:
         path.stat()
     except OSError as error:
@@ -99,6 +100,9 @@ def _existing(value: object) -> Iterator[Path]:
 
 
 def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool) -> None:
+    """Refuse an output that is a folder or in none, that is an input, or that would replace a file
+    which the option did not write: UserError. OutputError for a missing permission.
+    """
     shown = sanitized(path)
     folder = path.absolute().parent
     if path.is_dir():
@@ -108,13 +112,19 @@ def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool
         raise UserError(option, got, "a file in an existing folder")
     if path.exists() and any(_is_same(path, each) for each in _all_inputs(inputs)):
         raise UserError(option, f"{shown} is an input", "another file", "Inputs are never replaced")
-    replaced = path if path.exists() else folder
+    replaced = folder
+    if path.exists():
+        replaced = path
     if not os.access(replaced, os.W_OK):
         raise OutputError(option, f"{shown}: Permission denied", "a place that can be written to")
     _require_replaceable(path, option, force)
 
 
 def _require_replaceable(path: Path, option: str, force: bool) -> None:
+    """Raise UserError for a file that does not have the mark of this option near its begin or end.
+
+    Nothing is in the way with `force`, nor of an empty file, a device or a standard stream.
+    """
     if force or not path.is_file() or not path.stat().st_size or _is_standard_stream(path):
         return
     with path.open("rb") as file:
@@ -176,6 +186,7 @@ def _named(path: Path, content: bytes) -> list[Path]:
 
 
 def _is(path: Path, what: Callable[[Path], bool]) -> bool:
+    """Return what a test says of a path; False for a path that the system does not take."""
     try:
         return what(path)
     except (OSError, ValueError):

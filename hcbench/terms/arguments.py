@@ -244,6 +244,9 @@ def _is_array(value: Any, _: _Parts) -> bool:
 
 
 def _is_tuple(value: Any, parts: _Parts) -> bool:
+    """Say whether a value is a tuple or list of such parts, or of any number of one where `...` is
+    the last.
+    """
     if not isinstance(value, tuple | list):
         return False
     if parts[-1] is Ellipsis:

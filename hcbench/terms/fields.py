@@ -236,6 +236,7 @@ def _fields(table: type[FileTable]) -> dict[str, FieldInfo]:
 
 
 def _expected(field: FieldInfo) -> str:
+    """The words for what a field of a file takes; "" where it declares none."""
     if field.description:
         return field.description
     for each in field.metadata:

@@ -308,6 +308,7 @@ def _scene(file: _File, folder: Path) -> Scene:
 
 
 def _model(folder: Path, engine: str, role: str, name: str) -> Path:
+    """The path of a model file; SceneError where it is not there."""
     path = folder / name
     _require(
         f"models.{engine}.{role}",

@@ -145,7 +145,8 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
         raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected, advice)
     if not si:
         raise QuantityError(slot, f"{text!r} has the unit {unit!r}", expected, advice)
-    if (usual := _USUAL.get(si, {}).get(unit)) is not None:
+    usual = _USUAL.get(si, {}).get(unit)
+    if usual is not None:
         return usual
     try:
         return _factor(unit, si)
@@ -262,14 +263,26 @@ def parse_uncertain(
     match = _UNCERTAIN.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         return parse(value, quantity, slot, least=least, above=above), 0.0
-    texts = [f"{match[name]} {match['unit'] or ''}".strip() for name in ("value", "by")]
-    units = [(_NUMBER.fullmatch(text) or ["", "", ""])[2].strip() for text in texts]
-    if units[1] and not units[0]:
-        texts[0] = f"{texts[0]} {units[1]}"
-    elif units[0] and not units[1]:
-        texts[1] = f"{texts[1]} {units[0]}"
-    number = parse(texts[0], quantity, slot, least=least, above=above)
-    return number, parse(texts[1], quantity, slot, least=0.0)
+    behind_bracket = match["unit"] or ""
+    number = f"{match['value']} {behind_bracket}".strip()
+    error = f"{match['by']} {behind_bracket}".strip()
+    unit = _unit_of(number)
+    unit_of_error = _unit_of(error)
+    # One unit holds for both.
+    if unit_of_error and not unit:
+        number = f"{number} {unit_of_error}"
+    elif unit and not unit_of_error:
+        error = f"{error} {unit}"
+    value_si = parse(number, quantity, slot, least=least, above=above)
+    return value_si, parse(error, quantity, slot, least=0.0)
+
+
+def _unit_of(text: str) -> str:
+    """The unit behind a number; "" without one, or without a number."""
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        return ""
+    return match[2].strip()
 
 
 def parse_max_error(value: object) -> float:

@@ -42,7 +42,10 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
             promises |= {Role.LAW: as_law, Role.LAW_AND_LOOP: as_law}
 
     def serves(recipe: Recipe, role: Role) -> bool:
-        if not (recipe.native and recipe.role is role and recipe.by_auto and form in recipe.forms):
+        """Say whether "auto" may take a recipe for this role, in this form and at this step."""
+        if not (recipe.native and recipe.by_auto):
+            return False
+        if recipe.role is not role or form not in recipe.forms:
             return False
         if target.gravity and recipe.steps_min_with_gravity > steps:
             return False
@@ -62,6 +65,13 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
 def _choose_for_loop(
     engine: str, recipes: Sequence[Recipe], target: Target, form: str, match: Match, contact: str
 ) -> tuple[Recipe, str]:
+    """The native recipe whose loop is the law's, and what it promises.
+
+    contact: how many steps the law's contact lasts, as a sentence.
+
+    Raises SettingError where the step does not resolve the loop, for a target without α, and for an
+    engine without such a recipe.
+    """
     steps = steps_per_contact(target)
     if steps < STEPS_OF_A_LOOP:
         nearest = target.timestep * steps / STEPS_OF_A_LOOP
@@ -79,10 +89,13 @@ def _choose_for_loop(
             "α of the law, by --alpha: only the law has a loop",
             "Use --match restitution",
         )
-    if recipe := first(recipes, Role.LAW_AND_LOOP, form, steps):
-        return recipe, f"the only native setting with the law's loop; {contact}"
+    native = first(recipes, Role.LAW_AND_LOOP, form, steps)
+    if native is not None:
+        return native, f"the only native setting with the law's loop; {contact}"
     plug_in = first(recipes, Role.LAW_AND_LOOP, form, steps, native=False)
-    other = f"the plug-in `{plug_in.name}` of hcbench.contact, or " if plug_in else ""
+    other = ""
+    if plug_in is not None:
+        other = f"the plug-in `{plug_in.name}` of hcbench.contact, or "
     raise SettingError(
         "match",
         f"the loop in {engine!r}",

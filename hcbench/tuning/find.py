@@ -80,6 +80,10 @@ def find_answer(
 def _answered(
     finder: _Finder, asked: Kind | None, choices: Sequence[Choice], named: Choice | None = None
 ) -> Answer:
+    """The answer of these choices without those that have flaws, unless the user named one.
+
+    asked: the kind that is preferred. named: the choice by a recipe that the user names.
+    """
     advised = [choice for choice in choices if choice.tuned is None or not choice.tuned.flaws]
     never = [*finder.never]
     if named is not None and named not in advised and named.tuned is not None:

@@ -179,6 +179,7 @@ class WorkerPool:
         return self._results(self.threads.map(partial(call, function, limit=None), jobs))
 
     def _results(self, results: Iterator[Result]) -> Iterator[Result]:
+        """Results as they come. Raises CannotRun where a process died."""
         try:
             yield from results
         except WorkerDied as death:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import math
 import os
 import signal
 import subprocess
@@ -43,9 +44,13 @@ class Fork:
 
     def wait(self, timeout: float | None = None) -> int:
         """The exit code, once there is one. Raises subprocess.TimeoutExpired after `timeout` s."""
-        end = None if timeout is None else time.monotonic() + timeout
-        while (code := self._wait(0 if end is None else os.WNOHANG)) is None:
-            if end is not None and time.monotonic() > end:
+        options = 0
+        end = math.inf
+        if timeout is not None:
+            options = os.WNOHANG
+            end = time.monotonic() + timeout
+        while (code := self._wait(options)) is None:
+            if time.monotonic() > end:
                 raise subprocess.TimeoutExpired("fork", timeout or 0.0)
             time.sleep(_POLL_S)
         return code

@@ -252,6 +252,7 @@ class Worker:
         self._kill()
 
     def _kill(self) -> None:
+        """End the process at once, and wait for its end."""
         process = self._process
         self._process = None
         self._is_up = False

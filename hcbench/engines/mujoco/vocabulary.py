@@ -22,6 +22,10 @@ def vocabulary(contact: OneContact) -> Vocabulary:
 
 
 def _one_step(e: float, timestep: float | None, missing: list[str]) -> list[SystemValue]:
+    """solref of a bounce in one step of `timestep`, s, with this e.
+
+    missing: gets a sentence for what cannot be written.
+    """
     if timestep is None:
         missing.append("MuJoCo's one-step bounce: it needs the timestep.")
         return []

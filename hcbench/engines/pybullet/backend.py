@@ -29,6 +29,8 @@ _MOST_CLIENTS = 1024
 # Bullet's line of code before each of its messages.
 _SOURCE_LINE = re.compile(r"b3(?:Error|Warning|Printf)\[[^\]]*\]:")
 # Places in a point of getContactPoints and getClosestPoints, of body A and body B.
+BODY_A = 1
+BODY_B = 2
 LINK_A = 3
 LINK_B = 4
 # Points in the world, m; unit vector on B that points at A; distance, m, below 0 where the two

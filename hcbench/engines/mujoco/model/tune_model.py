@@ -156,6 +156,7 @@ def _row_setter(
             geoms_alike += pair.geoms
 
     def set_rows(model: Any, rows: Rows) -> None:
+        """Write the rows into a compiled model, with the cone and impratio that all rows need."""
         tried = {**rows_of, like: rows}
         impratio = needed_impratio(plain, _with_rows(pairs, tried))
         if impratio > 0.0:
@@ -265,6 +266,10 @@ def _setting(
         return MujocoModel(_as_asked(compiled.__copy__(), request), label, None, request)
 
     def texts(promises: Sequence[Promise], output: Output) -> Texts:
+        """The lines to paste, the whole model with them, and the lines that a model includes.
+
+        promises: one a pair. output: where the model and the included file are to be written.
+        """
         sections = []
         for (pair, rows), promise in zip(pairs, promises, strict=True):
             names = [(made.names[first], made.names[second]) for first, second in pair.geoms]
@@ -272,7 +277,7 @@ def _setting(
             section = promise_lines(names, kept)
             if section:
                 sections.append(section)
-        paste = "\n".join(part for part in (made.lines, *sections) if part)
+        paste = "\n".join(filter(None, (made.lines, *sections)))
         lines = paste
         if output.include:
             lines = f'<include file="{output.include}"/>'

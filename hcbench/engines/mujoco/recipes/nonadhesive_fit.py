@@ -163,6 +163,7 @@ class _Terms:
 
     @classmethod
     def of(cls, x: Floats, v: Floats, onsets: Floats, solimps: Sequence[Solimp]) -> _Terms:
+        """Terms of rows with these onsets, m, at n penetrations x, m, and rates v, m/s."""
         depth = np.maximum(0.0, x[:, None] - onsets)
         highest = np.array([solimp[1] for solimp in solimps])
         d = np.array([impedance(*column) for column in zip(solimps, depth.T, strict=True)]).T

@@ -120,6 +120,11 @@ def _rise(u: Any, midpoint: Any, power: Any) -> Any:
     return u**power / midpoint ** (power - 1.0)
 
 
+def _held_impedance(d: float) -> float:
+    """An impedance within the limits that MuJoCo holds it to."""
+    return min(max(d, MIN_IMPEDANCE), MAX_IMPEDANCE)
+
+
 def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
     """Impedance d, from 0 to 1, at depths below the onset (m); solimp's
     numbers and depths broadcast.
@@ -246,12 +251,17 @@ class SoftConstraint:
         return -first / max(_MINVAL, dw**2), -second / max(_MINVAL, dw)
 
     def _solimp(self) -> Solimp:
+        """solimp as MuJoCo uses it: within its limits, where those hold."""
         if not self.clamped:
             return self.solimp
-        d0, dw, midpoint = (
-            min(max(self.solimp[i], MIN_IMPEDANCE), MAX_IMPEDANCE) for i in (0, 1, 3)
+        d0, dw, width, midpoint, power = self.solimp
+        return (
+            _held_impedance(d0),
+            _held_impedance(dw),
+            max(width, 0.0),
+            _held_impedance(midpoint),
+            max(power, 1.0),
         )
-        return d0, dw, max(self.solimp[2], 0.0), midpoint, max(self.solimp[4], 1.0)
 
     @property
     def is_impulse(self) -> bool:

@@ -110,6 +110,7 @@ def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
 
 
 def _parse(path: Path) -> ET.Element:
+    """The root of an XML file. Raises SceneError for a file that cannot be read, or is no XML."""
     try:
         return ET.parse(path).getroot()
     except (ET.ParseError, OSError, ValueError, LookupError) as error:

@@ -116,6 +116,7 @@ class PybulletModel(ModelUnderTest):
         return plugin.find(first, second, client=self.bullet.client)
 
     def _apply_request(self) -> None:
+        """Set the request's step, s, and gravity, m/s². Raises UserError for a keyframe."""
         if self.request.key is not None:
             raise UserError("key", repr(self.request.key), "no keyframe: PyBullet has none")
         if self.request.timestep is not None:

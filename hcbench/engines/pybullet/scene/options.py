@@ -71,6 +71,7 @@ class LinkOptions(OptionTable):
     @field_validator("onset", "stiffness")
     @classmethod
     def _in_range(cls, value: float, info: ValidationInfo) -> float:
+        """Refuse an onset below 0 m, and a stiffness that is not above 0 N/m."""
         if value < 0 or (value == 0 and info.field_name == "stiffness"):
             expected = "above 0 N/m"
             if info.field_name == "onset":

@@ -20,7 +20,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS, UNCLIPPED, BulletClient, client
+from hcbench.engines.pybullet.backend import (
+    BODY_A,
+    BODY_B,
+    DISTANCE,
+    FORCE,
+    LASTING_SETTINGS,
+    UNCLIPPED,
+    BulletClient,
+    client,
+)
 from hcbench.engines.pybullet.model.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.scene.record import (
     force_from_momentum,
@@ -171,9 +180,11 @@ class PybulletWorld(World):
             for contact in contacts():
                 # A contact out of reach was not solved for; it still says
                 # the force of when it last was.
-                if contact[8] <= reach:
-                    ball = contact[2] if contact[1] == self.plate else contact[1]
-                    forces[self.balls.index(ball)] += contact[9]
+                if contact[DISTANCE] <= reach:
+                    ball = contact[BODY_A]
+                    if ball == self.plate:
+                        ball = contact[BODY_B]
+                    forces[self.balls.index(ball)] += contact[FORCE]
             return forces
 
         return step
@@ -335,6 +346,7 @@ def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
 
 
 def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) -> int:
+    """The id of a new ball with the links of these options, loaded from a URDF made for it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ball.urdf"
         path.write_text(ball_urdf(scene, options.links), encoding="utf-8")
