@@ -54,6 +54,7 @@ class BaselineImpact(BaseModel):
 
     @model_validator(mode="after")
     def _require_restitution(self) -> Self:
+        """Refuse an e where none was measured, and none where one was."""
         if self.status in (Status.PARTED, Status.RESTED):
             is_right = 0 <= self.restitution < math.inf
         else:
@@ -80,6 +81,7 @@ class Baseline(BaseModel):
 
     @model_validator(mode="after")
     def _require_something_measured(self) -> Self:
+        """Refuse a record without an e, and one whose launches no one request makes."""
         first = self.impacts[0]
         launches = [impact.launch for impact in self.impacts]
         # One request has one height and one spin.
@@ -218,8 +220,9 @@ def read_pairs(path: Path) -> Pairs:
 
 
 def parse_points(text: str) -> Pairs:
-    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the
-    columns speed and restitution.
+    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution.
+
+    Raises UserError for text in neither form, QuantityError for its numbers and unit.
     """
     if is_file(text):
         return read_pairs(Path(text))

@@ -148,7 +148,10 @@ def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]
 
 
 def _wanted_of_baseline(baseline: Baseline, engine: str) -> Callable[[Impact], float]:
-    """e of the same launch in a baseline; NaN for launches that it has not."""
+    """e of the same launch in a baseline; NaN for launches that it has not.
+
+    Raises UserError for a baseline of another engine.
+    """
     if baseline.engine != engine:
         raise UserError(
             "baseline",

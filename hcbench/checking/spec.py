@@ -242,7 +242,10 @@ def _require_one_target(spec: CheckSpec, name: str) -> None:
 
 
 def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
-    """Limits on landings or on a recorded motion, and how to drop the robot for the former."""
+    """Limits on landings or on a recorded motion, and how to drop the robot for the former.
+
+    Raises UserError for options of a drop or of a motion without limits, and for both together.
+    """
     falls: dict[str, Any] = {name: options[name] for name in ("heights", "tilt", "controller")}
     given = {name: value for name, value in falls.items() if value is not None}
     is_of_motion = options["trajectory"] is not None

@@ -236,7 +236,11 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
 def _complete(
     entry: CheckSpec, table: CheckTable, folder: Path, baseline: Path | None
 ) -> CheckSpec:
-    """An entry with what the table says for all of them, and with paths from its folder."""
+    """An entry with what the table says for all of them, and with paths from its folder.
+
+    baseline: a file that takes the place of the entry's own target. Raises UserError for an entry
+    without a model.
+    """
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")
     update: dict[str, Any] = {}

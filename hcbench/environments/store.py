@@ -90,7 +90,7 @@ def find(engine: str, version: str = "") -> Environment | None:
 
 
 def remove(environment: Environment) -> None:
-    """Take it away, at once: killed in the middle, it is gone all the same."""
+    """Take it away, at once: killed in the middle, it is gone all the same. Raises OutputError."""
     try:
         with scratch_folder(home()) as scratch:
             environment.folder.rename(scratch / "removed")

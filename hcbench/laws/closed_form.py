@@ -78,8 +78,9 @@ def restitution_linear(alpha: Floats | float, speed: Floats | float) -> Floats:
 
 
 def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
-    """α in s/m of the law that rebounds with this e (0 < e <= 1) at
-    this speed (m/s); both broadcast.
+    """α in s/m of the law that rebounds with this e (0 < e <= 1) at this speed (m/s); both broadcast.
+
+    Raises UserError for an e outside that range, and for a speed that is not above 0.
     """
     e = _positive("restitution", restitution, "")
     if (e > 1).any():
@@ -197,7 +198,9 @@ def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:
 def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop:
     """One loop from touch to parting: arrays of shape (count,), nearly even in time, dense in x.
 
-    An odd count has the turning point x_m in its middle. Times are from touch.
+    An odd count has the turning point x_m in its middle. Times are from touch. SI throughout.
+
+    Raises UserError for a mass or speed that is not above 0, and for fewer than 3 points.
     """
     v = _positive("speed", speed, "m/s")
     if count < 3:

@@ -258,18 +258,25 @@ def _needed(slot: str, value: float | None, unit: str) -> float:
 
 
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
-    """α in s/m of the law that has this e at this speed (m/s)."""
+    """α in s/m of the law that has this e at this speed (m/s). Raises UserError without a speed, and
+    for an e outside 0 < e <= 1.
+    """
     if speed is None:
         raise UserError(
             "speed", "none", "the impact speed at which e is to hold", "e alone fixes no α"
         )
     require("restitution", e, 0.0 < e <= 1.0, "0 < e <= 1")
-    return (1.0 - e) / speed if reading == "linear" else float(closed_form.alpha_of(e, speed))
+    if reading == "linear":
+        return (1.0 - e) / speed
+    return float(closed_form.alpha_of(e, speed))
 
 
 def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) -> float:
-    """e of MuJoCo's contact, which ends at F = 0 as it cannot pull;
-    constant impedance, small steps.
+    """e of MuJoCo's contact, which ends at F = 0 as it cannot pull; constant impedance, small steps.
+
+    timestep: s, for the form "0 -D" of one step.
+
+    Raises UserError for numbers in none of MuJoCo's forms, and for that form without its step.
     """
     first, second = solref
     require("solref", solref, all(map(math.isfinite, solref)), "two finite numbers")

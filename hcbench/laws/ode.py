@@ -111,7 +111,7 @@ def impact(
 
 
 def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
-    """X with F(X, 0) X = m v_i², m."""
+    """X with F(X, 0) X = m v_i², m. Raises UserError for a law that stores this energy nowhere."""
     energy = mass * speed**2
 
     def excess(log_x: float) -> float:
@@ -149,8 +149,9 @@ def _force_over_units(law: ForceLaw, depth: float, speed: float) -> Force:
 def _solve(
     force: Force, inertia: float, weight: float, ending: Ending, tolerance: float, step_max: float
 ) -> Any:
-    """dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1). Events: x =
-    0, F = 0, turning, turning back.
+    """Solve dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1), in units of depth and impact speed.
+
+    Events: x = 0, F = 0, turning, turning back. Raises EngineFailed where SciPy gives up.
     """
 
     def rates(_: float, state: Floats) -> list[float]:

@@ -220,7 +220,9 @@ def curve_of_columns(
             first = ordered[starts]
             beyond = share[:, np.newaxis] * (ordered - np.repeat(first, sizes, axis=0))
             means[known] = first + np.add.reduceat(beyond, starts, axis=0)
-        return means if width > 1 else means[:, 0]
+        if width > 1:
+            return means
+        return means[:, 0]
 
     def chosen(values: Floats) -> Floats:
         column = np.full(count, math.nan)

@@ -150,6 +150,8 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
     limit: s of the clock, after which it counts as hung; None: LIMIT_S of
     processor time, or the engine's own where that is longer.
+
+    Raises EngineFailed where the worker died or hung, and what `work` raises.
     """
     source = _as_files(job.source)
     if source is None:
@@ -300,7 +302,10 @@ def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
 
 
 def _engine_for(source: Any, name: str | None) -> OpensModels:
-    """The engine of that name, or the first that opens such a model."""
+    """The engine of that name, or the first that opens such a model.
+
+    Raises UserError for a name of none that opens models, SceneError for a file that none opens.
+    """
     if name is not None:
         if registry.base_name(name) in registry.names():
             opener = registry.engine(name)

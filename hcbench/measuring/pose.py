@@ -83,7 +83,8 @@ def read_state(state: Any) -> Pose:
     """The arrays of a state file: .npz, or JSON with names and numbers; of
     joints, or whole, such as qpos.
 
-    Of an engine's state in Python, such as an MjData, those of its fields that are a pose.
+    Of an engine's state in Python, such as an MjData, those of its fields that are a pose. Raises
+    UserError for anything else, QuantityError for numbers that are not finite.
     """
     if state is None:
         return ()
@@ -117,7 +118,9 @@ def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:
 
 
 def _arrays(content: bytes) -> dict[str, Any]:
-    """The arrays of an .npz file that unpacks to no more than may be read."""
+    """The arrays of an .npz file; ValueError for one that is damaged, or unpacks to more than may be
+    read.
+    """
     try:
         require_small_archive(content)
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:

@@ -77,7 +77,7 @@ def _direction(along: Any) -> Vector:
 
 
 def read_pair(pair: BodyPair | None) -> tuple[str, str] | None:
-    """Two names of "a,b" or a sequence of two; None for None."""
+    """Two names of "a,b" or a sequence of two; None for None. Raises UserError for anything else."""
     if pair is None:
         return None
     names = [_body_name(part) for part in _pair_parts(pair)]
@@ -116,7 +116,10 @@ def read_limit(limit: Quantity | None) -> float | None:
 
 
 def _move(move: str) -> str:
-    """The joints that move the body: "base:", "body:NAME" or "joint:NAME"; "base" means the first."""
+    """The joints that move the body: "base:", "body:NAME" or "joint:NAME"; "base" means the first.
+
+    Raises UserError for anything else.
+    """
     kind, _, name = move.strip().partition(":")
     is_whole_base = kind == "base" and not name
     is_named = kind in ("body", "joint") and bool(name)

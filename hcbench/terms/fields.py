@@ -100,7 +100,7 @@ class InUnits:
         return core_schema.no_info_plain_validator_function(self.read)
 
     def read(self, value: Any) -> float | tuple[float, ...]:
-        """The quantity in SI."""
+        """The quantity in SI; an error of Pydantic's for anything that is not one."""
         try:
             if not self.several:
                 return units.parse(value, self.quantity, least=self.least, above=self.above)

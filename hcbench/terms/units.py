@@ -133,7 +133,9 @@ def _factor(unit: str, si: str) -> float:
 def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
     """Return one `unit` in the SI unit of the kind.
 
-    text: all that the user wrote, for errors.
+    text: all that the user wrote, for errors. exponent: n of N/m^n.
+
+    Raises QuantityError for text that is not a unit, or one of another kind.
     """
     if not unit:
         return 1.0
@@ -360,7 +362,11 @@ def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
 
 
 def _expand(text: str, slot: str, value: str) -> Floats:
-    """The numbers of "first", "first:last" or "first:last:count"."""
+    """The numbers of "first", "first:last" or "first:last:count".
+
+    value: all that the user wrote, for errors. Raises QuantityError for another count than 2 to
+    100 000.
+    """
     first, *rest = map(_fraction, text.split(":"))
     if not rest:
         return np.array([first])

@@ -341,7 +341,7 @@ def _listed(pair: BodyPair | Sequence[BodyPair] | None) -> list[BodyPair]:
 def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
     """The files to write and the version that has to load them.
 
-    version: "ENGINE@3.5".
+    version: "ENGINE@3.5". Raises UserError for anything else.
     """
     engine = ""
     numbers: tuple[int, ...] = ()
@@ -409,6 +409,9 @@ def make_target(
     speeds: the band of impact speeds, by default the paper's as far as the step can bounce.
     mass, stiffness, exponent: the scene's by default.
     gravity: into the plate, 9.81 m/s² by default.
+
+    Raises UserError for none or several of alpha, restitution, points, adams and newton, and for an
+    exponent without its stiffness; QuantityError for numbers and units.
     """
     points = read_points(points)
     spring = _spring(

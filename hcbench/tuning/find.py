@@ -125,7 +125,11 @@ class _Finder:
         self._adapter = registry.engine(engine)
 
     def named(self, name: str) -> Choice:
-        """The choice by a recipe that the user names."""
+        """The choice by a recipe that the user names.
+
+        Raises UserError for a name that the engine does not have, and the reason where launches of
+        the setting have no e.
+        """
         recipes = registry.recipes(self.engine)
         if name not in recipes:
             raise UserError(

@@ -165,8 +165,12 @@ def _require_known_version(engine: Engine, output: Output) -> None:
 
 
 def _tuned(job: Job) -> TunedModel:
-    """Try the engine's settings, the simplest first; return the first
-    that will do, or else the nearest.
+    """Try the engine's settings, the simplest first; return the first that will do, or else the
+    nearest, or the model as it is where that is nearer still.
+
+    A setting will do if e is within the job's `max_error` for all pairs, and all that stands still
+    stands as still as before. Raises UserError for an engine that tunes no models, EngineFailed
+    where launches with the best setting have no e.
     """
     assert isinstance(job, _TuneJob)
     requests = (job.request, *job.others)

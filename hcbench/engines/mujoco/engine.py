@@ -217,7 +217,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         request: Request,
         rebuild: Callable[[], Any] | None = None,
     ) -> list[CandidatePair]:
-        """Pairs of geoms that may collide."""
+        """Pairs of geoms that may collide; UserError for a URDF without any."""
         from hcbench.engines.mujoco.model.list_pairs import list_pairs
         from hcbench.engines.mujoco.model.open import load as load_user_model
 

@@ -67,7 +67,7 @@ class BulletClient:
 
     @classmethod
     def direct(cls) -> BulletClient:
-        """A new client without a window."""
+        """A new client without a window; EngineFailed where Bullet has no room for one more."""
         new = cls(0)
         new.client = new.module.connect(new.module.DIRECT)
         if new.client < 0:

@@ -151,8 +151,8 @@ class _Batch:
         return y + h * _mix(_B, k), h * fifth / np.maximum(bottom, 1e-300)
 
     def _resize(self, rows: Indices, h: Floats, error: Floats) -> None:
-        """Choose the next step's size from this one's error; one cut short by a limit says little
-        about growth.
+        """Choose the next step's size, s, from this one's error over the tolerance; a step cut short by
+        a limit says little about growth. Raises EngineFailed where no step is short enough.
         """
         good = error <= 1.0
         factor = np.where(

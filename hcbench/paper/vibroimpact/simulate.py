@@ -210,11 +210,11 @@ def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
         k, n = law.stiffness, law.exponent
         return n * k * depth ** (n - 1.0), law.dissipation * k * depth**n
     x = depth * np.array([1.0 - 1e-5, 1.0 + 1e-5])
+    stiffness = np.diff(law.force(x, 0.0))[0] / np.diff(x)[0]
     # The difference over 2e-6 m/s: near v = 0 these laws are straight lines in v.
     v = np.array([-1e-6, 1e-6])
-    return float(np.diff(law.force(x, 0.0))[0] / np.diff(x)[0]), float(
-        np.diff(law.force(depth, v))[0] / 2e-6
-    )
+    damping = np.diff(law.force(depth, v))[0] / 2e-6
+    return float(stiffness), float(damping)
 
 
 def _solve(rising: Drive, wanted: float) -> float:

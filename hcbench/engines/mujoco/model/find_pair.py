@@ -45,8 +45,9 @@ class MovingJoint:
 
 
 def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
-    """The pair that two names mean: bodies first, then geoms, or as
-    "body:NAME" or "geom:NUMBER" says.
+    """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER" says.
+
+    Raises UserError for unknown names, and for two that are the same or cannot collide.
     """
     first, second = (_named_geoms(model, name) for name in names)
     if set(first.geoms) & set(second.geoms):

@@ -85,7 +85,10 @@ class _Foot(NamedTuple):
 
 
 class _Bench:
-    """A robot with a free base, in its pose, over the parts of the world that it can land on."""
+    """A robot with a free base, in its pose, over the parts of the world that it can land on.
+
+    Raises UserError for a model without a free joint, or without gravity.
+    """
 
     def __init__(self, model: Any, start: Any) -> None:
         self.model = model
@@ -155,7 +158,10 @@ class _Bench:
         return bool((on_floor & (distances <= 0.0) & (data.contact.exclude == 0)).any())
 
     def _way_up(self, data: Any, address: int) -> float:
-        """Height by which to raise the robot until it just touches the floor, m."""
+        """Height by which to raise the robot until it just touches the floor, m; below 0 to lower it.
+
+        address: of its free joint in qpos. Raises UserError where nothing is below it.
+        """
         trial = copy.copy(data)
         here = data.qpos[address : address + 3].copy()
 

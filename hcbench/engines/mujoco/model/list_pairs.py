@@ -34,10 +34,12 @@ _POSES_MAX = 50
 
 
 def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
-    """The pair of a request; without names, the only body that moves
-    and the only thing it can meet.
+    """The pair of a request; without names, the only body that moves and the only thing it can meet.
+
+    Raises UserError for names that mean no pair, and with a list where there is a choice.
     """
-    if (names := request.pair or only_pair(model)) is None:
+    names = request.pair or only_pair(model)
+    if names is None:
         raise choice_error(list_pairs(model, request, state))
     return named_pair(model, names)
 

@@ -162,8 +162,11 @@ class PairReader:
         acting = (data.contact.efc_address >= 0) & (geoms.min(axis=1) >= 0)
         geoms = geoms[acting & (sides[geoms].sum(axis=1) != 3)]
         inside = in_tree[geoms]
-        theirs = inside.any(axis=1)[:, None] & (~inside | inside.all(axis=1)[:, None])
-        return set(geoms[theirs].tolist())
+        one_is_inside = inside.any(axis=1)[:, None]
+        both_are_inside = inside.all(axis=1)[:, None]
+        # The geom outside the trees; both, where the trees touch themselves.
+        is_named = one_is_inside & (~inside | both_are_inside)
+        return set(geoms[is_named].tolist())
 
 
 def with_kinematics(data: Any, model: Any) -> Any:

@@ -219,7 +219,10 @@ class RowSearch:
             deepest = max(deepest, float(np.nan_to_num(depth[-_LAST:].mean())))
             before = np.std(rate[-2 * _LAST : -_LAST])
             last = np.std(rate[-_LAST:])
-            calmed = min(1.0, last / before) if before > 0.0 else 0.0
+            # Share of the vibration that is left after _LAST steps.
+            calmed = 0.0
+            if before > 0.0:
+                calmed = min(1.0, last / before)
             # The vibration is taken to fall on by the same share.
             later = last * calmed**_LATER
             worst = max(worst, float(np.nan_to_num(later, nan=math.inf)))

@@ -63,7 +63,10 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
 
 
 def _step(push: Push, x: float, v: float, step: float) -> tuple[float, float, float, float]:
-    """(x m, v m/s) one step (s) on, and the sizes of their errors in the same units."""
+    """(x m, v m/s) one step (s) on, and the sizes of their errors in the same units.
+
+    push: acceleration of the contact, m/s², at (x, v); below 0 it counts as none.
+    """
     # Rates of x and of v at each stage; the contact only pushes.
     speeds = [v]
     accelerations = [-max(0.0, push(x, v))]

@@ -72,8 +72,10 @@ def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
         return f"{head}\n<contact>\n{pairs_text(options.rows, pair, '  ')}</contact>"
     lines = [head, '<!-- on the tendon "contact"; more rows are copies of it -->']
     for row in options.rows:
-        deeper = f" <!-- upper end of range: {shortest(row.onset)} m more -->" if row.onset else ""
-        lines.append(_written(limit_attributes(row, shortest)) + deeper)
+        line = _written(limit_attributes(row, shortest))
+        if row.onset:
+            line += f" <!-- upper end of range: {shortest(row.onset)} m more -->"
+        lines.append(line)
     return "\n".join(lines)
 
 

@@ -268,12 +268,13 @@ class SoftConstraint:
         """True if one step takes the whole impact: damping that reverses
         the body, hardly any spring.
         """
-        stiffness, damping = (-value for value in self.solref)
-        return (
-            self.solref[0] <= 0
-            and 1.0 <= damping * self.timestep <= 2.0
-            and stiffness * self.timestep**2 < _SPRINGLESS
-        )
+        first, second = self.solref
+        if first > 0:
+            return False
+        # Above 1 the damper reverses the body within the step, up to e = 1 at 2.
+        reversal = -second * self.timestep
+        is_springless = -first * self.timestep**2 < _SPRINGLESS
+        return 1.0 <= reversal <= 2.0 and is_springless
 
     @property
     def is_powerless(self) -> bool:

@@ -63,6 +63,9 @@ def check_plate(path: Path) -> None:
 def check_user_model(path: Path) -> tuple[str, float] | None:
     """Refuse what PyBullet would only print about. Returns a restitution that it would overlook:
     the first (tag, e) outside <link><contact>, where other simulators have theirs.
+
+    Raises SceneError for a file that is not there or not a URDF, SDF or MJCF, or that Bullet would
+    read wrongly.
     """
     if not path.is_file():
         raise SceneError("model", f"{path} {why_no_file(path)}", "a URDF, SDF or MJCF file")
@@ -81,13 +84,10 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
         text = mass.get("value") or mass.text or ""
         _check_number(path, "mass", text, "0 kg (fixed) or more", lambda mass: 0 <= mass < math.inf)
     for mesh in root.iter("mesh"):
-        name = mesh.get("filename")
-        if (
-            name
-            and "://" not in name
-            and not is_file(path.parent / name)
-            and not Path(name).is_absolute()
-        ):
+        name = mesh.get("filename", "")
+        # Bullet itself looks for packages and absolute paths.
+        is_beside = name and "://" not in name and not Path(name).is_absolute()
+        if is_beside and not is_file(path.parent / name):
             raise SceneError(
                 "model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF"
             )
@@ -110,7 +110,7 @@ def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
 
 
 def _parse(path: Path) -> ET.Element:
-    """The root of an XML file. Raises SceneError for a file that cannot be read, or is no XML."""
+    """The root of an XML file. Raises SceneError for a file that cannot be read, or is not XML."""
     try:
         return ET.parse(path).getroot()
     except (ET.ParseError, OSError, ValueError, LookupError) as error:

@@ -259,7 +259,9 @@ class PybulletModel(ModelUnderTest):
         return suspects
 
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
-        """The same world made again, with some fixes made; a live client is not touched."""
+        """The same world made again, with some fixes made; UserError for a live client, which cannot be
+        made again.
+        """
         if self.build is None:
             raise UserError(
                 "model", "a live client cannot be made again", "files, or a function for it"

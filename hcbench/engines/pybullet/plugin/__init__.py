@@ -171,7 +171,10 @@ def remove(number: int, *, client: int = 0) -> None:
 
 @checked
 def force(number: int, *, client: int = 0) -> float:
-    """The normal force of a law in the last (sub)step, N, of all its contacts together."""
+    """The normal force of a law in the last (sub)step, N, of all its contacts together.
+
+    number: of the law, as `add` returned it. Raises SettingError for one that the client has not.
+    """
     answer = BulletClient(client).executePluginCommand(load(client), "force", [number])
     if isinstance(answer, int):
         raise SettingError(
