@@ -11,6 +11,7 @@ nothing again. Functions and values cross by pickle, functions by their module's
 """
 
 import math
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -44,6 +45,10 @@ __all__ = [
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+
+# More processes than these for each core run nothing sooner, and each takes its memory: a million
+# of them would end the machine.
+_MOST_A_CORE = 2
 
 
 def call(
@@ -144,12 +149,13 @@ def map_surviving_crashes(
 class WorkerPool:
     """Up to `jobs` worker processes, each with a thread of this process that waits for it.
 
+    jobs: at most two a core are started.
     threads: an executor; what its functions `call` runs in the worker process of their thread.
     Left by an exception, the pool kills its processes regardless of what they do.
     """
 
     def __init__(self, jobs: int) -> None:
-        self.jobs = max(1, jobs)
+        self.jobs = max(1, min(jobs, _MOST_A_CORE * (os.cpu_count() or 1)))
         self._workers = [Worker() for _ in range(self.jobs)]
         idle = iter(self._workers)
         self.threads = ThreadPoolExecutor(self.jobs, initializer=lambda: use_own_worker(next(idle)))

@@ -205,6 +205,14 @@ def test_a_pool_has_as_many_processes_as_jobs_and_keeps_the_order() -> None:
     assert all(_gone(process) for process in processes)
 
 
+def test_a_pool_of_a_million_jobs_starts_two_processes_a_core_at_most() -> None:
+    most = 2 * (os.cpu_count() or 1)
+    with WorkerPool(1_000_000) as pool:
+        assert pool.jobs == most
+        pool.begin(__name__, "remember", 7)
+        assert len(set(pool.map(process_id, range(4 * most)))) <= most
+
+
 def die(_: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
