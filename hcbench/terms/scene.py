@@ -245,24 +245,15 @@ def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
         raise SceneError("scene", f"{name_or_path!r}", "a scene's folder or name")
     for base in (*([folder] if folder else []), Path(), *_BUILT_IN):
         path = base / name_or_path
-        if path.name == FILE and _is_file(path):
+        if path.name == FILE and is_file(path):
             path = path.parent
-        if _is_file(path / FILE):
+        if is_file(path / FILE):
             return read_scene(path)
     raise SceneError(
         "scene",
         f"{sanitized(name_or_path)!r} was not found",
         f"a folder with a {FILE}, or one of: {', '.join(scene_names())}",
     )
-
-
-def _is_file(path: Path) -> bool:
-    """True for a file; SceneError for a name that no system can have, as one too long."""
-    try:
-        return path.is_file()
-    except OSError as error:
-        got = f"{sanitized(path.name)!r}: {error.strerror}"
-        raise SceneError("scene", got, "a scene's folder or name") from None
 
 
 def read_scene(folder: Path) -> Scene:

@@ -129,7 +129,7 @@ def test_a_name_that_no_disk_takes_is_one_line_and_exit_2(
     caught = capsys.readouterr()
     assert caught.out == ""
     (line,) = caught.err.splitlines()
-    assert "ile name too long" in line or "pairs like" in line
+    assert "ile name too long" in line or "pairs like" in line or "was not found" in line
     assert "unexpected" not in line
     assert there(study) == ["study.toml"]
 

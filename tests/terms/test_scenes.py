@@ -473,11 +473,9 @@ def test_includes_and_asset_folders_work_from_anywhere(
         MujocoEngine().run(load_scene(copied), STOCK, [Launch(0.2)])
 
 
-@pytest.mark.parametrize(
-    ("name", "reason"), [("a" * 5000, "File name too long"), ("a\0b", "was not found")]
-)
-def test_a_name_that_no_folder_can_have_is_refused(name: str, reason: str) -> None:
-    with pytest.raises(SceneError, match=reason):
+@pytest.mark.parametrize("name", ["a" * 5000, "a\0b"])
+def test_a_name_that_no_folder_can_have_is_refused(name: str) -> None:
+    with pytest.raises(SceneError, match="was not found"):
         load_scene(name)
 
 
