@@ -19,8 +19,9 @@ COMPILE = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11
 define NEW_ENVIRONMENT
 @test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 is here. Install one, such as python3.11"; exit 1; }
 @echo "Python: $$($(PYTHON) -c 'import sys; print(sys.version.split()[0], sys.executable)')"
-@test -x $(@D)/bin/uv || { $(PYTHON) -m venv $(@D) && sed -n '/^uv==/,/[^\\]$$/p' $(filter %.txt,$^) > $(@D)/uv.txt \
-  && $(@D)/bin/pip install --quiet --disable-pip-version-check --require-hashes -r $(@D)/uv.txt; }
+@test -x $(@D)/bin/pip || $(PYTHON) -m venv $(@D)
+@sed -n '/^uv==/,/[^\\]$$/p' $(filter %.txt,$^) > $(@D)/uv.txt
+@$(@D)/bin/pip install --quiet --disable-pip-version-check --require-hashes -r $(@D)/uv.txt
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
