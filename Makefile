@@ -1,7 +1,7 @@
 # The two main commands are `make report` and `make test`. Both make their own environment.
 # 3.11 where it is, as only that has wheels of PyBullet; else the newest of the others.
 ifndef PYTHON
-PYTHON := $(firstword $(foreach v,3.11 3.13 3.12,$(shell python$(v) -c "import venv" 2>/dev/null && echo python$(v))))
+PYTHON := $(firstword $(foreach v,3.11 3.14 3.13 3.12,$(shell python$(v) -c "import venv" 2>/dev/null && echo python$(v))))
 endif
 unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of processes: each would compile all that it imports
 VENV := .venv
@@ -17,7 +17,7 @@ COMPILE = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet --custom-compile-command "make lock"
 # A new environment with uv of the lock, by pip, which installs the rest in a fifth of pip's time.
 define NEW_ENVIRONMENT
-@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 is here. Install one, such as python3.11"; exit 1; }
+@test -n "$(PYTHON)" || { echo "No Python 3.11 ... 3.14 is here. Install one, such as python3.11"; exit 1; }
 @echo "Python: $$($(PYTHON) -c 'import sys; print(sys.version.split()[0], sys.executable)')"
 @test -x $(@D)/bin/pip || $(PYTHON) -m venv $(@D)
 @sed -n '/^uv==/,/[^\\]$$/p' $(filter %.txt,$^) > $(@D)/uv.txt
