@@ -11,7 +11,7 @@ import click
 class _AdamsType(click.types.StringParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """An AdamsImpact of the text."""
-        from hcbench.laws.summary import read_adams
+        from hcbench.laws.impact_law import read_adams
 
         return read_adams(value, param.opts[0] if param else "adams")
 
@@ -19,7 +19,7 @@ class _AdamsType(click.types.StringParamType):
 class _NewtonType(click.types.StringParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """A NewtonSpring of the text."""
-        from hcbench.laws.summary import read_newton
+        from hcbench.laws.impact_law import read_newton
 
         return read_newton(value, param.opts[0] if param else "newton")
 

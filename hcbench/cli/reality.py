@@ -89,7 +89,7 @@ def _report_own(
         )
     with WorkerPool(jobs) as pool:
         pool.begin("importlib", "import_module", "hcbench.reality.study")
-        from hcbench.reality.build import build_own
+        from hcbench.reality.page import build_own
         from hcbench.reality.poses import box, box_of, judge, read, text
 
         if model is not None:
@@ -134,7 +134,7 @@ def report_reality(
 
     with WorkerPool(jobs) as pool:
         pool.begin("importlib", "import_module", "hcbench.reality.study")
-        from hcbench.reality.build import build
+        from hcbench.reality.page import build
         from hcbench.reality.study import run
 
         request = _request(sets, data, part, identify)
@@ -151,14 +151,14 @@ def _request(
     A set whose data are missing is left out with a line to stderr. Raises UserError where it was asked
     for by name, and for the held-out part without its data.
     """
-    from hcbench.reality import sources
-    from hcbench.reality.cells import SETS, require_sets
+    from hcbench.reality import data_sets
+    from hcbench.reality.data_sets import SETS, require_sets
     from hcbench.reality.study import RealityRequest
 
     chosen = require_sets(sets) if sets else list(SETS)
-    folders = {name: sources.find(name, data) for name in chosen}
+    folders = {name: data_sets.find(name, data) for name in chosen}
     for name in chosen:
-        if folders[name] is None and (advice := sources.missing(name)):
+        if folders[name] is None and (advice := data_sets.missing(name)):
             if sets:
                 got = "not given"
                 if data:
@@ -166,16 +166,16 @@ def _request(
                 raise UserError("--data", got, advice)
             print(f"left out: {name}. Add: --data, {advice}", file=sys.stderr)
     for name, folder in folders.items():
-        if folder is not None and sources.differs(name, folder):
+        if folder is not None and data_sets.differs(name, folder):
             print(
-                f"warning: {name}: {folder} has another version of {sources.SOURCES[name].path}",
+                f"warning: {name}: {folder} has another version of {data_sets.SOURCES[name].path}",
                 file=sys.stderr,
             )
     if part == 4 and "cube" in chosen and folders["cube"] is None:
         raise UserError(
             "--part", "4, which is not shipped", "--data with the folder of DAIRLab/contact-nets"
         )
-    known = [name for name in chosen if folders[name] is not None or not sources.missing(name)]
+    known = [name for name in chosen if folders[name] is not None or not data_sets.missing(name)]
     return RealityRequest(known, folders, part, identify)
 
 

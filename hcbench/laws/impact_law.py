@@ -1,4 +1,4 @@
-"""`hcbench.law`: what the law says of impacts, from text with units or SI numbers."""
+"""All that the law says of impacts: `hcbench.law`, and the summary that it and the command print."""
 
 from __future__ import annotations
 
@@ -7,20 +7,146 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.laws import closed_form
+from hcbench.laws import closed_form, hertz
+from hcbench.laws.conventions import SOLVERS_OF_NEWTON
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, ImpactSummary, summarize
+from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.system.errors import UserError
 from hcbench.system.notebook import Drawn
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import PintQuantity
+from hcbench.terms.units import INCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from hcbench.terms.impact import Floats
     from hcbench.terms.options import Quantities, Quantity
+
+# All that the law says about one impact, and where it leaves the range that the paper gives for
+# itself.
+
+# 1/(1/R1 + 1/R2) of the paper's section 3.1: 1 in convex on 2 in concave.
+PAPER_RELATIVE_RADIUS = 2 * INCH
+# The paper's section 1.2 treats impacts slower than 20 in/s, m/s.
+SPEED_LIMIT = 20 * INCH
+# α v_i at the ends of what the paper calls reasonable: α = 0.008 s/in at 20
+# in/s. Eq. (2) is 0.02 low there.
+ALPHA_SPEED_LIMIT = 0.16
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactSummary:
+    """One impact by eq. (16). No shear stress for n other than 3/2, where Hertz says nothing."""
+
+    alpha_s_per_m: float
+    speed_m_per_s: float
+    restitution: float
+    restitution_linear: float
+    penetration_max_m: float
+    force_max_n: float
+    duration_s: float
+    energy_loss_j: float
+    shear_stress_max_pa: float | None
+    warnings: tuple[str, ...]
+
+
+def summarize(
+    law: HuntCrossley, mass: float, speed: float, relative_radius: float
+) -> ImpactSummary:
+    """Everything about one impact: mass kg, speed v_i m/s, relative radius R m. Raises UserError."""
+    force = float(closed_form.force_max(law, mass, speed))
+    shear = None
+    if law.exponent == 1.5:
+        shear = hertz.from_stiffness(law.stiffness, relative_radius).shear_max(force)
+    return ImpactSummary(
+        alpha_s_per_m=float(law.alpha),
+        speed_m_per_s=float(speed),
+        restitution=float(closed_form.restitution(law.alpha, speed)),
+        restitution_linear=float(closed_form.restitution_linear(law.alpha, speed)),
+        penetration_max_m=float(closed_form.penetration_max(law, mass, speed)),
+        force_max_n=force,
+        duration_s=float(closed_form.duration(law, mass, speed)),
+        energy_loss_j=float(closed_form.energy_loss(law, mass, speed)),
+        shear_stress_max_pa=shear,
+        warnings=_warnings(law, speed, shear),
+    )
+
+
+def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str, ...]:
+    """Sentences on an impact outside the paper's range.
+
+    speed: m/s.
+    shear: largest shear stress, Pa; None if the exponent is another than that of spheres.
+    """
+    warnings = []
+    # The margin lets 20 in/s itself pass, whatever unit it was converted from.
+    if speed > SPEED_LIMIT * (1 + 1e-12):
+        warnings.append(
+            f"speed {speed:.4g} m/s is above {SPEED_LIMIT:.3g} m/s (20 in/s):"
+            " past the paper's range of e = 1 - α v"
+        )
+    if shear is not None and shear > hertz.SHEAR_LIMIT:
+        warnings.append(
+            f"shear stress {shear:.3g} Pa is above {hertz.SHEAR_LIMIT:.3g} Pa (62 000 psi):"
+            " surfaces may yield"
+        )
+    if shear is None:
+        warnings.append(
+            f"no shear stress for exponent {law.exponent:g}: eq. (6) is for n = 1.5, spheres"
+        )
+    if (share := law.alpha * speed) > ALPHA_SPEED_LIMIT * (1 + 1e-12):
+        gap = float(closed_form.restitution(law.alpha, speed)) - (1.0 - share)
+        warnings.append(
+            f"α v = {share:.3g} is above {ALPHA_SPEED_LIMIT:g}: e of the law is {gap:.2g} above 1 - α v"
+        )
+    return tuple(warnings)
+
+
+# The text "k, e, cmax, d", each in SI or with a unit.
+Adams = str | AdamsImpact
+# The text "SOLVER, ke, kd".
+Newton = str | NewtonSpring
+
+
+def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
+    """IMPACT of "k, e, cmax, d", SI or with units, or one that was read. Raises UserError."""
+    if isinstance(given, AdamsImpact):
+        return given
+    k, e, c, d = _parts(
+        given, slot, "IMPACT's k, e, cmax, d, such as '1e5 N/mm, 1, 10 N s/mm, 0.1 mm'", 4
+    )
+    exponent = units.parse(e, "exponent", slot)
+    stiffness = units.parse(k, "stiffness", slot, exponent=exponent)
+    damping = units.parse(c, "damping", slot)
+    depth = units.parse(d, "length", slot)
+    return AdamsImpact(stiffness, exponent, damping, depth)
+
+
+def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
+    """The contact of "SOLVER, ke, kd", or one that was read. Raises UserError."""
+    if isinstance(given, NewtonSpring):
+        return given
+    solver, ke, kd = _parts(given, slot, "a solver, ke, kd, such as 'semi-implicit, 1e4, 20'", 3)
+    if solver.lower() not in SOLVERS_OF_NEWTON:
+        known = " or ".join(SOLVERS_OF_NEWTON)
+        raise UserError(slot, repr(solver), f"{known}: the solvers of Newton that read ke and kd")
+    numbers = (units.parse(text, "number", slot) for text in (ke, kd))
+    return NewtonSpring(SOLVERS_OF_NEWTON[solver.lower()], *numbers)
+
+
+def _parts(value: Any, slot: str, expected: str, count: int) -> list[str]:
+    """The parts of a text between commas, `count` of them; UserError with `slot` for anything else."""
+    parts = []
+    if isinstance(value, str):
+        parts = [part.strip() for part in value.split(",")]
+    if len(parts) != count:
+        raise UserError(slot, f"{value!r:.80}", expected)
+    return parts
+
+
+# `hcbench.law`: what the law says of impacts, from text with units or SI numbers.
 
 PAPER_MASS = "1 lb"
 PAPER_STIFFNESS = "3.1e7 lbf/in^1.5"

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammainc, hyp1f1
 
-from hcbench.laws._phase_path import g_ratio
+from hcbench.laws.closed_form import g_ratio
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.require import positive, require, within
 from hcbench.terms.impact import Floats

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hcbench.reality.bounce import MeasuredBounces, bounced
-from hcbench.reality.outcome import SettingErrors
+from hcbench.reality.motion import MeasuredBounces, SettingErrors, bounced
 from hcbench.sim.toss import Body, ContactSetting, TossModule
 from hcbench.terms.impact import Floats
 

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from hcbench.reality.bounce import MeasuredBounces, bounced
-from hcbench.reality.outcome import SettingErrors
+from hcbench.reality.motion import MeasuredBounces, SettingErrors, bounced
 from hcbench.sim.toss import GRAVITY, Body, ContactSetting, TossModule
 from hcbench.system.errors import UserError
 from hcbench.system.files import read_bytes

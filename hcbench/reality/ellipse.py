@@ -12,10 +12,7 @@ import numpy as np
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
-from hcbench.reality.bounce import MeasuredBounces, bounced
-from hcbench.reality.motion import quaternions
-from hcbench.reality.outcome import SettingErrors
-from hcbench.reality.search import least
+from hcbench.reality.motion import MeasuredBounces, SettingErrors, bounced, least, quaternions
 from hcbench.sim.toss import Body, ContactSetting, TossModule
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats

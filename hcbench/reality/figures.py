@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from hcbench.reality.evidence import good, speeds_and_e
 from hcbench.reality.impacts import ImpactRead
-from hcbench.reality.scores import NO_ENGINE, SettingScore
+from hcbench.reality.study import NO_ENGINE, SettingScore
 from hcbench.reporting.plot_style import (
     BLUE,
     GREEN,

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.reality.cells import SETS, Cell, Tick, outcome_of, run_each, settings_of
-from hcbench.reality.search import least
+from hcbench.reality.data_sets import SETS, Cell, Tick, outcome_of, run_each, settings_of
+from hcbench.reality.motion import least
 from hcbench.system.errors import EngineFailed
 from hcbench.system.files import read_text
 from hcbench.terms.impact import Floats

@@ -1,16 +1,60 @@
-"""Measured motions of one body: its poses over time, its start, and how far
-a simulated motion is from it.
-"""
+"""Measured motions and bounces of one body, and how far simulated ones are from them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
 from scipy.spatial.transform import Rotation
 
-from hcbench.reality.outcome import SettingErrors
-from hcbench.sim.toss import GRAVITY, POSITION, QUATERNION, Body, ContactSetting, Toss, TossModule
+from hcbench.sim.toss import (
+    GRAVITY,
+    POSITION,
+    QUATERNION,
+    SPIN,
+    VELOCITY,
+    Body,
+    ContactSetting,
+    Toss,
+    TossModule,
+)
 from hcbench.terms.impact import Floats
+
+# Errors of a setting on a data set: one for each of its motions or bounces.
+
+
+@dataclass(frozen=True, slots=True)
+class SettingErrors:
+    """Errors in the set's unit, shape (n,); of tosses rotations
+    (rad), and scores that combine both.
+    """
+
+    errors: Floats
+    scores: Floats
+    rotations: Floats | None = None
+
+
+# The search that all identifications here use.
+
+
+def least(
+    function: Callable[[Floats], float], start: Floats, step: float, evaluations: int | None = None
+) -> tuple[Floats, float]:
+    """Minimize a function of some unknowns by Nelder and Mead; return the minimum's place and
+    value.
+
+    step: by which the first simplex differs from the start, in each unknown.
+    """
+    simplex = np.vstack([start, start + step * np.eye(len(start))])
+    options: Any = {"initial_simplex": simplex, "maxfev": evaluations}
+    best: Any = optimize.minimize(function, start, method="Nelder-Mead", options=options)
+    return best.x, float(best.fun)
+
+
+# Measured motions of one body: its poses over time, its start, and how far a simulated motion is
+# from it.
 
 # The flight before the first touch ends where the lowest point is this low, m.
 NEAR = 3e-3
@@ -208,3 +252,97 @@ def interval(values: Floats, seed: int = 0, draws: int = 1000) -> tuple[float, f
     means = values[generator.integers(0, len(values), (draws, len(values)))].mean(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])
     return float(low), float(high)
+
+
+# Single bounces: a body is launched so that it meets the plate as measured, and its motion after
+# is read.
+
+# Steps of flight before the touch; the phase adds up to one more.
+_BACK = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredBounces:
+    """Velocities (m/s) and spins (rad/s) at the touch, before and after,
+    shape (n, 3), and attitudes (n, 4).
+
+    What was not measured after is NaN.
+
+    numbers: which of the data set, shape (n,).
+    """
+
+    numbers: Floats
+    attitude: Floats
+    velocity: Floats
+    spin: Floats
+    velocity_after: Floats
+    spin_after: Floats
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def of(self, keep: NDArray[np.bool_]) -> "MeasuredBounces":
+        """The bounces that a mask keeps."""
+        return MeasuredBounces(
+            self.numbers[keep], self.attitude[keep], self.velocity[keep], self.spin[keep],
+            self.velocity_after[keep], self.spin_after[keep],
+        )  # fmt: skip
+
+
+def bounced(
+    module: TossModule,
+    setting: ContactSetting,
+    values: Sequence[float],
+    body: Body,
+    bounces: MeasuredBounces,
+    timestep: float,
+    duration: float,
+) -> tuple[Floats, Floats]:
+    """Velocities (m/s) and spins (rad/s) with which an engine's bodies
+    leave the plate, shape (n, 3) each.
+    """
+    tosses = _launches(body, bounces, timestep, duration)
+    return _after(body, module.simulate(body, setting, values, timestep, tosses), timestep)
+
+
+def _launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: float) -> list[Toss]:
+    """Tosses that begin a step or two before the touch, each in another phase of the step.
+
+    timestep, duration: s. The state at the touch is followed back through free flight.
+    """
+    phases = np.random.default_rng(0).random(len(bounces))
+    tosses = []
+    for i, phase in enumerate(phases):
+        back = (_BACK + phase) * timestep
+        turn = Rotation.from_rotvec(-back * bounces.spin[i]) * rotation(bounces.attitude[i])
+        height = -float(lowest(body, np.zeros(3), bounces.attitude[i]))
+        velocity = bounces.velocity[i] + [0.0, 0.0, GRAVITY * back]
+        place = np.array([0.0, 0.0, height - 0.5 * GRAVITY * back**2]) - back * bounces.velocity[i]
+        steps = int(duration / timestep)
+        tosses.append(Toss(place, quaternions(turn), velocity, bounces.spin[i], steps))
+    return tosses
+
+
+def _after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Floats, Floats]:
+    """Velocities and spins where bodies leave the plate, shape (n, 3) each.
+
+    One that has not left at the end has the velocity along the plate of
+    the last step, and none upwards.
+    """
+    velocities = []
+    spins = []
+    for states in simulated:
+        height = lowest(body, states[:, POSITION], states[:, QUATERNION])
+        clear = (height > 0.0) & (states[:, VELOCITY][:, 2] > 0.0)
+        clear[0] = False
+        if clear.any():
+            k = int(np.argmax(clear))
+            rise = height[k] - height[k - 1]
+            # How much of a step ago it was at the plate: gravity has slowed it since.
+            share = float(np.clip(height[k] / rise, 0.0, 1.0)) if rise > 0.0 else 0.0
+            velocities.append(states[k, VELOCITY] + [0.0, 0.0, GRAVITY * (timestep * share)])
+        else:
+            k = len(states) - 1
+            velocities.append(states[k, VELOCITY] * [1.0, 1.0, 0.0])
+        spins.append(states[k, SPIN])
+    return np.array(velocities), np.array(spins)

@@ -1,26 +1,34 @@
-"""The page: the sets, errors by setting with floors, one toss, e over speed, corrections, verdicts."""
+"""Results in, a folder out: the page of the study, its tables and parameters."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import astuple
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from hcbench.reality import cube, figures
-from hcbench.reality.cells import SETS
-from hcbench.reality.evidence import LATE, SIGN
+from hcbench.reality import cube, figures, study
+from hcbench.reality.data_sets import SETS, SOURCES
+from hcbench.reality.evidence import LATE, SIGN, good
 from hcbench.reality.figures import name_of
-from hcbench.reality.scores import NO_ENGINE, SettingScore
-from hcbench.reality.sources import SOURCES
-from hcbench.reality.study import TWIN_ALPHA, TWIN_E, RealityResults
+from hcbench.reality.impacts import COLUMNS, ImpactRead
+from hcbench.reality.poses import PAIRS, Own
+from hcbench.reality.study import NO_ENGINE, TWIN_ALPHA, TWIN_E, RealityResults, SettingScore
 from hcbench.reporting import wording
-from hcbench.reporting.page import Drawing, draw, render, script
+from hcbench.reporting.page import PAGE, Drawing, draw, render, script
 from hcbench.reporting.wording import listed
 from hcbench.sim.toss import FRICTION, NOTHING, PLUGIN_E, RESTITUTION
+from hcbench.system.errors import UserError
+from hcbench.system.files import atomic_folder, json_text, write_text
+
+# The page: the sets, errors by setting with floors, one toss, e over speed, corrections, verdicts.
 
 # Decimals of a drawn position (m) and quaternion.
 _PLACES = 4
@@ -229,3 +237,61 @@ def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore
         score for score in results.scores if score.set == "cube" and setting_of(score) in changed
     ]
     return [("", own), *((variant, list(scores)) for variant, scores in results.changed.items())]
+
+
+# Results in, a folder out: the page, scores.csv, the impacts that were read, and the parameters.
+
+IMPACTS = "impacts.csv"
+PARAMETERS = "parameters.json"
+
+
+def build_own(own: Own, folder: Path) -> None:
+    """Write the tables of a user's tosses into `folder`: all impacts,
+    those for `hcbench fit`, scores.
+    """
+    with atomic_folder(folder, IMPACTS) as scratch:
+        write_text(scratch / IMPACTS, impacts_text(own.impacts))
+        write_text(scratch / PAIRS, pairs_text([each for each in own.impacts if each.good]))
+        write_text(scratch / study.FILE, study.csv_text(score for score, _ in own.scores))
+
+
+def build(results: RealityResults, folder: Path) -> Path:
+    """Write the study into `folder` and return its page. All of it appears, or nothing.
+
+    The same results give the same bytes. Raises OutputError where the folder cannot be written,
+    UserError where it holds a study of more data sets.
+    """
+    if lost := study.sets_in(folder) - set(results.request.sets):
+        raise UserError(
+            "--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder"
+        )
+    with atomic_folder(folder, PAGE) as scratch:
+        write_text(scratch / PAGE, page_text(results))
+        write_text(scratch / study.FILE, study.csv_text(results.scores))
+        write_text(scratch / PARAMETERS, json_text(results.parameters))
+        if results.impacts:
+            write_text(scratch / IMPACTS, impacts_text(results.impacts))
+            write_text(scratch / PAIRS, pairs_text(good(results.impacts)))
+    return folder / PAGE
+
+
+def impacts_text(impacts: Sequence[ImpactRead]) -> str:
+    """Everything that was read of the impacts, a line each."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for impact in impacts:
+        row = []
+        for value in astuple(impact):
+            if isinstance(value, float):
+                row.append(f"{value:.6g}")
+            else:
+                row.append(value)
+        writer.writerow(row)
+    return text.getvalue()
+
+
+def pairs_text(impacts: Sequence[ImpactRead]) -> str:
+    """Impact speeds and e, as `hcbench fit` reads them."""
+    lines = [f"{each.number},{each.speed_in:.6g},{each.e:.6g},{each.u_e:.6g}\n" for each in impacts]
+    return "trial,speed [m/s],restitution,u_restitution\n" + "".join(lines)

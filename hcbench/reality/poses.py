@@ -11,11 +11,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from hcbench.laws.require import positive
-from hcbench.reality.cells import Cell, Tick, outcome_of, run_each, settings_of
+from hcbench.reality.data_sets import Cell, Tick, outcome_of, run_each, settings_of
 from hcbench.reality.identify import best_values, search
 from hcbench.reality.impacts import ImpactRead, read_impacts
 from hcbench.reality.motion import LEAST_FLIGHT, Tosses, motion
-from hcbench.reality.scores import SettingScore, of_cell
+from hcbench.reality.study import SettingScore, of_cell
 from hcbench.sim.toss import Body
 from hcbench.system.errors import UserError
 from hcbench.system.files import read_text

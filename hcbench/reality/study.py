@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import csv
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from hcbench.reality import evidence, floors, twin
-from hcbench.reality.cells import (
+from hcbench.reality import evidence
+from hcbench.reality.cube import VARIANTS
+from hcbench.reality.data_sets import (
     SETS,
     Cell,
     Tick,
@@ -20,15 +24,122 @@ from hcbench.reality.cells import (
     run_each,
     settings_of,
 )
-from hcbench.reality.cube import VARIANTS
 from hcbench.reality.evidence import Slope, Switch
 from hcbench.reality.identify import Parameters, committed, identify, values_of
-from hcbench.reality.impacts import ImpactRead, read_impacts
-from hcbench.reality.motion import Tosses
-from hcbench.reality.scores import NO_ENGINE, SettingScore, of_cell, of_outcome
-from hcbench.sim.toss import FRICTION, PLUGIN_ALPHA, PLUGIN_E, ContactSetting
+from hcbench.reality.impacts import POSITION_NOISE, ROTATION_NOISE, ImpactRead, read_impacts
+from hcbench.reality.motion import (
+    Motion,
+    SettingErrors,
+    Tosses,
+    at_times,
+    interval,
+    motion,
+    quaternions,
+    rotation,
+)
+from hcbench.sim.toss import FRICTION, PLUGIN_ALPHA, PLUGIN_E, Body, ContactSetting, TossModule
 from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool, call
+
+# The table scores.csv: the mean error of each setting on each data set, with its interval.
+
+FILE = "scores.csv"
+# Engine of the rows that are floors.
+NO_ENGINE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class SettingScore:
+    """A line: a mean error with its 95 % interval over n tosses or bounces.
+
+    cone: of friction, where the engine has several.
+    rotation_deg: mean angle, of tosses.
+    """
+
+    set: str
+    engine: str
+    setting: str
+    cone: str
+    error: float
+    error_low: float
+    error_high: float
+    unit: str
+    rotation_deg: float | None
+    n: int
+
+
+def of_cell(cell: Cell, outcome: SettingErrors) -> SettingScore:
+    """Score of the engine's setting in a cell."""
+    return of_outcome(cell.data, cell.engine, cell.contact.name, cell.contact.cone, outcome)
+
+
+def of_outcome(
+    data: str, engine: str, setting: str, cone: str, outcome: SettingErrors
+) -> SettingScore:
+    """The score of a setting or of a floor."""
+    low, high = interval(outcome.errors)
+    turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))
+    mean = float(outcome.errors.mean())
+    return SettingScore(
+        data, engine, setting, cone, mean, low, high, SETS[data].UNIT, turned, len(outcome.errors)
+    )
+
+
+def csv_text(scores: Iterable[SettingScore]) -> str:
+    """The table.
+
+    A line each, with a header; numbers in five digits.
+    """
+    text = io.StringIO()
+    names = [field.name for field in fields(SettingScore)]
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    for score in scores:
+        row = asdict(score)
+        for name, value in row.items():
+            if isinstance(value, float):
+                row[name] = f"{value:.5g}"
+        writer.writerow(row)
+    return text.getvalue()
+
+
+def sets_in(folder: Path) -> set[str]:
+    """Data sets of the study in a folder; empty without a study."""
+    try:
+        with (folder / FILE).open(encoding="utf-8", newline="") as file:
+            return {row["set"] for row in csv.DictReader(file)}
+    except (OSError, ValueError, KeyError, csv.Error):
+        return set()
+
+
+# Synthetic twins of measured tosses: the same starts under a known law, with the measured noise,
+# as motions.
+#
+# What a reading finds in a twin, whose law is known, says what the same reading of the data is
+# worth.
+
+TIMESTEP = 2.5e-4  # s
+
+
+def twins(
+    module: TossModule, body: Body, setting: ContactSetting, values: Sequence[float],
+    motions: Sequence[Motion], timestep: float = TIMESTEP, seed: int = 3,
+) -> list[Motion]:  # fmt: skip
+    """A twin of each motion, by an engine's setting whose law is exact."""
+    noise = np.random.default_rng(seed)
+    tosses = [each.toss(timestep) for each in motions]
+    made = []
+    for measured, states in zip(
+        motions, module.simulate(body, setting, values, timestep, tosses), strict=True
+    ):
+        place, turn = at_times(states, timestep, measured.time - measured.time[0])
+        place = place + noise.normal(0.0, POSITION_NOISE, place.shape)
+        shaken = Rotation.from_rotvec(noise.normal(0.0, ROTATION_NOISE, place.shape)) * rotation(
+            turn
+        )
+        made.append(motion(measured.number, body, measured.time, place, quaternions(shaken)))
+    return made
+
 
 # Laws whose twins are read as the data are: the e that is read from the data,
 # and the α that has this mean e.
@@ -203,21 +314,23 @@ def _floors(
         exact = _exact(data)
     if exact is not None:
         engine, constant, _ = exact
-        grid = [request.cell(data, engine, constant, (friction,)) for friction in floors.FRICTIONS]
-        outcomes[floors.BEST_OF_EACH] = floors.best(run_each(pool, floors.of_friction, grid))
+        grid = [
+            request.cell(data, engine, constant, (friction,)) for friction in evidence.FRICTIONS
+        ]
+        outcomes[evidence.BEST_OF_EACH] = evidence.best(run_each(pool, evidence.of_friction, grid))
         values = values_of(parameters, data, request.cell(data, engine, constant))
         if values is not None:
             same = request.cell(data, engine, constant, values)
-            (outcomes[floors.NOISE],) = run_each(pool, floors.of_noise, [same])
+            (outcomes[evidence.NOISE],) = run_each(pool, evidence.of_noise, [same])
     elif data == "ellipse":
-        outcomes = floors.of_ellipse(*_both_parts(request, data))
+        outcomes = evidence.of_ellipse(*_both_parts(request, data))
     elif data == "ball":
-        outcomes = floors.of_ball(*_both_parts(request, data))
+        outcomes = evidence.of_ball(*_both_parts(request, data))
     elif data == "alumina":
         alumina = SETS[data]
         fixed = alumina.FIXED
         cases = alumina.cases(alumina.VALIDATION)
-        outcomes[floors.RIGID] = alumina.rigid(cases, fixed["restitution"], fixed["friction"])
+        outcomes[evidence.RIGID] = alumina.rigid(cases, fixed["restitution"], fixed["friction"])
     for name, outcome in outcomes.items():
         yield of_outcome(data, NO_ENGINE, name, "", outcome)
 
@@ -257,5 +370,5 @@ def _read(parts: tuple[int, ...], folder: Path | None) -> list[ImpactRead]:
 def _read_twins(cell: Cell) -> list[ImpactRead]:
     """In a worker process."""
     measured = cell.cases.motions[::_TWIN_EVERY]
-    made = twin.twins(cell.module, cell.cases.body, cell.contact, cell.values, measured)
+    made = twins(cell.module, cell.cases.body, cell.contact, cell.values, measured)
     return read_impacts(cell.cases.body, made)

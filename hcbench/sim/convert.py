@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from hcbench.laws.conventions import contact_of, said
+from hcbench.laws.impact_law import read_adams, read_newton
 from hcbench.laws.restitution import Reading
-from hcbench.laws.summary import read_adams, read_newton
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.system.errors import UserError
@@ -19,7 +19,7 @@ from hcbench.terms.options import Quantity
 
 if TYPE_CHECKING:
     from hcbench.laws.conventions import Conversion
-    from hcbench.laws.summary import Adams, Newton
+    from hcbench.laws.impact_law import Adams, Newton
 
 _QUANTITIES = {
     "alpha": "alpha",

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from hcbench.laws.force import HuntCrossley
+from hcbench.laws.impact_law import read_adams, read_newton
 from hcbench.laws.restitution import Reading
-from hcbench.laws.summary import read_adams, read_newton
 from hcbench.measuring.measurement import Wanted, read_points
 from hcbench.measuring.request import make_request, read_limit, read_pair
 from hcbench.recipes.search import report_progress
@@ -46,8 +46,8 @@ from hcbench.tuning.model import LIMIT_S, tune_job
 from hcbench.tuning.tuned_model import TunedModel
 
 if TYPE_CHECKING:
+    from hcbench.laws.impact_law import Adams, Newton
     from hcbench.laws.penalty import AdamsImpact, NewtonSpring
-    from hcbench.laws.summary import Adams, Newton
     from hcbench.terms.scene import Scene
 
     Points = Sequence[tuple[float, float]]

@@ -6,7 +6,7 @@ import pytest
 
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, summarize
+from hcbench.laws.impact_law import PAPER_RELATIVE_RADIUS, summarize
 
 INCH, POUND, LBF = 0.0254, 0.45359237, 4.4482216152605
 K3 = 3.1e7 * LBF / INCH**1.5  # of section 3.1

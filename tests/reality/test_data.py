@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench.reality import ball, cube, ellipse, sources
+from hcbench.reality import ball, cube, data_sets, ellipse
+from hcbench.reality.cube import read_tensor
 from hcbench.reality.motion import LEAST_FLIGHT
-from hcbench.reality.torch_file import read_tensor
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats
 
@@ -156,17 +156,17 @@ def test_the_ellipse_s_tangential_lever_has_the_wrong_sign() -> None:
 def test_of_data_without_a_licence_the_download_is_named() -> None:
     with pytest.raises(UserError, match="spindoe"):
         ball.cases((0,))
-    assert ball.SHA256 in sources.missing("ball")
-    assert sources.missing("cube") == ""
+    assert ball.SHA256 in data_sets.missing("ball")
+    assert data_sets.missing("cube") == ""
 
 
 def test_another_version_of_downloaded_data_is_noticed(tmp_path: Path) -> None:
     file = tmp_path / "spindoe" / ball.FILE
     file.parent.mkdir(parents=True)
     file.write_bytes(b"another")
-    folder = sources.find("ball", tmp_path)
+    folder = data_sets.find("ball", tmp_path)
     assert folder == tmp_path / "spindoe"
-    assert sources.differs("ball", folder)
+    assert data_sets.differs("ball", folder)
 
 
 def _as_hostile(arguments: tuple[Any, ...], storage: Floats) -> bytes:

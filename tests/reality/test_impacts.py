@@ -13,7 +13,7 @@ import pytest
 from hcbench.reality import cube
 from hcbench.reality.impacts import ImpactRead, read_impacts
 from hcbench.reality.motion import Tosses
-from hcbench.reality.twin import twins
+from hcbench.reality.study import twins
 from hcbench.sim.toss import engines
 
 WHOLE = pytest.mark.skipif(

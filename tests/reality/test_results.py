@@ -10,13 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hcbench.reality import floors
-from hcbench.reality.build import build
+from hcbench.reality import evidence
 from hcbench.reality.identify import smooth_least
-from hcbench.reality.outcome import SettingErrors
-from hcbench.reality.page import page_text, verdicts
-from hcbench.reality.scores import NO_ENGINE, SettingScore, csv_text
-from hcbench.reality.study import RealityRequest, RealityResults
+from hcbench.reality.motion import SettingErrors
+from hcbench.reality.page import build, page_text, verdicts
+from hcbench.reality.study import NO_ENGINE, RealityRequest, RealityResults, SettingScore, csv_text
 from hcbench.system.errors import UserError
 
 COLUMNS = "set,engine,setting,cone,error,error_low,error_high,unit,rotation_deg,n"
@@ -59,7 +57,7 @@ def test_no_order_is_told_among_settings_whose_intervals_overlap() -> None:
 
 
 def test_the_page_stands_alone(tmp_path: Path) -> None:
-    floor = replace(ELLIPTIC, engine=NO_ENGINE, setting=floors.NOISE, cone="")
+    floor = replace(ELLIPTIC, engine=NO_ENGINE, setting=evidence.NOISE, cone="")
     page = page_text(results(ELLIPTIC, PYRAMIDAL, PLUGIN, floor))
     assert "BSD-3-Clause" in page and "arXiv 2009.11193" in page
     assert 'src="http' not in page
@@ -80,7 +78,7 @@ def test_the_best_of_each_toss_is_by_its_own_score() -> None:
         SettingErrors(np.array([1.0, 9.0]), np.array([0.1, 0.9]), np.array([0.0, 0.0])),
         SettingErrors(np.array([8.0, 2.0]), np.array([0.8, 0.2]), np.array([0.0, 0.0])),
     ]
-    assert floors.best(outcomes).errors.tolist() == [1.0, 2.0]
+    assert evidence.best(outcomes).errors.tolist() == [1.0, 2.0]
 
 
 def test_a_parabola_through_tries_is_less_rough_than_the_best_of_them() -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hcbench.reality import cube, ellipse
-from hcbench.reality.cells import Cell, outcome_of
+from hcbench.reality.data_sets import Cell, outcome_of
 from hcbench.reality.identify import committed, search, smooth_least, values_of
-from hcbench.reality.outcome import SettingErrors
+from hcbench.reality.motion import SettingErrors
 from hcbench.sim.toss import GRAVITY, POSITION, SPIN, VELOCITY, Body, Toss, engines
 
 WHOLE = pytest.mark.skipif(

@@ -52,7 +52,7 @@ def readers(folder: Path) -> dict[str, Reader]:
     from hcbench.checking.baseline import read_baseline, read_pairs
     from hcbench.fitting.recording import read_recording
     from hcbench.measuring.pose import read_state
-    from hcbench.reality.torch_file import read_tensor
+    from hcbench.reality.cube import read_tensor
     from hcbench.terms.scene import read_scene
 
     def scene(path: Path) -> Any:
