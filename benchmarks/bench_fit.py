@@ -25,9 +25,8 @@ import synthesise as synth
 from hcbench.fitting.datasets import Dataset, TouchTimes
 from hcbench.fitting.estimate import LawFit, fit_law
 from hcbench.fitting.fit import fit
-from hcbench.fitting.heights import Heights
+from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.listening import listen
-from hcbench.fitting.pairs import SpeedPairs
 from hcbench.fitting.recording import Recording
 from hcbench.fitting.setup import Known, MeasurementSetup
 from hcbench.fitting.track import track_of

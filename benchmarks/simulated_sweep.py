@@ -19,12 +19,11 @@ from concurrent.futures import Executor, Future
 from typing import Any
 
 from hcbench.benchmark import shard as shards
-from hcbench.benchmark.files import Files, open_files
 from hcbench.benchmark.plan import Plan, Shard, make_plan
 from hcbench.benchmark.results import run_key
 from hcbench.benchmark.run import Workers, run_plan
 from hcbench.benchmark.shard import Timeouts
-from hcbench.benchmark.store import Store
+from hcbench.benchmark.store import Files, Store, open_files
 from hcbench.benchmark.study import study_from
 from hcbench.benchmark.tables import ShardFiles, Summary
 from hcbench.workers import WorkerPool

@@ -23,7 +23,7 @@ from hcbench.cases.schema import type_name
 from hcbench.checking.outcome import Verdict
 from hcbench.fitting.budget import Budget
 from hcbench.fitting.estimate import Estimate
-from hcbench.fitting.flags import Flag
+from hcbench.fitting.misfits import Flag
 from hcbench.laws.impact_law import ImpactSummary
 from hcbench.measuring.measurement import Cause
 from hcbench.recipes.target import Target

@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from hcbench.benchmark.bounce_sequence import bounce_table, plan_drops
 from hcbench.benchmark.encodings import arrays, parquet, require_parquet
-from hcbench.benchmark.files import TemporaryFiles, open_files
 from hcbench.benchmark.plan import Plan, make_plan
 from hcbench.benchmark.results import Results
 from hcbench.benchmark.shard import Timeouts, run_bounces, run_jobs, run_shard
-from hcbench.benchmark.store import GO_ON, Store
+from hcbench.benchmark.store import GO_ON, Store, TemporaryFiles, open_files
 from hcbench.benchmark.study import Study
 from hcbench.benchmark.tables import Totals
 from hcbench.system.errors import CannotRun, HcbenchError

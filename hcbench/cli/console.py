@@ -10,8 +10,8 @@ import click
 
 from hcbench.cli.outputs import PathType
 from hcbench.system.files import json_text
-from hcbench.terms.bounds import admit_beyond_bounds
 from hcbench.terms.options import OPTIONS, Jobs, Option
+from hcbench.terms.units import admit_beyond_bounds
 
 CORES = os.cpu_count() or 1
 

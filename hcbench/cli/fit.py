@@ -190,9 +190,9 @@ def _fit_force(
     """Fit and print forces; False where the file has none. of_bounces:
     options that apply to bounces.
     """
-    from hcbench.fitting import force_text as forces_of
+    from hcbench.fitting import force as forces_of
     from hcbench.fitting.read import read_force
-    from hcbench.fitting.text import with_uncertainty
+    from hcbench.fitting.result import with_uncertainty
 
     forces = read_force(file, setup, kind)
     if forces is None:
@@ -224,9 +224,8 @@ def _typed() -> tuple[str, ...]:
 
 def _print(result: FitResult, scene: Replay | None, lines: list[str]) -> None:
     """Print the fit, the comparison with another material, the scene, and lines to type next."""
-    from hcbench.fitting.comparison import as_text as comparison_text
     from hcbench.fitting.replay import replay_text
-    from hcbench.fitting.text import as_text
+    from hcbench.fitting.result import as_text, comparison_text
 
     show(as_text(result).rstrip())
     if result.against is not None:
@@ -239,7 +238,7 @@ def _print(result: FitResult, scene: Replay | None, lines: list[str]) -> None:
 def _print_json(result: FitResult, scene: Replay | None, _: list[str]) -> None:
     """Print the fit as JSON, with the scene, if one was made."""
     from hcbench.fitting.replay import replay_record
-    from hcbench.fitting.text import as_record
+    from hcbench.fitting.result import as_record
 
     print_json(as_record(result) | ({} if scene is None else {"scene": replay_record(scene)}))
 
@@ -248,7 +247,7 @@ def _write(
     result: FitResult, scene: Replay | None, lines: list[str], force: bool, **files: Path | None
 ) -> None:
     """files: where to write what, by its option."""
-    from hcbench.fitting.text import points_text
+    from hcbench.fitting.result import points_text
     from hcbench.system.outputs import write_output
 
     if (page := files["page"]) is not None:

@@ -24,7 +24,7 @@ from hcbench.cli.contacts import spring_options
 from hcbench.cli.help import command
 from hcbench.cli.outputs import force_option, output_option
 from hcbench.system.errors import UserError
-from hcbench.terms.bounds import BOUNDS
+from hcbench.terms.units import BOUNDS
 
 
 class _EngineOption(click.Option):

@@ -16,7 +16,7 @@ from hcbench.system.errors import LimitPassed, UserError
 from hcbench.system.text import joined_names, time_step, two_digits
 
 if TYPE_CHECKING:
-    from hcbench.recipes.search import SearchInterrupted
+    from hcbench.recipes.recipe import SearchInterrupted
     from hcbench.recipes.target import Target
     from hcbench.sim.passivity import Passivity
     from hcbench.tuning.answer import Answer, Choice, Kind
@@ -43,7 +43,7 @@ def tune_engine(
     """Tune an engine, print the answer, and write a script with its
     setting. asked: as `tune` takes it.
     """
-    from hcbench.recipes.search import SearchInterrupted
+    from hcbench.recipes.recipe import SearchInterrupted
     from hcbench.sim import registry
     from hcbench.system.outputs import write_output
     from hcbench.terms.setting import PAIR

@@ -10,11 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from hcbench.fitting.comparison import compare
 from hcbench.fitting.fit import fit as fit_sets
-from hcbench.fitting.plausible import require_different
 from hcbench.fitting.read import KINDS, Excerpt, has_force, read_dataset, read_force
-from hcbench.fitting.setup import MeasurementSetup, read_setup
+from hcbench.fitting.result import compare
+from hcbench.fitting.setup import MeasurementSetup, read_setup, require_different
 from hcbench.system.errors import UserError
 from hcbench.terms import units
 from hcbench.terms.arguments import checked

@@ -12,11 +12,18 @@ import numpy as np
 
 from hcbench.fitting.budget import error_budget
 from hcbench.fitting.estimate import ODDS_TO_DROP, alpha_of, estimate_of, fit_law, widened
-from hcbench.fitting.flags import flagged_touches
 from hcbench.fitting.heights import odd_drops, shared_value
-from hcbench.fitting.lack_of_fit import PRIOR_OF_ADHESION, LackOfFit, adhesion, smooth_change
+from hcbench.fitting.misfits import (
+    MOST_OUTLIERS,
+    PRIOR_OF_ADHESION,
+    LackOfFit,
+    adhesion,
+    doubted_impacts,
+    flagged_touches,
+    scatter_widths,
+    smooth_change,
+)
 from hcbench.fitting.noise import MOST_SCATTER
-from hcbench.fitting.outliers import MOST_OUTLIERS, doubted_impacts, scatter_widths
 from hcbench.fitting.result import DropResult, FitResult
 from hcbench.fitting.table import computed
 from hcbench.fitting.track import scale_warnings
@@ -28,7 +35,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import Estimate, LawFit
-    from hcbench.fitting.flags import Flag
+    from hcbench.fitting.misfits import Flag
     from hcbench.terms.impact import Floats
 
 # Impacts that a warning names.

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.bounce_search import likeliest_trains
-from hcbench.fitting.clicks import Timer, bands
+from hcbench.fitting.clicks import Picks, Timer, bands
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.estimate import alpha_of, fit_law
-from hcbench.fitting.flags import flagged_touches, gains_by_moving
-from hcbench.fitting.picks import Picks
+from hcbench.fitting.misfits import flagged_touches, gains_by_moving
 from hcbench.fitting.which_law import LAWS, PLAIN, WITH_E0
 from hcbench.system.errors import UserError
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.fitting.result import limit_of, with_uncertainty
 from hcbench.fitting.table import Table, cell_of, table_of
-from hcbench.fitting.text import limit_of, with_uncertainty
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels
 from hcbench.system.errors import UserError

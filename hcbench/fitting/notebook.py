@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from hcbench.fitting.text import band, headline, odds_text
+from hcbench.fitting.result import band, headline, odds_text
 from hcbench.fitting.which_law import LAWS
 
 if TYPE_CHECKING:

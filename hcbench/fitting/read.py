@@ -10,25 +10,24 @@ import numpy as np
 from hcbench.fitting.columns import EXPECTED_COLUMNS, DataColumns, columns_of
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.force import fit_loop, fit_pulse
-from hcbench.fitting.heights import Heights
+from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.next_lines import phyphox_times, tracker_table
-from hcbench.fitting.pairs import SpeedPairs
-from hcbench.fitting.plausible import require_a_ball
 from hcbench.fitting.recording import is_sound, read_recording
+from hcbench.fitting.setup import require_a_ball
 from hcbench.fitting.table import computed, read_lines, read_table
 from hcbench.fitting.track import track_of, upright
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
-from hcbench.terms.bounds import require_bounds
+from hcbench.terms.units import require_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from hcbench.fitting.clicks import Picks
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
-    from hcbench.fitting.picks import Picks
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 

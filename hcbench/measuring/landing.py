@@ -10,8 +10,7 @@ from typing import Any
 
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE
-from hcbench.measuring.python_file import is_python, python_function
-from hcbench.measuring.request import make_request, read_limit
+from hcbench.measuring.request import is_python, make_request, python_function, read_limit
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
 from hcbench.system.errors import QuantityError, UserError

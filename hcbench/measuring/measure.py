@@ -19,8 +19,7 @@ from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.curve import impacts_of
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.measurement import TOLERANCE, Cause, Measurement, Wanted
-from hcbench.measuring.python_file import call_python, is_python
-from hcbench.measuring.request import make_request, read_limit
+from hcbench.measuring.request import call_python, is_python, make_request, read_limit
 from hcbench.measuring.rest import ANY_REST, RestLimits, at_rest, rest_causes
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels
@@ -32,9 +31,9 @@ from hcbench.system.errors import EngineFailed, HcbenchError, SceneError, UserEr
 from hcbench.system.memory import memory_limit
 from hcbench.system.text import sanitized
 from hcbench.terms.arguments import checked
-from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
 from hcbench.terms.impact import Impact, Status
 from hcbench.terms.options import BodyPair, LaunchOptions, ModelSource, Quantity
+from hcbench.terms.units import admits_beyond_bounds, beyond_bounds
 from hcbench.workers import WorkerDied, begin, call
 
 Answer = TypeVar("Answer")

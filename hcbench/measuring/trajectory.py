@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
-from hcbench.measuring.pose import read_named
-from hcbench.measuring.request import make_request, read_limit
+from hcbench.measuring.request import make_request, read_limit, read_named
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import PARTED_S
 from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns

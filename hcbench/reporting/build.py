@@ -7,11 +7,11 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hcbench.reporting import cup_table, ranking, tables, wording
-from hcbench.reporting.conditions import Views, views
+from hcbench.reporting import ranking, tables, wording
 from hcbench.reporting.explorer import explorer, explorer_script
 from hcbench.reporting.overview_figure import overview_figure
 from hcbench.reporting.page import PAGE, Drawing, counted, draw, render
+from hcbench.reporting.tables import Views, views
 from hcbench.sim.install import add_commands
 from hcbench.system.files import atomic_folder, write_text
 from hcbench.terms import units
@@ -90,7 +90,7 @@ def page_text(by_gravity: Views, results: Results, overview: dict[str, Any]) -> 
         overview=overview,
         provenance=_provenance(by_gravity, results),
         oblique_rows=tables.oblique(by_gravity.sliding),
-        cup_rows=cup_table.rows(by_gravity, results),
+        cup_rows=tables.rows(by_gravity, results),
         lost=wording.listed(tables.failed_impacts(by_gravity)),
         impact_count=len(results.table),
         rules=ranking,

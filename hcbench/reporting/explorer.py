@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from hcbench.reporting import tables
-from hcbench.reporting.answers import PageChoice, answered, choices
 from hcbench.reporting.page import Script, script
 from hcbench.reporting.plot_style import KIND_COLOURS
+from hcbench.reporting.ranking import PageChoice, answered, choices
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.reporting.wording import engine_title
 from hcbench.terms.units import STANDARD_GRAVITY
 from hcbench.tuning.usual_errors import errors_of
 
 if TYPE_CHECKING:
-    from hcbench.reporting.conditions import Views
+    from hcbench.reporting.tables import Views
 
 _Where: TypeAlias = tuple[float, str, float, float]
 _WHERE = ("gravity", "engine", "step", "alpha")

@@ -15,7 +15,6 @@ from hcbench.fitting.result import FitResult
 from hcbench.laws.impact_law import ImpactLaw
 from hcbench.measuring.measurement import Measurement
 from hcbench.reporting import measurement_page, wording
-from hcbench.reporting.conditions import views
 from hcbench.reporting.overview_figure import overview_figure
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import (
@@ -28,6 +27,7 @@ from hcbench.reporting.plot_style import (
     speed_axis,
 )
 from hcbench.reporting.ranking import advised, overview_runs
+from hcbench.reporting.tables import views
 from hcbench.sim import registry
 from hcbench.system import text as _text
 from hcbench.tuning.answer import Answer

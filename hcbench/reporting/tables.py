@@ -1,19 +1,185 @@
 """Tables of the page as rows of text; the page only lays them out."""
 
+from __future__ import annotations
+
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeAlias
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Key, Results
 from hcbench.reporting import wording
-from hcbench.reporting.answers import error_of
-from hcbench.reporting.conditions import Views
-from hcbench.reporting.ranking import error_ratio, grade, lacks, lies_still, over_constant, verdict
+from hcbench.reporting.ranking import (
+    error_of,
+    error_ratio,
+    grade,
+    lacks,
+    lies_still,
+    over_constant,
+    verdict,
+)
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.terms.setting import Setting
 from hcbench.tuning.model import snippet
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Results of one study under each of its gravities, and a cup compared with its equivalent flat
+# plate.
+
+_RUN = ["engine", "setting", "timestep_s"]
+
+
+class Views(NamedTuple):
+    """The same study with and without gravity, either of which may be
+    missing, and where bodies slid.
+    """
+
+    with_gravity: View | None
+    without_gravity: View | None
+    sliding: View | None = None
+
+    @property
+    def shown(self) -> list[View]:
+        """The views with gravity and without, those that there are."""
+        return [view for view in (self.with_gravity, self.without_gravity) if view is not None]
+
+    @property
+    def main(self) -> View:
+        """View that resembles a user's own scene: under gravity, if the study has it."""
+        return self.shown[0]
+
+
+def views(results: Results) -> Views:
+    """A view for each gravity; the strongest where there are several."""
+    gravities = {float(record["gravity_m_per_s2"]) for record in results.settings}
+    strongest = max(gravities, default=0.0)
+    with_gravity = None
+    if strongest:
+        with_gravity = View(under(results, strongest))
+    without_gravity = None
+    if 0.0 in gravities or not gravities:
+        without_gravity = View(under(results, 0.0))
+    friction = RUN_KEY.index("friction")
+    rough = results.table.only([key for key in results.table.folded if key[friction] > 0.0])
+    sliding = None
+    if len(rough):
+        sliding = View(replace(results, table=rough))
+    return Views(with_gravity, without_gravity, sliding)
+
+
+def under(results: Results, gravity: float) -> Results:
+    """Select the results under a gravity, m/s², on the axis and with the least friction.
+
+    In the study's own scene, or else in another one.
+    """
+    import pandas as pd
+
+    rows = pd.DataFrame(results.settings, columns=["scene", *CONDITIONS, *_RUN])
+    plain = (rows["gravity_m_per_s2"] == gravity) & (rows["off_axis_m"] == 0.0)
+    plain &= rows["friction"] == rows["friction"][plain].min()
+    foreign = rows["scene"] != results.study["scene"]
+    # One row a run: where it ran in the study's own scene and in another,
+    # the sort puts its own first.
+    chosen = rows[plain].assign(foreign=foreign).sort_values("foreign", kind="stable")
+    chosen = chosen.drop_duplicates(_RUN).drop(columns="foreign")
+    chosen_values = set(chosen.itertuples(index=False, name=None))
+
+    def is_chosen(values: Mapping[str, Any]) -> bool:
+        return tuple(values[name] for name in chosen.columns) in chosen_values
+
+    def pick(table: pd.DataFrame) -> pd.DataFrame:
+        if table.empty:
+            return table
+        return table.merge(chosen)
+
+    settings = [record for record in results.settings if is_chosen(record)]
+    keys = [key for key in results.table.folded if is_chosen(dict(zip(RUN_KEY, key, strict=True)))]
+    table = results.table.only(keys)
+    study = dict(results.study)
+    if gravity != study["gravity"]:
+        # The study's band is that of its own gravity: here it is what was launched.
+        launched: set[float] = set()
+        for one in table.folded.values():
+            launched.update(one.curve.speed.tolist())
+        study |= {"gravity": gravity, "speeds": sorted(launched), "loop_speeds": []}
+    return replace(
+        results,
+        study=study,
+        settings=settings,
+        table=table,
+        loops=pick(results.loops),
+        scores=pick(results.scores),
+        trains=pick(results.trains),
+        rests=pick(results.rests),
+    )
+
+
+# The same settings on the axis of the cup, off it, and on the equivalent flat plate: differences
+# of e.
+
+_RUN_AT_GRAVITY = ["gravity_m_per_s2", "engine", "setting", "timestep_s"]
+_SCENE = RUN_KEY.index("scene")
+_OFF_AXIS = RUN_KEY.index("off_axis_m")
+_LAUNCH = ["speed_m_per_s", "phase"]
+
+
+def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
+    """Runs of the main α at several places: the largest error of e on the cup's axis, and at each
+    other place the largest difference of e from there, launch by launch.
+    """
+    study = results.study
+    view = by_gravity.main
+    if study["form"] != "cup":
+        return []
+    shown = []
+    for run, keys in _keys_by_run(results, view.main_alpha).items():
+        if all(key[_SCENE] == study["scene"] and key[_OFF_AXIS] == 0.0 for key in keys):
+            continue
+        gravity = run[_RUN_AT_GRAVITY.index("gravity_m_per_s2")]
+        group = results.table.rows(keys)
+        in_cup = group["scene"] == study["scene"]
+        on_axis = group["off_axis_m"] == 0.0
+        by_launch = group.set_index(_LAUNCH)["restitution"]
+        axis = by_launch[(in_cup & on_axis).to_numpy()]
+        off_axis = by_launch[(in_cup & ~on_axis).to_numpy()]
+        flat = by_launch[(~in_cup).to_numpy()]
+        if len(axis) and (len(off_axis) or len(flat)):
+            shown.append(
+                {
+                    "run": view.run_of({**group.iloc[0].to_dict(), "scene": study["scene"]}),
+                    "dropped": float(gravity) > 0,
+                    "error": _error(group[in_cup & on_axis]),
+                    "off_axis": _difference(axis, off_axis),
+                    "flat": _difference(axis, flat),
+                }
+            )
+    return shown
+
+
+def _keys_by_run(results: Results, alpha: float) -> dict[tuple[Any, ...], list[Key]]:
+    """Values of _RUN -> keys of its impacts without friction, for one α (s/m), at every place."""
+    runs: dict[tuple[Any, ...], list[Key]] = {}
+    for key in results.table.folded:
+        values = dict(zip(RUN_KEY, key, strict=True))
+        if values["friction"] == 0.0 and math.isclose(values["alpha_s_per_m"], alpha, rel_tol=1e-9):
+            run = tuple(values[name] for name in _RUN_AT_GRAVITY)
+            runs.setdefault(run, []).append(key)
+    return runs
+
+
+def _error(rows: pd.DataFrame) -> str:
+    return wording.error(float((rows["restitution"] - rows["restitution_law"]).abs().max()))
+
+
+def _difference(axis: pd.Series, other: pd.Series) -> str:
+    """Largest difference of e between launches made at both places; "–" where there are none."""
+    return wording.error(float((other - axis).dropna().abs().max())) if len(other) else "–"
+
 
 Cells: TypeAlias = dict[str, Any]
 _MARKS = {"good": "✓", "even": "=", "bad": "✗", "none": ""}

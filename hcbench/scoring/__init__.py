@@ -13,15 +13,17 @@ import numpy as np
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.require import positive, require
 from hcbench.scoring import tally
-from hcbench.scoring.loops import LoopScore, loop_area, score_loop
 from hcbench.scoring.tally import (
     CLAIMS,
     SCORE_FIELDS,
+    LoopScore,
     Measured,
     Score,
     Tally,
     best_constant,
     fit_alpha,
+    loop_area,
+    score_loop,
 )
 from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Impact, Launch, Status

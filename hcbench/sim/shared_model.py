@@ -15,7 +15,7 @@ import numpy as np
 
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.recipes.search import map_result
+from hcbench.recipes.recipe import map_result
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels, opener
 from hcbench.sim.columns import Impacts

@@ -17,7 +17,7 @@ from hcbench.laws.impact_law import read_adams, read_newton
 from hcbench.laws.restitution import Reading
 from hcbench.measuring.measurement import Wanted, read_points
 from hcbench.measuring.request import make_request, read_limit, read_pair
-from hcbench.recipes.search import report_progress
+from hcbench.recipes.recipe import report_progress
 from hcbench.recipes.target import Target, default_band
 from hcbench.sim import registry
 from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hcbench.recipes.search import report_progress
+from hcbench.recipes.recipe import report_progress
 from hcbench.tuning.answer import MAX_ERROR
 from hcbench.tuning.find import find_answer
 

@@ -25,8 +25,13 @@ from hcbench.workers.process import (
     use_own_worker,
     worker_of_thread,
 )
-from hcbench.workers.redirect import captured_output, redirect_output
-from hcbench.workers.serve import environment, in_worker, mark_as_worker
+from hcbench.workers.serve import (
+    captured_output,
+    environment,
+    in_worker,
+    mark_as_worker,
+    redirect_output,
+)
 
 __all__ = [
     "Interpreter",

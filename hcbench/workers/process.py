@@ -23,10 +23,24 @@ from weakref import WeakSet
 from hcbench.environments import ADD
 from hcbench.system.command import IS_COMMAND
 from hcbench.system.errors import CannotRun, EngineFailed, EngineMissing
-from hcbench.workers.clock import processor_seconds
 from hcbench.workers.fork import AVAILABLE, Fork
-from hcbench.workers.message import CallEnd, FirstCall, pickled
-from hcbench.workers.serve import serve, serve_forked
+from hcbench.workers.serve import CallEnd, FirstCall, pickled, serve, serve_forked
+
+# Processor time of a process.
+
+
+def processor_seconds(number: int) -> float:
+    """Processor time of a process and its children, s; 0 if the system does not report it."""
+    try:
+        fields = (
+            Path(f"/proc/{number}/stat")
+            .read_text(encoding="ascii", errors="replace")
+            .rpartition(")")[2]
+        )
+        return sum(map(int, fields.split()[11:15])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, AttributeError):
+        return 0.0
+
 
 Result = TypeVar("Result")
 

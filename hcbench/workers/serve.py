@@ -2,16 +2,133 @@
 
 from __future__ import annotations
 
+import copyreg
+import ctypes
+import io
 import os
 import pickle
 import signal
-from contextlib import suppress
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import NoReturn
+from pathlib import Path
+from typing import Any, NoReturn
 
-from hcbench.workers.message import CallEnd, FirstCall, pickled, portable
+from hcbench.system.errors import EngineFailed, HcbenchError, typed
+
+# Messages between a worker process and its parent, which may run different versions of Python.
+
+# Default of Python 3.11, the oldest that may be at the other end.
+_PROTOCOL = 4
+# A module, a function of it, and arguments.
+FirstCall = tuple[str, str, tuple[Any, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class CallEnd:
+    """Message of a worker after the results of a request."""
+
+    error: Exception | None
+
+
+def pickled(value: Any) -> bytes:
+    """A value as every Python from 3.11 on reads it."""
+    buffer = io.BytesIO()
+    pickler = pickle.Pickler(buffer, _PROTOCOL)
+    # Paths cross as text: Python 3.13 has their class in a module that others lack.
+    pickler.dispatch_table = {**copyreg.dispatch_table, type(Path()): _reduced}
+    pickler.dump(value)
+    return buffer.getvalue()
+
+
+def _reduced(path: Path) -> tuple[Any, tuple[str]]:
+    return as_path, (str(path),)
+
+
+def as_path(text: str) -> Path:
+    """The path as this Python has it."""
+    return Path(text)
+
+
+def portable(error: Exception) -> Exception:
+    """An error of Python's own or of hcbench as it is, any other in words.
+
+    Other packages' errors do not cross: to read one, the parent would have to import the engine.
+    """
+    package = type(error).__module__.partition(".")[0]
+    if package not in ("builtins", "hcbench"):
+        return EngineFailed("engine", typed(error), "")
+    if not isinstance(error, HcbenchError):
+        error.add_note("".join(traceback.format_exception(error)))
+    return error
+
+
+# Discards or collects the output of a worker process.
+
+
+# Opening the library takes as long as three launches.
+@cache
+def _c() -> Any:
+    return ctypes.CDLL(None)
+
+
+@contextmanager
+def redirect_output() -> Iterator[None]:
+    """Discard what is printed, also by C code.
+
+    It concerns all threads, so it is for worker processes.
+    """
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        with _redirected(null):
+            yield
+    finally:
+        os.close(null)
+
+
+@contextmanager
+def captured_output() -> Iterator[list[str]]:
+    """Collect the lines that are printed, also by C code; they are in the list after the block.
+
+    It concerns all threads, so it is for worker processes.
+    """
+    lines: list[str] = []
+    with tempfile.TemporaryFile() as file:
+        try:
+            with _redirected(file.fileno()):
+                yield lines
+        finally:
+            file.seek(0)
+            lines += file.read().decode(errors="replace").splitlines()
+
+
+@contextmanager
+def _redirected(target: int) -> Iterator[None]:
+    """Let standard output and standard error go to an open file."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    copies = [(fd, os.dup(fd)) for fd in (1, 2)]
+    try:
+        for fd, _ in copies:
+            os.dup2(target, fd)
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        # C keeps a buffer of its own.
+        with suppress(OSError, TypeError, AttributeError):
+            _c().fflush(None)
+        for fd, copy in copies:
+            os.dup2(copy, fd)
+            os.close(copy)
+
 
 _is_worker = False
 # Name of this process' Interpreter.

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hcbench.benchmark.launch_grid import speeds_at
+from hcbench.benchmark.plan import speeds_at
 from hcbench.benchmark.study import Study, study_from
 
 CONTENT = {

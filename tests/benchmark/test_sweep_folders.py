@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 from small_sweeps import small, whole
 
-from hcbench.benchmark import files, plan
+from hcbench.benchmark import plan, store
 from hcbench.benchmark.read import is_sweep, read
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.store import Store
@@ -88,7 +88,7 @@ def test_a_sweep_with_the_former_definition_of_e_is_refused_by_name(tmp_path: Pa
 
 def test_two_sweeps_do_not_write_to_one_folder(tmp_path: Path) -> None:
     said = f"another sweep, process {os.getpid()} on .*is writing there"
-    with Store(files.open_files(str(tmp_path))).locked(), pytest.raises(CannotRun, match=said):
+    with Store(store.open_files(str(tmp_path))).locked(), pytest.raises(CannotRun, match=said):
         sweep(study_from(small()), tmp_path)
     sweep(study_from(small()), tmp_path)
     assert not (tmp_path / "_lock").exists()
@@ -98,7 +98,7 @@ def test_a_lock_file_that_its_owner_removed_locks_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second opens the file of the first, which then ends; the third locks a new file."""
-    folder, first, third = files.open_files(str(tmp_path)), ExitStack(), ExitStack()
+    folder, first, third = store.open_files(str(tmp_path)), ExitStack(), ExitStack()
     flock = fcntl.flock
     first.enter_context(folder.locked())
 
@@ -117,8 +117,8 @@ def test_without_flock_one_sweep_at_a_time_writes_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Windows has none."""
-    folder = files.open_files(str(tmp_path))
-    monkeypatch.setattr(files, "sys", SimpleNamespace(platform="win32"))
+    folder = store.open_files(str(tmp_path))
+    monkeypatch.setattr(store, "sys", SimpleNamespace(platform="win32"))
     monkeypatch.delattr(fcntl, "flock")
     with folder.locked(), pytest.raises(CannotRun, match="is writing there"), folder.locked():
         pass
@@ -136,15 +136,15 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
 def test_a_full_disk_loses_nothing(
     tmp_path: Path, code: int, monkeypatch: pytest.MonkeyPatch, undisturbed: Path
 ) -> None:
-    real, left = files.LocalFiles.write, [4]
+    real, left = store.LocalFiles.write, [4]
 
-    def write(self: files.LocalFiles, name: str, content: bytes) -> None:
+    def write(self: store.LocalFiles, name: str, content: bytes) -> None:
         left[0] -= 1
         if left[0] < 0:
             raise OSError(code, os.strerror(code))
         real(self, name, content)
 
-    monkeypatch.setattr(files.LocalFiles, "write", write)
+    monkeypatch.setattr(store.LocalFiles, "write", write)
     with pytest.raises(OutputError, match=rf"{os.strerror(code)}.*--resume"):
         sweep(study_from(small()), tmp_path)
     monkeypatch.undo()
@@ -162,7 +162,7 @@ def test_a_file_that_cannot_be_written_whole_is_not_there(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        files.open_files(str(tmp_path)).write("x", b"content")
+        store.open_files(str(tmp_path)).write("x", b"content")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -170,7 +170,7 @@ def test_a_full_disk_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     def full() -> dict[str, Any]:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(files, "_myself", full)
+    monkeypatch.setattr(store, "_myself", full)
     with pytest.raises(OutputError, match="No space left"):
         sweep(study_from(small()), tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -223,7 +223,7 @@ def test_a_sweep_that_slept_does_not_write_once_another_has_the_lock(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     memory = fsspec.filesystem("memory")
-    folder = files.open_files("memory://slept")
+    folder = store.open_files("memory://slept")
     with folder.locked():
         later = time.time() + 1000
         monkeypatch.setattr("time.time", lambda: later)

@@ -19,10 +19,9 @@ import pytest
 
 from hcbench.benchmark import plan, run
 from hcbench.benchmark.encodings import arrays
-from hcbench.benchmark.files import TemporaryFiles
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.shard import Timeouts
-from hcbench.benchmark.store import Store
+from hcbench.benchmark.store import Store, TemporaryFiles
 from hcbench.benchmark.tables import ShardFiles, Summary, Totals
 
 if TYPE_CHECKING:

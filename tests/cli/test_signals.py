@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.benchmark.files import open_files
-from hcbench.benchmark.store import Store
+from hcbench.benchmark.store import Store, open_files
 from hcbench.cli import _process, run
 
 PROC = Path("/proc")

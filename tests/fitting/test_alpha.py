@@ -12,8 +12,7 @@ from measured_bounces import EXACT, G, synthesise, times_of, trials, write
 from hcbench.fitting import ask
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
-from hcbench.fitting.heights import Heights
-from hcbench.fitting.pairs import SpeedPairs
+from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.setup import Known, MeasurementSetup
 
 

@@ -9,7 +9,7 @@ from measured_bounces import EXACT, synthesise, times_of
 
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
-from hcbench.fitting.pairs import SpeedPairs
+from hcbench.fitting.heights import SpeedPairs
 
 TRIALS = 16
 

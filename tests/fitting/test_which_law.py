@@ -10,8 +10,8 @@ from measured_bounces import EXACT, synthesise, times_of
 
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
-from hcbench.fitting.pairs import SpeedPairs
-from hcbench.fitting.text import headline
+from hcbench.fitting.heights import SpeedPairs
+from hcbench.fitting.result import headline
 from hcbench.fitting.which_law import EITHER, FAMILY
 from hcbench.system.errors import UserError
 

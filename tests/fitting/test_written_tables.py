@@ -12,8 +12,7 @@ import pytest
 from measured_bounces import EXACT, synthesise
 
 from hcbench.fitting.datasets import Dataset, TouchTimes
-from hcbench.fitting.heights import Heights
-from hcbench.fitting.pairs import SpeedPairs
+from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.read import read_dataset
 from hcbench.fitting.track import Track
 from hcbench.system.errors import UserError

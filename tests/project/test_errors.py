@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 import hcbench
-from hcbench.recipes.search import SearchInterrupted
+from hcbench.recipes.recipe import SearchInterrupted
 from hcbench.system.compiler import NotCompiled
 from hcbench.system.errors import HcbenchError
 

@@ -18,7 +18,7 @@ from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.recipes import soft, two_pair
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.search import Search, SearchInterrupted, report_progress
+from hcbench.recipes.recipe import Search, SearchInterrupted, report_progress
 from hcbench.recipes.target import Target
 from hcbench.sim import registry
 from hcbench.terms.impact import Launch

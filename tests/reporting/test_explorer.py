@@ -22,9 +22,9 @@ from hcbench.benchmark.results import REST_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Impa
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.reporting.build import overview_drawing, page_text
-from hcbench.reporting.conditions import views
 from hcbench.reporting.measurement_page import measurement_page
 from hcbench.reporting.page import draw
+from hcbench.reporting.tables import views
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -23,12 +23,10 @@ from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
 from hcbench.reporting import wording
 from hcbench.reporting.build import build
-from hcbench.reporting.field.case_table import case_table
-from hcbench.reporting.field.cells import COLUMNS, GRADES, rows
+from hcbench.reporting.field.cells import COLUMNS, GRADES, case_table, rows
 from hcbench.reporting.field.features import FEATURES, features
-from hcbench.reporting.field.headline import headline
 from hcbench.reporting.field.page import COST
-from hcbench.reporting.field.view import Case, FieldView
+from hcbench.reporting.field.view import Case, FieldView, headline
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact, Features
 from hcbench.system.errors import StudyError

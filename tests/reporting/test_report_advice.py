@@ -13,7 +13,7 @@ from small_results import ALPHAS, RUNS, SPEEDS, small_results
 from hcbench.benchmark.results import ImpactTable, Results
 from hcbench.reporting import ranking, tables, wording
 from hcbench.reporting.build import build
-from hcbench.reporting.conditions import Views
+from hcbench.reporting.tables import Views
 from hcbench.reporting.view import RunKey, View
 from hcbench.scoring import CLAIMS
 

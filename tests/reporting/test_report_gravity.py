@@ -16,7 +16,7 @@ from small_results import SCENE, SPEEDS
 from hcbench.benchmark.results import ImpactTable, Results
 from hcbench.reporting import ranking, wording
 from hcbench.reporting.build import build
-from hcbench.reporting.conditions import under
+from hcbench.reporting.tables import under
 from hcbench.reporting.view import RunKey, View
 
 

@@ -51,7 +51,7 @@ class Mutant:
 
 MUTANTS = (
     Mutant(
-        "terms/bounds.py",
+        "terms/units.py",
         "require_bounds",
         "or low <= abs(value) <= high",
         "or low < abs(value) <= high",
@@ -91,7 +91,7 @@ MUTANTS = (
         ("tests/laws/test_simultaneous_impacts.py",),
     ),
     Mutant(
-        "scoring/loops.py",
+        "scoring/tally.py",
         "loop_area",
         "(gone - float(x[-1]))",
         "(gone + float(x[-1]))",
@@ -242,7 +242,7 @@ MUTANTS = (
         ("tests/benchmark/test_followed_drops.py",),
     ),
     Mutant(
-        "benchmark/launch_grid.py",
+        "benchmark/plan.py",
         "speeds_at",
         "low + stretch * (speed - first)",
         "low + stretch * (speed + first)",

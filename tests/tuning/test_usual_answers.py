@@ -15,7 +15,7 @@ import pytest
 import hcbench
 from hcbench.benchmark.study import load_study
 from hcbench.cli import run
-from hcbench.reporting.answers import choices
+from hcbench.reporting.ranking import choices
 from hcbench.reporting.view import View
 from hcbench.sim import registry
 from hcbench.tuning import usual

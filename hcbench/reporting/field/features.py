@@ -5,18 +5,132 @@ source.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
-from dataclasses import fields
-from typing import TYPE_CHECKING
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, cast
 
 from hcbench.reporting.field.view import NO_BOUNCE
 from hcbench.reporting.wording import NBSP
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
+from hcbench.sim.engine import SteppedEngine
+from hcbench.sim.remote import adapter_of, interpreter_of
+from hcbench.system.errors import HcbenchError
+from hcbench.terms.impact import Launch
+from hcbench.terms.scene import load_scene
+from hcbench.workers import call, redirect_output
 
 if TYPE_CHECKING:
-    from hcbench.reporting.field.probe import Probe
+    from collections.abc import Sequence
+
     from hcbench.reporting.field.view import FieldView
+    from hcbench.terms.scene import Scene
+    from hcbench.terms.setting import Setting
+
+# Probes of a field report besides the impacts: repeatability to the bit, alone and together, and
+# cost.
+
+BALLS = (1, 100)
+_LAUNCHES = (Launch(0.1, 0.25), Launch(0.2, 0.5), Launch(0.4, 0.75))
+_STEPS = 100
+_LIMIT_S = 240.0
+# Duration of one measurement, about, s.
+_REPEAT_S = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """Probe of one setting.
+
+    repeats: whether the same launches give the same bits.
+    alone: and each by itself.
+    cost: number of balls that were simulated together -> s a ball and step.
+    """
+
+    repeats: bool
+    alone: bool
+    cost: dict[int, float]
+
+
+def probe(setting: Setting, scene: Scene) -> Probe | None:
+    """Ask an engine, in its worker process; None where it cannot answer."""
+    engine = registry.engine(setting.engine)
+    if not isinstance(adapter_of(engine), SteppedEngine):
+        return None
+    try:
+        return call(_probe_here, setting, scene, limit=_LIMIT_S, at=interpreter_of(engine))
+    except HcbenchError:
+        return None
+
+
+def _probe_here(setting: Setting, scene: Scene) -> Probe:
+    """Probe of a setting, in this process. Raises what the engine raises."""
+    engine = cast("SteppedEngine", registry.engine(setting.engine))
+    first = list(map(_bits, engine.run(scene, setting, _LAUNCHES)))
+    again = list(map(_bits, engine.run(scene, setting, _LAUNCHES)))
+    alone = []
+    for launch in _LAUNCHES:
+        (impact,) = engine.run(scene, setting, [launch])
+        alone.append(_bits(impact))
+    cost: dict[int, float] = {}
+    # An engine with a process of its own prints from native code.
+    quiet = redirect_output() if engine.own_process else nullcontext()
+    with quiet:
+        for balls in BALLS:
+            cost |= _cost(engine, setting, scene, balls)
+    return Probe(first == again, first == alone, cost)
+
+
+def _bits(impact: object) -> bytes:
+    import pickle
+
+    return pickle.dumps(replace(impact, loop=None, launch=None))  # type: ignore[type-var]
+
+
+def _cost(engine: SteppedEngine, setting: Setting, scene: Scene, balls: int) -> dict[int, float]:
+    """Number of balls that were simulated together -> s a ball and
+    step, the least of several times.
+    """
+    with engine.load(scene, setting, 0.4) as world:
+        together = min(balls, world.places)
+        launches = [Launch(0.4, (i + 0.5) / together) for i in range(together)]
+        least = float("inf")
+        begun = time.perf_counter()
+        while least == float("inf") or time.perf_counter() - begun < _REPEAT_S:
+            with closing(world.release(launches)) as simulation:
+                start = time.perf_counter()
+                done = 0
+                while done < _STEPS:
+                    steps = simulation.advance(_STEPS - done).force.shape[1]
+                    done += steps
+                seconds = time.perf_counter() - start
+            least = min(least, seconds / (_STEPS * together))
+    return {together: least}
+
+
+def scene_of(view: FieldView) -> Scene:
+    """Load the study's own scene, without gravity."""
+    return replace(load_scene(str(view.study["scene"])), gravity=0.0)
+
+
+def csv_of(costs: Sequence[tuple[str, str, float, dict[int, float]]], machine: str) -> str:
+    """The costs as a file of its own.
+
+    costs: (engine, setting, step, as `Probe.cost`).
+    """
+    lines = [
+        f"# CPU and load of one machine at one time: {machine}",
+        "engine,setting,timestep_s,balls,us_a_ball_step",
+    ]
+    lines += [
+        f"{engine},{name},{step:g},{balls},{1e6 * s:.3g}"
+        for engine, name, step, cost in costs
+        for balls, s in cost.items()
+    ]
+    return "\n".join(lines) + "\n"
+
 
 RUN = "this run"
 _FOLDER = "hcbench's adapter"
@@ -66,7 +180,7 @@ def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
     source = ""
     if probe is not None:
         source = RUN
-    cells["bits"] = Feature(_bits(probe), source)
+    cells["bits"] = Feature(_bits_text(probe), source)
     cells["threshold"] = _threshold(cells.get("threshold", nothing), _slowest_bounce(view, engine))
     return [cells.get(name, nothing) for name in FEATURES]
 
@@ -80,7 +194,7 @@ def _threshold(stated: Feature, seen: str) -> Feature:
     )
 
 
-def _bits(probe: Probe | None) -> str:
+def _bits_text(probe: Probe | None) -> str:
     """Cell on whether a run repeats to the bit."""
     if probe is None:
         return "–"

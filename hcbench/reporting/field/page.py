@@ -2,30 +2,337 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from matplotlib.lines import Line2D
+
 from hcbench.cases.score import measured
-from hcbench.reporting.field import cells, features, probe
-from hcbench.reporting.field.case_table import case_table
-from hcbench.reporting.field.figures import drawings
-from hcbench.reporting.field.headline import versions
-from hcbench.reporting.field.panel import page_data, setting_of, tables
-from hcbench.reporting.field.view import STOCK, Case, FieldView
-from hcbench.reporting.page import PAGE, counted, draw, render, script
-from hcbench.reporting.wording import time
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.reporting.explorer import digits
+from hcbench.reporting.field import cells, features
+from hcbench.reporting.field.cells import MatrixCell, case_table, rows
+from hcbench.reporting.field.view import PLUGIN, STOCK, Case, FieldView, band, headline, versions
+from hcbench.reporting.page import PAGE, Drawing, counted, draw, render, script
+from hcbench.reporting.plot_style import (
+    KIND_COLOURS,
+    LAW,
+    draw_loop,
+    legend_below,
+    log_axis,
+    new_figure,
+)
+from hcbench.reporting.wording import engine_title, error, number, time
+from hcbench.sim import registry
 from hcbench.sim.install import add_commands
 from hcbench.system.files import atomic_folder, write_text
+from hcbench.system.text import time_step
+from hcbench.terms.setting import Setting
+from hcbench.tuning.model import snippet
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from hcbench.benchmark.results import Results
     from hcbench.workers import WorkerPool
+
+# Figures of the field page: a panel an engine.
+
+# Panels side by side, at most.
+_COLUMNS = 4
+# Limits of the errors in figures: smaller and larger ones are drawn there.
+_FLOOR = 1e-8
+_CEILING = 30.0
+_STOCK: dict[str, Any] = {"color": KIND_COLOURS["stock"], "marker": "X", "markersize": 5.0}
+_BEST: dict[str, Any] = {"color": KIND_COLOURS["settings"], "marker": "s", "markersize": 3.5}
+_PLUGIN: dict[str, Any] = {"color": KIND_COLOURS["exact"], "marker": "v", "markersize": 4.0}
+_HEAVY: dict[str, Any] = {"linestyle": (0, (4, 1.6)), "markerfacecolor": "white"}
+_CONSTANT: dict[str, Any] = {
+    "color": KIND_COLOURS["constant"],
+    "linewidth": 1.0,
+    "linestyle": (0, (5, 2)),
+}
+_LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", "zorder": 1}
+
+
+def drawings(view: FieldView) -> list[Drawing]:
+    """The figures of a page, by name."""
+    missing = ""
+    make_loops = partial(loops_figure, view)
+    if not any(_with_loops(view)):
+        missing = "no engine of this study resolves its contact"
+    steps = "Error of e over the time step, a panel an engine."
+    loops = "Force over penetration, a panel an engine."
+    return [
+        Drawing("field-steps", partial(steps_figure, view), steps),
+        Drawing("field-loops", None if missing else make_loops, loops, missing),
+    ]
+
+
+def steps_figure(view: FieldView) -> Figure:
+    """Largest error of e over the step: nothing set, best setting,
+    plug-in; without gravity and with.
+    """
+    figure, panels = _panels(view, view.engines)
+    kinds: list[tuple[Callable[[str, float, float], Case | None], dict[str, Any]]] = [
+        (view.stock, _STOCK),
+        (view.best, _BEST),
+        (lambda engine, gravity, step: view.best(engine, gravity, step, PLUGIN), _PLUGIN),
+    ]
+    for engine, axes in panels:
+        axes.plot(view.steps, [view.constant_error(step) for step in view.steps], **_CONSTANT)
+        for pick, style in kinds:
+            for gravity in view.gravities:
+                steps = []
+                errors = []
+                for step in view.steps:
+                    case = pick(engine, gravity, step)
+                    if case is not None:
+                        steps.append(step)
+                        errors.append(view.off(case))
+                line = {"linewidth": 1.3, **style}
+                if gravity:
+                    line |= _HEAVY
+                axes.plot(steps, np.clip(errors, _FLOOR, _CEILING), **line)
+        log_axis(axes, "x")
+        log_axis(axes, "y")
+        axes.set_xlim(min(view.steps) / 1.6, max(view.steps) * 1.6)
+        axes.set_ylim(_FLOOR / 1.5, _CEILING)
+    _label(panels, "time step, s", "error of e")
+    legend = [
+        Line2D([], [], label="nothing set", **_STOCK),
+        Line2D([], [], label="best setting of its own", **_BEST),
+        Line2D([], [], label="plug-in", **_PLUGIN),
+    ]
+    if any(view.gravities):
+        legend.append(Line2D([], [], label="the same under gravity", **{**_BEST, **_HEAVY}))
+    legend.append(Line2D([], [], label="best constant e", **_CONSTANT))
+    legend_below(figure, legend)
+    return figure
+
+
+def loops_figure(view: FieldView) -> Figure:
+    """Force over penetration of the finest step's best setting, the law's loop under it."""
+    cases = dict(_with_loops(view))
+    figure, panels = _panels(view, list(cases))
+    study = view.study
+    law = HuntCrossley(float(study["stiffness"]), view.alpha, float(study["exponent"]))
+    loop = closed_form.loop(law, float(study["mass_kg"]), float(study["step_speed"]), 241)
+    for engine, axes in panels:
+        axes.plot(1e6 * loop.penetration, 1e-3 * loop.force, **_LAW)
+        rows = view.loops[cases[engine]]
+        x, force = (rows[name].to_numpy(dtype=float) for name in ("penetration_m", "force_n"))
+        draw_loop(axes, 1e6 * x, 1e-3 * force, color=KIND_COLOURS["settings"], linewidth=1.2)
+        axes.set_title(f"{view.title(engine)}\n{cases[engine].setting}", fontsize=8.5)
+    _label(panels, "penetration, µm", "force, kN")
+    return figure
+
+
+def _with_loops(view: FieldView) -> Iterator[tuple[str, Case]]:
+    """Each engine with its best setting at the finest step that has a loop; without those that
+    have none.
+    """
+    for engine in view.engines:
+        for step in view.steps:
+            case = view.best(engine, view.gravities[0], step)
+            if case is not None and case in view.loops and view.scores[case]["loops"]:
+                yield engine, case
+                break
+
+
+def _panels(view: FieldView, engines: list[str]) -> tuple[Figure, list[tuple[str, Axes]]]:
+    """A panel for each engine, titled."""
+    columns = min(_COLUMNS, max(1, len(engines)))
+    rows = math.ceil(len(engines) / columns)
+    figure = new_figure(0.6 + 2.55 * columns, 0.8 + 2.2 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid[len(engines) :]:
+        axes.set_visible(False)
+    for engine, axes in zip(engines, grid, strict=False):
+        axes.set_title(view.title(engine), fontsize=9)
+    return figure, list(zip(engines, grid, strict=False))
+
+
+def _label(panels: list[tuple[str, Axes]], x: str, y: str) -> None:
+    """Labels of the outer axes alone: y on the left, x on the lowest panel of each column."""
+    columns = min(_COLUMNS, len(panels))
+    for i, (_, axes) in enumerate(panels):
+        if i % columns == 0:
+            axes.set_ylabel(y)
+        if i >= len(panels) - columns:
+            axes.set_xlabel(x)
+
+
+# Panel behind a cell of the matrix: words, a curve, the text to paste and its source.
+
+
+@dataclass(frozen=True, slots=True)
+class StepMatrix:
+    """The matrix at a step.
+
+    sentences: of `headline`.
+    rows: of `cells.rows`.
+    """
+
+    gravity: float
+    step: float
+    sentences: Sequence[str]
+    band: str
+    constant: str
+    rows: Mapping[str, Mapping[str, MatrixCell]]
+
+
+def tables(view: FieldView) -> list[StepMatrix]:
+    """The matrix of engines by condition at every step, with gravity and without."""
+    made = []
+    for gravity in view.gravities:
+        for step in view.steps:
+            matrix = StepMatrix(
+                gravity=gravity,
+                step=step,
+                sentences=headline(view, gravity, step),
+                band=band(view, step),
+                constant=error(view.constant_error(step)),
+                rows=rows(view, gravity, step),
+            )
+            made.append(matrix)
+    return made
+
+
+def setting_of(view: FieldView, case: Case) -> Setting:
+    """The setting that a case ran with."""
+    for record in view.results.settings:
+        key = (
+            record["engine"],
+            record["setting"],
+            record["gravity_m_per_s2"],
+            record["timestep_s"],
+        )
+        if key == tuple(case):
+            return Setting(case.engine, case.setting, case.timestep, record["options"])
+    raise AssertionError(f"{case} is of the study")
+
+
+def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
+    """Data for the page's script, as JSON: the tables, and each of their cases and texts once."""
+    numbers: dict[Case, int] = {}
+    shown = [_table(table, numbers) for table in made]
+    recipes = {}
+    for case in numbers:
+        recipe = view.recipe(case)
+        if recipe is not None:
+            recipes[f"{case.engine} {case.setting}"] = [recipe.summary, *recipe.notes]
+    texts: dict[str, int] = {}
+    content = {
+        "alpha": view.alpha,
+        "titles": {engine: engine_title(registry.base_name(engine)) for engine in view.engines},
+        "tables": shown,
+        "recipes": recipes,
+        "cases": [_case(view, case, texts) for case in numbers],
+        "texts": list(texts),
+    }
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _table(table: StepMatrix, numbers: dict[Case, int]) -> dict[str, Any]:
+    """A table as the script takes it.
+
+    numbers: of the cases so far; new ones are added.
+    """
+    table_rows = []
+    for engine, row in table.rows.items():
+        table_rows.append([engine, [_cell(cell, numbers) for cell in row.values()]])
+    return {
+        "gravity": table.gravity,
+        "step": table.step,
+        "sentences": table.sentences,
+        "band": table.band,
+        "constant": table.constant,
+        "rows": table_rows,
+    }
+
+
+def _cell(cell: MatrixCell, numbers: dict[Case, int]) -> list[Any]:
+    """A cell as the script takes it: text, line below, grade, sort key, number of its case, note.
+
+    numbers: of the cases so far; that of the cell is added.
+    """
+    order = None
+    if cell.order is not None and math.isfinite(cell.order):
+        order = float(f"{cell.order:.4g}")
+    number_of_case = None
+    if cell.case is not None:
+        number_of_case = numbers.setdefault(cell.case, len(numbers))
+    return [cell.text, cell.below, cell.grade, order, number_of_case, cell.note]
+
+
+def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
+    """e over speed (m/s): its mean, and its range over the launches where they differ.
+
+    texts: numbers of the texts to paste so far; that of the case is added.
+    """
+    setting = "nothing set" if case.setting == STOCK else case.setting
+    text = snippet(setting_of(view, case), "plane")
+    number_of_text = None
+    if text:
+        number_of_text = texts.setdefault(text, len(texts))
+    curve = view.curve(case)
+    low = digits(curve.lowest, 5)
+    high = digits(curve.highest, 5)
+    content = {
+        "title": f"{view.title(case.engine)}, {setting}, {time(case.timestep)}",
+        "recipe": f"{case.engine} {case.setting}",
+        "lines": _lines(view, case),
+        "text": number_of_text,
+        "source": _source(view, case),
+        "speed": digits(curve.speed_in, 5),
+        "mean": digits(curve.restitution, 5),
+    }
+    if low != high:
+        content["low"] = low
+        content["high"] = high
+    return content
+
+
+def _lines(view: FieldView, case: Case) -> list[str]:
+    """Sentences on a setting's error of e, its energy, and slow impacts."""
+    off = view.off(case)
+    down = view.stays_down(case)
+    lines = []
+    if math.isfinite(off):
+        lines.append(f"At {band(view, case.timestep)}, e is wrong by at most {error(off)}.")
+    if view.gains(case):
+        lines.append(f"It adds energy: e up to {number(view.largest_e(case))}.")
+    elif case.setting != STOCK and math.isfinite(off):
+        lines.append(f"Energy never grew in {view.scenes(case)} launches.")
+    if math.isinf(down):
+        lines.append("A body stays down after every impact.")
+    elif down:
+        lines.append(f"A body stays down after an impact below {down:.3g} m/s.")
+    return lines
+
+
+def _source(view: FieldView, case: Case) -> str:
+    """The command that gives the same setting and its error."""
+    if case.setting == STOCK:
+        return ""
+    low, high = view.speeds(case.timestep)[[0, -1]]
+    what = f'--alpha "{view.alpha:.6g} s/m" --speeds "{low:.4g}:{high:.4g} m/s"'
+    where = f"--timestep {time_step(case.timestep)} --gravity {case.gravity:g}"
+    return f"hcbench tune {case.engine} --recipe {case.setting} {what} {where}"
+
 
 COST = "cost.csv"
 # The page opens with this step, s, or the nearest.
@@ -61,17 +368,17 @@ def build(
     return folder / PAGE
 
 
-def _probes(view: FieldView) -> dict[Case, probe.Probe | None]:
+def _probes(view: FieldView) -> dict[Case, features.Probe | None]:
     """Each engine's best setting at the step nearest to 1 ms, else its default, with its features.
 
     None for a setting whose probe could not run.
     """
     probes = {}
-    scene = probe.scene_of(view)
+    scene = features.scene_of(view)
     for engine in view.engines:
         case = _usual_case(view, engine)
         if case is not None:
-            probes[case] = probe.probe(setting_of(view, case), scene)
+            probes[case] = features.probe(setting_of(view, case), scene)
     return probes
 
 
@@ -90,18 +397,18 @@ def _far_from_usual(step: float) -> float:
     return abs(math.log(step / _USUAL_STEP))
 
 
-def _costs(view: FieldView, probes: Mapping[Case, probe.Probe | None]) -> str:
+def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str:
     """The table of computing time as CSV: engine, setting, step in s, and the cost by balls."""
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     costs = []
     for case, of_case in probes.items():
         if of_case is not None:
             costs.append((view.title(case.engine), case.setting, case.timestep, of_case.cost))
-    return probe.csv_of(costs, machine)
+    return features.csv_of(costs, machine)
 
 
 def page_text(
-    view: FieldView, figures: list[dict[str, Any]], probes: dict[str, probe.Probe | None]
+    view: FieldView, figures: list[dict[str, Any]], probes: dict[str, features.Probe | None]
 ) -> str:
     """The page.
 

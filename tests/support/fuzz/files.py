@@ -51,7 +51,7 @@ def readers(folder: Path) -> dict[str, Reader]:
     from hcbench.cases.score import read_scores
     from hcbench.checking.baseline import read_baseline, read_pairs
     from hcbench.fitting.recording import read_recording
-    from hcbench.measuring.pose import read_state
+    from hcbench.measuring.request import read_state
     from hcbench.reality.cube import read_tensor
     from hcbench.terms.scene import read_scene
 

@@ -18,7 +18,7 @@ from hcbench.engines.drake.model.user_model import (
 )
 from hcbench.laws.closed_form import alpha_of
 from hcbench.laws.restitution import Restitution
-from hcbench.measuring import causes
+from hcbench.measuring import diagnose
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
 from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Record, Simulation
@@ -133,14 +133,16 @@ class DrakeModel(ModelUnderTest):
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`."""
-        step = causes.StepFix(self.timestep, "time_step={} of the plant, or --timestep", _set_step)
+        step = diagnose.StepFix(
+            self.timestep, "time_step={} of the plant, or --timestep", _set_step
+        )
         found: list[Suspect] = []
         if self._is_point_contact():
             found += self._implicit_step()
             found += self._dissipation(impacts, wanted)
-        found += causes.energy_gain(impacts, step)
-        found += causes.few_steps(impacts, step, "a softer contact")
-        found += causes.other_contacts(sorted(self.others))
+        found += diagnose.energy_gain(impacts, step)
+        found += diagnose.few_steps(impacts, step, "a softer contact")
+        found += diagnose.other_contacts(sorted(self.others))
         return found
 
     def _implicit_step(self) -> Iterator[Suspect]:
@@ -168,16 +170,16 @@ class DrakeModel(ModelUnderTest):
         self, impacts: Sequence[Impact], wanted: RestitutionCurve | None
     ) -> Iterator[Suspect]:
         """The dissipation gives an e other than the target."""
-        speed = float(np.median(causes.speeds_of(impacts)))
+        speed = float(np.median(diagnose.speeds_of(impacts)))
         _, dissipation = self.pair_values()
-        e = causes.constant_e(impacts, wanted)
+        e = diagnose.constant_e(impacts, wanted)
         asked = float(Restitution(dissipation / 1.5).at(speed))
         is_default = not any(
             self.loaded.says(shape, DISSIPATION) for shape in self.place.gap.geometries
         )
         if not is_default and (e is None or abs(e - asked) < _NOTABLE):
             return
-        goal = causes.BOUNCY if e is None else e
+        goal = diagnose.BOUNCY if e is None else e
         if isinstance(wanted, Restitution):
             alpha = wanted.alpha
         else:

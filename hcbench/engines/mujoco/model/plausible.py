@@ -9,8 +9,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import geom_name
 from hcbench.system.errors import QuantityError, SceneError, UserError
-from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds, require_bounds
-from hcbench.terms.units import STANDARD_GRAVITY
+from hcbench.terms.units import BOUNDS, STANDARD_GRAVITY, admits_beyond_bounds, require_bounds
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.place import PairAtTouch

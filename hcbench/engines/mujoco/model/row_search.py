@@ -17,7 +17,7 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import integrator_name
 from hcbench.engines.mujoco.recipes.row_pair import MOST_PULL, oscillator, short
 from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
-from hcbench.recipes.search import evolve
+from hcbench.recipes.recipe import evolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

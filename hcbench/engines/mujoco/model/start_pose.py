@@ -12,7 +12,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name, joint_name
 from hcbench.engines.mujoco.model.plausible import require_plausible_state
-from hcbench.measuring.pose import STATE_FIELDS
+from hcbench.measuring.request import STATE_FIELDS
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.packages import suggest_names
 from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond

@@ -36,7 +36,7 @@ from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.scene.promises import promise_in
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.measuring.causes import other_contacts
+from hcbench.measuring.diagnose import other_contacts
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 from hcbench.sim.promise import Promise

@@ -16,8 +16,7 @@ from hcbench.engines.mujoco.recipes.compliant_fit import (
     spring_and_damper_rows,
 )
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.recipes.recipe import Integrators, Recipe, Role
-from hcbench.recipes.search import map_result
+from hcbench.recipes.recipe import Integrators, Recipe, Role, map_result
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 

@@ -19,7 +19,7 @@ from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
 from hcbench.engines.mujoco.recipes.row_pair import RowFit, oscillator, short
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.recipes.search import Search, evolve, map_result
+from hcbench.recipes.recipe import Search, evolve, map_result
 from hcbench.terms.impact import Floats
 
 # A body held by friction slips by 1/impratio; from 1e7 on MuJoCo's solver iterates more.

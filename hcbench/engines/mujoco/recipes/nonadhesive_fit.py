@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.recipes.staggered import Band
     from hcbench.engines.mujoco.scene.rows import Solimp
-    from hcbench.recipes.search import Search
+    from hcbench.recipes.recipe import Search
     from hcbench.terms.impact import Floats
 
 # One unit of misfit: relative for a force, absolute for e.

@@ -15,8 +15,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
-from hcbench.recipes.recipe import Recipe, Role
-from hcbench.recipes.search import Search, map_result
+from hcbench.recipes.recipe import Recipe, Role, Search, map_result
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats

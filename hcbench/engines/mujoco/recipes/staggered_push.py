@@ -21,8 +21,7 @@ from hcbench.engines.mujoco.recipes.staggered import band_of, knots_of
 from hcbench.engines.mujoco.scene.rows import restitution
 from hcbench.laws import closed_form
 from hcbench.recipes.constant import resolvable_law
-from hcbench.recipes.recipe import Recipe, Role
-from hcbench.recipes.search import Search
+from hcbench.recipes.recipe import Recipe, Role, Search
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.resolution import STEPS_OF_A_LOOP

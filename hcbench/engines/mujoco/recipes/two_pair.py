@@ -22,8 +22,7 @@ from hcbench.engines.mujoco.scene.rows import (
 )
 from hcbench.laws import closed_form
 from hcbench.recipes.constant import contact_time
-from hcbench.recipes.recipe import Recipe, Role
-from hcbench.recipes.search import Search, map_result
+from hcbench.recipes.recipe import Recipe, Role, Search, map_result
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats

@@ -16,7 +16,7 @@ from hcbench.engines.pybullet.model.bodies import SlidingJoint
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.measuring import causes
+from hcbench.measuring import diagnose
 from hcbench.sim.model_under_test import Suspect
 from hcbench.terms.impact import Impact
 
@@ -77,8 +77,8 @@ class BulletContext:
     @property
     def fix_e(self) -> float:
         """The restitution to write in a fix."""
-        e = causes.constant_e(self.impacts, self.wanted)
-        return causes.BOUNCY if e is None else e
+        e = diagnose.constant_e(self.impacts, self.wanted)
+        return diagnose.BOUNCY if e is None else e
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +179,7 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
     positive = [e for e in values if e > 0.0]
     assumed_e = None
     if c.wanted is None:
-        assumed_e = math.prod(positive) if positive else causes.BOUNCY
+        assumed_e = math.prod(positive) if positive else diagnose.BOUNCY
     report = partial(Suspect, always_reported=True, assumed_e=assumed_e)
     if foreign_sides:
         text, apply = _fix_restitutions(foreign_sides, foreign_values)
@@ -302,17 +302,17 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
             *_fix_restitutions(c.sides, (1.0, 1.0)),
         )
     elif c.is_spring:
-        step = causes.StepFix(
+        step = diagnose.StepFix(
             c.timestep, "p.setTimeStep({})", lambda p, timestep: p.setTimeStep(timestep)
         )
-        yield from causes.energy_gain(c.impacts, step)
-        yield from causes.few_steps(c.impacts, step, "a lower contactStiffness")
+        yield from diagnose.energy_gain(c.impacts, step)
+        yield from diagnose.few_steps(c.impacts, step, "a lower contactStiffness")
 
 
 def _gravity(c: BulletContext) -> Iterator[Suspect]:
     """Gravity in a step, or in a contact with a stiffness."""
     fix = "a stiffer contact, or p.setTimeStep({:.2g})"
-    return causes.gravity(
+    return diagnose.gravity(
         c.impacts,
         c.gravity,
         c.timestep,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from hcbench.engines.pybullet.model.causes import BODY_TYPE, MAXIMAL_COORDINATES
 from hcbench.system.errors import SceneError
-from hcbench.terms.bounds import require_bounds
+from hcbench.terms.units import require_bounds
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient

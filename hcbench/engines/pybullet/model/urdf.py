@@ -9,7 +9,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from hcbench.system.errors import SceneError
-from hcbench.terms.bounds import require_bounds
+from hcbench.terms.units import require_bounds
 
 if TYPE_CHECKING:
     import xml.etree.ElementTree as ET

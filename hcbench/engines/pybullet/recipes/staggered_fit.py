@@ -16,7 +16,7 @@ import numpy as np
 
 from hcbench.laws import closed_form
 from hcbench.recipes.constant import minimax_constant
-from hcbench.recipes.search import Search, map_result
+from hcbench.recipes.recipe import Search, map_result
 
 if TYPE_CHECKING:
     from collections.abc import Callable

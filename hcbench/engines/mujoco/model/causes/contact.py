@@ -20,7 +20,7 @@ from hcbench.engines.mujoco.scene.rows import (
     STIFF_SOLIMP,
     SoftConstraint,
 )
-from hcbench.measuring.causes import NO_PUSH
+from hcbench.measuring.diagnose import NO_PUSH
 from hcbench.sim.model_under_test import Suspect
 
 # Differences of e below this are not worth a line in the diagnosis.

@@ -12,7 +12,7 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_name, integrator_name
 from hcbench.engines.mujoco.model.causes.fixes import numbers
 from hcbench.engines.mujoco.scene.rows import SoftConstraint
-from hcbench.measuring.causes import BOUNCY, constant_e, speeds_of
+from hcbench.measuring.diagnose import BOUNCY, constant_e, speeds_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

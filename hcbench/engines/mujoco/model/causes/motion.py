@@ -10,7 +10,7 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name
 from hcbench.engines.mujoco.model.causes import fixes
 from hcbench.engines.mujoco.model.causes.context import Context
-from hcbench.measuring import causes
+from hcbench.measuring import diagnose
 from hcbench.sim.model_under_test import Suspect
 from hcbench.terms.impact import Status
 
@@ -85,7 +85,7 @@ def solver(context: Context) -> Iterator[Suspect]:
 def resolution(context: Context) -> Iterator[Suspect]:
     """A step that does not resolve the contact."""
     law = context.used
-    step = causes.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
+    step = diagnose.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
     stiffness = 0.0
     if law is not None:
         stiffness, _ = law.stiffness_damping()
@@ -102,16 +102,16 @@ def resolution(context: Context) -> Iterator[Suspect]:
             always_reported=True,
         )
         return
-    yield from causes.energy_gain(context.impacts, step)
+    yield from diagnose.energy_gain(context.impacts, step)
     if law is None or not law.is_impulse:
-        yield from causes.few_steps(context.impacts, step, "a softer solref")
+        yield from diagnose.few_steps(context.impacts, step, "a softer solref")
 
 
 def gravity(context: Context) -> Iterator[Suspect]:
     """Gravity does more than its part during a step or a contact."""
     fix = "a stiffer solref and a smaller timestep, so that a contact lasts less than {:.2g} s"
     apply = partial(fixes.set_options, gravity=0.0)
-    return causes.gravity(context.impacts, context.gravity, context.timestep, fix.format, apply)
+    return diagnose.gravity(context.impacts, context.gravity, context.timestep, fix.format, apply)
 
 
 def losses(context: Context) -> Iterator[Suspect]:
