@@ -505,7 +505,7 @@ def as_record(result: FitResult) -> dict[str, Any]:
         drops.append({"file": drop.name, "doubts": list(drop.doubts), "alpha": alpha_of_drop})
     against = []
     if result.against is not None:
-        against.append(as_record(result.against))
+        against.append(comparison_record(result.against))
     return {
         "schema": SCHEMA,
         "kind": "hcbench fit",
