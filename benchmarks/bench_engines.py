@@ -18,8 +18,7 @@ from hcbench.contact.mujoco import load as load_plugins
 from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.scene import batch
-from hcbench.engines.mujoco.scene.mjcf import model_xml
-from hcbench.engines.mujoco.scene.options import read_options
+from hcbench.engines.mujoco.scene.mjcf import model_xml, read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool
 from hcbench.laws import closed_form

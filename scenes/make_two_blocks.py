@@ -3,14 +3,14 @@
     python scenes/make_two_blocks.py
 
 For the steel body of section 3.1 and α = 0.016 s/in, about 0.4 m/s. Other masses, gaps, laws and speeds:
-`hcbench.engines.mujoco.scene.two_blocks.mjcf`.
+`hcbench.engines.mujoco.two_blocks.mjcf`.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from hcbench.engines.mujoco.scene.two_blocks import mjcf
+from hcbench.engines.mujoco.two_blocks import mjcf
 from hcbench.paper.forced_figures import FULL, LAW, LOOSE, STAND_IN_SPEED
 from hcbench.sim.two_blocks import NAME, TwoBlocks
 

@@ -97,7 +97,7 @@ def _page(figures: dict[str, dict[str, Any]]) -> str:
     notes = []
     for name in engines_with_two_blocks():
         titles.append(engine_title(name))
-        notes.append(registry.submodule(name, "scene.two_blocks").NOTE)
+        notes.append(registry.submodule(name, "two_blocks").NOTE)
     return render(
         "paper.html",
         figures=figures,

@@ -50,11 +50,7 @@ class EngineTrajectory:
 
 def engines_with_two_blocks() -> list[str]:
     """Names of the engines that can simulate the scene, whether they are installed or not."""
-    return [
-        name
-        for name in registry.names()
-        if registry.submodule(name, "scene.two_blocks") is not None
-    ]
+    return [name for name in registry.names() if registry.submodule(name, "two_blocks") is not None]
 
 
 def simulate_in_engine(
@@ -111,7 +107,5 @@ def _simulate(
 ) -> tuple[Floats, Floats]:
     """Simulate the two blocks, in the worker process."""
     states: tuple[Floats, Floats]
-    states = registry.submodule(name, "scene.two_blocks").simulate(
-        blocks, position, velocity, forces
-    )
+    states = registry.submodule(name, "two_blocks").simulate(blocks, position, velocity, forces)
     return states

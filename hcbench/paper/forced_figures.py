@@ -109,7 +109,7 @@ def _contact_names(name: str, tuned_at: float | None) -> list[str]:
     """Names of the contact of a clear and of a squeezed mass; one if they are the same."""
     if tuned_at is None:
         return ["plug-in"]
-    own_contact = registry.submodule(name, "scene.two_blocks").own_contact
+    own_contact = registry.submodule(name, "two_blocks").own_contact
     return list(dict.fromkeys(own_contact(squeezed) for squeezed in (False, True)))
 
 

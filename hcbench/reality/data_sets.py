@@ -59,8 +59,8 @@ class Cell:
 
     @property
     def module(self) -> Any:
-        """Module `scene.toss` of the engine."""
-        return registry.submodule(self.engine, "scene.toss")
+        """Module `toss` of the engine."""
+        return registry.submodule(self.engine, "toss")
 
     @property
     def cases(self) -> Any:
@@ -106,7 +106,7 @@ def settings_of(data: str) -> Iterator[tuple[str, ContactSetting]]:
     """
     known = SETS[data]
     for engine in installed():
-        module: Any = registry.submodule(engine, "scene.toss")
+        module: Any = registry.submodule(engine, "toss")
         if known.body().shape not in module.SHAPES:
             continue
         for setting in module.SETTINGS:

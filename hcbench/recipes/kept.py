@@ -44,7 +44,7 @@ def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Pat
     depends on more than is known.
     """
     folder = recipe.engine.replace("-", "_")
-    if not recipe.function.__module__.startswith(f"hcbench.engines.{folder}."):
+    if not f"{recipe.function.__module__}.".startswith(f"hcbench.engines.{folder}."):
         return None
     about = (
         recipe.engine,

@@ -139,7 +139,7 @@ class TossModule(Protocol):
 def engines() -> Iterator[tuple[str, TossModule]]:
     """Engines that can simulate a toss, installed or not, each with its module."""
     for name in registry.names():
-        module: Any = registry.submodule(name, "scene.toss")
+        module: Any = registry.submodule(name, "toss")
         if module is not None:
             yield name, module
 

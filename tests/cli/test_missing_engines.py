@@ -115,5 +115,5 @@ def test_both_encodings_of_a_table_read_back_the_same() -> None:
 
 
 def test_engines_without_a_module_have_none() -> None:
-    assert registry.submodule("dart", "scene.two_blocks") is None
-    assert registry.submodule("mujoco", "scene.two_blocks") is not None
+    assert registry.submodule("dart", "two_blocks") is None
+    assert registry.submodule("mujoco", "two_blocks") is not None

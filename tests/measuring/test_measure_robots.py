@@ -337,7 +337,7 @@ def test_the_pairs_of_a_model_are_listed_with_what_touches(
 
 
 def test_a_contact_in_force_is_mixed_as_the_engine_does() -> None:
-    from hcbench.engines.mujoco.model.list_pairs import contact_in_force
+    from hcbench.engines.mujoco.model.find_pair import contact_in_force
 
     one = 'solref=".01 .5" solimp=".8 .9 .002 .4 3" friction=".3 .01 .002" condim="4" solmix="3"'
     other = 'solref=".05 .9" friction=".7 .02 .001" condim="3" solmix="2"'

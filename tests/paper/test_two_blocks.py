@@ -14,7 +14,7 @@ import pytest
 
 from hcbench.engines.mujoco.backend import require_feature
 from hcbench.engines.mujoco.recipes.staggered import staggered, staggered_rows
-from hcbench.engines.mujoco.scene.two_blocks import mjcf
+from hcbench.engines.mujoco.two_blocks import mjcf
 from hcbench.laws import closed_form
 from hcbench.paper import constants
 from hcbench.paper.engines import simulate_in_engine

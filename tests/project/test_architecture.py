@@ -106,16 +106,19 @@ ABOUT_ENGINES = {
     "tuning/ask.py",
     "laws/conventions.py",
 }
+# A small engine is one file, the others have a folder each.
+ENGINES = {path.stem for path in (ROOT / "engines").iterdir() if not path.stem.startswith("__")}
 SOURCES = sorted(p for p in ROOT.rglob("*") if p.suffix in (".py", ".c", ".h"))
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_what_knows_an_engine_is_in_its_folder(path: Path) -> None:
     name, text = path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
-    folders = {p.name for p in (ROOT / "engines").iterdir() if (p / "engine.py").is_file()}
-    own = path.relative_to(ROOT).parts[1] if name.startswith("engines/") else ""
+    own = ""
+    if name.startswith("engines/"):
+        own = path.relative_to(ROOT / "engines").parts[0].removesuffix(".py")
     if name not in ABOUT_ENGINES:
-        imported = set(re.findall(r"hcbench\.engines\.(\w+)", text)) & folders
+        imported = set(re.findall(r"hcbench\.engines\.(\w+)", text)) & ENGINES
         assert imported <= {own}, f"{name} imports the inside of {imported - {own}}"
     if not own and name not in ABOUT_ENGINES:
         named = re.findall(r"(?i)mujoco|pybullet", text)
@@ -129,11 +132,7 @@ def test_an_engine_comes_in_by_one_entry_point() -> None:
         if entry.value.startswith("hcbench.engines")
     ]
     assert {entry.group for entry in mine} == {"hcbench.engines"}
-    assert sorted(entry.name for entry in mine) == sorted(
-        p.name.replace("_", "-")
-        for p in (ROOT / "engines").iterdir()
-        if (p / "engine.py").is_file()
-    )
+    assert sorted(entry.name.replace("-", "_") for entry in mine) == sorted(ENGINES)
 
 
 def test_measure_is_the_verb_whatever_was_imported_before() -> None:

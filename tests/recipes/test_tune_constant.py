@@ -13,8 +13,8 @@ from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.impulse import IMPULSE
 from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
-from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
-from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER as BULLET_SPRING_DAMPER
+from hcbench.engines.pybullet.recipes import RESTITUTION
+from hcbench.engines.pybullet.recipes import SPRING_DAMPER as BULLET_SPRING_DAMPER
 from hcbench.laws.closed_form import duration
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import contact_time, minimax_constant, resolvable_law, spring_damper

@@ -356,7 +356,7 @@ MUTANTS = (
         ),
     ),
     Mutant(
-        "engines/reference/engine.py",
+        "engines/reference.py",
         "kelvin_voigt_setting",
         "** 2 + decay**2)",
         "** 2 - decay**2)",

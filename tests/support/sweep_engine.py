@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.reference.engine import ReferenceEngine
+from hcbench.engines.reference import ReferenceEngine
 from hcbench.recipes.law_recipes import law_options
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.sim import entry_points

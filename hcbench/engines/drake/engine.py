@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from hcbench.engines.drake.model.open import OpensFiles
+from hcbench.engines.drake.under_test import OpensFiles
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes import constant

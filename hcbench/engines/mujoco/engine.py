@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco.backend import BACKEND
 from hcbench.engines.mujoco.scene import mjcf
-from hcbench.engines.mujoco.scene.options import Options, read_options
+from hcbench.engines.mujoco.scene.mjcf import Options, read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool, MujocoWorld
 from hcbench.sim.capabilities import (
@@ -96,7 +96,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
         """The text of a setting with a <custom> section that keeps its promise."""
-        from hcbench.engines.mujoco.scene.promises import promise_lines
+        from hcbench.engines.mujoco.model.promises import promise_lines
 
         if "<pair" not in text:
             return text
@@ -218,7 +218,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         rebuild: Callable[[], Any] | None = None,
     ) -> list[CandidatePair]:
         """Pairs of geoms that may collide; UserError for a URDF without any."""
-        from hcbench.engines.mujoco.model.list_pairs import list_pairs
+        from hcbench.engines.mujoco.model.find_pair import list_pairs
         from hcbench.engines.mujoco.model.open import load as load_user_model
 
         file = _one_file(source)

@@ -15,7 +15,7 @@ from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.scene import batch, world
 from hcbench.engines.mujoco.scene.batch import BatchedModel, batch_kind
-from hcbench.engines.mujoco.scene.options import read_options
+from hcbench.engines.mujoco.scene.mjcf import read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import Batching
 from hcbench.engines.pybullet.engine import PybulletEngine

@@ -16,7 +16,7 @@ from hcbench.engines.mujoco.passivity import judge
 from hcbench.engines.mujoco.passivity.in_rows import bounces_in_rows
 from hcbench.engines.mujoco.passivity.judge import screened
 from hcbench.engines.mujoco.passivity.plain import certify
-from hcbench.engines.mujoco.scene.options import read_options
+from hcbench.engines.mujoco.scene.mjcf import read_options
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.sim import registry

@@ -16,7 +16,7 @@ import pytest
 from swapped_names import at_the_floor, parting_speeds, two_balls
 
 from hcbench.contact import mujoco as contact
-from hcbench.engines.mujoco.model.plugin_contact import restitution_law
+from hcbench.engines.mujoco.model.pair import restitution_law
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import ConstantRestitution

@@ -18,7 +18,7 @@ from hcbench.engines.mujoco.backend import (
 )
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name
 from hcbench.engines.mujoco.model.controllers import Drive, drive_of
-from hcbench.engines.mujoco.model.plugin_contact import WithoutContact, restitution_law
+from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.sim.landing import WINDOW_S, DropPlan, FootfallLog, Landing, Landings, take_off_speed
 from hcbench.sim.model_under_test import Request

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco import plugin
 from hcbench.engines.mujoco.backend import backend, captured_warnings, keep_no_log
-from hcbench.engines.mujoco.model.plausible import require_plausible_model
+from hcbench.engines.mujoco.model.start_pose import require_plausible_model
 from hcbench.sim.packages import (
     is_utf8,
     names_packages,

@@ -9,8 +9,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
 from hcbench.engines.mujoco.model.bodies import geom_name
-from hcbench.engines.mujoco.model.pair_reader import PairReader, with_kinematics
-from hcbench.engines.mujoco.model.sliding import MujocoAlongPlate
+from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate, PairReader, with_kinematics
 from hcbench.engines.mujoco.model.speed_shares import SpeedShares, strange_share
 from hcbench.engines.mujoco.model.workspace import LaunchWorkspace, copy_state
 from hcbench.sim.world import Record, Simulation

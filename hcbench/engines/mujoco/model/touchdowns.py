@@ -10,10 +10,9 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name
-from hcbench.engines.mujoco.model.find_pair import named_pair
-from hcbench.engines.mujoco.model.list_pairs import contact_in_force
-from hcbench.engines.mujoco.model.plugin_contact import restitution_law
-from hcbench.engines.mujoco.scene.promises import promise_in
+from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
+from hcbench.engines.mujoco.model.pair import restitution_law
+from hcbench.engines.mujoco.model.promises import promise_in
 from hcbench.sim.landing import PARTED_S
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns

@@ -22,19 +22,15 @@ from hcbench.engines.mujoco.model.bodies import (
     speed_reading,
 )
 from hcbench.engines.mujoco.model.causes import find_suspects
-from hcbench.engines.mujoco.model.causes.at_rest import at_rest
+from hcbench.engines.mujoco.model.causes.contact import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
-from hcbench.engines.mujoco.model.causes.friction import WEAK, pyramidal_cone
-from hcbench.engines.mujoco.model.causes.plugin import slow_for_plugin
-from hcbench.engines.mujoco.model.causes.promise import broken_promise
-from hcbench.engines.mujoco.model.find_pair import moving_joints
-from hcbench.engines.mujoco.model.list_pairs import find_pair
+from hcbench.engines.mujoco.model.causes.motion import at_rest
+from hcbench.engines.mujoco.model.find_pair import find_pair, moving_joints
+from hcbench.engines.mujoco.model.pair import restitution_law
 from hcbench.engines.mujoco.model.place import bring_to_touch
-from hcbench.engines.mujoco.model.plausible import require_plausible_contact
-from hcbench.engines.mujoco.model.plugin_contact import restitution_law
+from hcbench.engines.mujoco.model.promises import broken_promise, promise_in, slow_for_plugin
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
-from hcbench.engines.mujoco.model.start_pose import start_pose
-from hcbench.engines.mujoco.scene.promises import promise_in
+from hcbench.engines.mujoco.model.start_pose import require_plausible_contact, start_pose
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import other_contacts
 from hcbench.sim import simulate

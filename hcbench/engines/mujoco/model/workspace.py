@@ -10,7 +10,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import integrator_name
-from hcbench.engines.mujoco.model.plugin_contact import WithoutContact, restitution_law
+from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.under_test import MujocoModel

@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
-from functools import cached_property, partial
+import math
+import os
+import re
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name, response
-from hcbench.engines.mujoco.model.list_pairs import contact_in_force
-from hcbench.engines.mujoco.model.row_choices import Load, estimated_mobility
-from hcbench.engines.mujoco.model.written_model import spec_of, taken_pairs
-from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO
+from hcbench.engines.mujoco.model.find_pair import contact_in_force
+from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
+from hcbench.engines.mujoco.recipes.compliant_fit import (
+    IMPRATIO,
+    half_period_steps,
+    spring_and_damper_rows,
+)
 from hcbench.engines.mujoco.scene.elements import quoted
 from hcbench.engines.mujoco.scene.mjcf import numbers_text
-from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow
+from hcbench.engines.mujoco.scene.rows import (
+    MAX_IMPEDANCE,
+    MIN_IMPEDANCE,
+    STIFF_SOLIMP,
+    ConstraintRow,
+)
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,9 +39,238 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.sim.model_under_test import Request
 
-_numbers = partial(numbers_text, number="{:.10g}".format)
+# Load on a contact of a user's model, and rows for it that need no search in the model.
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hcbench.engines.mujoco.model.place import PairAtTouch
+    from hcbench.laws.restitution import RestitutionCurve
+
+    Band = tuple[float, float]
 
 Rows = tuple[ConstraintRow, ...]
+# Name of the row that turns a body back in one step.
+ONE_STEP = "one step"
+# Steps of a spring and damper in contact under RK4.
+_RK4_STEPS = 8
+# K h² of a contact that stops a body: it pushes out what is inside, and no more.
+_STOP = 0.005
+# A target e below this is met by a stop.
+NO_BOUNCE = 0.02
+# No spring and damper is made for a smaller e.
+_LEAST_E = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """The load on a contact, and the integrator that steps it.
+
+    strength: what all its points together do, over what one does on a free ball: MuJoCo scales a soft row by
+        an estimate of the mass (body_invweight0), at each point. gravity: of the approach, m/s².
+    points: of contact. timestep: s. rk4: the integrator. slides: whether it has friction.
+    """
+
+    strength: float
+    points: int
+    gravity: float
+    timestep: float
+    rk4: bool
+    slides: bool
+
+    @classmethod
+    def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
+        """The load on the contact of a pair that just touches."""
+        mobility = estimated_mobility(
+            place.pair.model, place.pair.first.body, place.pair.second.body
+        )
+        points = len(place.contact.rows)
+        strength = points / (mobility * place.effective_mass) if mobility > 0 else 1.0
+        return cls(strength, points, place.gravity, timestep, rk4, slides)
+
+
+def estimated_mobility(model: object, first: int, second: int) -> float:
+    """MuJoCo's estimate of 1/mass of a contact of two bodies, 1/kg."""
+    weights = model.body_invweight0  # type: ignore[attr-defined]
+    return float(weights[first][0] + weights[second][0])
+
+
+def row_choices(
+    goal: RestitutionCurve, band: Band, load: Load, adhesive: bool
+) -> Iterator[tuple[str, Rows]]:
+    """(name, rows), the simplest first: a stop or one step, a spring and damper of one e, two rows
+    whose e depends on speed as the target does, gravity included, and the same two without pulling.
+
+    adhesive: whether they may pull.
+    """
+    h = load.timestep
+    constant = goal.best_constant(*band)
+    if constant < NO_BOUNCE:
+        stop = ConstraintRow.direct(_STOP / h**2, 1.0 / h, STIFF_SOLIMP)
+        yield "stop", (stop,)
+    elif not load.slides and not load.rk4:
+        yield ONE_STEP, one_step(constant, h)
+    steps = _RK4_STEPS if load.rk4 else half_period_steps(load.points)
+    yield f"spring of {steps} steps", (_spring(constant, steps, load),)
+    e = goal.at(np.geomspace(*band, 50))
+    if e.min() > NO_BOUNCE and e.max() < 1.0:
+        # Two digits: two feet whose loads differ by rounding share one fit.
+        strength = float(f"{load.strength:.2g}")
+        rounded = replace(load, strength=strength)
+        # The fit of rows that pull may end farther from the target than that of rows that do not.
+        if adhesive:
+            yield "spring and damper", _fitted(goal, band, rounded, True)
+        yield "spring and damper", _fitted(goal, band, rounded, False)
+
+
+def one_step(e: float, timestep: float) -> Rows:
+    """A row that turns a body back in one step (s), as `check` advises.
+
+    Its spring hardly changes e, but lifts a body that lies too deep.
+    """
+    spring = min(1e4, 1e-3 / timestep**2)
+    return (ConstraintRow.direct(spring, (1.0 + e) / timestep, STIFF_SOLIMP),)
+
+
+def _spring(e: float, steps: int, load: Load) -> ConstraintRow:
+    """One row with a half period of whole steps; under RK4, which follows continuous time, as long."""
+    loss = -math.log(max(e, _LEAST_E))
+    lasts = steps * load.timestep
+    if load.rk4:
+        stiffness = (math.pi**2 + loss**2) / lasts**2
+        damping = 2.0 * loss / lasts
+    else:
+        c = math.exp(-2.0 * loss / steps)
+        stiffness = (1.0 + c - 2.0 * math.sqrt(c) * math.cos(math.pi / steps)) / load.timestep**2
+        damping = (1.0 - c) / load.timestep
+    return ConstraintRow.direct(stiffness / load.strength, damping / load.strength, SPRING_SOLIMP)
+
+
+@lru_cache(maxsize=16)
+def _fitted(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Rows:
+    """A spring, and a damper whose strength grows with depth: two <pair>s of the same two geoms."""
+    h = load.timestep
+    gravity = round(load.gravity, 2)
+    rows = spring_and_damper_rows(
+        goal, band, h, gravity, load.strength, adhesive, load.rk4, points=load.points
+    )
+    return tuple(rows)
+
+
+# A user's model with pairs in it, as text: the user's own and a few lines, or else MuJoCo's own of
+# it.
+
+_SUFFIXES = (".xml", ".mjcf", ".urdf")
+_END = "</mujoco>"
+_INCLUDE = re.compile(r"(<include\s[^>]*?file\s*=\s*)([\"'])(.*?)\2", re.DOTALL)
+_DIRECTORY = re.compile(r'\b(meshdir|texturedir|assetdir)="(/[^"]*)"')
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+
+
+def spec_of(source: Any) -> Any:
+    """A new MjSpec of the model, whose assets are found from everywhere.
+
+    Raises UserError for a source that cannot be written.
+    """
+    mujoco = backend()
+    if isinstance(source, mujoco.MjSpec):
+        return source.copy()
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        return mujoco.MjSpec.from_string(source)
+    if (path := _path(source)) is None:
+        got = str(source) if isinstance(source, str | Path) else f"a {type(source).__name__}"
+        raise UserError("model", got, "an MJCF file or an MjSpec, which can be written")
+    spec = mujoco.MjSpec.from_file(str(path))
+    if _has_assets(spec):
+        for name in ("meshdir", "texturedir"):
+            setattr(spec, name, str((path.parent / getattr(spec, name)).resolve()))
+    return spec
+
+
+def label_of(source: Any) -> str:
+    """Name of the model in outputs: its file, or "model"."""
+    is_file = isinstance(source, str | Path) and not str(source).lstrip().startswith("<")
+    return Path(source).name if is_file else "model"
+
+
+def _path(source: Any) -> Path | None:
+    if isinstance(source, str | Path) and Path(source).suffix.lower() in _SUFFIXES:
+        return Path(source)
+    return None
+
+
+def _has_assets(spec: Any) -> bool:
+    return any(asset.file for asset in (*spec.meshes, *spec.hfields, *spec.textures, *spec.skins))
+
+
+def whole_text(spec: Any, folder: Path | None) -> str:
+    """MuJoCo's own text of a changed spec, with paths of its assets from a folder."""
+    text = str(spec.to_xml())
+    if folder is None:
+        return text
+
+    def moved(match: re.Match[str]) -> str:
+        return f"{match[1]}={quoted(os.path.relpath(match[2], folder.resolve()))}"
+
+    return _DIRECTORY.sub(moved, text)
+
+
+def own_text(source: Any, folder: Path | None, lines: str) -> str:
+    """Return the user's text, comments and includes and all, with more lines
+    at its end; "" if it has none.
+
+    folder: of the file that is to be written, from which its paths then lead.
+    """
+    path = _path(source)
+    if path is not None and path.suffix.lower() != ".urdf":
+        text = path.read_text(encoding="utf-8")
+    elif isinstance(source, str) and source.lstrip().startswith("<mujoco"):
+        text = source
+    else:
+        return ""
+    head, end, tail = text.rpartition(_END)
+    if not end or _END in _COMMENT.sub("", tail):
+        return ""
+    if path is not None and folder is not None and folder.resolve() != path.parent.resolve():
+        head = _moved(head, path, folder)
+        lines = f"{_directories(path, folder)}{lines}"
+    return f"{head.rstrip()}\n\n{lines}\n{end}{tail}"
+
+
+def _moved(text: str, path: Path, folder: Path) -> str:
+    """A model's text with its includes as they are found from another folder."""
+
+    def moved(match: re.Match[str]) -> str:
+        return f"{match[1]}{quoted(os.path.relpath((path.parent / match[3]).resolve(), folder.resolve()))}"
+
+    return _INCLUDE.sub(moved, text)
+
+
+def _directories(path: Path, folder: Path) -> str:
+    """A <compiler> that finds the assets from another folder; "" where there are none."""
+    spec = spec_of(path)
+    if not _has_assets(spec):
+        return ""
+    attributes = []
+    for name in ("meshdir", "texturedir"):
+        way = os.path.relpath(getattr(spec, name), folder.resolve())
+        attributes.append(f"{name}={quoted(way)}")
+    return f"<compiler {' '.join(attributes)}/>\n"
+
+
+def included(lines: str) -> str:
+    """A file of these lines, to be included."""
+    return f"<mujocoinclude>\n{lines}\n</mujocoinclude>\n"
+
+
+def taken_pairs(model: Any, geoms: Sequence[tuple[int, int]]) -> bool:
+    """Say whether the model has <pair>s of its own for any of these geoms."""
+    own = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
+    # In a frozenset the order of the two does not matter.
+    return not set(map(frozenset, own)).isdisjoint(map(frozenset, geoms))
+
+
+_numbers = partial(numbers_text, number="{:.10g}".format)
 
 
 @dataclass(frozen=True)

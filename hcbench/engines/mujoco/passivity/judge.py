@@ -15,8 +15,7 @@ from hcbench.engines.mujoco.passivity.plain import (
     rest_on_slope,
 )
 from hcbench.engines.mujoco.passivity.untuned import effect_on_others
-from hcbench.engines.mujoco.scene.mjcf import pairs_text
-from hcbench.engines.mujoco.scene.options import Options, read_options
+from hcbench.engines.mujoco.scene.mjcf import Options, pairs_text, read_options
 from hcbench.laws.contact_law import is_force
 from hcbench.sim.passivity import LongestTrain, Passivity
 from hcbench.terms.units import STANDARD_GRAVITY

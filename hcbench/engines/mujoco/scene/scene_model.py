@@ -16,7 +16,7 @@ from hcbench.system.errors import SceneError
 if TYPE_CHECKING:
     import xml.etree.ElementTree as ET
 
-    from hcbench.engines.mujoco.scene.options import Options
+    from hcbench.engines.mujoco.scene.mjcf import Options
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene
 

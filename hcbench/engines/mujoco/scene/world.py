@@ -16,9 +16,13 @@ from typing import TYPE_CHECKING
 
 from hcbench.engines.mujoco.backend import captured_warnings
 from hcbench.engines.mujoco.model.bodies import speed_reading
-from hcbench.engines.mujoco.scene.batch import BatchedModel, batch_kind, compile_batch
+from hcbench.engines.mujoco.scene.batch import (
+    BatchedModel,
+    batch_kind,
+    compile_batch,
+    has_one_constraint,
+)
 from hcbench.engines.mujoco.scene.record import Workspace, record, states_at_release
-from hcbench.engines.mujoco.scene.slide_joint import has_one_constraint
 from hcbench.sim.columns import Launches
 from hcbench.sim.world import Record, Simulation, World
 from hcbench.workers import in_worker

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.pybullet.backend import DISTANCE, NORMAL, POINT_A, POINT_B, BulletClient
+from hcbench.engines.pybullet.model.bodies import cross, rotate, vector
 from hcbench.engines.pybullet.model.open import BodyPart
-from hcbench.engines.pybullet.vectors import cross, rotate, vector
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats
 

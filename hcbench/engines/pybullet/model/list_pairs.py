@@ -18,9 +18,9 @@ from hcbench.engines.pybullet.model.bodies import (
     LINK_NAME,
     BulletBody,
     contact_row,
+    vector,
 )
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
-from hcbench.engines.pybullet.vectors import vector
 from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.packages import find_part
 from hcbench.system.errors import UserError

@@ -27,6 +27,7 @@ from hcbench.engines.pybullet.model.bodies import (
     SlidingJoint,
     SwingingLink,
     contact_row,
+    vector,
 )
 from hcbench.engines.pybullet.model.closest import (
     REACH,
@@ -39,7 +40,6 @@ from hcbench.engines.pybullet.model.closest import (
 from hcbench.engines.pybullet.model.in_child import run_aside
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
-from hcbench.engines.pybullet.vectors import vector
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, travel_by_distance
 from hcbench.system.errors import UserError

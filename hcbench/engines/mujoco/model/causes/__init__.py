@@ -1,12 +1,18 @@
 """Suspects that may keep a pair in a MuJoCo model from bouncing as asked, with fixes."""
 
-from hcbench.engines.mujoco.model.causes.contact import mixing, refsafe, solimp, solref
+from hcbench.engines.mujoco.model.causes.contact import (
+    mixing,
+    refsafe,
+    sliding_lift,
+    solimp,
+    solref,
+)
 from hcbench.engines.mujoco.model.causes.context import Context
-from hcbench.engines.mujoco.model.causes.friction import sliding_lift
-from hcbench.engines.mujoco.model.causes.limits_and_actuators import drives, limits
 from hcbench.engines.mujoco.model.causes.motion import (
+    drives,
     gravity,
     integrator,
+    limits,
     losses,
     margin,
     resolution,

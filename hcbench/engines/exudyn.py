@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
-
 # Radius of the sphere that stands for a plane, m: on its axis the gap is that of a plane.
 _PLATE_RADIUS = 10.0
 Number = Annotated[Finite | None, Field(ge=0.0)]

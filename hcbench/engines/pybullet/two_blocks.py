@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from hcbench.engines.pybullet import recipes
 from hcbench.engines.pybullet.backend import BulletClient
-from hcbench.engines.pybullet.recipes import restitution, spring_damper
 from hcbench.recipes.target import Target
 from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
 from hcbench.terms.impact import Floats
@@ -30,9 +30,9 @@ def own_contact(squeezed: bool) -> str:
 def _options(blocks: TwoBlocks) -> Mapping[str, Any]:
     """Keyword arguments of Bullet's calls."""
     if blocks.tuned_at is None:
-        return {"world": restitution.WORLD, "ball": restitution.BALL, "plate": {}}
+        return {"world": recipes.WORLD, "ball": recipes.BALL, "plate": {}}
     target = Target(blocks.law, blocks.mass, blocks.timestep, blocks.tuned_at, blocks.tuned_at)
-    recipe = spring_damper.SPRING_DAMPER if blocks.gap <= 0.0 else restitution.RESTITUTION
+    recipe = recipes.SPRING_DAMPER if blocks.gap <= 0.0 else recipes.RESTITUTION
     return recipe(target).options
 
 

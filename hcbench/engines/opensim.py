@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
-
 NotNegative = Annotated[Finite | None, Field(ge=0.0)]
 
 

@@ -1,1 +1,0 @@
-"""DART: rigid contact with Newton's restitution, in one step."""

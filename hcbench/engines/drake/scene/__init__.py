@@ -1,1 +1,0 @@
-"""Scenes for Drake beyond those of one bounce."""

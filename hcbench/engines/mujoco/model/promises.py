@@ -1,0 +1,183 @@
+"""Promises that a model holds in its text, and causes that it does not keep them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import explicit_pairs
+from hcbench.engines.mujoco.model.causes import fixes
+from hcbench.engines.mujoco.scene.elements import quoted
+from hcbench.measuring.measurement import TOLERANCE
+from hcbench.sim.model_under_test import Suspect
+from hcbench.sim.promise import Promise
+from hcbench.system.text import shortest, time_step
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.terms.impact import Impact
+    from hcbench.terms.setting import Pair
+
+# Promises of `hcbench tune` in MJCF: a <text> of the <custom> section, named by the two geoms.
+
+
+def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
+    """The <custom> section of these pairs, to paste; "" for a target that a text cannot say."""
+    if not promise.text:
+        return ""
+    lines = [f"  <text name={quoted(_name(*pair))} data={quoted(promise.text)}/>" for pair in pairs]
+    return "\n".join(["<custom>", *lines, "</custom>"])
+
+
+def promise_in(model: Any, geoms: tuple[int, int]) -> Promise | None:
+    """Read hcbench's promise for two geoms of a compiled model; None without one."""
+    names = [str(model.geom(geom).name) for geom in geoms]
+    for pair in (names, names[::-1]):
+        number = backend().mj_name2id(model, backend().mjtObj.mjOBJ_TEXT, _name(*pair))
+        if number >= 0:
+            start = int(model.text_adr[number])
+            size = int(model.text_size[number])
+            return Promise.read(bytes(model.text_data[start : start + size - 1]).decode())
+    return None
+
+
+def option_in_force(model: Any) -> tuple[tuple[str, str], ...]:
+    """Options of a compiled model on which e and friction of a contact depend, as XML writes them."""
+    mujoco = backend()
+    option = model.opt
+    integrator = (
+        str(mujoco.mjtIntegrator(int(option.integrator)).name).removeprefix("mjINT_").lower()
+    )
+    cone = str(mujoco.mjtCone(int(option.cone)).name).removeprefix("mjCONE_").lower()
+    return (
+        ("timestep", shortest(float(option.timestep))),
+        ("integrator", {"euler": "Euler", "rk4": "RK4"}.get(integrator, integrator)),
+        ("cone", cone),
+        ("impratio", shortest(float(option.impratio))),
+    )
+
+
+def _name(first: str, second: str) -> str:
+    return f"hcbench:{first}:{second}"
+
+
+# Causes that keep a pair with the plug-in hcbench.restitution from the e of its config.
+
+# Gravity gives a resting body g h in a step. The plug-in cannot tell an impact of about that speed
+# from rest. In units of g h: impacts slower than this are suspected.
+_SLOW = 3.0
+# In units of g h: speed of the slowest impact with the step that is advised.
+_CURED = 4.0
+
+
+def slow_for_plugin(
+    model: Any, impacts: Sequence[Impact], law: RestitutionCurve, gravity: float
+) -> Iterator[Suspect]:
+    """Yield the step, where it is so long that the plug-in takes the
+    slowest impacts for bodies at rest.
+
+    gravity: m/s², along the normal.
+    """
+    timestep = float(model.opt.timestep)
+    gained = abs(gravity) * timestep
+
+    def asked(speed: float) -> float:
+        return float(law.at(speed)) - TOLERANCE
+
+    dead = []
+    for impact in impacts:
+        speed = impact.speed_in
+        if speed < _SLOW * gained and impact.restitution < asked(speed):
+            dead.append(speed)
+    if not dead:
+        return
+    shorter = float(f"{min(dead) / (_CURED * abs(gravity)):.2g}")
+    yield Suspect(
+        "slow-for-step",
+        "The step is too long for the slowest impacts: the plug-in takes them for a body at rest.",
+        f"{min(dead):.3g} m/s, and gravity gives {gained:.3g} m/s in a step of {time_step(timestep)} s",
+        f'<option timestep="{shorter:g}"/>, or speeds above {_CURED * gained:.2g} m/s',
+        partial(fixes.set_options, timestep=shorter),
+    )
+
+
+# Differences between a model and the one in which `hcbench tune` measured the error it promised.
+
+# Relative difference of two numbers that the digits of XML make.
+_SAME = 1e-6
+
+
+def broken_promise(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
+    """Yield each difference by which the pair is no longer the one that was tuned."""
+    yield from _pairs(model, promise, geoms)
+    yield from _override(model)
+    now = dict(option_in_force(model))
+    for name, text in promise.option:
+        if name in now and not _equal(now[name], text):
+            yield Suspect(
+                f"promised-{name}",
+                f"The model has another {name} than hcbench wrote this pair for.",
+                f'{name}="{now[name]}" now; tuned for "{text}". A later <option> replaces an earlier one',
+                f'<option {name}="{text}"/>, after every other <option>',
+                partial(_set_option, name=name, text=text),
+                always_reported=True,
+            )
+
+
+def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
+    """Pairs of two geoms that were added to those hcbench wrote, or that are missing."""
+    joining = explicit_pairs(model, geoms)
+    lost = promise.rows - len(joining)
+    if lost > 0:
+        yield Suspect(
+            "missing-pair",
+            f"{lost} of the {promise.rows} pairs that hcbench wrote for these two geoms is missing.",
+            f"the model keeps the promise of {promise.rows} pairs: {promise.text}",
+            "paste all <pair> elements that `hcbench tune` printed, all of the same two geoms",
+            always_reported=True,
+        )
+    if lost < 0:
+        yield Suspect(
+            "second-pair",
+            f"{len(joining)} <pair>s join these two geoms where hcbench wrote {promise.rows}: all act.",
+            f"the model keeps the promise of {promise.rows}: {promise.text}",
+            "take out the <pair>s of these two geoms that `hcbench tune` did not print",
+            always_reported=True,
+        )
+
+
+def _override(model: Any) -> Iterator[Suspect]:
+    """The flag that replaces solref and solimp of every contact."""
+    flag = int(backend().mjtEnableBit.mjENBL_OVERRIDE)
+    if not model.opt.enableflags & flag:
+        return
+    yield Suspect(
+        "override",
+        "The override flag replaces every contact's solref and solimp.",
+        "the pair's own numbers, which hcbench wrote, are not used",
+        '<option><flag override="disable"/></option>',
+        partial(fixes.set_options, enableflags=int(model.opt.enableflags) & ~flag),
+        always_reported=True,
+    )
+
+
+def _equal(now: str, promised: str) -> bool:
+    try:
+        return abs(float(now) - float(promised)) <= _SAME * abs(float(promised))
+    except ValueError:
+        return now == promised
+
+
+def _set_option(model: Any, name: str, text: str) -> None:
+    """Set one attribute of <option> from its text."""
+    mujoco = backend()
+    if name == "integrator":
+        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{text.upper()}")
+    elif name == "cone":
+        model.opt.cone = getattr(mujoco.mjtCone, f"mjCONE_{text.upper()}")
+    else:
+        setattr(model.opt, name, float(text))

@@ -1,1 +1,0 @@
-"""OpenSim: Simbody's Hunt-Crossley contact."""

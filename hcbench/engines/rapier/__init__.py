@@ -1,1 +1,0 @@
-"""Rapier: rigid contact with Newton's restitution, in 32-bit numbers."""

@@ -1,1 +1,0 @@
-"""Trajectories recorded elsewhere, read from files."""

@@ -1,1 +1,0 @@
-"""The law itself as an engine: eq. (16) and its ODE."""
