@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from hcbench.measuring import Measurement as Measurement
     from hcbench.measuring import Wanted as Wanted
     from hcbench.measuring.landing import land
-    from hcbench.measuring.measure import measure
-    from hcbench.measuring.pairs import pairs
+    from hcbench.measuring.measure import measure, pairs
     from hcbench.measuring.trajectory import measure_trajectory as measure_trajectory
     from hcbench.recipes.target import Target as Target
     from hcbench.reporting.ask import report
@@ -62,7 +61,7 @@ _VERBS = {
     "law": "laws.impact_law",
     "load_scene": "terms.scene",
     "measure": "measuring.measure",
-    "pairs": "measuring.pairs",
+    "pairs": "measuring.measure",
     "report": "reporting.ask",
     "tune": "tuning.ask",
     "tune_model": "tuning.ask",

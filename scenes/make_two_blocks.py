@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hcbench.engines.mujoco.two_blocks import mjcf
-from hcbench.paper.forced_figures import FULL, LAW, LOOSE, STAND_IN_SPEED
+from hcbench.paper.vibroimpact_figures import FULL, LAW, LOOSE, STAND_IN_SPEED
 from hcbench.sim.two_blocks import NAME, TwoBlocks
 
 HEAD = """<!-- scene.xml, contact tuned to eq. (16): pairs of the ball with either block whose springs start

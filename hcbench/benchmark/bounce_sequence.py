@@ -22,8 +22,8 @@ from hcbench.terms.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from hcbench.benchmark.encodings import Encode
     from hcbench.benchmark.plan import Inputs, Plan
+    from hcbench.benchmark.tables import Encode
     from hcbench.terms.impact import Trajectory
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting

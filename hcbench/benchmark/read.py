@@ -20,18 +20,21 @@ from numpy.typing import NDArray
 from hcbench import scoring
 from hcbench.benchmark.batch import MEASURED
 from hcbench.benchmark.bounce_sequence import RESTS
-from hcbench.benchmark.encodings import columns_in, frame, frame_of, metadata_in
-from hcbench.benchmark.fold import FOLDED, FOLDED_OBLIQUE, Folded, Folder, to_digits
 from hcbench.benchmark.results import (
+    FOLDED,
+    FOLDED_OBLIQUE,
     LOOP_COLUMNS,
     REST_COLUMNS,
     RUN_KEY,
+    Folded,
+    Folder,
     ImpactTable,
     Key,
     Results,
+    to_digits,
 )
 from hcbench.benchmark.store import DESCRIPTION, Store, open_files
-from hcbench.benchmark.tables import metadata_of
+from hcbench.benchmark.tables import columns_in, frame, frame_of, metadata_in, metadata_of
 from hcbench.laws.force import HuntCrossley
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import LOOP_TOLERANCE, Impact, Launch, Loop, Status

@@ -18,20 +18,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hcbench.benchmark.bounce_sequence import bounce_table, plan_drops
-from hcbench.benchmark.encodings import arrays, parquet, require_parquet
 from hcbench.benchmark.plan import Plan, make_plan
 from hcbench.benchmark.results import Results
 from hcbench.benchmark.shard import Timeouts, run_bounces, run_jobs, run_shard
 from hcbench.benchmark.store import GO_ON, Store, TemporaryFiles, open_files
 from hcbench.benchmark.study import Study
-from hcbench.benchmark.tables import Totals
+from hcbench.benchmark.tables import Totals, arrays, parquet, require_parquet
 from hcbench.system.errors import CannotRun, HcbenchError
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import Jobs
 from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:
-    from hcbench.benchmark.encodings import Encode
+    from hcbench.benchmark.tables import Encode
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from hcbench.benchmark.batch import Batch, BatchResult, result_of, run_batch, run_one_by_one
 from hcbench.benchmark.bounce_sequence import Drop, Dropped, simulate_bounces
-from hcbench.benchmark.encodings import parquet
 from hcbench.benchmark.plan import Inputs, Shard, digests_of, versions_here
-from hcbench.benchmark.tables import ShardFiles, shard_files
+from hcbench.benchmark.tables import ShardFiles, parquet, shard_files
 from hcbench.sim import registry
 from hcbench.sim.columns import Impacts
 from hcbench.sim.remote import interpreter_of
@@ -29,7 +28,7 @@ from hcbench.terms.scene import Scene, load_scene
 from hcbench.workers import call, map_surviving_crashes, use_own_worker
 
 if TYPE_CHECKING:
-    from hcbench.benchmark.encodings import Encode
+    from hcbench.benchmark.tables import Encode
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

@@ -16,7 +16,7 @@ from typing import Any
 
 import click
 
-from hcbench.cli.outputs import require_outputs
+from hcbench.cli.console import require_outputs
 from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import SIGNALS
 

@@ -7,9 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hcbench.cli.console import as_json, jobs_option, print_json
+from hcbench.cli.console import (
+    PathType,
+    as_json,
+    force_option,
+    jobs_option,
+    output_option,
+    print_json,
+)
 from hcbench.cli.help import group
-from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.cli.terminal import progress
 from hcbench.system.errors import LimitPassed, UserError
 

@@ -11,13 +11,14 @@ import click
 
 from hcbench.cli.console import (
     as_json,
+    force_option,
     jobs_option,
     model_source,
     options,
+    output_option,
     print_json,
 )
 from hcbench.cli.help import command
-from hcbench.cli.outputs import force_option, output_option
 from hcbench.cli.terminal import progress, show, status
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.system.text import joined_names, sanitized, split_names
@@ -175,8 +176,7 @@ def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     """Every pair that touches at the start; pairs that cannot be measured are reported and skipped."""
-    from hcbench.measuring.measure import measure_job
-    from hcbench.measuring.pairs import list_pairs
+    from hcbench.measuring.measure import list_pairs, measure_job
     from hcbench.measuring.text import as_record, as_text
 
     with status("listing the pairs"):
@@ -215,9 +215,8 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     Show what moves them, their effective mass and their contact parameters.
     """
     from hcbench.checking.spec import plan
-    from hcbench.measuring.measure import Job
+    from hcbench.measuring.measure import Job, list_pairs
     from hcbench.measuring.measurement import TOLERANCE
-    from hcbench.measuring.pairs import list_pairs
     from hcbench.sim.candidate_pairs import as_records, as_table
 
     asked = plan(_spec(models, python, options, required=True))

@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import QuantityType, UncertainType, as_json, print_json
+from hcbench.cli.console import (
+    PathType,
+    QuantityType,
+    UncertainType,
+    as_json,
+    force_option,
+    output_option,
+    print_json,
+)
 from hcbench.cli.help import Command, command
-from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.cli.terminal import show, status
 from hcbench.system.errors import UserError
 

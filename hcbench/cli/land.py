@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hcbench.cli.console import as_json, model_source, options, print_json
+from hcbench.cli.console import (
+    as_json,
+    force_option,
+    model_source,
+    options,
+    output_option,
+    print_json,
+)
 from hcbench.cli.help import command
-from hcbench.cli.outputs import force_option, output_option
 from hcbench.cli.terminal import show, status
 from hcbench.system.errors import UserError
 

@@ -5,20 +5,191 @@ Hunt & Crossley 1975 as a page.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import device_option, jobs_option
+from hcbench.cli.console import MASS, PathType, device_option, jobs_option
 from hcbench.cli.help import command
-from hcbench.cli.outputs import PathType
-from hcbench.cli.reality import NAME, reality_options, report_reality, require_none
 from hcbench.cli.terminal import progress
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.benchmark.run import Progress
+    from hcbench.reality.study import RealityRequest
+
+# hcbench report reality: engines against measured impacts.
+
+NAME = "reality"
+_OPTIONS = (
+    click.option(
+        "--sets", help="Of the study `reality`: some of its data sets, such as cube,ellipse."
+    ),
+    click.option(
+        "--data",
+        type=PathType(path_type=Path, file_okay=False, exists=True),
+        help="Of the study `reality`: folder of a data set's original repository, or of several.",
+    ),
+    click.option(
+        "--part",
+        type=click.IntRange(0, 4),
+        help="Of the study `reality`: judge tosses with number % 5 = PART.",
+    ),
+    click.option(
+        "--poses",
+        type=PathType(path_type=Path, dir_okay=False, exists=True),
+        multiple=True,
+        help="Of the study `reality`: judge engines by your own toss: a CSV of t, x, y, z, qw, qx, qy, qz.",
+    ),
+    click.option("--size", help="With --poses: three edges of the box, such as '0.1 0.1 0.1' (m)."),
+    click.option("--mass", type=MASS, help="With --poses: mass of the box, such as 0.37 kg."),
+    click.option(
+        "--model",
+        type=PathType(path_type=Path, dir_okay=False, exists=True),
+        help="With --poses: an MJCF file whose first box is the body, in place of --size and --mass.",
+    ),
+    click.option(
+        "--inertia", help="With --poses: one or three moments, kg m².  [default: of a solid box]"
+    ),
+    click.option(
+        "--identify", is_flag=True, help="Of the study `reality`: search the parameters again."
+    ),
+)
+
+
+def reality_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Gives `report` the options that the study `reality` alone has."""
+    return reduce(lambda made, option: option(made), reversed(_OPTIONS), command)
+
+
+def require_none(options: dict[str, Any], expected: str = f"the study `{NAME}`") -> None:
+    """UserError for an option of what was not asked for."""
+    for name, value in options.items():
+        if value not in (None, False, ()):
+            raise UserError(f"--{name}", "given without what it belongs to", expected)
+
+
+def _report_own(
+    paths: tuple[Path, ...],
+    given: tuple[str | None, float | None, str | None, Path | None],
+    identify: bool,
+    out: Path | None,
+    jobs: int,
+) -> Path:
+    """Read the user's poses of a box, judge the settings by them, and write the report; return its
+    folder.
+
+    given: size, mass, inertia and model of the box, as typed; the model or both size and mass are
+    needed.
+    """
+    from hcbench.workers import WorkerPool
+
+    size, mass, inertia, model = given
+    if model is None and (size is None or mass is None):
+        raise UserError(
+            "--size" if size is None else "--mass", "not given", "the box's, or --model"
+        )
+    with WorkerPool(jobs) as pool:
+        pool.begin("importlib", "import_module", "hcbench.reality.study")
+        from hcbench.reality.page import build_own
+        from hcbench.reality.poses import box, box_of, judge, read, text
+
+        if model is not None:
+            body = box_of(model)
+        else:
+            body = box(
+                _numbers("--size", size or ""), mass or 0.0, _numbers("--inertia", inertia or "")
+            )
+        with progress("settings") as tick:
+            own = judge(read(paths, body), pool, identify, tick)
+    folder = out or Path("reports") / paths[0].stem
+    build_own(own, folder)
+    print("\n".join(text(own, folder)))
+    return folder
+
+
+def report_reality(
+    out: Path | None,
+    jobs: int,
+    sets: str | None,
+    data: Path | None,
+    part: int | None,
+    poses: tuple[Path, ...],
+    size: str | None,
+    mass: float | None,
+    inertia: str | None,
+    model: Path | None,
+    identify: bool,
+) -> Path:
+    """Run the study and write its page; the page. Of a user's own poses:
+    print and write what they tell.
+    """
+    from hcbench.workers import WorkerPool
+
+    if poses:
+        require_none(
+            {"sets": sets, "data": data, "part": part is not None}, f"`{NAME}` without --poses"
+        )
+        body = (size, mass, inertia, model)
+        return _report_own(poses, body, identify, out, jobs)
+    require_none({"size": size, "mass": mass, "inertia": inertia, "model": model}, "--poses")
+
+    with WorkerPool(jobs) as pool:
+        pool.begin("importlib", "import_module", "hcbench.reality.study")
+        from hcbench.reality.page import build
+        from hcbench.reality.study import run
+
+        request = _request(sets, data, part, identify)
+        folder = out or Path("reports") / NAME
+        with progress("settings") as tick:
+            return build(run(request, pool, tick), folder)
+
+
+def _request(
+    sets: str | None, data: Path | None, part: int | None, identify: bool
+) -> RealityRequest:
+    """The request: data sets with their folders.
+
+    A set whose data are missing is left out with a line to stderr. Raises UserError where it was asked
+    for by name, and for the held-out part without its data.
+    """
+    from hcbench.reality import data_sets
+    from hcbench.reality.data_sets import SETS, require_sets
+    from hcbench.reality.study import RealityRequest
+
+    chosen = require_sets(sets) if sets else list(SETS)
+    folders = {name: data_sets.find(name, data) for name in chosen}
+    for name in chosen:
+        if folders[name] is None and (advice := data_sets.missing(name)):
+            if sets:
+                got = "not given"
+                if data:
+                    got = f"has no {name}"
+                raise UserError("--data", got, advice)
+            print(f"left out: {name}. Add: --data, {advice}", file=sys.stderr)
+    for name, folder in folders.items():
+        if folder is not None and data_sets.differs(name, folder):
+            print(
+                f"warning: {name}: {folder} has another version of {data_sets.SOURCES[name].path}",
+                file=sys.stderr,
+            )
+    if part == 4 and "cube" in chosen and folders["cube"] is None:
+        raise UserError(
+            "--part", "4, which is not shipped", "--data with the folder of DAIRLab/contact-nets"
+        )
+    known = [name for name in chosen if folders[name] is not None or not data_sets.missing(name)]
+    return RealityRequest(known, folders, part, identify)
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    """Numbers with spaces or commas between them."""
+    try:
+        return [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        raise UserError(option, repr(text), "numbers in SI, such as '0.1 0.1 0.1'") from None
 
 
 def _warn(line: str) -> None:
@@ -122,8 +293,7 @@ def paper(out: Path | None, quick: bool, jobs: int) -> None:
     Redraw every figure, and compute every number that the paper prints.
     """
     with progress("starting"):
-        from hcbench.paper.build import build, engines_drawn_in
-        from hcbench.paper.engines import engines_with_two_blocks
+        from hcbench.paper.build import build, engines_drawn_in, engines_with_two_blocks
         from hcbench.reporting.ask import default_folder, folder_for, missing_engines
 
         missing = missing_engines(engines_with_two_blocks(), _warn)

@@ -18,11 +18,12 @@ from hcbench.cli.console import (
     STEP,
     UncertainType,
     as_json,
+    force_option,
     options,
+    output_option,
 )
-from hcbench.cli.contacts import spring_options
+from hcbench.cli.convert import spring_options
 from hcbench.cli.help import command
-from hcbench.cli.outputs import force_option, output_option
 from hcbench.system.errors import UserError
 from hcbench.terms.units import BOUNDS
 

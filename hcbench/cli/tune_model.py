@@ -218,7 +218,7 @@ def _table(tuned: TunedModel) -> list[str]:
     Speeds are m/s; the other quantities in the units that are printed. Rows that neither model has
     a number for are left out.
     """
-    from hcbench.sim.standing import QUANTITIES
+    from hcbench.sim.rest import QUANTITIES
 
     rows = [("", "before", "after")]
     for was, now in zip(tuned.untuned, tuned.pairs, strict=True):

@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from hcbench.fitting.clicks import doubts_of, reservation_of
 from hcbench.fitting.linear import LinearModel
+from hcbench.fitting.recording import doubts_of, reservation_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Self
 
-    from hcbench.fitting.clicks import Indices, Picks
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.flight import Ballistics
-    from hcbench.fitting.recording import Recording
+    from hcbench.fitting.recording import Indices, Picks, Recording
     from hcbench.fitting.setup import Known, MeasurementSetup
     from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats

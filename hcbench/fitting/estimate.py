@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.linear import reduce
-from hcbench.fitting.noise import NoiseLikelihood, best_noise, coarse_grid, refined, surface
+from hcbench.fitting.linear import (
+    NoiseLikelihood,
+    best_noise,
+    coarse_grid,
+    reduce,
+    refined,
+    surface,
+)
 from hcbench.terms.resolution import SIGMAS_95
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ import numpy as np
 from hcbench.fitting.budget import error_budget
 from hcbench.fitting.estimate import ODDS_TO_DROP, alpha_of, estimate_of, fit_law, widened
 from hcbench.fitting.heights import odd_drops, shared_value
+from hcbench.fitting.linear import MOST_SCATTER
 from hcbench.fitting.misfits import (
     MOST_OUTLIERS,
     PRIOR_OF_ADHESION,
@@ -23,7 +24,6 @@ from hcbench.fitting.misfits import (
     scatter_widths,
     smooth_change,
 )
-from hcbench.fitting.noise import MOST_SCATTER
 from hcbench.fitting.result import DropResult, FitResult
 from hcbench.fitting.table import computed
 from hcbench.fitting.track import scale_warnings

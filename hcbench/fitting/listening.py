@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.bounce_search import likeliest_trains
-from hcbench.fitting.clicks import Picks, Timer, bands
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.estimate import alpha_of, fit_law
 from hcbench.fitting.misfits import flagged_touches, gains_by_moving
+from hcbench.fitting.recording import Picks, Timer, bands
 from hcbench.fitting.which_law import LAWS, PLAIN, WITH_E0
 from hcbench.system.errors import UserError
 
@@ -24,9 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hcbench.fitting.bounce_search import Train
-    from hcbench.fitting.clicks import FrequencyBand, Indices
     from hcbench.fitting.estimate import LawFit
-    from hcbench.fitting.recording import Recording
+    from hcbench.fitting.recording import FrequencyBand, Indices, Recording
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 

@@ -11,8 +11,7 @@ from numpy.polynomial.legendre import Legendre
 from scipy.special import chdtri, logsumexp
 
 from hcbench.fitting.estimate import fit_law
-from hcbench.fitting.linear import reduce
-from hcbench.fitting.noise import coarse_grid, noise_prior, scatter_prior
+from hcbench.fitting.linear import coarse_grid, noise_prior, reduce, scatter_prior
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

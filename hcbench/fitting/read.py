@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from hcbench.fitting.clicks import Picks
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
+    from hcbench.fitting.recording import Picks
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 

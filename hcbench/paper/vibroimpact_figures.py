@@ -1,4 +1,9 @@
-"""Figs. 5 to 9: a mass between two blocks."""
+"""Figures of forced motion against a stop."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import cycle, product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -6,12 +11,28 @@ from matplotlib.figure import Figure
 
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
+from hcbench.paper import approximations
+from hcbench.paper.build import EngineTrajectory, engines_with_two_blocks, simulate_in_engine
 from hcbench.paper.impact_figures import name_axes
-from hcbench.paper.vibroimpact.response import linearized
+from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact
-from hcbench.reporting.plot_style import BLUE, GREEN, GREY, INK, ORANGE, new_figure
+from hcbench.reporting.plot_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    legend_below,
+    new_figure,
+    numbered_line,
+)
+from hcbench.reporting.wording import engine_title
+from hcbench.sim import registry
+from hcbench.system.errors import EngineMissing
 from hcbench.terms.impact import Floats
+
+# Figs. 5 to 9: a mass between two blocks.
 
 # Sketches in units of their own, k = m = 1, with a loss large enough to be seen.
 ALPHA = 0.35
@@ -152,3 +173,189 @@ def figure_9() -> tuple[Figure, str]:
     swing = float(np.abs(run.position).max()) / system.squeeze
     share = float(np.abs(off).max() / np.abs(run.resultant).max())
     return figure, f" Here, at {swing:.2f} of ½ |g|, by {100 * share:.1f} % of the largest force."
+
+
+# The forced mass of section 3.1: its response, its bifurcations, and the same mass in the engines.
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Amount of computation for the forced figures.
+
+    frequencies, cycles, drawn_cycles: of the bifurcation, the last cycles being drawn.
+    response_frequencies: of the response.
+    timestep: of the engines, s, where the mass is clear; a quarter of it where it is squeezed.
+    jobs: processes for the bifurcation; they change the time, not the figure.
+    """
+
+    frequencies: int
+    cycles: int
+    drawn_cycles: int
+    response_frequencies: int
+    timestep: float
+    jobs: int = 1
+
+
+FULL = Effort(240, cycles=100, drawn_cycles=36, response_frequencies=84, timestep=4e-6)
+QUICK = Effort(6, cycles=6, drawn_cycles=3, response_frequencies=6, timestep=2e-5)
+
+LAW = approximations.law(approximations.ALPHAS[-1])
+# A mass that blocks squeeze from both sides, and drives' amplitudes, N.
+SQUEEZED = VibroImpact(approximations.MASS, -1e-5, LAW, LAW)
+FORCES = (4.0, 120.0, 400.0)
+# A mass with a gap to either block, and its drive's amplitude, N.
+LOOSE = VibroImpact(approximations.MASS, 1.5e-3, LAW, LAW)
+PUSH = 150.0
+# Speed, m/s, at which the other contacts have the law's e.
+STAND_IN_SPEED = 0.4
+
+
+def response_figure(effort: Effort) -> Figure:
+    """Amplitude over force and frequency of the squeezed mass, against the linearised one."""
+    linear = linearized(SQUEEZED)
+    # Two thirds of the frequencies where the peaks are.
+    sixth = effort.response_frequencies // 6
+    near = np.linspace(0.86, 1.12, effort.response_frequencies - 2 * sixth)
+    away = (np.linspace(*ends, sixth) for ends in ((0.4, 0.84), (1.14, 1.7)))
+    f = np.sort(np.concatenate([near, *away])) * linear.resonance
+    figure = new_figure(7.6, 4.0)
+    axes = figure.subplots()
+    fine = np.linspace(f[0], f[-1], 400)
+    line: dict[str, Any] = {"color": GREY, "linewidth": 4.0, "alpha": 0.6, "label": "linearised"}
+    handles = axes.plot(fine / 1e3, linear.amplitude(1.0, fine) * 1e9, **line)
+    cycles = max(8, effort.cycles // 2)
+    for i, force in enumerate(FORCES):
+        run = orbits(SQUEEZED, Sinusoid(force, 1.0), "frequency", f, cycles, max(2, cycles // 4))
+        label = f"(16), {force:g} N"
+        handles += axes.plot(f / 1e3, run.amplitude / force * 1e9, **numbered_line(i), label=label)
+    axes.set_ylim(0.0)
+    axes.set_xlabel("frequency, kHz")
+    axes.set_ylabel("amplitude over force, nm/N")
+    legend_below(figure, handles)
+    return figure
+
+
+# Drive at 90 Hz of the motion in which engines differ clearly.
+CLEAR = Sinusoid(PUSH, 90.0)
+# Duration of that motion, s.
+CLEAR_FOR = 0.03
+# Its start speed, m/s.
+START = 0.1
+# A hard drive, N at Hz, and its cycles, the last of which is drawn.
+HARD = Sinusoid(1200.0, 3e3)
+HARD_CYCLES = 12
+# Line styles with ever more gaps: these lines lie on one another.
+_OVERLAID = (0, 1, 5, 4)
+
+
+def _in_engine(
+    name: str, tuned_at: float | None, effort: Effort
+) -> tuple[EngineTrajectory, EngineTrajectory]:
+    """The motion of the clear mass, and the last cycle of the squeezed one. Raises EngineMissing."""
+    clear = simulate_in_engine(
+        name, LOOSE, 0.0, START, CLEAR_FOR, CLEAR, timestep=effort.timestep, tuned_at=tuned_at
+    )
+    end = HARD_CYCLES / HARD.frequency
+    squeezed = simulate_in_engine(
+        name, SQUEEZED, 0.0, 0.0, end, HARD, timestep=0.25 * effort.timestep, tuned_at=tuned_at
+    )
+    return clear, squeezed.since(end - 1.0 / HARD.frequency)
+
+
+def _contact_names(name: str, tuned_at: float | None) -> list[str]:
+    """Names of the contact of a clear and of a squeezed mass; one if they are the same."""
+    if tuned_at is None:
+        return ["plug-in"]
+    own_contact = registry.submodule(name, "two_blocks").own_contact
+    return list(dict.fromkeys(own_contact(squeezed) for squeezed in (False, True)))
+
+
+def engines_figure(effort: Effort) -> tuple[Figure, str]:
+    """The clear and the squeezed mass in the engines that are installed, over the reference; and,
+    in words, the largest distance of each from the reference, over the reference's largest value.
+    """
+    figure = new_figure(8.6, 4.4)
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    period = 1.0 / HARD.frequency
+    end = HARD_CYCLES / HARD.frequency
+    clear = simulate(LOOSE, 0.0, START, CLEAR_FOR, CLEAR, step_max=4e-5)
+    squeezed = simulate(SQUEEZED, 0.0, 0.0, end, HARD, step_max=0.01 * period)
+    last_cycle = squeezed.during(end - period, end)
+    broad: dict[str, Any] = {
+        "color": GREY,
+        "linewidth": 4.5,
+        "alpha": 0.55,
+        "label": "reference, eq. (16)",
+    }
+    handles = left.plot(clear.time * 1e3, clear.position * 1e3, **broad)
+    right.plot(last_cycle.position * 1e6, last_cycle.resultant, **broad)
+    distances = []
+    engines = engines_with_two_blocks()
+    for i, (tuned_at, name) in zip(
+        cycle(_OVERLAID), product((None, STAND_IN_SPEED), engines), strict=False
+    ):
+        with suppress(EngineMissing):
+            in_gap, pressed = _in_engine(name, tuned_at, effort)
+            line: dict[str, Any] = {**numbered_line(i), "linewidth": 1.2}
+            title = engine_title(name)
+            contacts = _contact_names(name, tuned_at)
+            label = f"{title} " + "; right: ".join(contacts)
+            handles += left.plot(in_gap.time * 1e3, in_gap.position * 1e3, **line, label=label)
+            right.plot(pressed.position * 1e6, pressed.resultant, **line)
+            path = _distance(in_gap.time, in_gap.position, clear, clear.position)
+            loop = _distance(pressed.time, pressed.resultant, last_cycle, last_cycle.resultant)
+            both = ", ".join(f"{title} {contact}" for contact in contacts)
+            distances.append(f"{both} {_percent(path)} and {_percent(loop)}")
+    left.set_xlabel("time, ms")
+    left.set_ylabel("position, mm")
+    left.set_title("gap 1.5 mm")
+    right.set_xlabel("position, µm")
+    right.set_ylabel("force against it, N")
+    right.set_title("squeezed by 5 µm")
+    legend_below(figure, handles)
+    if not distances:
+        return figure, " No engine is installed."
+    return figure, f" {'; '.join(distances)}."
+
+
+def _distance(time: Floats, values: Floats, reference: SimulatedMotion, expected: Floats) -> float:
+    """Largest distance of a series from the reference's, over the largest of that."""
+    errors = values - np.interp(time, reference.time, expected)
+    return float(np.abs(errors).max() / np.abs(expected).max())
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.0f} %"
+
+
+def bifurcation_figure(effort: Effort) -> tuple[Figure, str]:
+    """Velocity once a cycle over the drive's frequency, for (16) and for
+    its piecewise linear stand-in.
+    """
+    figure = new_figure(8.6, 6.0)
+    panels = figure.subplots(2, 1, sharex=True, sharey=True)
+    f = np.linspace(60.0, 120.0, effort.frequencies)
+    cycles = effort.cycles
+    drawn = effort.drawn_cycles
+    stand_in = kelvin_voigt_blocks(LOOSE, STAND_IN_SPEED)
+    title = f"spring and damper (4), same e and contact time at {STAND_IN_SPEED:g} m/s"
+    pictures = ((LOOSE, BLUE, "eq. (16)"), (stand_in, ORANGE, title))
+    for axes, (system, colour, name) in zip(panels, pictures, strict=True):
+        run = orbits(system, Sinusoid(PUSH, 1.0), "frequency", f, cycles, drawn, jobs=effort.jobs)
+        _draw_dots(axes, np.repeat(f, drawn), run.velocity.ravel(), colour)
+        axes.set_title(name)
+        axes.set_ylabel("velocity once a cycle, m/s")
+    panels[1].set_xlabel("frequency of the drive, Hz")
+    return figure, f" {len(f)} frequencies, {cycles} cycles each from rest, the last {drawn} drawn."
+
+
+def _draw_dots(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
+    """Thousands of dots as one line of round ends: a tenth of the bytes that markers take."""
+    nowhere = np.full_like(x, np.nan)
+    # Half length of a dot: Matplotlib draws no line of length 0.
+    tiny = 5e-4 * float(np.ptp(x))
+    ends = (
+        np.stack([x - tiny, x + tiny, nowhere], axis=1).ravel(),
+        np.stack([y, y, nowhere], axis=1).ravel(),
+    )
+    axes.plot(*ends, color=colour, linewidth=1.5, solid_capstyle="round")

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.io import wavfile
 
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.fitting.notebook import draw_curve
 from hcbench.fitting.result import headline, odds_text, trains_of, with_uncertainty
 from hcbench.fitting.which_law import LAWS
+from hcbench.reporting.notebook import draw_curve
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import (
     COLOURS,

@@ -14,8 +14,7 @@ import numpy as np
 import pandas as pd
 
 from hcbench.benchmark.bounce_sequence import RestAfterDrop
-from hcbench.benchmark.fold import Folded
-from hcbench.benchmark.results import RUN_KEY, Key, Results
+from hcbench.benchmark.results import RUN_KEY, Folded, Key, Results
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring.curve import Curve, CurvePoint

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench.sim.engine import Engine
-from hcbench.sim.standing import UNKNOWN, Standing
+from hcbench.sim.rest import UNKNOWN, Standing
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:

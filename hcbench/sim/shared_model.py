@@ -21,8 +21,15 @@ from hcbench.sim.capabilities import OpensModels, opener
 from hcbench.sim.columns import Impacts
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.parallel import BatchWorld, require_motion
-from hcbench.sim.read_impact import SpeedReading
-from hcbench.sim.read_steps import NEVER, Reading, begun, contacts_of, reader, rule_for
+from hcbench.sim.read_impact import (
+    NEVER,
+    Reading,
+    SpeedReading,
+    begun,
+    contacts_of,
+    reader,
+    rule_for,
+)
 from hcbench.sim.scripted import PythonLaw, python_law_of
 from hcbench.system.errors import SettingError
 from hcbench.terms.setting import PAIR
@@ -35,7 +42,7 @@ if TYPE_CHECKING:
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.columns import Launches
     from hcbench.sim.model_under_test import ModelUnderTest, Request
-    from hcbench.sim.read_steps import Rule
+    from hcbench.sim.read_impact import Rule
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting

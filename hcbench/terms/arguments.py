@@ -31,8 +31,8 @@ from typing import (
 
 import numpy as np
 
-from hcbench.system.command import NAMES_OPTIONS
 from hcbench.system.errors import HcbenchError, UserError
+from hcbench.system.process import NAMES_OPTIONS
 from hcbench.terms.options import BodyPair, Controller, PintQuantity, Quantity
 from hcbench.terms.units import is_real
 

@@ -21,9 +21,9 @@ from hcbench.recipes.recipe import report_progress
 from hcbench.recipes.target import Target, default_band
 from hcbench.sim import registry
 from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output
-from hcbench.system.command import NAMES_OPTIONS
 from hcbench.system.errors import UserError
 from hcbench.system.outputs import require_outputs, write_output
+from hcbench.system.process import NAMES_OPTIONS
 from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.arguments import checked

@@ -30,8 +30,8 @@ from hcbench.sim.model_under_test import (
     Texts,
 )
 from hcbench.sim.promise import Promise
+from hcbench.sim.rest import WORSE, Standing
 from hcbench.sim.simulate import impacts_in
-from hcbench.sim.standing import WORSE, Standing
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.system.text import as_bound
 from hcbench.terms.arguments import checked

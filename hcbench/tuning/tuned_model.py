@@ -11,7 +11,7 @@ from typing import Any
 from hcbench.measuring.curve import Curve
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
-from hcbench.sim.standing import Standing
+from hcbench.sim.rest import Standing
 from hcbench.system.notebook import Shown
 from hcbench.system.text import as_bound, joined_names
 from hcbench.tuning.tune import MAX_ERROR

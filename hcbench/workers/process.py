@@ -21,8 +21,8 @@ from typing import Any, TypeVar
 from weakref import WeakSet
 
 from hcbench.environments import ADD
-from hcbench.system.command import IS_COMMAND
 from hcbench.system.errors import CannotRun, EngineFailed, EngineMissing
+from hcbench.system.process import IS_COMMAND
 from hcbench.workers.fork import AVAILABLE, Fork
 from hcbench.workers.serve import CallEnd, FirstCall, pickled, serve, serve_forked
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hcbench import scoring
-from hcbench.benchmark.fold import FOLDED, MOST_SPEEDS, Folded, Folder
+from hcbench.benchmark.results import FOLDED, MOST_SPEEDS, Folded, Folder
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 

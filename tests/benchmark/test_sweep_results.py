@@ -17,9 +17,8 @@ from long_searches import long_study
 from small_sweeps import ENGINES, bouncing, small, whole
 
 from hcbench.benchmark import plan
-from hcbench.benchmark.fold import to_digits
 from hcbench.benchmark.read import read
-from hcbench.benchmark.results import RUN_KEY
+from hcbench.benchmark.results import RUN_KEY, to_digits
 from hcbench.benchmark.run import Progress, run_study, sweep
 from hcbench.benchmark.study import study_from
 from hcbench.sim import registry

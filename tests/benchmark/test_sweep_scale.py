@@ -18,11 +18,10 @@ import numpy as np
 import pytest
 
 from hcbench.benchmark import plan, run
-from hcbench.benchmark.encodings import arrays
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.shard import Timeouts
 from hcbench.benchmark.store import Store, TemporaryFiles
-from hcbench.benchmark.tables import ShardFiles, Summary, Totals
+from hcbench.benchmark.tables import ShardFiles, Summary, Totals, arrays
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hcbench.cli import run
+from hcbench.engines.reference import successive_bounces
 from hcbench.laws import closed_form
-from hcbench.laws.bounces import successive_bounces
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import VibroImpact

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from hcbench import cli
-from hcbench.benchmark.encodings import arrays, frame, metadata_in, parquet
 from hcbench.benchmark.plan import versions_here
 from hcbench.benchmark.study import find_study, is_built_in, load_study
+from hcbench.benchmark.tables import arrays, frame, metadata_in, parquet
 from hcbench.reporting.ask import engines_in, find_plan, folder_for
 from hcbench.sim import install, registry, simulate
 from hcbench.sim.backend import Backend

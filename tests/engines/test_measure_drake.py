@@ -12,8 +12,7 @@ from hcbench.checking.judge import run_check
 from hcbench.checking.outcome import Verdict
 from hcbench.checking.spec import CheckSpec, plan
 from hcbench.laws.restitution import Restitution
-from hcbench.measuring.measure import Job, measure
-from hcbench.measuring.pairs import list_pairs
+from hcbench.measuring.measure import Job, list_pairs, measure
 from hcbench.measuring.request import make_request
 from hcbench.system.errors import SceneError, UserError
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from measured_bounces import EXACT
 
-from hcbench.fitting.clicks import doubts_of
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
 from hcbench.fitting.listening import listen
-from hcbench.fitting.recording import Recording
+from hcbench.fitting.recording import Recording, doubts_of
 
 
 def heard(sound: np.ndarray) -> TouchTimes:

@@ -12,7 +12,7 @@ import pytest
 from checks import GOOD
 
 import hcbench as hb
-from hcbench.benchmark.fold import FOLDED, Folder
+from hcbench.benchmark.results import FOLDED, Folder
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import load_study
 from hcbench.checking.judge import judge_results

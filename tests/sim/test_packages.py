@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from hcbench.checking.text import checks_of
-from hcbench.measuring.measure import Job
-from hcbench.measuring.pairs import list_pairs, pairs
+from hcbench.measuring.measure import Job, list_pairs, pairs
 from hcbench.measuring.request import make_request
 from hcbench.sim.packages import folders_of, read_packages, with_absolute_files
 from hcbench.system.errors import UserError

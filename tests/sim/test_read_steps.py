@@ -10,8 +10,15 @@ import numpy as np
 import pytest
 
 from hcbench.sim.columns import Flags, Impacts, Launches
-from hcbench.sim.read_impact import SpeedReading, impacts_of
-from hcbench.sim.read_steps import Reading, begun, contacts_of, reader, rule_for
+from hcbench.sim.read_impact import (
+    Reading,
+    SpeedReading,
+    begun,
+    contacts_of,
+    impacts_of,
+    reader,
+    rule_for,
+)
 from hcbench.sim.stop import StopRule
 from hcbench.sim.world import momentum_force
 from hcbench.terms.impact import Floats, Status

@@ -17,7 +17,7 @@ from hcbench.checking.outcome import Report
 from hcbench.fitting.force import ForceFit
 from hcbench.fitting.result import FitResult
 from hcbench.laws.conventions import Conversion
-from hcbench.measuring.pairs import CandidatePairs
+from hcbench.measuring.measure import CandidatePairs
 from hcbench.reporting.ask import StudyReport
 from hcbench.system.errors import HcbenchError
 from hcbench.tuning.tuned_model import TunedModel

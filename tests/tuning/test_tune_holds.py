@@ -14,7 +14,7 @@ from hcbench.cli import run
 from hcbench.measuring import measure
 from hcbench.measuring.request import make_request
 from hcbench.sim.capabilities import TunesModels
-from hcbench.sim.standing import Standing
+from hcbench.sim.rest import Standing
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -323,7 +323,7 @@ FORKED = """
 import contextlib, os, signal, sys
 sys.path.insert(0, {tests!r})
 import test_workers as tests
-from hcbench.system.command import IS_COMMAND
+from hcbench.system.process import IS_COMMAND
 from hcbench.system.errors import EngineFailed
 from hcbench.workers import begin, call
 IS_COMMAND.set(True)

@@ -25,14 +25,14 @@ from hcbench.recipes.recipe import Integrators
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu
-from hcbench.sim.read_steps import Reading, reader
+from hcbench.sim.read_impact import Reading, reader
 from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import SceneError, SettingError
 from hcbench.system.files import user_folder
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
-    from hcbench.sim.read_steps import Rule
+    from hcbench.sim.read_impact import Rule
     from hcbench.sim.scripted import PythonLaw
     from hcbench.terms.impact import Floats
     from hcbench.terms.setting import Setting

@@ -27,7 +27,7 @@ from hcbench.recipes.target import Target
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu, run_lines
-from hcbench.sim.read_steps import EACH, WHOLE, Reading, Rule, reader
+from hcbench.sim.read_impact import EACH, WHOLE, Reading, Rule, reader
 from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import EngineFailed, SceneError
 from hcbench.terms.setting import PAIR
@@ -240,7 +240,7 @@ def _either(a: bool, b: bool) -> bool:
 
 @cache
 def _reading_kernel(warp: Any) -> Any:
-    """`hcbench.sim.read_steps.reader` as a kernel of Warp: a ball's reading in each thread.
+    """`hcbench.sim.read_impact.reader` as a kernel of Warp: a ball's reading in each thread.
 
     Warp compiles source text, so the kernel is written as text: the fields of Rule and Reading are
     its arguments, arrays where each ball has a number of its own.

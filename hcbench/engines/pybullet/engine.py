@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.pybullet.backend import BACKEND, end_clients, is_connected
 from hcbench.engines.pybullet.model.open import LiveWorld
-from hcbench.engines.pybullet.scene import snippet
+from hcbench.engines.pybullet.scene import options
 from hcbench.engines.pybullet.scene.options import read_options
 from hcbench.engines.pybullet.scene.world import PybulletWorld
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
 from hcbench.sim.engine import SteppedEngine
-from hcbench.sim.standing import UNKNOWN, Standing
+from hcbench.sim.rest import UNKNOWN, Standing
 from hcbench.system.errors import UserError
 from hcbench.terms.setting import PAIR
 
@@ -70,7 +70,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """Return the calls that apply a setting to a user's two bodies."""
-        return snippet.snippet(setting, form, pair)
+        return options.snippet(setting, form, pair)
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
         """The plug-in, and how the bodies are loaded."""
@@ -93,7 +93,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """A Python script that drops the ball on the plane."""
-        return snippet.script(scene, setting)
+        return options.script(scene, setting)
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> PybulletWorld:
         """A scene under a setting, with its plug-in attached, for impacts at up to `fastest` m/s."""

@@ -16,10 +16,16 @@ from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.kelvin_voigt import Ending, matched
 from hcbench.laws.require import positive, require
-from hcbench.paper.vibroimpact.batched_ode import integrate
-from hcbench.paper.vibroimpact.dynamics import APART, Flags, Indices, Modes, TwoSidedContact
-from hcbench.paper.vibroimpact.simulate import motion_size, tangent
-from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+from hcbench.paper.vibroimpact.simulate import integrate, motion_size, tangent
+from hcbench.paper.vibroimpact.system import (
+    APART,
+    Flags,
+    Indices,
+    Modes,
+    Sinusoid,
+    TwoSidedContact,
+    VibroImpact,
+)
 from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool
 

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from hcbench.laws.force import ForceLaw, HuntCrossley
@@ -156,3 +157,161 @@ class SimulatedMotion:
         arrays = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "events"}
         events = tuple(e for e in self.events if start <= e.time <= end)
         return SimulatedMotion(**arrays, events=events)
+
+
+# The equations of a mass between two blocks for `batched_ode`: rates, switches and modes.
+
+Modes: TypeAlias = NDArray[np.int8]
+Indices: TypeAlias = NDArray[np.intp]
+Flags: TypeAlias = NDArray[np.bool_]
+
+# Modes of a contact. Pulled off: inside the block's surface, where the law would pull.
+APART, CONTACT, PULLED_OFF = 0, 1, 2
+# Row 0 is the right block and row 1 the left one, whose x points the other way.
+SIGNS = np.array([[1.0], [-1.0]])
+# A step's error must be above this share of a position's last digit to be seen.
+_GRAIN = 0.01
+# A state this near to a surface is on it, as a share of the length scale.
+_AT_SURFACE = 1e-14
+_EPS = float(np.finfo(float).eps)
+# Share of the length scale: F(x, v)/F(x, 0) has no meaning nearer to x = 0.
+_SHALLOWEST = 1e-9
+
+# The drive P, N, at times, s, of oscillators.
+Drives: TypeAlias = Callable[[Floats, Indices], Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class TwoSidedContact:
+    """A batch of masses between blocks, whose equations depend on modes, which change at switches.
+
+    y is position, velocity and, if the energy balance is kept, the energies lost and put in; shape
+    (components, masses). `rows` are the numbers of the masses that the columns of the other arrays
+    belong to. Switch 0 or 1 is the surface of the right or left block, 2 or 3 where its force ends
+    or returns.
+
+    half_gap: g/2 of each, m.
+    length, speed: the size of each motion, m, m/s; size: that of each component of y.
+    tolerance: error of a step over those sizes.
+    """
+
+    laws: tuple[ForceLaw, ForceLaw]
+    mass: float
+    half_gap: Floats
+    drive: Drives
+    length: Floats
+    speed: Floats
+    tolerance: float
+    energy_balance: bool = False
+    size: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Set the size of each component. Raises UserError for contacts too shallow to resolve over
+        their gap.
+        """
+        shallow = self.length * self.tolerance < _GRAIN * _EPS * np.abs(self.half_gap)
+        # No step would be good: the error that it may have is less than a position's last digit.
+        if shallow.any():
+            got = f"{self.length[shallow][0]:.2g} m over a half gap of {self.half_gap[shallow][0]:.2g} m"
+            raise UserError("depth of contact", got, "a softer contact, or a larger tolerance")
+        energy = 0.5 * self.mass * self.speed**2
+        rest = [energy, energy] if self.energy_balance else []
+        object.__setattr__(self, "size", np.array([self.length, self.speed, *rest]))
+
+    def rates(self, t: Floats, y: Floats, mode: Modes, rows: Indices) -> Floats:
+        """dy/dt, shape of y."""
+        x, w = self._sides(y, rows)
+        force = np.where(mode == CONTACT, self._forces(x, w), 0.0)
+        drive = self.drive(t, rows)
+        out = np.empty_like(y)
+        out[0] = y[1]
+        out[1] = (drive - force[0] + force[1]) / self.mass
+        if self.energy_balance:
+            elastic = np.where(mode == APART, 0.0, self._forces(x, np.zeros_like(w)))
+            out[2] = ((force - elastic) * w).sum(axis=0)
+            out[3] = drive * y[1]
+        return out
+
+    def distance(self, y: Floats, mode: Modes, rows: Indices) -> tuple[Floats, Indices]:
+        """Distance to the nearest switch (below 0: beyond), and the number of that switch; both of
+        shape (r,).
+
+        For surfaces the distance is over the size of the motion; for forces it is F(x, v)/F(x, 0).
+
+        y: states, shape (components, r).
+        mode: of both contacts, shape (2, r).
+        rows: numbers of the masses, shape (r,).
+        """
+        x, w = self._sides(y, rows)
+        surface = np.where(mode == APART, -x, x) / self.length[rows]
+        ratio = self._force_ratio(x, w, rows)
+        force = np.where(mode == APART, np.inf, np.where(mode == CONTACT, ratio, -ratio))
+        distances = np.concatenate([surface, force])
+        return distances.min(axis=0), distances.argmin(axis=0)
+
+    def transition(self, y: Floats, mode: Modes, switch: Indices, rows: Indices) -> Modes:
+        """The modes after these switches, shape (2, r).
+
+        Surfaces switch between apart and contact, forces between contact and pulled off.
+
+        y: states, shape (components, r).
+        mode: of both contacts, shape (2, r).
+        switch: number of the switch of each mass, shape (r,).
+        """
+        x, w = self._sides(y, rows)
+        side = np.array([[0], [1]])
+        # Without a gap a body meets one side where it leaves the other: the speed decides for both.
+        near = _AT_SURFACE * self.length[rows] + 8.0 * _EPS * np.abs(y[0])
+        surface = (switch == side) | (np.abs(x) <= near)
+        force = ~surface & (switch == 2 + side)
+        mode = np.where(force, np.where(mode == CONTACT, PULLED_OFF, CONTACT), mode)
+        return np.where(surface, np.where(w > 0.0, CONTACT, APART), mode).astype(np.int8)
+
+    def first_modes(self, y: Floats) -> Modes:
+        """The modes at t = 0, shape (sides, masses): at x = 0 the speed, then the drive, tells."""
+        rows = np.arange(y.shape[1])
+        x, w = self._sides(y, rows)
+        push = SIGNS * self.drive(np.zeros(rows.size), rows)
+        comes = (w > 0.0) | ((w == 0.0) & (push > 0.0))
+        at_surface = np.where((x == 0.0) & comes, CONTACT, APART)
+        inside = np.where(self._force_ratio(x, w, rows) > 0.0, CONTACT, PULLED_OFF)
+        return np.where(x > 0.0, inside, at_surface).astype(np.int8)
+
+    def first_step(self, mode: Modes, rows: Indices) -> Floats:
+        """The step in s to begin these modes with: short in contact, where
+        x^n begins without derivatives.
+
+        With n = 3/2 the motion begins as x = v t - C t^(7/2): the error of
+        the step is about the tolerance.
+        """
+        short = (
+            min(0.05, 2.0 * self.tolerance ** (2.0 / 7.0)) * self.length[rows] / self.speed[rows]
+        )
+        return np.where((mode == APART).all(axis=0), np.inf, short)
+
+    def _sides(self, y: Floats, rows: Indices) -> tuple[Floats, Floats]:
+        """Penetration (m) and its rate (m/s) at both sides, shape (2, rows)."""
+        return SIGNS * y[0] - self.half_gap[rows], SIGNS * y[1]
+
+    def _forces(self, x: Floats, w: Floats) -> Floats:
+        """Forces on both blocks, N, shape (2, rows)."""
+        right, left = self.laws
+        inside = np.maximum(x, 0.0)
+        if right == left:
+            return right.force(inside, w)
+        return np.stack([right.force(inside[0], w[0]), left.force(inside[1], w[1])])
+
+    def _force_ratio(self, x: Floats, w: Floats, rows: Indices) -> Floats:
+        """F(x, v)/F(x, 0), clipped to -1 ... 1, shape (2, r): above 0 while the block presses.
+
+        x: penetration into either block, m, shape (2, r).
+        w: its rate, m/s, shape (2, r).
+        """
+        ratio = np.empty_like(x)
+        for side, law in enumerate(self.laws):
+            if isinstance(law, HuntCrossley):
+                ratio[side] = 1.0 + law.dissipation * w[side]
+            else:
+                depth = np.maximum(x[side], _SHALLOWEST * self.length[rows])
+                ratio[side] = law.force(depth, w[side]) / law.force(depth, 0.0)
+        return np.clip(ratio, -1.0, 1.0)

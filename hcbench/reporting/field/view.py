@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from hcbench import scoring
-from hcbench.benchmark.fold import Folded
-from hcbench.benchmark.results import RUN_KEY, Key, Results
+from hcbench.benchmark.results import RUN_KEY, Folded, Key, Results
 from hcbench.measuring.curve import Curve
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.reporting.view import REFERENCE

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from hcbench.engines.pybullet.model import in_child as forked
 from hcbench.measuring import Measurement, measure
-from hcbench.sim import in_child as forked
 from hcbench.workers import fork
 
 p = pytest.importorskip("pybullet")

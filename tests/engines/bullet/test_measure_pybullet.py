@@ -12,7 +12,7 @@ import pytest
 from free_flight import speed_at_plane
 
 from hcbench.measuring import measure
-from hcbench.measuring.pairs import pairs
+from hcbench.measuring.measure import pairs
 from hcbench.system.errors import SceneError, UserError
 from hcbench.terms.impact import Status
 from hcbench.workers import call

@@ -24,7 +24,7 @@ from hcbench.sim.packages import (
 )
 from hcbench.system.errors import EngineFailed, SceneError
 from hcbench.system.files import read_bytes, require_small_archive, why_no_file
-from hcbench.system.memory import memory_limit
+from hcbench.system.process import memory_limit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.standing import Standing
+    from hcbench.sim.rest import Standing
     from hcbench.terms.impact import Floats
 
     Rows = tuple[ConstraintRow, ...]

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.sim.rest import DIVERGED, Rest, rest_of
-from hcbench.sim.standing import Standing
+from hcbench.sim.rest import DIVERGED, Rest, Standing, rest_of
 from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:

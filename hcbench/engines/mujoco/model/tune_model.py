@@ -46,7 +46,7 @@ from hcbench.engines.mujoco.model.write_pairs import (
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.model_under_test import ModelSetting, Output, Request, Texts
 from hcbench.sim.promise import Promise
-from hcbench.sim.standing import Standing
+from hcbench.sim.rest import Standing
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:

@@ -12,7 +12,9 @@ import os
 from collections import Counter
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from hcbench.engines.mujoco.backend import captured_warnings
 from hcbench.engines.mujoco.model.bodies import speed_reading
@@ -22,9 +24,11 @@ from hcbench.engines.mujoco.scene.batch import (
     compile_batch,
     has_one_constraint,
 )
-from hcbench.engines.mujoco.scene.record import Workspace, record, states_at_release
 from hcbench.sim.columns import Launches
+from hcbench.sim.tangential import rows_of_ball
 from hcbench.sim.world import Record, Simulation, World
+from hcbench.system.errors import SettingError
+from hcbench.terms.resolution import ROUND_OFF_STEP
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
@@ -32,7 +36,278 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.scene.scene_model import SceneModel
     from hcbench.sim.world import Flags
-    from hcbench.terms.impact import Launch
+    from hcbench.terms.impact import Floats, Launch
+
+# Steps balls in MuJoCo and reads penetration, rate and force off the states.
+#
+# The force of a step is what it does to the ball's momentum, m (Δv/h - g): MuJoCo's own contact
+# force to rounding under Euler, implicit and implicitfast, evaluated in the state that the step
+# starts from. Under `discrete` it is evaluated at the step's end. Under RK4 the momentum tells the
+# mean of four stages, so there the force at the step's start is read off a sensor; the momentum
+# still tells which steps the contact acted in.
+
+# In sums of what a step adds up: a smaller change of velocity counts as no force.
+_ROUND_OFF = ROUND_OFF_STEP * np.finfo(float).eps
+
+
+def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
+    """The full states at release, shape (b, nstate); SettingError for a
+    height that a cup has no room for.
+    """
+    sent = Launches.of(launches)
+    gaps = sent.clearance(model.timestep)
+    if model.clearance is not None and (high := gaps.max()) >= model.clearance:
+        raise SettingError(
+            "height",
+            f"{float(high)!r} m above the cup",
+            f"below |R2| - R1 = {model.clearance!r} m, where the centres meet",
+            "Drop from lower, or in the form 'plane'",
+        )
+    states, (position, velocity) = np.tile(model.origin, (len(gaps), 1)), model.at
+    away = np.array(model.scene.normal)
+    states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
+    states[:, velocity : velocity + 3] = np.outer(-sent.speed, away)
+    if sent.is_oblique.any():
+        states[:, velocity : velocity + 2] += sent.slip
+        states[:, velocity + 3 : velocity + 6] = sent.spin
+    return states
+
+
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """Memory in which a batch is stepped: an MjData for each thread, and a buffer for states, shape
+    (n,). Allocating one is costly.
+    """
+
+    batch: BatchedModel
+    data: list[Any]
+    buffer: Floats
+
+    @classmethod
+    def of(cls, model: SceneModel, batch: BatchedModel, threads: int, room: int) -> Workspace:
+        """A workspace with room for so many bytes of states of each thread."""
+        data = [model.mujoco.MjData(batch.model) for _ in range(threads)]
+        return cls(batch, data, np.empty(threads * room // 8))
+
+
+def record(
+    model: SceneModel,
+    workspace: Workspace,
+    states: Floats,
+    most: int,
+    warm: Floats | None = None,
+    oblique: bool = False,
+) -> tuple[Floats, Floats] | None:
+    """Take up to `most` steps from states of shape (b, nstate), as many as there is room for.
+
+    warm: accelerations from which MuJoCo's solver starts, (nv,).
+    oblique: look along the plate too.
+
+    Returns penetration (m), rate (m/s), force (N), and along the plate the eight rows of
+    `_along_plate`, of each step, (3 or 11, b, n), NaN from where MuJoCo gave up; and the states
+    after, (b, nstate). None where it gave up on a whole batch, for the sake of one ball in it.
+    """
+    batch = workspace.batch
+    packed = workspace.batch.pack(states)
+    count = max(1, min(most, workspace.buffer.size // packed.size))
+    path = workspace.buffer[: packed.size * count].reshape(len(packed), count, -1)
+    first_warm = None
+    if warm is not None:
+        first_warm = warm[None]
+    sensed = np.empty((len(packed), count, batch.model.nsensordata))
+    model.mujoco.rollout.rollout(
+        [batch.model] * len(packed),
+        workspace.data[: len(packed)],
+        packed,
+        # MuJoCo's checks take as long as two steps.
+        skip_checks=True,
+        nstep=count,
+        initial_warmstart=first_warm,
+        state=path,
+        sensordata=sensed,
+    )
+    # MuJoCo meets what is not finite by starting the model over, and rollout by standing still.
+    stopped = np.diff(path[:, :, 0], prepend=packed[:, :1]) <= 0.0
+    gave_up = bool(stopped.any())
+    if gave_up and batch.size > 1:
+        return None
+    paths = _Paths(batch, states, path, sensed)
+    # Numbers that are not finite belong into the record.
+    with np.errstate(all="ignore"):
+        if model.clearance is None:
+            seen = _on_plane(model, paths)
+        else:
+            seen = _in_cup(model, paths, model.clearance)
+        if oblique:
+            seen = np.concatenate([seen, _along_plate(model, paths)])
+    if gave_up:
+        seen[:, np.maximum.accumulate(stopped, axis=1)] = np.nan
+    return seen, batch.unpack(path[:, -1], states)
+
+
+# Kinds of numbers in a state.
+_POSITION = 0
+_VELOCITY = 1
+
+
+@dataclass(frozen=True, slots=True)
+class _Paths:
+    """The states before and after each step, and what was sensed in it, one
+    number of each ball at a time.
+    """
+
+    batch: BatchedModel
+    start: Floats
+    path: Floats
+    sensed: Floats
+
+    def state(self, kind: int, i: int) -> Floats:
+        """Shape (b, n + 1).
+
+        kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities.
+        """
+        values = np.empty((len(self.start), self.path.shape[1] + 1))
+        values[:, 0], after = self.around(kind, i)
+        values[:, 1:] = values[:, :1] if after is None else after
+        return values
+
+    def around(self, kind: int, i: int) -> tuple[Floats, Floats | None]:
+        """Before the first step, (b,), and after each, shape (b, n);
+        None where it stays what it is.
+        """
+        start = self.start[:, self.batch.at[kind] + i]
+        return start, self.batch.columns(self.path, (kind, i), len(start))
+
+    def vector(self, kind: int, i: int, count: int = 3) -> Floats:
+        """Several components of a state from `i` on, shape (b, n + 1, count)."""
+        return np.stack([self.state(kind, k) for k in range(i, i + count)], axis=-1)
+
+    def acceleration(self, i: int) -> Floats:
+        """A component of the acceleration that each ball's sensor reads,
+        the model's last; shape (b, n).
+        """
+        rows, n, _ = self.sensed.shape
+        last = self.sensed[:, :, -3 * self.batch.size :].reshape(rows, n, self.batch.size, 3)
+        return last[..., i].transpose(0, 2, 1).reshape(-1, n)[: len(self.start)]
+
+
+def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
+    """Penetration, m, its rate, m/s, and normal force, N, of each step, (3, b, n), on a plane.
+
+    Penetration is how far the centre is below where it touches.
+    """
+    start_z, z = paths.around(_POSITION, 2)
+    start_vz, vz = paths.around(_VELOCITY, 2)
+    assert z is not None, "a ball can move along the normal"
+    assert vz is not None, "a ball can move along the normal"
+    touch = model.origin[model.at[0] + 2]
+    seen = np.empty((3, *z.shape))
+    depth, rate, gained = seen
+    # Of all rows in one go: rows apart are slower by far. What this writes into a row's first step
+    # is the end of the row before, so the first steps are written after it.
+    np.subtract(touch, z.ravel()[:-1], out=depth.ravel()[1:])
+    np.negative(vz.ravel()[:-1], out=rate.ravel()[1:])
+    np.subtract(vz.ravel()[1:], vz.ravel()[:-1], out=gained.ravel()[1:])
+    depth[:, 0] = touch - start_z
+    rate[:, 0] = -start_vz
+    gained[:, 0] = vz[:, 0] - start_vz
+    fall = model.scene.gravity * model.timestep
+    if fall:
+        gained += fall
+    sensed = paths.acceleration(2) if model.sensed else None
+    force = _force(model, gained, (rate, vz[:, -1]), sensed)
+    # The force is worked out in place where it can be.
+    if force is not gained:
+        seen[2] = force
+    return seen
+
+
+def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
+    """Motion along the plate, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2 N, other energy J.
+
+    MuJoCo gives the spin of a free body in the body's own frame.
+    """
+    velocity = paths.vector(_VELOCITY, 0)  # (b, n + 1, 3)
+    quaternion = paths.vector(_POSITION, 3, 4)[:, :-1]  # w x y z
+    body_spin = paths.vector(_VELOCITY, 3)[:, :-1]
+    scalar = quaternion[..., :1]
+    axis = quaternion[..., 1:]
+    # q s q* of a unit quaternion q = (scalar, axis).
+    spin = body_spin + 2.0 * np.cross(axis, np.cross(axis, body_spin) + scalar * body_spin)
+    gained = np.diff(velocity, axis=1) / model.timestep + [0.0, 0.0, model.scene.gravity]
+    if model.clearance is None:
+        deeper = np.broadcast_to([0.0, 0.0, -1.0], gained.shape)
+    else:
+        _, outwards = _from_centre(model, paths, model.clearance)
+        deeper = np.stack(outwards, axis=-1)
+    return rows_of_ball(model.scene, velocity[:, :-1], spin, deeper, gained)
+
+
+def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Floats, list[Floats]]:
+    """Distance of the ball's centre from that of the cup, and the unit
+    vector there, by component; (b, n).
+    """
+    touch = model.origin[model.at[0] : model.at[0] + 3]
+    centre = touch + np.array([0.0, 0.0, clearance])
+    away = [paths.state(_POSITION, i)[:, :-1] - centre[i] for i in range(3)]
+    distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+    return distance, [a / np.maximum(distance, np.finfo(float).tiny) for a in away]
+
+
+def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
+    """Penetration, m, its rate, m/s, and normal force, N, of each step, (3, b, n), in a cup.
+
+    Penetration is how far the centre is out of the sphere in which it is free: no engine in that.
+    """
+    distance, deeper = _from_centre(model, paths, clearance)
+    vx, vy, vz = (paths.state(_VELOCITY, i) for i in range(3))
+
+    def along(vector: list[Floats]) -> Floats:
+        return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])
+
+    # The part of the contact alone: gravity took off its own.
+    fall = model.scene.gravity * model.timestep
+    gained = -along([np.diff(vx, axis=1), np.diff(vy, axis=1), np.diff(vz, axis=1) + fall])
+    sensed = None
+    if model.sensed:
+        sensed = -along([paths.acceleration(i) for i in range(3)])
+    speed = np.abs(vx) + np.abs(vy) + np.abs(vz)
+    force = _force(model, gained, (speed[:, :-1], speed[:, -1]), sensed)
+    rate = along([vx[:, :-1], vy[:, :-1], vz[:, :-1]])
+    return np.stack([distance - clearance, rate, force])
+
+
+def _force(
+    model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sensed: Floats | None
+) -> Floats:
+    """Normal force of each step, N, shape (b, n); exactly 0 where the contact did not act.
+
+    gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n), to be
+    overwritten.
+    speed: the velocity, of either sign, or the sum of its absolute components, before each step,
+    (b, n), and after the last one, (b,).
+    sensed: by contact at the step's start, m/s².
+    """
+    h = model.timestep
+    g = model.scene.gravity
+    before = speed[0].ravel()
+    last = speed[1]
+    fastest = max(-before.min(), before.max(), np.abs(last).max())
+    # Rounding is worked out where it can matter.
+    near = np.flatnonzero(np.abs(gained) <= (fastest + fastest + g * h) * _ROUND_OFF)
+    ball, step = np.divmod(near, gained.shape[1])
+    after = np.where(step + 1 < gained.shape[1], before[near + 1 - before.size], last[ball])
+    noise = np.abs(before[near]) + np.abs(after) + g * h
+    noise *= _ROUND_OFF
+    slowing = gained.ravel()
+    slowing[near[np.abs(slowing[near]) <= noise]] = 0.0
+    slowing = np.divide(gained, h, out=gained)
+    if sensed is not None:
+        # A step that touches or parts on its way has no force yet, or no more, where it starts.
+        slowing = np.where((slowing != 0.0) & (np.abs(sensed) > _ROUND_OFF * g), sensed, slowing)
+    slowing *= model.scene.mass
+    return slowing
+
 
 # Launches at once for each thread where each has a model of its own: more
 # would take too much memory.

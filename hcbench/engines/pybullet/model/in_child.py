@@ -1,25 +1,116 @@
-"""Trials and launches beside the user's world, which stays as it is: in
-a forked copy of this process.
-
-Where a process cannot fork, or the world is another process's, they run in the world itself,
-which is then put back. restoreState alone would not do: a contact of the launch before
-survives it and acts in the next.
-"""
+"""Trials and launches in a forked copy of the user's process, whose world stays as it is."""
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from multiprocessing.connection import Connection, Pipe
+from typing import TYPE_CHECKING, Any, TypeVar, final
 
 from hcbench.engines.pybullet.backend import BulletClient
-from hcbench.sim import in_child as forked
 from hcbench.sim.world import Record, Simulation
+from hcbench.system.errors import EngineFailed
 from hcbench.workers import fork
+from hcbench.workers.fork import Fork
 
 if TYPE_CHECKING:
     from hcbench.sim.world import Flags
 
+# Runs what would change an engine's world in a forked copy of this process: the world here stays
+# as it is.
+#
+# For engines that cannot be put back: Bullet keeps contacts that its own restoreState does not
+# take away.
+
 Answer = TypeVar("Answer")
+
+
+class _Child:
+    """A forked child that answers calls of one function until it is closed."""
+
+    def __init__(self, make: Callable[[], Callable[[Any], Any]]) -> None:
+        self._pipe, end = Pipe()
+        self._fork = Fork(lambda: _serve(self._pipe, end, make))
+        end.close()
+
+    def ask(self, request: Any) -> Any:
+        """Call the function in the child and return its result. Raises what it raises;
+        EngineFailed if the child dies.
+        """
+        try:
+            self._pipe.send(request)
+            error, answer = self._pipe.recv()
+        except (EOFError, OSError):
+            code = self._fork.wait()
+            got = (
+                f"crashed with {signal.Signals(-code).name}"
+                if code < 0
+                else f"ended with exit code {code}"
+            )
+            raise EngineFailed(
+                "model", f"the engine's process {got}", "a model that runs"
+            ) from None
+        if error is not None:
+            raise error
+        return answer
+
+    def close(self) -> None:
+        """End the child."""
+        self._pipe.close()
+        self._fork.kill()
+        self._fork.wait()
+
+
+def _serve(pipe: Connection, end: Connection, make: Callable[[], Any]) -> None:
+    """Answer requests until the parent is gone."""
+    pipe.close()
+    answer = None
+    while True:
+        request = end.recv()
+        try:
+            answer = answer or make()
+            end.send((None, answer(request)))
+        except Exception as error:
+            end.send((error, None))
+
+
+def run_forked(function: Callable[[], Answer]) -> Answer:
+    """Call `function()` in a forked copy of this process and return its result."""
+    child = _Child(lambda: lambda _: function())
+    try:
+        answer: Answer = child.ask(None)
+    finally:
+        child.close()
+    return answer
+
+
+@final
+class ForkedSimulation(Simulation):
+    """A simulation of one launch, released and advanced in a forked copy of this process."""
+
+    def __init__(self, release: Callable[[], Simulation]) -> None:
+        self._child = _Child(lambda: release().advance)
+
+    def advance(self, steps: int) -> Record:
+        """Advance the simulation in its child process."""
+        record: Record = self._child.ask(steps)
+        return record
+
+    def keep(self, which: Flags) -> None:
+        """Keep the one launch that there is."""
+
+    def close(self) -> None:
+        """End the copy."""
+        self._child.close()
+
+
+# Trials and launches beside the user's world, which stays as it is: in a forked copy of this
+# process.
+#
+# Where a process cannot fork, or the world is another process's, they run in the world itself,
+# which is then put back. restoreState alone would not do: a contact of the launch before survives
+# it and acts in the next.
+
 
 _CONNECTION = "connectionMethod"
 # Bodies so far apart, m, have no contacts.
@@ -35,7 +126,7 @@ def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:
     the bodies are back afterwards.
     """
     if _can_fork(bullet):
-        return forked.run_forked(function)
+        return run_forked(function)
     state = bullet.saveState()
     try:
         return function()
@@ -46,7 +137,7 @@ def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:
 
 def release_aside(bullet: BulletClient, release: Callable[[], Simulation]) -> Simulation:
     """The simulation that `release()` begins in the world as it is now."""
-    return forked.ForkedSimulation(release) if _can_fork(bullet) else _InPlace(bullet, release)
+    return ForkedSimulation(release) if _can_fork(bullet) else _InPlace(bullet, release)
 
 
 class _InPlace(Simulation):

@@ -2,18 +2,274 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tempfile
+import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
-from hcbench.engines.pybullet.model.model_file import check_user_model
-from hcbench.sim.packages import Packages, is_utf8, require_packages, with_absolute_files
+from hcbench.sim.packages import (
+    Packages,
+    is_utf8,
+    read_xml,
+    require_expanded,
+    require_packages,
+    with_absolute_files,
+)
 from hcbench.system.errors import SceneError, UserError
+from hcbench.system.files import is_file, why_no_file
+from hcbench.system.text import sanitized
+from hcbench.terms.units import require_bounds
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.terms.scene import Scene
+
+# Model files read as text for what PyBullet overlooks: it takes "abc" for 0, and lets a heavy
+# plate move.
+
+# Checks of a URDF that Bullet makes only in print, or not at all: it loads a radius of "five" as
+# 0, and crashes where a robot has two root links.
+
+_JOINTS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+# Attributes of a shape: how many numbers each has.
+_SIZES = {
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "box": {"size": 3},
+}
+# Links and joints that a message names.
+_NAMED = 3
+
+
+def check_urdf(path: Path, root: ET.Element) -> None:
+    """Refuse links and joints that make no tree, and shapes without a size.
+
+    Raises SceneError, and QuantityError for a size beyond its bounds.
+    """
+    _check_tree(path, root)
+    for link in root.iterfind("link"):
+        name = link.get("name")
+        for shape in link.iterfind("collision/geometry/*"):
+            slot = f"{path}: link {name!r}: {shape.tag}"
+            for attribute, count in _SIZES.get(shape.tag, {}).items():
+                _check_size(slot, attribute, shape.get(attribute), count)
+            if shape.tag == "mesh" and (scale := shape.get("scale")) is not None:
+                _check_scale(slot, scale)
+
+
+def _check_tree(path: Path, root: ET.Element) -> None:
+    """Refuse links that are not a tree, each with a name."""
+    names = [link.get("name", "") for link in root.iterfind("link")]
+    if "" in names:
+        raise SceneError(
+            f"{path}: link", f"number {names.index('') + 1} has no name", "a name for each link"
+        )
+    if repeated := [name for name, count in Counter(names).items() if count > 1]:
+        raise SceneError(
+            f"{path}: link", f"{_listed(repeated)} more than once", "a name for one link only"
+        )
+    known = set(names)
+    parent_of: dict[str, str] = {}
+    for joint in root.iterfind("joint"):
+        slot = f"{path}: joint {joint.get('name', '')!r}"
+        kind = joint.get("type", "")
+        if kind not in _JOINTS:
+            raise SceneError(slot, f"type {kind!r}", f"one of: {', '.join(_JOINTS)}")
+        parent, child = (_end(slot, joint, end, known) for end in ("parent", "child"))
+        if child in parent_of:
+            got = f"link {child!r} is the child of {parent_of[child]!r} and of {parent!r}"
+            raise SceneError(slot, got, "one parent for each link")
+        parent_of[child] = parent
+    roots = [name for name in names if name not in parent_of]
+    if len(roots) > 1:
+        got = f"{len(roots)} root links: {_listed(roots)}"
+        raise SceneError(f"{path}: robot", got, "one link that hangs on no joint")
+    _check_circle(path, names, parent_of)
+
+
+def _end(slot: str, joint: ET.Element, end: str, known: set[str]) -> str:
+    """The link at one end of a joint. Raises SceneError for one that the robot does not have."""
+    element = joint.find(end)
+    link = "" if element is None else element.get("link", "")
+    if link not in known:
+        raise SceneError(slot, f"{end} link {link!r} is not in the file", "a link of this robot")
+    return link
+
+
+def _check_circle(path: Path, names: list[str], parent_of: dict[str, str]) -> None:
+    """Refuse links that carry each other in a circle."""
+    # Links from which the way to the root is known.
+    reach_root: set[str] = set()
+    for name in names:
+        way: dict[str, None] = {}
+        while name in parent_of and name not in reach_root:
+            if name in way:
+                got = f"links in a circle: {_listed(list(way))}"
+                raise SceneError(f"{path}: robot", got, "a tree of links")
+            way[name] = None
+            name = parent_of[name]  # noqa: PLW2901 - up the tree
+        reach_root.update(way)
+
+
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(repr(name) for name in names[:_NAMED])
+    if len(names) > _NAMED:
+        shown += ", ..."
+    return shown
+
+
+def _numbers(text: str | None) -> list[float]:
+    """The numbers of an attribute; [] where one is none."""
+    try:
+        return [float(word) for word in (text or "").split()]
+    except ValueError:
+        return []
+
+
+def _check_size(slot: str, attribute: str, text: str | None, count: int) -> None:
+    """Refuse a size that is not so many numbers above 0."""
+    numbers = _numbers(text)
+    if len(numbers) != count or not all(0.0 < number < math.inf for number in numbers):
+        got = f"{attribute} is missing"
+        if text is not None:
+            got = f"{attribute} {text[:40]!r}"
+        expected = "a number above 0, m"
+        if count != 1:
+            expected = f"{count} numbers above 0, m"
+        raise SceneError(slot, got, expected)
+    require_bounds(f"{slot}: {attribute}", numbers, "length", "m")
+
+
+def _check_scale(slot: str, text: str) -> None:
+    """Refuse a scale of a mesh that leaves it without a volume; a negative one mirrors it."""
+    numbers = _numbers(text)
+    if len(numbers) not in (1, 3) or not all(
+        number and math.isfinite(number) for number in numbers
+    ):
+        raise SceneError(slot, f"scale {text[:40]!r}", "3 numbers other than 0")
+
+
+_RADIUS_TOLERANCE = 1e-9  # m
+# First tag of a file, by its suffix.
+_ROOTS = {".urdf": "robot", ".sdf": "sdf"}
+
+
+def check_ball(path: Path, scene: Scene) -> None:
+    """SceneError where the ball has a mass that is not above 0, or is a sphere of another radius
+    than the scene's. Without a mass it passes: the scene's is set.
+    """
+    root = _parse(path)
+    for element in root.findall("link/inertial/mass"):
+        text = element.get("value")
+        _check_number(
+            path, "mass", text, "a mass in kg above 0", lambda mass: 0.0 < mass < math.inf
+        )
+    if scene.form == "plane":
+        name = "1/(1/R1 + 1/R2)"
+        radius = scene.relative_radius
+    else:
+        name = "R1"
+        radius = scene.ball_radius
+    expected = f"{radius:.12g} m, the {name} of scene.toml"
+    for element in root.findall("link/collision/geometry/sphere"):
+        text = element.get("radius")
+        _check_number(
+            path, "sphere radius", text, expected, lambda r: abs(r - radius) <= _RADIUS_TOLERANCE
+        )
+
+
+def check_plate(path: Path) -> None:
+    """SceneError where the plate has a mass: Bullet would let it move."""
+    masses = _parse(path).findall("link/inertial/mass")
+    expected = "0, which fixes it in Bullet"
+    for element in masses:
+        _check_number(path, "mass", element.get("value"), expected, lambda mass: mass == 0.0)
+    if not masses:
+        raise SceneError(f"{path}: mass", "missing, which Bullet reads as 1 kg", expected)
+
+
+def check_user_model(path: Path) -> tuple[str, float] | None:
+    """Refuse what PyBullet would only print about. Returns a restitution that it would overlook:
+    the first (tag, e) outside <link><contact>, where other simulators have theirs.
+
+    Raises SceneError for a file that is not there or not a URDF, SDF or MJCF, or that Bullet would
+    read wrongly.
+    """
+    if not path.is_file():
+        raise SceneError("model", f"{path} {why_no_file(path)}", "a URDF, SDF or MJCF file")
+    root = _parse(path)
+    expected = _ROOTS.get(path.suffix.lower(), root.tag)
+    if root.tag != expected:
+        raise SceneError("model", f"{path} begins with <{root.tag[:40]}>", f"<{expected}>")
+    text = read_xml(path)
+    require_expanded(path, text)
+    if "<!ENTITY" in text:
+        got = f"{path} has entities (<!ENTITY), which Bullet does not expand"
+        raise SceneError("model", got, "numbers and names in full")
+    if root.tag == "robot":
+        check_urdf(path, root)
+    for mass in root.iter("mass"):
+        text = mass.get("value") or mass.text or ""
+        _check_number(path, "mass", text, "0 kg (fixed) or more", lambda mass: 0 <= mass < math.inf)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        # Bullet itself looks for packages and absolute paths.
+        is_beside = name and "://" not in name and not Path(name).is_absolute()
+        if is_beside and not is_file(path.parent / name):
+            raise SceneError(
+                "model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF"
+            )
+    return _foreign_restitution(root)
+
+
+def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
+    """(tag, e) of the first restitution from 0 to 1 outside <link><contact>; None without one."""
+    read_by_bullet = {id(element) for element in root.iterfind(".//link/contact/restitution")}
+    for element in root.iter():
+        # The tag without its namespace.
+        tag = str(element.tag).rpartition("}")[2]
+        if "restitution" not in tag.lower() or id(element) in read_by_bullet:
+            continue
+        with suppress(ValueError):
+            e = float(element.get("value") or element.text or "")
+            if 0 <= e <= 1:
+                return sanitized(tag), e
+    return None
+
+
+def _parse(path: Path) -> ET.Element:
+    """The root of an XML file. Raises SceneError for a file that cannot be read, or is not XML."""
+    try:
+        return ET.parse(path).getroot()
+    except (ET.ParseError, OSError, ValueError, LookupError) as error:
+        got = f"is not XML or cannot be read: {error}"
+        raise SceneError(str(path), got, "a URDF, SDF or MJCF file") from None
+
+
+def _check_number(
+    path: Path, name: str, text: str | None, expected: str, is_good: Callable[[float], bool]
+) -> None:
+    """Raise SceneError for a text that is not a number, or not one that is good.
+
+    path, name: where it is.
+    """
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not is_good(value):
+        got = "missing" if text is None else repr(text[:40])
+        raise SceneError(f"{path}: {name}", got, expected)
+
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
 # Any link that touches, as PyBullet's own calls have it.

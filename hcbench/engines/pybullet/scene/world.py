@@ -30,8 +30,8 @@ from hcbench.engines.pybullet.backend import (
     BulletClient,
     client,
 )
-from hcbench.engines.pybullet.model.model_file import check_ball, check_plate
-from hcbench.engines.pybullet.scene.snippet import ball_urdf
+from hcbench.engines.pybullet.model.open import check_ball, check_plate
+from hcbench.engines.pybullet.scene.options import ball_urdf
 from hcbench.sim.tangential import rows_of_ball
 from hcbench.sim.world import CannotShareError, Record, Simulation, World, momentum_force
 from hcbench.system.errors import SceneError, foreign_errors

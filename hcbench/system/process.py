@@ -1,10 +1,22 @@
-"""A bound on the memory that a process takes, for files that ask for more than they can need."""
+"""This process: whether it runs a command of hcbench, and a bound on the memory that it takes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+
+# Flags of what runs hcbench: its own command line, or a program in Python.
+
+# This process runs a command of hcbench, so that all its resources are hcbench's own.
+IS_COMMAND = ContextVar("is_command", default=False)
+# The user is at the command line: a message names options, `--max-error`, and
+# not parameters, `max_error`.
+NAMES_OPTIONS = ContextVar("names_options", default=False)
+
+
+# A bound on the memory that a process takes, for files that ask for more than they can need.
 
 
 @contextmanager
