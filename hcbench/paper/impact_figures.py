@@ -11,7 +11,7 @@ from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.published import LAWS
-from hcbench.paper import approximations
+from hcbench.paper import approximations, constants
 from hcbench.paper.approximations import APPROXIMATIONS
 from hcbench.reporting.plot_style import (
     BLUE,
@@ -197,10 +197,10 @@ def figure_4() -> Figure:
     figure = new_figure(8.6, 7.2)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     limit = 600.0
-    for axes, alpha in zip(panels.flat, approximations.ALPHAS, strict=True):
+    for axes, alpha in zip(panels.flat, constants.ALPHAS, strict=True):
         handles = []
-        for speed, colour in zip(approximations.SPEEDS, LOOP_COLOURS, strict=True):
-            loop = closed_form.loop(approximations.law(alpha), approximations.MASS, speed)
+        for speed, colour in zip(constants.SPEEDS, LOOP_COLOURS, strict=True):
+            loop = closed_form.loop(constants.law(alpha), constants.MASS, speed)
             x = loop.penetration / INCH * 1e3
             force = loop.force / POUND_FORCE
             handles += axes.plot(
@@ -281,9 +281,9 @@ def quadratic_figure() -> Figure:
     left.set_xlabel("α vᵢ")
     left.set_ylabel("restitution e")
     left.set_ylim(0.0, 1.0)
-    one = approximations.law(1.0)
-    two = quadratic.QuadraticDamping(approximations.STIFFNESS, 1.0, approximations.MASS)
-    loop = closed_form.loop(one, approximations.MASS, 0.5)
+    one = constants.law(1.0)
+    two = quadratic.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
+    loop = closed_form.loop(one, constants.MASS, 0.5)
     right.plot(loop.penetration * 1e6, loop.force, color=GREY, linewidth=4.0, alpha=0.6)
     x, force = _quadratic_loop(two, 0.5)
     right.plot(x * 1e6, force, color=BLUE)

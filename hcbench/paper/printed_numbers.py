@@ -8,7 +8,7 @@ from typing import Literal
 from hcbench.laws import closed_form, hertz, ode
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.hertz import largest_shear
-from hcbench.paper import approximations
+from hcbench.paper import constants
 from hcbench.reporting.wording import four_digits
 from hcbench.terms.units import INCH, POUND, POUND_FORCE, PSI
 
@@ -80,7 +80,7 @@ def _first_sections() -> Iterator[Printed]:
 
 def _constants() -> Iterator[Printed]:
     """K1 and K2 of eqs. (5) and (6), in the units in which the paper prints them."""
-    pair = approximations.pair()
+    pair = constants.pair()
     k1 = pair.K1 / PSI
     metric = pair.K1 * 1e-4
     slip = 2.19e7 * POUND_FORCE / 25.4
@@ -116,7 +116,7 @@ def _stresses() -> Iterator[Printed]:
 
 def _case() -> Iterator[Printed]:
     """The numbers of section 3.1 and 3.2, as printed and as computed from the law."""
-    pair = approximations.pair()
+    pair = constants.pair()
     k3 = pair.stiffness * INCH**1.5 / POUND_FORCE
     yield Printed("3.1", "weight of one pound", "4.448", POUND_FORCE, "N", 4)
     ball = 4.0 / 3.0 * math.pi * INCH**3 * STEEL_DENSITY / POUND
@@ -129,10 +129,10 @@ def _case() -> Iterator[Printed]:
     note = "600 lb are 2669 N; 2690 N would be 605 lb"
     yield Printed("3.1", "600 lb in metric units", "2690", 600 * POUND_FORCE, "N", 3, note)
     yield Printed("3.1", "impact speed, 16 in/s", "40", 16 * INCH * 100, "cm/s", 2)
-    law = approximations.law(approximations.ALPHAS[2])
+    law = constants.law(constants.ALPHAS[2])
     used = hertz.from_stiffness(law.stiffness, 2 * INCH)
     over = (
-        used.shear_max(float(closed_form.force_max(law, approximations.MASS, 16 * INCH)))
+        used.shear_max(float(closed_form.force_max(law, constants.MASS, 16 * INCH)))
         / hertz.SHEAR_LIMIT
     )
     note = (
@@ -167,7 +167,7 @@ def factors() -> list[tuple[float, list[float]]]:
     """
     rows = []
     for exponent in FACTOR_EXPONENTS:
-        law = HuntCrossley(approximations.STIFFNESS, 2.0 / 3.0, exponent)
+        law = HuntCrossley(constants.STIFFNESS, 2.0 / 3.0, exponent)
         factors_of_masses = []
         for mass in FACTOR_MASSES:
             # α = (1 - e)/v, whose error halves with v: taken on to v = 0 along a line.

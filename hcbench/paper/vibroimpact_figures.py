@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
-from hcbench.paper import approximations
-from hcbench.paper.build import EngineTrajectory, engines_with_two_blocks, simulate_in_engine
+from hcbench.paper import constants
+from hcbench.paper.engines import EngineTrajectory, engines_with_two_blocks, simulate_in_engine
 from hcbench.paper.impact_figures import name_axes
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
@@ -199,12 +199,12 @@ class Effort:
 FULL = Effort(240, cycles=100, drawn_cycles=36, response_frequencies=84, timestep=4e-6)
 QUICK = Effort(6, cycles=6, drawn_cycles=3, response_frequencies=6, timestep=2e-5)
 
-LAW = approximations.law(approximations.ALPHAS[-1])
+LAW = constants.law(constants.ALPHAS[-1])
 # A mass that blocks squeeze from both sides, and drives' amplitudes, N.
-SQUEEZED = VibroImpact(approximations.MASS, -1e-5, LAW, LAW)
+SQUEEZED = VibroImpact(constants.MASS, -1e-5, LAW, LAW)
 FORCES = (4.0, 120.0, 400.0)
 # A mass with a gap to either block, and its drive's amplitude, N.
-LOOSE = VibroImpact(approximations.MASS, 1.5e-3, LAW, LAW)
+LOOSE = VibroImpact(constants.MASS, 1.5e-3, LAW, LAW)
 PUSH = 150.0
 # Speed, m/s, at which the other contacts have the law's e.
 STAND_IN_SPEED = 0.4

@@ -15,7 +15,7 @@ from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.ode import impact
 from hcbench.laws.published import LAWS
-from hcbench.paper import approximations, impact_figures, vibroimpact_figures
+from hcbench.paper import constants, impact_figures, vibroimpact_figures
 from hcbench.paper.build import build, drawings
 from hcbench.paper.printed_numbers import Printed, factors, printed_numbers
 from hcbench.paper.vibroimpact_figures import QUICK
@@ -189,13 +189,13 @@ def _lines(axes: Axes) -> list[np.ndarray]:
 def test_figure_4_shows_the_closed_form_in_the_papers_units() -> None:
     with figure_defaults():
         panels = impact_figures.figure_4().axes[:4]
-    for axes, alpha in zip(panels, approximations.ALPHAS, strict=True):
-        for line, speed in zip(_lines(axes), approximations.SPEEDS, strict=False):
-            law = approximations.law(alpha)
+    for axes, alpha in zip(panels, constants.ALPHAS, strict=True):
+        for line, speed in zip(_lines(axes), constants.SPEEDS, strict=False):
+            law = constants.law(alpha)
             assert line[:, 0].max() * INCH / 1e3 == pytest.approx(
-                closed_form.penetration_max(law, approximations.MASS, speed)
+                closed_form.penetration_max(law, constants.MASS, speed)
             )
-            top = float(closed_form.force_max(law, approximations.MASS, speed)) / POUND
+            top = float(closed_form.force_max(law, constants.MASS, speed)) / POUND
             assert line[:, 1].max() == pytest.approx(top, rel=1e-4)
             assert line[:, 1].max() < 1000.0  # the paper's frame
             assert line[:, 0].max() < 1.0
@@ -268,9 +268,9 @@ def test_the_page_says_how_far_each_engine_is_from_the_reference(folder: Path) -
 def test_the_loop_of_q_2_encloses_the_loss_that_its_restitution_says() -> None:
     from hcbench.laws import quadratic
 
-    law = quadratic.QuadraticDamping(approximations.STIFFNESS, 1.0, approximations.MASS)
+    law = quadratic.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
     x, force = impact_figures._quadratic_loop(law, 0.5)
     e = float(quadratic.restitution(1.0, 0.5))
     assert np.trapezoid(force, x) == pytest.approx(
-        0.5 * approximations.MASS * 0.25 * (1.0 - e**2), rel=1e-3
+        0.5 * constants.MASS * 0.25 * (1.0 - e**2), rel=1e-3
     )

@@ -16,8 +16,8 @@ from hcbench.engines.mujoco.backend import require_feature
 from hcbench.engines.mujoco.recipes.staggered import staggered, staggered_rows
 from hcbench.engines.mujoco.two_blocks import mjcf
 from hcbench.laws import closed_form
-from hcbench.paper import approximations
-from hcbench.paper.build import simulate_in_engine
+from hcbench.paper import constants
+from hcbench.paper.engines import simulate_in_engine
 from hcbench.paper.vibroimpact_figures import FULL, LAW, LOOSE, STAND_IN_SPEED, START
 from hcbench.recipes.target import Target
 from hcbench.sim import two_blocks
@@ -39,16 +39,14 @@ def test_it_is_no_scene_of_a_ball_on_a_plate() -> None:
 def test_the_mjcf_says_the_case_and_the_gap_of_the_page() -> None:
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_path(str(FOLDER / "scene.xml"))
-    assert model.body("ball").mass[0] == approximations.MASS
+    assert model.body("ball").mass[0] == constants.MASS
     assert model.opt.gravity.tolist() == [0.0, 0.0, 0.0]
     gap = model.geom("right").pos[0] - model.geom("left").pos[0] - 2 * model.geom("ball").size[0]
     assert gap == pytest.approx(LOOSE.gap, rel=1e-12)
     data = mujoco.MjData(model)
     data.ctrl[0] = 150.0
     mujoco.mj_step(model, data)
-    assert data.qvel[0] / model.opt.timestep * approximations.MASS == pytest.approx(
-        150.0, rel=1e-12
-    )
+    assert data.qvel[0] / model.opt.timestep * constants.MASS == pytest.approx(150.0, rel=1e-12)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     assert data.qvel[0] == START
 
@@ -67,7 +65,7 @@ def test_the_urdfs_put_a_plane_on_either_side() -> None:
         [sys.executable, "-c", code, str(FOLDER)], capture_output=True, text=True, check=True
     )
     mass, left, right = map(float, done.stdout.split("\n")[-2].split())
-    assert mass == approximations.MASS
+    assert mass == constants.MASS
     assert left == pytest.approx(7.5e-4, abs=1e-12)
     assert right == pytest.approx(7.5e-4, abs=1e-12)
 
@@ -128,11 +126,11 @@ def test_the_mass_and_the_gap_are_the_systems() -> None:
     inertial = next(root.iter("inertial"))
     assert float(inertial.attrib["mass"]) == 2.0
     own = _numbers(inertial.attrib["diaginertia"])[0]
-    assert own / 1.1705586137168e-4 == pytest.approx(2.0 / approximations.MASS, rel=1e-12)
+    assert own / 1.1705586137168e-4 == pytest.approx(2.0 / constants.MASS, rel=1e-12)
 
 
 def test_a_lower_impedance_asked_of_staggered_is_the_highest_there_is() -> None:
-    target = Target(LAW, approximations.MASS, 1e-6, 0.02, 0.6)
+    target = Target(LAW, constants.MASS, 1e-6, 0.02, 0.6)
     for impedance in (0.05, 0.5):
         rows = staggered_rows(target, impedance=impedance)
         assert max(row.solimp[1] for row in rows) == impedance

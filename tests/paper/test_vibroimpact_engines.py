@@ -11,13 +11,13 @@ from scipy.interpolate import CubicHermiteSpline
 
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
-from hcbench.paper import approximations
-from hcbench.paper.build import EngineTrajectory, simulate_in_engine
+from hcbench.paper import constants
+from hcbench.paper.engines import EngineTrajectory, simulate_in_engine
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 from hcbench.system.errors import UserError
 
-LAW = approximations.law(approximations.ALPHAS[-1])
+LAW = constants.law(constants.ALPHAS[-1])
 BOTH = pytest.mark.parametrize("where", ["mujoco", "pybullet"])
 TUNED = pytest.mark.parametrize(
     "where", [pytest.param("mujoco", marks=pytest.mark.adhesion), "pybullet"]
@@ -25,7 +25,7 @@ TUNED = pytest.mark.parametrize(
 
 
 def _system(gap: float, law: Any = LAW) -> VibroImpact:
-    return VibroImpact(approximations.MASS, gap, law, law)
+    return VibroImpact(constants.MASS, gap, law, law)
 
 
 @cache
