@@ -26,9 +26,9 @@ from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, json_text, parse_json, read_text
 from hcbench.system.outputs import write_output
 from hcbench.terms import units
+from hcbench.terms.bounds import BOUNDS
 from hcbench.terms.impact import FORMER_E, Launch, Status
 from hcbench.terms.records import BASELINE_IMPACT, record
-from hcbench.terms.units import BOUNDS
 
 # Schema 1 has FORMER_E.
 SCHEMA = 2

@@ -38,7 +38,7 @@ from hcbench.cli.tune import tune
 from hcbench.system.errors import LONGEST, HcbenchError, UserError
 from hcbench.system.process import IS_COMMAND, NAMES_OPTIONS
 from hcbench.system.text import sanitized
-from hcbench.terms.units import beyond_bounds
+from hcbench.terms.bounds import beyond_bounds
 
 _INTERRUPTED = "interrupted; nothing was left half-written"
 _INTERRUPTED_CODE = 130

@@ -13,8 +13,8 @@ import click
 from hcbench.system.errors import UserError
 from hcbench.system.files import json_text
 from hcbench.system.outputs import require_outputs as require_all
+from hcbench.terms.bounds import admit_beyond_bounds
 from hcbench.terms.options import OPTIONS, Jobs, Option
-from hcbench.terms.units import admit_beyond_bounds
 
 # Options that name files, and the gate that outputs pass before a command does anything.
 

@@ -25,7 +25,7 @@ from hcbench.cli.console import (
 from hcbench.cli.convert import spring_options
 from hcbench.cli.help import command
 from hcbench.system.errors import UserError
-from hcbench.terms.units import BOUNDS
+from hcbench.terms.bounds import BOUNDS
 
 
 class _EngineOption(click.Option):

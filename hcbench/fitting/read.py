@@ -19,7 +19,7 @@ from hcbench.fitting.table import computed, read_lines, read_table
 from hcbench.fitting.track import track_of, upright
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
-from hcbench.terms.units import require_bounds
+from hcbench.terms.bounds import require_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable

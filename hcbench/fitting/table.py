@@ -19,7 +19,7 @@ from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.files import read_text
 from hcbench.system.text import sanitized
 from hcbench.terms import units
-from hcbench.terms.units import beyond_bounds, require_bounds
+from hcbench.terms.bounds import beyond_bounds, require_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -14,8 +14,8 @@ import numpy as np
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.require import positive, require
 from hcbench.terms.arguments import checked_fields
+from hcbench.terms.bounds import LARGEST
 from hcbench.terms.impact import Floats
-from hcbench.terms.units import LARGEST
 
 
 @checked_fields

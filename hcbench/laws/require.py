@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.system.errors import UserError
-from hcbench.terms.units import LARGEST, SMALLEST
+from hcbench.terms.bounds import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from hcbench.terms.impact import Floats

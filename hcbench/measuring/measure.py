@@ -31,6 +31,7 @@ from hcbench.system.notebook import Shown
 from hcbench.system.process import memory_limit
 from hcbench.system.text import sanitized
 from hcbench.terms.arguments import checked
+from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
 from hcbench.terms.impact import Impact, Status
 from hcbench.terms.options import (
     BodyPair,
@@ -41,7 +42,6 @@ from hcbench.terms.options import (
     PoseState,
     Quantity,
 )
-from hcbench.terms.units import admits_beyond_bounds, beyond_bounds
 from hcbench.workers import WorkerDied, begin, call
 
 # `measure`: one call from a user's model to its restitution over speed, and the causes of its

@@ -58,7 +58,7 @@ _WORDS = {
 }
 
 _OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
-_BEYOND_BOUNDS = "`with hcbench.terms.units.beyond_bounds():`"
+_BEYOND_BOUNDS = "`with hcbench.terms.bounds.beyond_bounds():`"
 # Options that have another name in Python.
 _PARAMETERS = {
     "as": ("kind",),

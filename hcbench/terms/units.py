@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -14,89 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.system.errors import QuantityError
+from hcbench.terms.bounds import require_bounds
 from hcbench.terms.options import PintQuantity
-
-# Bounds of physical numbers: one table for options, studies, data, states and models.
-#
-# A number beyond its bounds is nearly always a wrong unit. `--beyond-bounds` admits it; in Python,
-# `with beyond_bounds():`.
-
-# Bounds of a quantity other than 0: squares of others leave the range of a float.
-SMALLEST = 1e-30
-LARGEST = 1e30
-# Quantity -> (smallest, largest) size in SI units. 0 and negative
-# numbers are the caller's to admit.
-BOUNDS: dict[str, tuple[float, float]] = {
-    "alpha": (0.0, 1e4),
-    "speed": (1e-6, 1e4),
-    "timestep": (1e-9, 1.0),
-    "time": (0.0, 1e6),
-    "mass": (1e-12, 1e9),
-    "length": (1e-9, 1e4),
-    "position": (0.0, 1e4),
-    "pressure": (1.0, 1e14),
-    "acceleration": (0.0, 1e3),
-    "force": (0.0, 1e12),
-    "stiffness": (1e-9, 1e30),
-    "spin": (0.0, 1e6),
-    "frequency": (1e-9, 1e9),
-    "restitution": (0.0, 1.0),
-    "exponent": (1.0, 5.0),
-    "friction": (0.0, 10.0),
-    "corners": (1.0, 100.0),
-}
-_beyond: ContextVar[bool] = ContextVar("hcbench beyond bounds", default=False)
-
-
-@contextmanager
-def beyond_bounds(admitted: bool = True) -> Iterator[None]:
-    """Admit, or refuse, numbers beyond BOUNDS within a block."""
-    token = _beyond.set(admitted)
-    try:
-        yield
-    finally:
-        _beyond.reset(token)
-
-
-def admit_beyond_bounds() -> None:
-    """Admit numbers beyond BOUNDS, until the block of a surrounding `beyond_bounds` ends."""
-    _beyond.set(True)
-
-
-def admits_beyond_bounds() -> bool:
-    """Say whether numbers beyond BOUNDS are admitted."""
-    return _beyond.get()
-
-
-def require_bounds(
-    slot: str, values: Iterable[float], quantity: str, unit: str = "", smallest: float | None = None
-) -> None:
-    """Raise QuantityError for the first value beyond its bounds; 0 is none.
-
-    smallest: in place of the table's.
-    """
-    low = 0.0
-    high = math.inf
-    if not _beyond.get():
-        low, high = BOUNDS.get(quantity, (low, high))
-    if smallest is not None:
-        low = smallest
-    low = max(SMALLEST, low)
-    high = min(LARGEST, high)
-    for value in values:
-        is_within = value == 0 or low <= abs(value) <= high
-        if math.isfinite(value) and is_within:
-            continue
-        least = "0" if low == SMALLEST else f"{low:g}"
-        shown = f"{value:.6g}"
-        if shown in (f"{low:g}", f"{high:g}"):
-            # Beyond the bound by less than six digits show.
-            shown = repr(float(value))
-        got = f"{shown} {unit}".strip()
-        expected = f"{least} ... {high:g} {unit}".strip()
-        advice = "" if _beyond.get() else "--beyond-bounds admits it, if it is meant"
-        raise QuantityError(slot, got, expected, advice)
-
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,7 +14,7 @@ import pytest
 
 import hcbench as hb
 from hcbench.measuring import Measurement, Wanted, measure
-from hcbench.terms.units import beyond_bounds
+from hcbench.terms.bounds import beyond_bounds
 
 STIFF = 'solimp=".9999 .9999 .001 .5 2"'
 IMPULSE = f'solref="0 -950" {STIFF}'  # e = 0.9 at 2 ms

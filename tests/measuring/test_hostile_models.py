@@ -16,7 +16,7 @@ from hcbench.cli import run
 from hcbench.measuring import measure
 from hcbench.measuring.request import make_request
 from hcbench.system.errors import HcbenchError, QuantityError, SceneError, UserError
-from hcbench.terms.units import beyond_bounds
+from hcbench.terms.bounds import beyond_bounds
 
 MODEL = """<mujoco><option timestep="1e-3" gravity="0 0 -9.81"/><worldbody>
 <geom name="plate" type="plane" size="1 1 1" solref="{solref}"/><body name="ball" pos="0 0 1"><freejoint/>

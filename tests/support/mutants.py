@@ -51,7 +51,7 @@ class Mutant:
 
 MUTANTS = (
     Mutant(
-        "terms/units.py",
+        "terms/bounds.py",
         "require_bounds",
         "or low <= abs(value) <= high",
         "or low < abs(value) <= high",

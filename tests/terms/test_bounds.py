@@ -15,7 +15,7 @@ from hcbench.measuring.measure import measure
 from hcbench.system.errors import HcbenchError, QuantityError, StudyError, UserError
 from hcbench.system.text import time_step
 from hcbench.terms import units
-from hcbench.terms.units import BOUNDS, beyond_bounds, require_bounds
+from hcbench.terms.bounds import BOUNDS, beyond_bounds, require_bounds
 
 GOOD = (Path(__file__).parents[2] / "examples" / "good.xml").read_text(encoding="utf-8")
 MODEL = """<mujoco><option timestep="{timestep}" gravity="0 0 {gravity}"/><worldbody>

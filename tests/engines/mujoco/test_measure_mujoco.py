@@ -18,8 +18,8 @@ from hcbench.measuring import Measurement, measure
 from hcbench.measuring.text import as_text
 from hcbench.reporting.measurement_page import measurement_page
 from hcbench.system.errors import SceneError, UserError
+from hcbench.terms.bounds import beyond_bounds
 from hcbench.terms.impact import Impact, Status
-from hcbench.terms.units import beyond_bounds
 
 SPRING = 'solref="-40000 -12" solimp=".9999 .9999 .001 .5 2"'
 IMPULSE = 'solref="0 -950" solimp=".9999 .9999 .001 .5 2"'

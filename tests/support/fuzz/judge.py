@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from hcbench.terms.units import BOUNDS
+from hcbench.terms.bounds import BOUNDS
 
 _NOT_FINITE = re.compile(r"(?<![\w./-])[-+]?(?:nan|inf)(?![\w./-])")
 _LARGEST_E = 1.0005

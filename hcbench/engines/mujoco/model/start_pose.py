@@ -16,7 +16,8 @@ from hcbench.sim.model_under_test import Request
 from hcbench.sim.packages import suggest_names
 from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond
 from hcbench.system.errors import QuantityError, SceneError, UserError
-from hcbench.terms.units import BOUNDS, STANDARD_GRAVITY, admits_beyond_bounds, require_bounds
+from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds, require_bounds
+from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.place import PairAtTouch

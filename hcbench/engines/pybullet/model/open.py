@@ -25,7 +25,7 @@ from hcbench.sim.packages import (
 from hcbench.system.errors import SceneError, UserError
 from hcbench.system.files import is_file, why_no_file
 from hcbench.system.text import sanitized
-from hcbench.terms.units import require_bounds
+from hcbench.terms.bounds import require_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable

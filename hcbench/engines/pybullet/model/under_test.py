@@ -45,8 +45,8 @@ from hcbench.sim.packages import Packages
 from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Simulation
 from hcbench.system.errors import SceneError, UserError
+from hcbench.terms.bounds import require_bounds
 from hcbench.terms.impact import Impact, Launch
-from hcbench.terms.units import require_bounds
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
