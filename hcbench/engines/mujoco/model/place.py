@@ -20,13 +20,10 @@ from hcbench.engines.mujoco.model.pair import ContactPair, Nearest, PairContact
 from hcbench.engines.mujoco.model.start_pose import MOVED, require_joints_within_limits
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
 from hcbench.sim.model_under_test import Vector
-from hcbench.sim.touch import (
-    LEAST_APPROACH,
-    require_apart,
-    require_reachable,
-)
-from hcbench.system.errors import UserError
+from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
+from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.text import sanitized
+from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds
 from hcbench.terms.impact import Floats
 
 # Where a body comes from that meets the other from above, a unit vector away from the other.
@@ -65,6 +62,28 @@ class PairAtTouch:
     overlap: float
     gap: float
     note: str = ""
+
+
+def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
+    """Refuse a contact that MuJoCo replaces, or whose friction no surface has."""
+    if admits_beyond_bounds():
+        return
+    touching: set[int] = set()
+    for row in place.contact.rows:
+        touching.update(row.geoms)
+        first, second, *_ = row.solref
+        if (first > 0) != (second > 0):
+            names = " and ".join(geom_name(model, geom) for geom in row.geoms)
+            got = f"{first:g} {second:g} of {names}, which MuJoCo replaces by its default"
+            expected = "both positive (time, damping ratio), or none above 0 (-stiffness, -damping)"
+            raise QuantityError("solref", got, expected)
+    _, largest = BOUNDS["friction"]
+    for geom in touching:
+        friction = float(model.geom_friction[geom, 0])
+        if friction > largest:
+            got = f"{friction:g} of geom {geom_name(model, geom)}"
+            advice = "--beyond-bounds admits it, if it is meant"
+            raise QuantityError("friction", got, f"0 ... {largest:g}", advice)
 
 
 def bring_to_touch(

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.model.opened_model import LaunchWorkspace
 from hcbench.engines.mujoco.model.pair_reader import with_kinematics
 from hcbench.engines.mujoco.model.simulation import Flights, MujocoFlight
-from hcbench.engines.mujoco.model.workspace import LaunchWorkspace
 from hcbench.engines.mujoco.scene.shared_scene import differences, rounded_adhesion
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.sim import simulate
@@ -25,7 +25,7 @@ from hcbench.terms.resolution import ROUND_OFF_SOLVED
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.engines.mujoco.model.opened_model import OpenedModel
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.shared_model import Copies, SharedModelEngine
     from hcbench.sim.world import Flags, Record
@@ -45,7 +45,7 @@ class LentModel(ModelUnderTest):
 
     diverged = NOT_FINITE
 
-    def __init__(self, own: MujocoModel, engine: SharedModelEngine, as_given: bool = True) -> None:
+    def __init__(self, own: OpenedModel, engine: SharedModelEngine, as_given: bool = True) -> None:
         self._own = own
         self._engine = engine
         self._as_given = as_given

@@ -9,16 +9,16 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
 from hcbench.engines.mujoco.model.bodies import geom_name
+from hcbench.engines.mujoco.model.opened_model import LaunchWorkspace, copy_state
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate, PairReader, with_kinematics
 from hcbench.engines.mujoco.model.speed_shares import SpeedShares, strange_share
-from hcbench.engines.mujoco.model.workspace import LaunchWorkspace, copy_state
 from hcbench.sim.world import Record, Simulation
 from hcbench.terms.impact import TANGENTIAL_ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.engines.mujoco.model.opened_model import OpenedModel
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Floats, Launch
 
@@ -41,7 +41,7 @@ class MujocoFlight:
     opened: the model under test, which keeps `others` and `shares` of all its launches.
     """
 
-    def __init__(self, opened: MujocoModel, launch: Launch, space: LaunchWorkspace) -> None:
+    def __init__(self, opened: OpenedModel, launch: Launch, space: LaunchWorkspace) -> None:
         mujoco = backend()
         model = opened.model
         data = space.data
@@ -336,7 +336,7 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
     after: steps to take once they have parted; None: all that are asked for.
     """
 
-    def __init__(self, opened: MujocoModel, launches: Sequence[Launch], after: int | None) -> None:
+    def __init__(self, opened: OpenedModel, launches: Sequence[Launch], after: int | None) -> None:
         space = LaunchWorkspace.of(opened)
         flights = []
         for launch in launches:

@@ -17,7 +17,7 @@ from hcbench.terms.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.engines.mujoco.model.opened_model import OpenedModel
     from hcbench.terms.impact import Floats
 
 # The slope, rad.
@@ -42,7 +42,7 @@ _TIMED = 200
 _REPEATS = 5
 
 
-def standing(opened: Sequence[MujocoModel]) -> Standing:
+def standing(opened: Sequence[OpenedModel]) -> Standing:
     """Measure how pairs of one model stand, each at touch."""
     first = opened[0]
     stands = not first.model.body_weldid[first.place.pair.second.body]
@@ -61,7 +61,7 @@ def standing(opened: Sequence[MujocoModel]) -> Standing:
         return Standing.of(level, slope, hold, _cost(first, data), angle)
 
 
-def rest_of_pair(opened: MujocoModel) -> Rest | None:
+def rest_of_pair(opened: OpenedModel) -> Rest | None:
     """Rest of the pair from its start, if it touches there, like a held body and its finger, or
     else from the touch; None if nothing holds the two together.
     """
@@ -84,17 +84,17 @@ def rest_of_pair(opened: MujocoModel) -> Rest | None:
         return None
 
 
-def _touches(opened: MujocoModel, data: Any) -> bool:
+def _touches(opened: OpenedModel, data: Any) -> bool:
     return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3).any())
 
 
-def _at_touch(opened: MujocoModel) -> Any:
+def _at_touch(opened: OpenedModel) -> Any:
     data = copy.copy(opened.start)
     data.qpos[:] = opened.place.qpos
     return data
 
 
-def _tilted(opened: MujocoModel, angle: float) -> Floats:
+def _tilted(opened: OpenedModel, angle: float) -> Floats:
     """Gravity, m/s², (3,), turned by an angle, rad, towards the first
     axis across it; 0 without gravity.
     """
@@ -111,7 +111,7 @@ def _tilted(opened: MujocoModel, angle: float) -> Floats:
 
 
 def _rest(
-    opened: MujocoModel, data: Any, gravity: Floats | None = None, from_body: int = 0
+    opened: OpenedModel, data: Any, gravity: Floats | None = None, from_body: int = 0
 ) -> Rest:
     """Rest of the pair at the end of a while, from a state that is moved on.
 
@@ -152,7 +152,7 @@ def _rest(
     return rest_of(moment, depth, rate, force, moved)
 
 
-def _depth(opened: MujocoModel, data: Any) -> float:
+def _depth(opened: OpenedModel, data: Any) -> float:
     """Penetration at the deepest point of the pair's contact, m; 0 without one."""
     of_pair = opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3
     if not of_pair.any():
@@ -160,13 +160,13 @@ def _depth(opened: MujocoModel, data: Any) -> float:
     return float(opened.place.contact.onset - data.contact.dist[of_pair].min())
 
 
-def _is_grasp(one: MujocoModel, other: MujocoModel) -> bool:
+def _is_grasp(one: OpenedModel, other: OpenedModel) -> bool:
     """Say whether both pairs move the same body, between two that face each other."""
     same = one.place.pair.first.body == other.place.pair.first.body
     return same and float(one.place.contact.normal @ other.place.contact.normal) < _OPPOSITE
 
 
-def _hold(one: MujocoModel, other: MujocoModel) -> float:
+def _hold(one: OpenedModel, other: OpenedModel) -> float:
     """Drift, m/s, of a body that two others hold with a few times the force that it
     takes; NaN where they cannot.
     """
@@ -192,7 +192,7 @@ def _hold(one: MujocoModel, other: MujocoModel) -> float:
     return math.nan
 
 
-def _force(opened: MujocoModel, data: Any) -> float:
+def _force(opened: OpenedModel, data: Any) -> float:
     """Force of the pair's contact, N."""
     # In the contact's frame, the normal first.
     wrench = np.zeros(6)
@@ -204,7 +204,7 @@ def _force(opened: MujocoModel, data: Any) -> float:
     return total
 
 
-def _cost(opened: MujocoModel, data: Any) -> tuple[float, float]:
+def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:
     """(iterations of the solver, s of CPU) of a step, from a state at rest."""
     mujoco = backend()
     model = opened.model

@@ -5,22 +5,19 @@ joints set, within their limits.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import body_name, geom_name, joint_name
+from hcbench.engines.mujoco.model.bodies import body_name, joint_name
 from hcbench.measuring.request import STATE_FIELDS
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.packages import suggest_names
 from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond
 from hcbench.system.errors import QuantityError, SceneError, UserError
-from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds, require_bounds
+from hcbench.terms.bounds import admits_beyond_bounds, require_bounds
 from hcbench.terms.units import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    from hcbench.engines.mujoco.model.place import PairAtTouch
 
 # Refuses a MuJoCo model, pose or contact whose numbers no bouncing body has.
 
@@ -98,28 +95,6 @@ def require_plausible_state(model: Any, data: Any) -> None:
             )
         places = {int(kinds.mjJNT_FREE): 3, int(kinds.mjJNT_SLIDE): 1}.get(kind, 0)
         require_bounds(f"qpos: {name}", data.qpos[at : at + places].tolist(), "position", "m")
-
-
-def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
-    """Refuse a contact that MuJoCo replaces, or whose friction no surface has."""
-    if admits_beyond_bounds():
-        return
-    touching: set[int] = set()
-    for row in place.contact.rows:
-        touching.update(row.geoms)
-        first, second, *_ = row.solref
-        if (first > 0) != (second > 0):
-            names = " and ".join(geom_name(model, geom) for geom in row.geoms)
-            got = f"{first:g} {second:g} of {names}, which MuJoCo replaces by its default"
-            expected = "both positive (time, damping ratio), or none above 0 (-stiffness, -damping)"
-            raise QuantityError("solref", got, expected)
-    _, largest = BOUNDS["friction"]
-    for geom in touching:
-        friction = float(model.geom_friction[geom, 0])
-        if friction > largest:
-            got = f"{friction:g} of geom {geom_name(model, geom)}"
-            advice = "--beyond-bounds admits it, if it is meant"
-            raise QuantityError("friction", got, f"0 ... {largest:g}", advice)
 
 
 # Velocities and times of a state are ignored: everything starts at rest.

@@ -9,109 +9,39 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.backend import (
-    backend,
-    captured_warnings,
-    plugin_warnings,
-    require_feature,
-)
-from hcbench.engines.mujoco.model.bodies import (
-    geom_friction,
-    geom_name,
-    is_whole_state,
-    speed_reading,
-)
+from hcbench.engines.mujoco.backend import backend, plugin_warnings
+from hcbench.engines.mujoco.model.bodies import geom_friction, geom_name
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.contact import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.motion import at_rest
-from hcbench.engines.mujoco.model.find_pair import find_pair, moving_joints
+from hcbench.engines.mujoco.model.find_pair import moving_joints
+from hcbench.engines.mujoco.model.opened_model import OpenedModel
 from hcbench.engines.mujoco.model.pair import restitution_law
-from hcbench.engines.mujoco.model.place import bring_to_touch
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in, slow_for_plugin
+from hcbench.engines.mujoco.model.shared_model import LentModel
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
-from hcbench.engines.mujoco.model.start_pose import require_plausible_contact, start_pose
+from hcbench.engines.mujoco.model.standing import rest_of_pair
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import other_contacts
 from hcbench.sim import simulate
-from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
+from hcbench.sim.model_under_test import Facts, Suspect
 from hcbench.sim.promise import Promise
-from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.touch import overlap_notes
 from hcbench.terms.impact import Impact, Launch
 
 if TYPE_CHECKING:
-    from hcbench.engines.mujoco.model.shared_model import LentModel
     from hcbench.sim.rest import Rest
     from hcbench.sim.shared_model import SharedModelEngine
 
-# A body struck beside its centre turns: its effective mass is below its
-# own by more than this share.
-_TURNS = 1e-6
-# Launches in a simulation: looking at the steps of one costs as much as at those of all.
-_PLACES = 32
 # Last part of the approach, in sizes of the smaller body, over which a distance is compared with
 # the way; and the difference, as a share, from which MuJoCo's distance counts as rough.
 _LAST_PART = 0.01
 _ROUGH = 0.03
 
 
-class MujocoModel(ModelUnderTest):
-    """A MuJoCo model with a pair in it.
-
-    model: an MjModel, which this object may change.
-    label: its name in outputs.
-    state: an MjData to start from, or None.
-
-    Raises UserError or SceneError with the reason where the pair cannot be measured; EngineMissing
-    for a MuJoCo that is too old.
-    """
-
-    diverged = "MuJoCo found the state unstable and reset it"
-    # A simulation steps no launch after it has parted, so few steps are enough at first.
-    least_steps = 32
-
-    def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
-        require_feature(backend(), "mj_copyData")
-        self.model = model
-        self.label = label
-        self.state = state
-        self.request = request
-        with captured_warnings():
-            self.start, self.start_name = start_pose(model, request, state)
-            pair = find_pair(model, request, state)
-            # A second state, which ends at touch.
-            moved, _ = start_pose(model, request, state)
-            self.place = bring_to_touch(pair, moved, request.coming_from, request.move)
-        require_plausible_contact(model, self.place)
-        self.timestep = float(model.opt.timestep)
-        self.mass = self.place.effective_mass
-        self.gravity = self.place.gravity
-        self.energy_by_work = self.place.pair.more_than_contacts
-        self.speed_reading = speed_reading(model)
-        if not self._falls_freely():
-            if self.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT:
-                self.speed_reading = SpeedReading.STAGED_CROSSING
-            else:
-                self.speed_reading = SpeedReading.CROSSING
-        self.places = _PLACES if is_whole_state(model) else 1
-        # Geoms that touched the two during an impact.
-        self.others: set[int] = set()
-        # Texts of MuJoCo and its plug-ins while it stepped launches.
-        self.warned: list[str] = []
-        # Speed that each cause took off the approach, over that at touch.
-        self.shares: dict[str, float] = {}
-
-    def _falls_freely(self) -> bool:
-        """Say whether the two have one constant acceleration apart from the contact. Joints, a
-        moving second body, and a corner that turns in the impact change it.
-        """
-        model = self.model
-        place = self.place
-        first = place.pair.first.body
-        second = place.pair.second.body
-        central = place.effective_mass >= (1.0 - _TURNS) * float(model.body_subtreemass[first])
-        return central and not (self.energy_by_work or model.body_weldid[second])
+class MujocoModel(OpenedModel):
+    """A MuJoCo model with a pair in it, measured by MuJoCo's own steps, with its facts and suspects."""
 
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
         """The launches under way from their starting points."""
@@ -123,14 +53,7 @@ class MujocoModel(ModelUnderTest):
 
     def stepped_by(self, engine: SharedModelEngine) -> LentModel:
         """The same pair, stepped by another engine."""
-        from hcbench.engines.mujoco.model.shared_model import LentModel
-
         return LentModel(self, engine)
-
-    @property
-    def step_cost(self) -> float:
-        """Grows with degrees of freedom and geoms."""
-        return 1.0 + float(self.model.nv + self.model.ngeom) / 10
 
     def facts(self) -> Facts:
         """Return the properties of the model and of its pair."""
@@ -234,8 +157,6 @@ class MujocoModel(ModelUnderTest):
         """Measure the pair at rest in plain steps: from the start if the
         two touch there, else laid on.
         """
-        from hcbench.engines.mujoco.model.standing import rest_of_pair
-
         return rest_of_pair(self)
 
     def rest_suspects(self) -> list[Suspect]:
