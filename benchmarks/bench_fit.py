@@ -23,9 +23,10 @@ import noisy_rooms
 import synthesise as synth
 
 from hcbench.fitting.datasets import Dataset, TouchTimes
-from hcbench.fitting.estimate import LawFit, fit_law
+from hcbench.fitting.estimate import fit_law
 from hcbench.fitting.fit import fit
 from hcbench.fitting.heights import Heights, SpeedPairs
+from hcbench.fitting.linear import LawFit
 from hcbench.fitting.listening import listen
 from hcbench.fitting.recording import Recording
 from hcbench.fitting.setup import Known, MeasurementSetup

@@ -22,7 +22,7 @@ from typing_extensions import TypedDict
 from hcbench.cases.schema import type_name
 from hcbench.checking.outcome import Verdict
 from hcbench.fitting.budget import Budget
-from hcbench.fitting.estimate import Estimate
+from hcbench.fitting.linear import Estimate
 from hcbench.fitting.misfits import Flag
 from hcbench.laws.impact_law import ImpactSummary
 from hcbench.measuring.measurement import Cause

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.fitting.datasets import Dataset
-    from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.linear import LawFit
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from hcbench.fitting.linear import LinearModel
+from hcbench.fitting.linear import LinearModel, NoisyData
 from hcbench.fitting.recording import doubts_of, reservation_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Self
 
-    from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.flight import Ballistics
+    from hcbench.fitting.linear import LawFit
     from hcbench.fitting.recording import Indices, Picks, Recording
     from hcbench.fitting.setup import Known, MeasurementSetup
     from hcbench.fitting.which_law import FittedCurve
@@ -28,24 +28,16 @@ if TYPE_CHECKING:
 _OF_CLICKS = 1.15
 
 
-class Dataset(ABC):
+class Dataset(NoisyData, ABC):
     """One file. Subclasses are frozen dataclasses with the fields `name` and `setup`."""
 
     name: str
     setup: MeasurementSetup
-    # What the noise of measuring is likely to be, in the data's SI unit
-    noise_scale: ClassVar[float]
-    noise_unit: ClassVar[str]
 
     @property
     @abstractmethod
     def kind(self) -> str:
         """Name of this kind of data."""
-
-    @property
-    def known_noise(self) -> float | None:
-        """s_m where it is given."""
-        return None
 
     @property
     def needs_gravity(self) -> bool:

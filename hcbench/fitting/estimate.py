@@ -5,15 +5,19 @@ then the posterior over a grid.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench.fitting.linear import (
+    Estimate,
+    LawFit,
     NoiseLikelihood,
+    Posterior,
     best_noise,
     coarse_grid,
+    quantiles,
     reduce,
     refined,
     surface,
@@ -24,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.fitting.datasets import Dataset
-    from hcbench.fitting.linear import LinearModel, Reduced
-    from hcbench.fitting.which_law import CandidateLaw, FittedCurve
+    from hcbench.fitting.linear import Reduced
+    from hcbench.fitting.which_law import CandidateLaw
     from hcbench.terms.impact import Floats
 
 
@@ -42,76 +46,6 @@ _WIDTH = 8.0
 # Grid points over the share of the loss at the reference speed that α explains; e0 explains the
 # rest.
 _SHARES = 41
-
-
-@dataclass(frozen=True, slots=True)
-class Posterior:
-    """Posterior of a law's parameters, on a grid.
-
-    parameters: (g, q), points of a grid.
-    weight: (g,), their share; the shares add up to 1.
-    """
-
-    parameters: Floats
-    weight: Floats
-
-    def quantiles(self, values: Floats, shares: Sequence[float]) -> list[float]:
-        """Quantiles of a function of the parameters with these values (g,) on the grid."""
-        return quantiles(values, self.weight, shares)
-
-
-def quantiles(values: Floats, weight: Floats, shares: Sequence[float]) -> list[float]:
-    """Quantiles of weighted values (g,); the weights add up to 1."""
-    order = np.argsort(values, kind="stable")
-    sorted_weight = weight[order]
-    below = np.cumsum(sorted_weight) - 0.5 * sorted_weight
-    return [float(q) for q in np.interp(shares, below, values[order])]
-
-
-@dataclass(frozen=True, slots=True)
-class LawFit:
-    """One law about its most likely parameters.
-
-    own, latent, models, reduced: a data set each; latent: relative changes of each e, and in the
-    models divided by `width`, how much wider than s_e each scatters.
-    log_evidence: ln of the marginal likelihood, parameters and noise integrated out.
-    scatter, noise: the most likely s_e and s_m.
-    beyond: share of the posterior where the law would gain energy, cut off.
-    """
-
-    law: CandidateLaw
-    reference: float
-    parameters: Floats
-    own: tuple[Floats, ...]
-    latent: tuple[Floats, ...]
-    width: tuple[Floats, ...]
-    models: tuple[LinearModel, ...]
-    reduced: tuple[Reduced, ...]
-    surface: NoiseLikelihood
-    posterior: Posterior
-    log_evidence: float
-    scatter: float
-    noise: tuple[float, ...]
-    beyond: float
-
-    @property
-    def curve(self) -> FittedCurve:
-        """e over speed at the most likely parameters."""
-        return self.law.curve(tuple(self.parameters), self.reference)
-
-    def measured_off(self) -> list[Floats]:
-        """Residual of each reading after the law and its scatter, (n,) per data set, in the data's
-        unit.
-        """
-        return [
-            model.residual - model.by_scatter @ (latent / wide)
-            for model, latent, wide in zip(self.models, self.latent, self.width, strict=True)
-        ]
-
-    def values(self, name: str) -> Floats:
-        """One of the law's named parameters at each point of the posterior."""
-        points = self.posterior.parameters
-        return np.array([self.law.describe(tuple(p), self.reference)[name] for p in points])
 
 
 def fit_law(
@@ -346,16 +280,6 @@ ENDS = (0.025, 0.5, 0.975)
 ODDS_TO_DROP = 25.0
 # Prior odds of the law with e0: some constant loss is the rule.
 _PRIOR_OF_E0 = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A number with its standard uncertainty and its 95 % interval, SI."""
-
-    value: float
-    uncertainty: float
-    low: float
-    high: float
 
 
 def estimate_of(fit: LawFit, name: str, inputs: float = 0.0) -> Estimate:

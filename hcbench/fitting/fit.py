@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.fitting.datasets import Dataset
-    from hcbench.fitting.estimate import Estimate, LawFit
+    from hcbench.fitting.linear import Estimate, LawFit
     from hcbench.fitting.misfits import Flag
     from hcbench.terms.impact import Floats
 

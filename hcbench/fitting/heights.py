@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from hcbench.fitting.datasets import Dataset, bounce_train, drop_prior, pairs_of_launches
-from hcbench.fitting.estimate import ENDS, Estimate
-from hcbench.fitting.linear import LinearModel
+from hcbench.fitting.estimate import ENDS
+from hcbench.fitting.linear import Estimate, LinearModel
 from hcbench.terms.resolution import SIGMAS_95
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from scipy.special import logsumexp
@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.which_law import CandidateLaw, FittedCurve
     from hcbench.terms.impact import Floats
 
 
@@ -223,6 +223,19 @@ def noise_prior(log_noise: Floats, scale: float) -> Floats:
     return np.asarray(-np.log(math.pi * _FACTOR * (1.0 + away**2)))
 
 
+class NoisyData:
+    """Data with noise of measuring, s_m, in their SI unit."""
+
+    # Likely noise of measuring.
+    noise_scale: ClassVar[float]
+    noise_unit: ClassVar[str]
+
+    @property
+    def known_noise(self) -> float | None:
+        """s_m where it is given."""
+        return None
+
+
 @dataclass(frozen=True, slots=True)
 class NoiseGrid:
     """A grid over the scatter of e and the noise of each data set.
@@ -234,7 +247,7 @@ class NoiseGrid:
     log_scatter: Floats
     log_noise: tuple[Floats, ...]
 
-    def weights(self, sets: Sequence[Dataset]) -> tuple[Floats, list[Floats]]:
+    def weights(self, sets: Sequence[NoisyData]) -> tuple[Floats, list[Floats]]:
         """ln of prior mass of each value: of s_e, and of s_m a data set.
 
         Shapes (k,) and, a data set, (l,). A known s_m is one point with all the mass.
@@ -252,7 +265,7 @@ def _log_cell(grid: Floats) -> float:
     return math.log(grid[1] - grid[0])
 
 
-def coarse_grid(sets: Sequence[Dataset]) -> NoiseGrid:
+def coarse_grid(sets: Sequence[NoisyData]) -> NoiseGrid:
     """A coarse grid over all noise that is possible: ln s_e, and ln s_m for each data set.
 
     A data set with a known s_m has that value alone.
@@ -309,7 +322,7 @@ class NoiseLikelihood:
 
 
 def surface(
-    reduced: Sequence[Reduced], sets: Sequence[Dataset], grid: NoiseGrid
+    reduced: Sequence[Reduced], sets: Sequence[NoisyData], grid: NoiseGrid
 ) -> NoiseLikelihood:
     """The likelihood over a grid; right-hand sides after the residual are left out."""
     outer, offset = [], []
@@ -322,7 +335,7 @@ def surface(
     return NoiseLikelihood(grid, tuple(outer), tuple(offset), prior_scatter, tuple(prior_noise))
 
 
-def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[Dataset]) -> NoiseGrid:
+def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[NoisyData]) -> NoiseGrid:
     """A grid over what the coarse one leaves likely at δ.
 
     delta: change of the law's parameters, shape (q,). A known s_m keeps its one value.
@@ -370,3 +383,83 @@ def best_noise(surface: NoiseLikelihood, delta: Floats) -> tuple[float, list[flo
         likeliest = int(np.argmax(part[k]))
         noise.append(float(np.exp(log_noise[likeliest])))
     return float(np.exp(surface.grid.log_scatter[k])), noise
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Posterior of a law's parameters, on a grid.
+
+    parameters: (g, q), points of a grid.
+    weight: (g,), their share; the shares add up to 1.
+    """
+
+    parameters: Floats
+    weight: Floats
+
+    def quantiles(self, values: Floats, shares: Sequence[float]) -> list[float]:
+        """Quantiles of a function of the parameters with these values (g,) on the grid."""
+        return quantiles(values, self.weight, shares)
+
+
+def quantiles(values: Floats, weight: Floats, shares: Sequence[float]) -> list[float]:
+    """Quantiles of weighted values (g,); the weights add up to 1."""
+    order = np.argsort(values, kind="stable")
+    sorted_weight = weight[order]
+    below = np.cumsum(sorted_weight) - 0.5 * sorted_weight
+    return [float(q) for q in np.interp(shares, below, values[order])]
+
+
+@dataclass(frozen=True, slots=True)
+class LawFit:
+    """One law about its most likely parameters.
+
+    own, latent, models, reduced: a data set each; latent: relative changes of each e, and in the
+    models divided by `width`, how much wider than s_e each scatters.
+    log_evidence: ln of the marginal likelihood, parameters and noise integrated out.
+    scatter, noise: the most likely s_e and s_m.
+    beyond: share of the posterior where the law would gain energy, cut off.
+    """
+
+    law: CandidateLaw
+    reference: float
+    parameters: Floats
+    own: tuple[Floats, ...]
+    latent: tuple[Floats, ...]
+    width: tuple[Floats, ...]
+    models: tuple[LinearModel, ...]
+    reduced: tuple[Reduced, ...]
+    surface: NoiseLikelihood
+    posterior: Posterior
+    log_evidence: float
+    scatter: float
+    noise: tuple[float, ...]
+    beyond: float
+
+    @property
+    def curve(self) -> FittedCurve:
+        """e over speed at the most likely parameters."""
+        return self.law.curve(tuple(self.parameters), self.reference)
+
+    def measured_off(self) -> list[Floats]:
+        """Residual of each reading after the law and its scatter, (n,) per data set, in the data's
+        unit.
+        """
+        return [
+            model.residual - model.by_scatter @ (latent / wide)
+            for model, latent, wide in zip(self.models, self.latent, self.width, strict=True)
+        ]
+
+    def values(self, name: str) -> Floats:
+        """One of the law's named parameters at each point of the posterior."""
+        points = self.posterior.parameters
+        return np.array([self.law.describe(tuple(p), self.reference)[name] for p in points])
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number with its standard uncertainty and its 95 % interval, SI."""
+
+    value: float
+    uncertainty: float
+    low: float
+    high: float

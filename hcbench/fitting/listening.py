@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hcbench.fitting.bounce_search import Train
-    from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.linear import LawFit
     from hcbench.fitting.recording import FrequencyBand, Indices, Recording
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats

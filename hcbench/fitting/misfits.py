@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.fitting.datasets import Dataset
-    from hcbench.fitting.estimate import LawFit
-    from hcbench.fitting.linear import Reduced
+    from hcbench.fitting.linear import LawFit, Reduced
     from hcbench.fitting.which_law import CandidateLaw
     from hcbench.terms.impact import Floats
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from hcbench.fitting.estimate import Estimate
+    from hcbench.fitting.linear import Estimate
     from hcbench.terms.impact import Floats
 
 # A recording up to this length, s, is searched whole, without windows.

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.fitting.datasets import TouchTimes
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.recipes.target import Target
@@ -24,7 +23,8 @@ from hcbench.tuning.tune import tune
 from hcbench.tuning.tuned import Tuned
 
 if TYPE_CHECKING:
-    from hcbench.fitting.result import FitResult
+    from hcbench.fitting.datasets import TouchTimes
+    from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats, Trajectory
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
@@ -87,15 +87,14 @@ class Replay:
         return registry.engine(self.setting.engine).script(self.tuned.scene, self.setting)
 
 
-def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto") -> Replay:
-    """Tune an engine to the fit, as `hcbench tune` does, and simulate the recorded drop.
+def replay(touches: TouchTimes, target: Target, engine: str, recipe: str = "auto") -> Replay:
+    """Tune an engine to a fit, as `hcbench tune` does, and simulate the recorded drop.
 
-    timestep: s. Where the setting that `tune` chooses is more than 60 ms off, the
-    recipes with a contact plug-in are tried, and the nearest is taken. Raises
-    UserError without touch times or a law.
+    target: the fitted law, as `target_of` has it. Where the setting that `tune` chooses is more
+    than 60 ms off, the recipes with a contact plug-in are tried, and the nearest is taken. Raises
+    UserError for fewer than 4 touches in a row.
     """
-    recorded = _recorded(result)
-    target = _target(result, timestep)
+    recorded = recorded_touches(touches)
     names = [recipe]
     if recipe == "auto":
         names += [name for name in registry.recipes(engine) if name in _PLUGINS]
@@ -103,10 +102,13 @@ def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto"
     for name in names:
         tuned = tune(engine, target, load_scene(_SCENE), name)
         now = Replay(
-            tuned, recorded, _simulated(tuned.scene, tuned.setting, result, recorded), tuned.setting
+            tuned,
+            recorded,
+            _simulated(tuned.scene, tuned.setting, touches, recorded),
+            tuned.setting,
         )
         if tuned.recipe.name in _PLUGINS:
-            now = _made_up(now, result)
+            now = _made_up(now, touches)
         if best is None or now.error < best.error:
             best = now
         if best.error <= NEAR:
@@ -115,7 +117,7 @@ def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto"
     return best
 
 
-def _made_up(scene: Replay, result: FitResult) -> Replay:
+def _made_up(scene: Replay, touches: TouchTimes) -> Replay:
     """A scene with the α at which touches are as often early as late, by a
     few steps of the secant method.
 
@@ -135,7 +137,7 @@ def _made_up(scene: Replay, result: FitResult) -> Replay:
         now = Replay(
             tuned,
             scene.recorded,
-            _simulated(tuned.scene, setting, result, scene.recorded),
+            _simulated(tuned.scene, setting, touches, scene.recorded),
             setting,
             law.alpha,
         )
@@ -152,62 +154,55 @@ def _made_up(scene: Replay, result: FitResult) -> Replay:
     return best
 
 
-def _touch_times(result: FitResult) -> TouchTimes:
-    """The first data set of touch times. Raises UserError where there is none."""
-    for s in result.sets:
-        if isinstance(s, TouchTimes):
-            return s
-    raise UserError("--engine", "no touch times in the files", "a recording, or times of touches")
-
-
-def _recorded(result: FitResult) -> Floats:
+def recorded_touches(touches: TouchTimes) -> Floats:
     """Recorded touches from the second on, up to the first that is unheard, s.
 
     Shape (n,), from the time of the second touch. Raises UserError for fewer than 4 in a row.
     """
-    s = _touch_times(result)
-    numbers = s.numbers
+    numbers = touches.numbers
     if numbers is None:
-        numbers = np.arange(len(s.times))
+        numbers = np.arange(len(touches.times))
     whole = int(np.argmax(np.append(np.diff(numbers) > 1, True))) + 1
     if whole < 4:
         raise UserError("--engine", f"{whole} touches in a row", "4 or more, to compare with")
-    return np.asarray(s.times[1:whole] - s.times[1])
+    return np.asarray(touches.times[1:whole] - touches.times[1])
 
 
-def _target(result: FitResult, timestep: float) -> Target:
-    """The target of a scene with the fitted law: its formula if it is plain eq. (16), or else
-    points of it.
+def target_of(
+    curve: FittedCurve,
+    alpha: float | None,
+    speeds: tuple[float, float],
+    gravity: float,
+    timestep: float,
+) -> Target:
+    """The target of a scene with a fitted law: its formula if it is plain eq. (16), or else points
+    of its curve.
 
-    timestep: s. The scene keeps its own mass and stiffness. Raises UserError without a law.
+    alpha: s/m, of plain eq. (16); None for another law.
+    speeds: the band, m/s. gravity: m/s². timestep: s.
+
+    The scene keeps its own mass and stiffness.
     """
-    if result.law is None:
-        raise UserError(
-            "--engine", "no law is certain", "a law to tune to, such as --law hunt-crossley"
-        )
     scene = load_scene(_SCENE)
-    low, high = result.speeds
-    gravity = result.sets[0].setup.gravity.value
+    low, high = speeds
     law = HuntCrossley(scene.stiffness, 0.0, scene.exponent)
-    if result.is_plain and result.alpha is not None:
-        law = dataclasses.replace(law, alpha=result.alpha.value)
+    if alpha is not None:
+        law = dataclasses.replace(law, alpha=alpha)
         return Target(law, scene.mass, timestep, low, high, gravity=gravity)
-    speeds = np.linspace(low, high, _POINTS)
-    curve = result.best.curve
-    points = tuple((float(v), min(1.0, curve.at(float(v)))) for v in speeds)
+    sampled = np.linspace(low, high, _POINTS)
+    points = tuple((float(v), min(1.0, curve.at(float(v)))) for v in sampled)
     return Target(law, scene.mass, timestep, low, high, "points", points, gravity=gravity)
 
 
-def _simulated(scene: Scene, setting: Setting, result: FitResult, recorded: Floats) -> Floats:
+def _simulated(scene: Scene, setting: Setting, recording: TouchTimes, recorded: Floats) -> Floats:
     """Times of touches in the simulated scene, s from the first of them; at most as many as were
     recorded.
 
     recorded: times of the recorded touches from the second on, s, shape (n,). The body is dropped
     so that it touches at the speed that the first recorded flight shows.
     """
-    s = _touch_times(result)
-    gravity = s.setup.gravity.value
-    speed = 0.5 * gravity * float(s.times[1] - s.times[0])
+    gravity = recording.setup.gravity.value
+    speed = 0.5 * gravity * float(recording.times[1] - recording.times[0])
     launch = Launch.dropped(speed, 0.5, setting.timestep, gravity)
     duration = speed / gravity + float(recorded[-1]) * 1.6 + 0.1
     path = registry.engine(setting.engine).trajectory(scene, setting, launch, duration)

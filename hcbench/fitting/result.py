@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.fitting.estimate import ENDS, Estimate, estimate_of, quantiles
+from hcbench.fitting.estimate import ENDS, estimate_of
 from hcbench.fitting.heights import ratio
+from hcbench.fitting.linear import Estimate, quantiles
 from hcbench.fitting.which_law import EITHER, FAMILY, LAWS, PLAIN, WITH_E0
 from hcbench.system.errors import UserError
 from hcbench.system.notebook import Drawn
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.budget import Budget
     from hcbench.fitting.datasets import Dataset
-    from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.linear import LawFit
     from hcbench.fitting.misfits import Flag, LackOfFit
     from hcbench.fitting.replay import Replay
     from hcbench.terms.impact import Floats
@@ -189,11 +190,23 @@ class FitResult(Drawn):
     def scene(self, engine: str, timestep: float) -> Replay:
         """A scene that bounces as the recording did, tuned as `hcbench tune` does.
 
-        timestep: s.
+        timestep: s. Raises UserError without touch times or a law.
         """
-        from hcbench.fitting.replay import replay
+        from hcbench.fitting.replay import recorded_touches, replay, target_of
 
-        return replay(self, engine, timestep)
+        touches = _touch_times(self)
+        # A recording of too few touches is refused before a fit without a law.
+        recorded_touches(touches)
+        if self.law is None:
+            raise UserError(
+                "--engine", "no law is certain", "a law to tune to, such as --law hunt-crossley"
+            )
+        alpha = None
+        if self.is_plain and self.alpha is not None:
+            alpha = self.alpha.value
+        gravity = self.sets[0].setup.gravity.value
+        target = target_of(self.best.curve, alpha, self.speeds, gravity, timestep)
+        return replay(touches, target, engine)
 
     @property
     def best(self) -> LawFit:
@@ -220,6 +233,14 @@ class FitResult(Drawn):
         if self.law == EITHER:
             return [fit for fit in self.fits if fit.law.name in (PLAIN, WITH_E0)]
         return [self.best]
+
+
+def _touch_times(result: FitResult) -> TouchTimes:
+    """The first data set of touch times. Raises UserError where there is none."""
+    for s in result.sets:
+        if isinstance(s, TouchTimes):
+            return s
+    raise UserError("--engine", "no touch times in the files", "a recording, or times of touches")
 
 
 # Text and JSON of a fit, and its points of e over speed.

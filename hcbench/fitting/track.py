@@ -17,8 +17,8 @@ from hcbench.system.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.flight import Ballistics
+    from hcbench.fitting.linear import LawFit
     from hcbench.fitting.recording import Indices
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.fitting.which_law import FittedCurve

@@ -7,9 +7,9 @@ import pytest
 from measured_bounces import EXACT, synthesise, times_of
 
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.fitting.estimate import Estimate
 from hcbench.fitting.fit import fit
 from hcbench.fitting.heights import odd_drops, ratio, shared_value
+from hcbench.fitting.linear import Estimate
 
 
 def drop(name: str, alpha: float, seed: int) -> TouchTimes:
