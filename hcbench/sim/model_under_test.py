@@ -10,18 +10,14 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.packages import Packages
 from hcbench.sim.promise import Promise
 from hcbench.sim.rest import Rest, let_down
 from hcbench.sim.world import World
-from hcbench.system.errors import EngineFailed
 from hcbench.terms.impact import Impact, Launch
-
-if TYPE_CHECKING:
-    from hcbench.sim.shared_model import SharedModelEngine
 
 # Over the default band of models, m/s.
 DEFAULT_SPEEDS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
@@ -258,12 +254,6 @@ class ModelUnderTest(World):
     @abstractmethod
     def fixed(self, suspects: Sequence[Suspect]) -> ModelUnderTest:
         """The same pair with the fixes of `suspects` made, in a copy of the model."""
-
-    def stepped_by(self, engine: SharedModelEngine) -> ModelUnderTest:
-        """The same pair, read as here and stepped by another engine."""
-        raise EngineFailed(
-            engine.name, f"cannot step a {type(self).__name__}", "a model of its `model_engine`"
-        )
 
     @property
     def step_cost(self) -> float:

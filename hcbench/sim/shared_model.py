@@ -31,7 +31,7 @@ from hcbench.sim.read_impact import (
     rule_for,
 )
 from hcbench.sim.scripted import PythonLaw, python_law_of
-from hcbench.system.errors import SettingError
+from hcbench.system.errors import EngineFailed, SettingError
 from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
@@ -172,6 +172,14 @@ class CopiesWorld(BatchWorld):
         return self._copies.step(steps)[:, :, self._at].transpose(0, 2, 1)
 
 
+class LendsSteps(ABC):
+    """A user's model whose steps another engine can take."""
+
+    @abstractmethod
+    def stepped_by(self, engine: SharedModelEngine) -> ModelUnderTest:
+        """The same pair, read as here and stepped by another engine."""
+
+
 class SharedModelEngine(OpensModels, SteppedEngine):
     """An engine that steps what another one loads.
 
@@ -250,7 +258,11 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> ModelUnderTest:
         """The model of `model_engine`, stepped by this engine."""
-        return self._opener().open(source, request, rebuild).stepped_by(self)
+        opened = self._opener().open(source, request, rebuild)
+        if not isinstance(opened, LendsSteps):
+            got = f"cannot step a {type(opened).__name__}"
+            raise EngineFailed(self.name, got, "a model of its `model_engine`")
+        return opened.stepped_by(self)
 
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None

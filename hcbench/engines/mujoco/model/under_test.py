@@ -27,6 +27,7 @@ from hcbench.measuring.diagnose import other_contacts
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Facts, Suspect
 from hcbench.sim.promise import Promise
+from hcbench.sim.shared_model import LendsSteps
 from hcbench.sim.touch import overlap_notes
 from hcbench.terms.impact import Impact, Launch
 
@@ -40,7 +41,7 @@ _LAST_PART = 0.01
 _ROUGH = 0.03
 
 
-class MujocoModel(OpenedModel):
+class MujocoModel(OpenedModel, LendsSteps):
     """A MuJoCo model with a pair in it, measured by MuJoCo's own steps, with its facts and suspects."""
 
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
