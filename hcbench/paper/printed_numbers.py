@@ -7,7 +7,7 @@ from typing import Literal
 
 from hcbench.laws import closed_form, hertz, ode
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.hertz import largest_shear
+from hcbench.laws.hertz_elliptic import largest_shear
 from hcbench.paper import constants
 from hcbench.reporting.wording import four_digits
 from hcbench.terms.units import INCH, POUND, POUND_FORCE, PSI

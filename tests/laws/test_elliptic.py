@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from hcbench.laws.hertz import (
+from hcbench.laws.hertz_elliptic import (
     EllipticContact,
     Surface,
     axis_ratio,

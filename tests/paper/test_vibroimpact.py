@@ -16,7 +16,7 @@ from scipy.special import gamma
 
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
-from hcbench.laws.hertz import contact, sphere
+from hcbench.laws.hertz_elliptic import contact, sphere
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact, stored

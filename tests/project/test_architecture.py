@@ -77,9 +77,9 @@ def _imported(node: ast.AST, typing: bool = False) -> Iterator[str]:
 
     typing: the node is a block for types alone.
     """
-    if isinstance(node, ast.ImportFrom) and node.module:
-        if not (typing and node.module == CONTRACT):
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+    of_contract = typing and isinstance(node, ast.ImportFrom) and node.module == CONTRACT
+    if isinstance(node, ast.ImportFrom) and node.module and not of_contract:
+        yield from (f"{node.module}.{alias.name}" for alias in node.names)
     for child in ast.iter_child_nodes(node):
         of_types = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test)
         yield from _imported(child, typing or of_types)
