@@ -25,14 +25,12 @@ from hcbench.cli._process import (
     wrap_stdio,
 )
 from hcbench.cli.cases import cases
-from hcbench.cli.check import check, measure, pairs
+from hcbench.cli.check import check, land, measure, pairs
 from hcbench.cli.console import beyond_bounds_option
-from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
 from hcbench.cli.help import START, VARIABLE, completion, described, group
-from hcbench.cli.land import land
-from hcbench.cli.law import law
+from hcbench.cli.law import convert, law
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
 from hcbench.system.errors import LONGEST, HcbenchError, UserError

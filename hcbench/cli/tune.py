@@ -22,8 +22,8 @@ from hcbench.cli.console import (
     options,
     output_option,
 )
-from hcbench.cli.convert import spring_options
 from hcbench.cli.help import command
+from hcbench.cli.law import spring_options
 from hcbench.system.errors import UserError
 from hcbench.terms.bounds import BOUNDS
 

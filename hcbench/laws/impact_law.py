@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.laws import closed_form, hertz
-from hcbench.laws.conventions import SOLVERS_OF_NEWTON
+from hcbench.laws.conventions import SOLVERS_OF_NEWTON, AdamsImpact, NewtonSpring
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.system.errors import UserError
 from hcbench.system.notebook import Drawn
 from hcbench.terms import units

@@ -20,7 +20,6 @@ from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels, opener
 from hcbench.sim.columns import Impacts
 from hcbench.sim.engine import SteppedEngine
-from hcbench.sim.parallel import BatchWorld, require_motion
 from hcbench.sim.read_impact import (
     NEVER,
     Reading,
@@ -30,7 +29,7 @@ from hcbench.sim.read_impact import (
     reader,
     rule_for,
 )
-from hcbench.sim.scripted import PythonLaw, python_law_of
+from hcbench.sim.scripted import BatchWorld, PythonLaw, python_law_of, require_motion
 from hcbench.system.errors import EngineFailed, SettingError
 from hcbench.terms.setting import PAIR
 

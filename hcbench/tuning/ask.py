@@ -46,8 +46,8 @@ from hcbench.tuning.model import LIMIT_S, tune_job
 from hcbench.tuning.tuned_model import TunedModel
 
 if TYPE_CHECKING:
+    from hcbench.laws.conventions import AdamsImpact, NewtonSpring
     from hcbench.laws.impact_law import Adams, Newton
-    from hcbench.laws.penalty import AdamsImpact, NewtonSpring
     from hcbench.terms.scene import Scene
 
     Points = Sequence[tuple[float, float]]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.laws.penalty import AdamsImpact, NewtonSpring
+from hcbench.laws.conventions import AdamsImpact, NewtonSpring
 from hcbench.laws.require import require
 from hcbench.laws.restitution import MeasuredRestitution, RestitutionCurve
 from hcbench.measuring.curve import curve_of, impacts_of

@@ -21,7 +21,7 @@ from hcbench.recipes.target import Target
 from hcbench.sim import registry
 from hcbench.sim.columns import Launches
 from hcbench.sim.convert import convert
-from hcbench.sim.parallel import require_motion
+from hcbench.sim.scripted import require_motion
 from hcbench.system.errors import CannotRun, SceneError, SettingError, UserError
 from hcbench.terms import units
 from hcbench.terms.impact import Floats, Launch

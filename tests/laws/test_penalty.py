@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from hcbench import cli
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
-from hcbench.laws.penalty import AdamsImpact, NewtonSpring
+from hcbench.laws.conventions import AdamsImpact, NewtonSpring
 from hcbench.sim.convert import convert
 from hcbench.system.errors import UserError
 from hcbench.tuning.ask import make_target

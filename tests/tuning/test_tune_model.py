@@ -14,7 +14,7 @@ from long_searches import long_search
 import hcbench as hb
 from hcbench import engine
 from hcbench.cli import run
-from hcbench.laws.penalty import NewtonSpring
+from hcbench.laws.conventions import NewtonSpring
 from hcbench.measuring import Wanted, measure
 from hcbench.measuring.request import make_request
 from hcbench.sim.capabilities import TunesModels

@@ -24,8 +24,8 @@ from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
-from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu
 from hcbench.sim.read_impact import Reading, reader
+from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu
 from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import SceneError, SettingError
 from hcbench.system.files import user_folder

@@ -319,8 +319,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
 
         recorded: qpos (n, nq) and qvel (n, nv), SI, and time (n,), s, where it is known.
         """
+        from hcbench.engines.mujoco.model.landing import touchdowns
         from hcbench.engines.mujoco.model.open import load as load_user_model
-        from hcbench.engines.mujoco.model.touchdowns import touchdowns
 
         model, label, _ = load_user_model(_one_file(source), request)
         return touchdowns(model, label, request, recorded)

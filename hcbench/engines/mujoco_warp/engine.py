@@ -26,8 +26,8 @@ from hcbench.recipes.recipe import Integrators
 from hcbench.recipes.target import Target
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
-from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu, run_lines
 from hcbench.sim.read_impact import EACH, WHOLE, Reading, Rule, reader
+from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu, run_lines
 from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import EngineFailed, SceneError
 from hcbench.terms.setting import PAIR

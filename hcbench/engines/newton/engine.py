@@ -17,8 +17,7 @@ from hcbench.recipes.recipe import Role, on_a_plane, stock
 from hcbench.recipes.target import Target
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
-from hcbench.sim.parallel import ScriptedWorldsEngine
-from hcbench.sim.scripted import ScriptOptions
+from hcbench.sim.scripted import ScriptedWorldsEngine, ScriptOptions
 from hcbench.sim.shared_model import changed, shared_recipes
 from hcbench.system.errors import SettingError
 from hcbench.system.text import arguments, shortest

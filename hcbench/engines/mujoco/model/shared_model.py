@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.model.opened_model import LaunchWorkspace
+from hcbench.engines.mujoco.model.open import LaunchWorkspace
 from hcbench.engines.mujoco.model.pair_reader import with_kinematics
 from hcbench.engines.mujoco.model.simulation import Flights, MujocoFlight
 from hcbench.engines.mujoco.scene.shared_scene import differences, rounded_adhesion
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
-from hcbench.sim.parallel import require_motion_at, unit_in_last_place
 from hcbench.sim.read_impact import NOT_FINITE
+from hcbench.sim.scripted import require_motion_at, unit_in_last_place
 from hcbench.terms.impact import Impact, Launch
 from hcbench.terms.resolution import ROUND_OFF_SOLVED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from hcbench.engines.mujoco.model.opened_model import OpenedModel
+    from hcbench.engines.mujoco.model.open import OpenedModel
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.shared_model import Copies, SharedModelEngine
     from hcbench.sim.world import Flags, Record

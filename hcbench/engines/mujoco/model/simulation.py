@@ -9,7 +9,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
 from hcbench.engines.mujoco.model.bodies import geom_name
-from hcbench.engines.mujoco.model.opened_model import LaunchWorkspace, copy_state
+from hcbench.engines.mujoco.model.open import LaunchWorkspace, copy_state
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate, PairReader, with_kinematics
 from hcbench.engines.mujoco.model.speed_shares import SpeedShares, strange_share
 from hcbench.sim.world import Record, Simulation
@@ -18,7 +18,7 @@ from hcbench.terms.impact import TANGENTIAL_ROWS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.engines.mujoco.model.opened_model import OpenedModel
+    from hcbench.engines.mujoco.model.open import OpenedModel
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Floats, Launch
 

@@ -17,7 +17,7 @@ from hcbench.terms.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.engines.mujoco.model.opened_model import OpenedModel
+    from hcbench.engines.mujoco.model.open import OpenedModel
     from hcbench.terms.impact import Floats
 
 # The slope, rad.
