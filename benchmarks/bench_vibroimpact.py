@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hcbench.paper import approximations
+from hcbench.paper import constants
 from hcbench.paper.vibroimpact.response import orbits
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 
 GAP, FORCE, BAND = 1.5e-3, 150.0, (60.0, 120.0)
-LAW = approximations.law(approximations.ALPHAS[-1])
-SYSTEM = VibroImpact(approximations.MASS, GAP, LAW, LAW)
+LAW = constants.law(constants.ALPHAS[-1])
+SYSTEM = VibroImpact(constants.MASS, GAP, LAW, LAW)
 
 
 def picture(values: int, cycles: int, jobs: int) -> float:
@@ -51,7 +51,7 @@ def plain(cycles: int) -> float:
 
 
 def _plain_run(f: float, cycles: int) -> None:
-    half, a, k, m = GAP / 2, LAW.dissipation, LAW.stiffness, approximations.MASS
+    half, a, k, m = GAP / 2, LAW.dissipation, LAW.stiffness, constants.MASS
 
     def rate(t: float, y: np.ndarray) -> list[float]:
         right, left = max(y[0] - half, 0.0), max(-y[0] - half, 0.0)
