@@ -29,7 +29,8 @@ from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.scene import load_scene
 from hcbench.tuning.model import snippet
-from hcbench.tuning.tune import Tuned, tune
+from hcbench.tuning.tune import tune
+from hcbench.tuning.tuned import Tuned
 
 SCENE = load_scene("steel-plane")
 ALPHA, BAND, MU, DROP = 0.315, (0.1, 3.0), 0.5, 0.02
