@@ -13,6 +13,8 @@ NEWEST := .venv-newest
 MODELS := .venv-models
 MUJOCOS := 3.5.0 3.6.0 3.7.0 3.8.0 3.9.0 3.10.0 3.11.0  # beside the installed one
 ENGINES := .venv-engines
+# A tester waits a quarter of its time for processes that tests start: three keep two cores at work.
+TESTERS := 3
 COMPILE = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet --custom-compile-command "make lock"
 # A new environment with uv of the lock, by pip, which installs the rest in a fifth of pip's time.
@@ -36,7 +38,7 @@ report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, 
 	esac
 
 test: check  ## lint, types, then every test
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n $(TESTERS) --dist loadfile
 
 test-all: $(INSTALLED)  ## every test that this environment can run, the long ones too
 	HCBENCH_ANSWERS=1 HCBENCH_PLUGINS=1 HCBENCH_PYTHONS=1 HCBENCH_SEARCHES=1 $(BIN)/python -m pytest -n 2 --dist loadfile
