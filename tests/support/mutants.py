@@ -337,7 +337,7 @@ MUTANTS = (
         ("tests/engines/bullet/test_measure_pybullet.py",),
     ),
     Mutant(
-        "engines/pybullet/recipes/__init__.py",
+        "engines/pybullet/recipes.py",
         "_exact_above",
         "0.75 * e**2",
         "0.25 * e**2",
