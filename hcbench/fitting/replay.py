@@ -90,7 +90,7 @@ class Replay:
 def replay(touches: TouchTimes, target: Target, engine: str, recipe: str = "auto") -> Replay:
     """Tune an engine to a fit, as `hcbench tune` does, and simulate the recorded drop.
 
-    target: the fitted law, as `target_of` has it. Where the setting that `tune` chooses is more
+    target: the fitted law, by `target_of`. Where the setting that `tune` chooses is more
     than 60 ms off, the recipes with a contact plug-in are tried, and the nearest is taken. Raises
     UserError for fewer than 4 touches in a row.
     """
