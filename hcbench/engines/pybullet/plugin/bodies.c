@@ -11,13 +11,14 @@ typedef struct {
 
 typedef struct {
   int id, links, stale, freedoms, is_tree, placed; /* no freedoms: it cannot move; placed: its position matters */
-  int struck; /* before this impact */
   long tick;
   link_state *base, *link; /* base = link - 1 */
   /* of a tree: each freedom's link, and its twist (angular velocity, velocity at the origin) */
   int* owner;
   double (*twist_w)[3], (*twist_v)[3], *inverse_mass, *falling;
 } body;
+
+enum { NUMBERS_ROOM = 1 << 22 }; /* bytes, for the numbers of a million bodies and constraints */
 
 typedef struct { /* what one step pushed, for the substeps that come after */
   int body, link;
@@ -31,14 +32,16 @@ typedef struct block {
 } block;
 
 typedef struct {
-  void *client, *server, *status;
+  void *client, *server;
+  b3Status* status;
+  int* numbers; /* of all bodies and constraints */
   b3State* state;
   body** bodies;
   struct law* laws;
   pushed* pushes;
   block* memory;
   struct contact* contacts;
-  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, outdated;
+  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, outdated, is_erp_less;
   long tick;
   double h, gravity[3], contact_erp;
   char message[1024];
@@ -89,13 +92,18 @@ static void free_taken(world* w) {
 
 static void* send(const world* w, void* command) { return b3SubmitClientCommandAndWaitStatus(w->client, command); }
 
-/* The state of a body into w->state: past Bullet's client, which would copy 30 kB of it twice. */
+/* Past Bullet's client, which would copy or ask for much more: the server's answer into w->status and `stream`. */
+static void process(const world* w, void* command, void* stream, int room) {
+  typedef unsigned char (*processor)(void*, const void*, void*, char*, int);
+  (*(processor**)w->server)[PROCESS_COMMAND](w->server, command, w->status, stream, room);
+}
+
+/* The state of a body into w->state. */
 static int request_state(world* w, const body* b) {
-  typedef unsigned char (*process)(void*, const void*, void*, char*, int);
   void* command = b3RequestActualStateCommandInit(w->client, b->id);
   b3RequestActualStateCommandComputeLinkVelocity(command, b->links > 0);
   b3RequestActualStateCommandComputeForwardKinematics(command, b->links > 0);
-  (*(process**)w->server)[PROCESS_COMMAND](w->server, command, w->status, (char*)w->state, sizeof(b3State));
+  process(w, command, w->state, sizeof(b3State));
   return b3GetStatusType(w->status) == STATE_COMPLETED;
 }
 
@@ -171,19 +179,6 @@ static void forget_body(world* w, int id) {
   free(w->bodies[id]->falling);
   free(w->bodies[id]);
   w->bodies[id] = NULL;
-}
-
-/* The number of a constraint that holds a body, -1 without one: Bullet tells this client of them along with all bodies. */
-static int constraint_of(world* w, int id) {
-  b3Constraint held;
-  send(w, b3InitSyncBodyInfoCommand(w->client));
-  w->outdated = 0;
-  for (int i = 0; i < b3GetNumUserConstraints(w->client); i++) {
-    int number = b3GetUserConstraintId(w->client, i);
-    int known = b3GetUserConstraintInfo(w->client, number, &held);
-    if (known && (held.body[0] == id || held.body[2] == id)) return number;
-  }
-  return -1;
 }
 
 static int carries(const body* b, int owner, int link) {
@@ -284,30 +279,40 @@ static void velocity_at(const body* b, int link, const double* point, double* ou
   for (int i = 0; i < 3; i++) out[i] += l->motion[i];
 }
 
-/* The row of the Jacobian of a point's velocity along a direction, times `sign`; and M^-1 times it. */
-static void make_row(const body* b, int link, const double* point, const double* direction, double sign,
-                     double* row, double* solved) {
+/* The row of the Jacobian of a link's rate along a force on its centre of mass and a torque, times `sign`; and M^-1 times
+   it. */
+static void make_row(const body* b, int link, const double* force, const double* torque, double sign, double* row,
+                     double* solved) {
   const link_state* l = b->link + link;
   int n = b->freedoms;
-  double moment[3], arm[3] = {point[0] - l->pose[0], point[1] - l->pose[1], point[2] - l->pose[2]};
+  double moment[3];
   if (!b->is_tree && n) {
-    cross(arm, direction, moment);
-    rotate(l->pose + 3, moment, -1, row + 3);
+    rotate(l->pose + 3, torque, -1, row + 3);
     for (int i = 0; i < 3; i++) {
-      row[i] = sign * direction[i];
+      row[i] = sign * force[i];
       row[3 + i] *= sign;
       solved[i] = row[i] / l->info.mass;
       solved[3 + i] = l->info.inertia[i] > 0 ? row[3 + i] / l->info.inertia[i] : 0;
     }
     return;
   }
-  cross(point, direction, moment);
+  cross(l->pose, force, moment);
+  for (int i = 0; i < 3; i++) moment[i] += torque[i];
   for (int k = 0; k < n; k++) {
-    double rate = dot(b->twist_v[k], direction) + dot(b->twist_w[k], moment);
+    double rate = dot(b->twist_v[k], force) + dot(b->twist_w[k], moment);
     row[k] = carries(b, b->owner[k], link) ? sign * rate : 0;
   }
   for (int k = 0; k < n; k++) {
     solved[k] = 0;
     for (int j = 0; j < n; j++) solved[k] += b->inverse_mass[k * n + j] * row[j];
   }
+}
+
+/* The same for the rate of a point along a direction. */
+static void make_point_row(const body* b, int link, const double* point, const double* direction, double sign, double* row,
+                           double* solved) {
+  const double* centre = b->link[link].pose;
+  double moment[3], arm[3] = {point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]};
+  cross(arm, direction, moment);
+  make_row(b, link, direction, moment, sign, row, solved);
 }

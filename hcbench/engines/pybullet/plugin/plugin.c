@@ -25,6 +25,7 @@
 
 #include "force.c"
 #include "inertia.c"
+#include "held.c"
 #include "options.c"
 #include "restitution.c"
 
@@ -153,6 +154,7 @@ int initPlugin(b3Context* context) {
   w->client = context->client;
   w->server = context->server;
   w->status = calloc(1, 1 << 20);
+  w->numbers = malloc(NUMBERS_ROOM);
   w->state = calloc(1, sizeof(b3State));
   context->user = w;
   return PROTOCOL;
@@ -169,6 +171,7 @@ void exitPlugin(b3Context* context) {
   free(w->bodies);
   free(w->laws);
   free(w->status);
+  free(w->numbers);
   free(w->state);
   free(w);
   context->user = NULL;
@@ -247,6 +250,11 @@ int preTickPluginCallback(b3Context* context) {
   add_forces(w);
   add_impacts(w);
   w->is_substep = 1;
+  return 0;
+}
+
+int postTickPluginCallback(b3Context* context) {
+  if (context->user) restore_contact_erp(context->user);
   return 0;
 }
 
