@@ -9,6 +9,7 @@ typedef struct {
   int *part, *place;  /* of each body: its part, -1 without one; where its freedoms begin in it */
   int* count;         /* of each part: its independent rows ... */
   double ***E, ***EB; /* ... and M^-1 of each, so that E M^-1 E^T = 1 */
+  double **drift;     /* E v: what bodies that turn have moved out of the rows since Bullet's last step */
 } held_parts;
 
 static int size_of(const held_parts* t, int part) { return t->at[part + 1] - t->at[part]; }
@@ -84,13 +85,15 @@ static void hold(const held_parts* t, int part, double* v) {
 static void add_row(world* w, held_parts* t, int part, const b3Constraint* c, const double (*pivot)[3], const double* force,
                     const double* torque) {
   int size = size_of(t, part), k = t->count[part];
-  double *e = take(w, 2 * (size_t)size), *b = e + size, own = 0, left = 0;
+  double *e = take(w, 2 * (size_t)size), *b = e + size, own = 0, left = 0, drift = 0;
   memset(e, 0, 2 * (size_t)size * sizeof(double));
   for (int side = 0; side < 2; side++) {
     const body* one = held_body(w, c, side);
     if (!one || !one->freedoms) continue;
-    double *row = take(w, 2 * (size_t)one->freedoms), *solved = row + one->freedoms, arm[3], moment[3];
+    double *row = take(w, 2 * (size_t)one->freedoms), *solved = row + one->freedoms, arm[3], moment[3], rate[3];
     int link = c->body[2 * side + 1], place = t->place[one->id];
+    velocity_at(one, link, pivot[side], rate);
+    drift += (side ? -1 : 1) * (dot(force, rate) + dot(torque, one->link[link].motion + 3));
     for (int i = 0; i < 3; i++) arm[i] = pivot[side][i] - one->link[link].pose[i];
     cross(arm, force, moment);
     for (int i = 0; i < 3; i++) moment[i] += torque[i];
@@ -102,12 +105,14 @@ static void add_row(world* w, held_parts* t, int part, const b3Constraint* c, co
     double along = 0;
     for (int j = 0; j < size; j++) along += e[j] * t->EB[part][i][j];
     for (int j = 0; j < size; j++) e[j] -= along * t->E[part][i][j], b[j] -= along * t->EB[part][i][j];
+    drift -= along * t->drift[part][i];
   }
   for (int j = 0; j < size; j++) left += e[j] * b[j];
   if (!(left > HCB_REDUNDANT * own)) return;
   for (int j = 0; j < size; j++) e[j] /= sqrt(left), b[j] /= sqrt(left);
   t->E[part][k] = e;
   t->EB[part][k] = b;
+  t->drift[part][k] = drift / sqrt(left);
   t->count[part]++;
 }
 
@@ -140,6 +145,7 @@ static held_parts find_parts(world* w, int n, const b3Constraint* held, int held
   t.count = take_ints(w, t.parts);
   t.E = (double***)take(w, 2 * (size_t)t.parts);
   t.EB = t.E + t.parts;
+  t.drift = (double**)take(w, t.parts);
   memset(t.count, 0, t.parts * sizeof(int));
   for (int way = 0; way < 2; way++) { /* counts the rows, then takes room for them and makes them */
     for (int i = 0; i < held_count; i++) {
@@ -155,10 +161,19 @@ static held_parts find_parts(world* w, int n, const b3Constraint* held, int held
     for (int q = 0; q < t.parts && !way; q++) {
       t.E[q] = (double**)take(w, 2 * (size_t)t.count[q]);
       t.EB[q] = t.E[q] + t.count[q];
+      t.drift[q] = take(w, t.count[q]);
       t.count[q] = 0;
     }
   }
   return t;
+}
+
+/* Adds to a part's velocities what brings it back into its rows, as Bullet's solver will: an impact from drifted velocities
+   could gain energy, by the work of what holds. */
+static void bring_back(const held_parts* t, int part, double* v) {
+  for (int k = 0; k < t->count[part]; k++) {
+    for (int j = 0; j < size_of(t, part); j++) v[j] -= t->drift[part][k] * t->EB[part][k][j];
+  }
 }
 
 /* Pushes a body by an impulse on each of its freedoms: on joints as a pair, on the link and the one that carries it. */
@@ -195,7 +210,7 @@ static void push_held(world* w, const held_parts* t, int part, const double* imp
   for (int k = 0; k < t->count[part]; k++) {
     double along = 0;
     for (int j = 0; j < size; j++) along += t->EB[part][k][j] * impulse[j];
-    for (int j = 0; j < size; j++) answer[j] -= along * t->E[part][k][j];
+    for (int j = 0; j < size; j++) answer[j] -= (t->drift[part][k] + along) * t->E[part][k][j];
   }
   for (int id = 0; id < w->body_count; id++) {
     if (w->bodies[id] && w->bodies[id]->freedoms && t->part[id] == part) push_freedoms(w, w->bodies[id], answer + t->place[id]);

@@ -266,7 +266,9 @@ static void go_on(world* w, const hcb_system* s, const double* p, const held_par
     }
   }
   for (int q = 0; q < t->parts; q++) {
-    if (by[q]) push_held(w, t, q, impulse + t->at[q]);
+    if (!by[q]) continue;
+    bring_back(t, q, change + t->at[q]);
+    push_held(w, t, q, impulse + t->at[q]);
   }
   for (int id = 0; id < w->body_count; id++) {
     const body* b = w->bodies[id];
@@ -303,15 +305,17 @@ static void add_impacts(world* w) {
   held_parts t = find_parts(w, n, held, held_count);
   hcb_rows* rows = (hcb_rows*)take(w, (size_t)n * sizeof(hcb_rows) / sizeof(double) + 1);
   hcb_system s = {n, t.parts, t.at, rows, c};
-  double *u = take(w, 6 * (size_t)n), *p = u + 3 * (size_t)n, *falling = falling_of(w, &t);
+  double *u = take(w, 6 * (size_t)n), *p = u + 3 * (size_t)n, *falling = falling_of(w, &t), *back = take(w, t.at[t.parts]);
+  memset(back, 0, t.at[t.parts] * sizeof(double));
+  for (int q = 0; q < t.parts; q++) bring_back(&t, q, back + t.at[q]);
   for (int i = 0; i < n; i++) {
     rows[i] = rows_of(w, all + i, &t);
-    double fall[3];
+    all[i].fall = -rate_of(&s, i, 0, falling);
     for (int k = 0; k < 3; k++) {
-      fall[k] = -rate_of(&s, i, k, falling);
-      u[3 * i + k] = own_mobility(&t, rows + i, k) > 0 ? all[i].rate[k] - w->h / 2 * fall[k] : 0;
+      int is_free = own_mobility(&t, rows + i, k) > 0;
+      all[i].rate[k] = is_free ? all[i].rate[k] + rate_of(&s, i, k, back) : 0;
+      u[3 * i + k] = all[i].rate[k] + w->h / 2 * rate_of(&s, i, k, falling);
     }
-    all[i].fall = fall[0];
     if (held_count) set_impact(w, all + i, c + i);
   }
   hcb_impacts(&s, u, p, take(w, hcb_impacts_work(n, t.parts, t.at[t.parts])));
