@@ -6,7 +6,9 @@ typedef struct {
   b3DynamicsInfo info;
   int parent, joint;
   double axis[3], pivot[3]; /* of its joint, in the frame of its centre of mass */
-  double pose[7], motion[6]; /* position, quaternion; velocity, angular velocity */
+  double lower, upper, position; /* of a joint; lower > upper: no limits. Bullet tells of a later change only by all bodies */
+  double pose[7], motion[6];     /* position, quaternion; velocity, angular velocity */
+  int q_index;
 } link_state;
 
 typedef struct {
@@ -31,6 +33,15 @@ typedef struct block {
   double data[];
 } block;
 
+typedef struct { /* impacts, until the next ones */
+  hcb_system system;
+  const double *rate, *impulse; /* before them; of them */
+  const int *part, *place;      /* of each body, as `held_parts` has them */
+  struct law** struck;          /* of each part: a law that struck it, or NULL */
+  int bodies;
+  long tick;
+} last_impacts;
+
 typedef struct {
   void *client, *server;
   b3Status* status;
@@ -42,6 +53,7 @@ typedef struct {
   block* memory;
   struct contact* contacts;
   int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, outdated, is_erp_less;
+  last_impacts last;
   long tick;
   double h, gravity[3], contact_erp;
   char message[1024];
@@ -138,6 +150,9 @@ static int read_body(world* w, body* b) {
     b3GetJointInfo(w->client, b->id, i, &joint);
     l->joint = joint.type;
     l->parent = joint.parent;
+    l->lower = joint.lower;
+    l->upper = joint.upper;
+    l->q_index = joint.q_index;
     memcpy(l->axis, joint.axis, sizeof(l->axis));
     for (int k = 0; k < 3; k++) back[k] = -l->info.frame[k];
     rotate(l->info.frame + 3, back, -1, l->pivot);
@@ -265,6 +280,7 @@ static body* refreshed(world* w, int id) {
   for (int i = 0; i < b->links; i++) {
     memcpy(b->link[i].pose, w->state->link[i], sizeof(b->base->pose));
     memcpy(b->link[i].motion, w->state->velocity[i], sizeof(b->base->motion));
+    if (b->link[i].joint <= PRISMATIC) b->link[i].position = w->state->q[b->link[i].q_index];
   }
   if (b->is_tree) read_tree(w, b);
   if (!b->is_tree) memcpy(b->falling, w->gravity, sizeof(w->gravity));

@@ -9,7 +9,7 @@ typedef struct law {
   hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
   hcb_contact impact;                 /* of a restitution law */
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
-  int warned, lifted, held; /* what was named: a body that is too fast, an overlap that Bullet lifts, a constraint */
+  int warned, lifted, held, pressed; /* what was named: a fast body, an overlap lifted, a constraint, a motor or limit */
   char text[1024];                    /* of the command that added it */
   int shape[2];                       /* SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
   double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre */

@@ -23,10 +23,12 @@
 #include "bodies.c"
 #include "contacts.c"
 
+#include "options.c"
+
 #include "force.c"
 #include "inertia.c"
 #include "held.c"
-#include "options.c"
+#include "motors.c"
 #include "restitution.c"
 
 /* A single sphere, plane or box in the middle of its link: what `exact_point` can do. */
@@ -254,7 +256,10 @@ int preTickPluginCallback(b3Context* context) {
 }
 
 int postTickPluginCallback(b3Context* context) {
-  if (context->user) restore_contact_erp(context->user);
+  world* w = context->user;
+  if (!w || w->law_count == 0) return 0;
+  restore_contact_erp(w);
+  name_motors(w);
   return 0;
 }
 

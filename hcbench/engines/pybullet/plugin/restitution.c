@@ -247,8 +247,8 @@ static void name_fast(world* w, law* l, const body* b, double turn, double rate)
        b->id, turn, w->h, w->h * HCB_FAST / turn);
 }
 
-/* Lets struck bodies go on from their velocities after the impacts p, held together as they are. */
-static void go_on(world* w, const hcb_system* s, const double* p, const held_parts* t) {
+/* Lets struck bodies go on from their velocities after the impacts p, of rates u before, held together as they are. */
+static void go_on(world* w, const hcb_system* s, const double* u, const double* p, const held_parts* t) {
   size_t size = t->at[t->parts];
   double *change = take(w, 2 * size), *impulse = change + size;
   law** by = (law**)take(w, t->parts);
@@ -270,12 +270,15 @@ static void go_on(world* w, const hcb_system* s, const double* p, const held_par
     bring_back(t, q, change + t->at[q]);
     push_held(w, t, q, impulse + t->at[q]);
   }
+  w->last = (last_impacts){*s, u, p, t->part, t->place, by, w->body_count, w->tick};
   for (int id = 0; id < w->body_count; id++) {
     const body* b = w->bodies[id];
     law* l = b && b->freedoms && t->part[id] >= 0 ? by[t->part[id]] : NULL;
     if (!l) continue;
-    double rate = 0, turn = go_on_from(w, b, change + t->at[t->part[id]] + t->place[id], &rate);
+    const double* own = change + t->at[t->part[id]] + t->place[id];
+    double rate = 0, turn = go_on_from(w, b, own, &rate);
     name_fast(w, l, b, turn, rate);
+    if (b->is_tree) name_stops(w, b, own);
   }
 }
 
@@ -318,6 +321,8 @@ static void add_impacts(world* w) {
     }
     if (held_count) set_impact(w, all + i, c + i);
   }
+  double* came = take(w, 3 * (size_t)n);
+  memcpy(came, u, 3 * (size_t)n * sizeof(double));
   hcb_impacts(&s, u, p, take(w, hcb_impacts_work(n, t.parts, t.at[t.parts])));
   for (int i = 0; i < n; i++) {
     double force[3] = {0, 0, 0};
@@ -326,5 +331,5 @@ static void add_impacts(world* w) {
     push_both(w, all + i, force);
     all[i].of->force += p[3 * i] / w->h;
   }
-  go_on(w, &s, p, &t);
+  go_on(w, &s, came, p, &t);
 }
