@@ -7,6 +7,7 @@
 #define HCB_STILL 1.1 /* steps of falling whose speed counts as rest */
 #define HCB_CUT 100   /* rad/s, where Bullet cuts the rates of jointed bodies, unless maxJointVelocity is larger */
 #define HCB_THROW 0.05 /* m/s: where contactERP lifts an overlap more slowly, it seldom gains 0.1 % of the energy */
+#define HCB_SAG 4     /* steps of falling that what rests may overlap by */
 #define HCB_LIFT 3e-4 /* m/s: what contactERP lifts so slowly gains g times that a second, 3e-3 J/kg */
 #define HCB_NEAR 4    /* contacts farther than so many steps of the fastest one have no part in what happens */
 
@@ -99,16 +100,16 @@ static void set_contact_erp(world* w, double value) {
   send(w, command);
 }
 
-/* contactERP throws pairs with a law out of their overlap, by energy that comes from nowhere: lets it lift them slowly. Bullet
+/* contactERP throws pairs with a law out of a deep overlap, by energy that comes from nowhere: lets it lift them slowly. Bullet
    has one for all pairs: so it is smaller for this (sub)step, where it lifts no pair without a law, and as it was before
-   anyone can ask. Names a pair once where it stays as it is. */
+   anyone can ask. Stacks need it whole, and overlap by about a step of falling. Names a pair once where it stays whole. */
 static void lift_slowly(world* w, int count) {
   const contact* deepest = w->contacts;
   for (int i = 1; i < count; i++) {
     if (w->contacts[i].distance < deepest->distance) deepest = w->contacts + i;
   }
-  double fastest = lift_of(w, deepest->distance);
-  if (fastest <= HCB_LIFT) return;
+  double fastest = lift_of(w, deepest->distance), shallow = HCB_SAG * w->h * w->h * sqrt(dot(w->gravity, w->gravity));
+  if (-deepest->distance <= shallow || fastest <= HCB_LIFT) return;
   if (!lifts_others(w)) {
     set_contact_erp(w, w->contact_erp * HCB_LIFT / fastest);
     w->is_erp_less = 1;
