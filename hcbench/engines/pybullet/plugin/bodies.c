@@ -6,18 +6,21 @@ typedef struct {
   b3DynamicsInfo info;
   int parent, joint;
   double axis[3], pivot[3]; /* of its joint, in the frame of its centre of mass */
-  double pose[7], motion[6]; /* position, quaternion; velocity, angular velocity */
+  double lower, upper, position; /* of a joint; lower > upper: no limits. Bullet tells of a later change only by all bodies */
+  double pose[7], motion[6];     /* position, quaternion; velocity, angular velocity */
+  int q_index;
 } link_state;
 
 typedef struct {
   int id, links, stale, freedoms, is_tree, placed; /* no freedoms: it cannot move; placed: its position matters */
-  int struck; /* before this impact */
   long tick;
   link_state *base, *link; /* base = link - 1 */
   /* of a tree: each freedom's link, and its twist (angular velocity, velocity at the origin) */
   int* owner;
   double (*twist_w)[3], (*twist_v)[3], *inverse_mass, *falling;
 } body;
+
+enum { NUMBERS_ROOM = 1 << 22 }; /* bytes, for the numbers of a million bodies and constraints */
 
 typedef struct { /* what one step pushed, for the substeps that come after */
   int body, link;
@@ -30,15 +33,27 @@ typedef struct block {
   double data[];
 } block;
 
+typedef struct { /* impacts, until the next ones */
+  hcb_system system;
+  const double *rate, *impulse; /* before them; of them */
+  const int *part, *place;      /* of each body, as `held_parts` has them */
+  struct law** struck;          /* of each part: a law that struck it, or NULL */
+  int bodies;
+  long tick;
+} last_impacts;
+
 typedef struct {
-  void *client, *server, *status;
+  void *client, *server;
+  b3Status* status;
+  int* numbers; /* of all bodies and constraints */
   b3State* state;
   body** bodies;
   struct law* laws;
   pushed* pushes;
   block* memory;
   struct contact* contacts;
-  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, outdated;
+  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, outdated, is_erp_less;
+  last_impacts last;
   long tick;
   double h, gravity[3], contact_erp;
   char message[1024];
@@ -89,13 +104,18 @@ static void free_taken(world* w) {
 
 static void* send(const world* w, void* command) { return b3SubmitClientCommandAndWaitStatus(w->client, command); }
 
-/* The state of a body into w->state: past Bullet's client, which would copy 30 kB of it twice. */
+/* Past Bullet's client, which would copy or ask for much more: the server's answer into w->status and `stream`. */
+static void process(const world* w, void* command, void* stream, int room) {
+  typedef unsigned char (*processor)(void*, const void*, void*, char*, int);
+  (*(processor**)w->server)[PROCESS_COMMAND](w->server, command, w->status, stream, room);
+}
+
+/* The state of a body into w->state. */
 static int request_state(world* w, const body* b) {
-  typedef unsigned char (*process)(void*, const void*, void*, char*, int);
   void* command = b3RequestActualStateCommandInit(w->client, b->id);
   b3RequestActualStateCommandComputeLinkVelocity(command, b->links > 0);
   b3RequestActualStateCommandComputeForwardKinematics(command, b->links > 0);
-  (*(process**)w->server)[PROCESS_COMMAND](w->server, command, w->status, (char*)w->state, sizeof(b3State));
+  process(w, command, w->state, sizeof(b3State));
   return b3GetStatusType(w->status) == STATE_COMPLETED;
 }
 
@@ -130,6 +150,9 @@ static int read_body(world* w, body* b) {
     b3GetJointInfo(w->client, b->id, i, &joint);
     l->joint = joint.type;
     l->parent = joint.parent;
+    l->lower = joint.lower;
+    l->upper = joint.upper;
+    l->q_index = joint.q_index;
     memcpy(l->axis, joint.axis, sizeof(l->axis));
     for (int k = 0; k < 3; k++) back[k] = -l->info.frame[k];
     rotate(l->info.frame + 3, back, -1, l->pivot);
@@ -171,19 +194,6 @@ static void forget_body(world* w, int id) {
   free(w->bodies[id]->falling);
   free(w->bodies[id]);
   w->bodies[id] = NULL;
-}
-
-/* The number of a constraint that holds a body, -1 without one: Bullet tells this client of them along with all bodies. */
-static int constraint_of(world* w, int id) {
-  b3Constraint held;
-  send(w, b3InitSyncBodyInfoCommand(w->client));
-  w->outdated = 0;
-  for (int i = 0; i < b3GetNumUserConstraints(w->client); i++) {
-    int number = b3GetUserConstraintId(w->client, i);
-    int known = b3GetUserConstraintInfo(w->client, number, &held);
-    if (known && (held.body[0] == id || held.body[2] == id)) return number;
-  }
-  return -1;
 }
 
 static int carries(const body* b, int owner, int link) {
@@ -270,6 +280,7 @@ static body* refreshed(world* w, int id) {
   for (int i = 0; i < b->links; i++) {
     memcpy(b->link[i].pose, w->state->link[i], sizeof(b->base->pose));
     memcpy(b->link[i].motion, w->state->velocity[i], sizeof(b->base->motion));
+    if (b->link[i].joint <= PRISMATIC) b->link[i].position = w->state->q[b->link[i].q_index];
   }
   if (b->is_tree) read_tree(w, b);
   if (!b->is_tree) memcpy(b->falling, w->gravity, sizeof(w->gravity));
@@ -284,30 +295,40 @@ static void velocity_at(const body* b, int link, const double* point, double* ou
   for (int i = 0; i < 3; i++) out[i] += l->motion[i];
 }
 
-/* The row of the Jacobian of a point's velocity along a direction, times `sign`; and M^-1 times it. */
-static void make_row(const body* b, int link, const double* point, const double* direction, double sign,
-                     double* row, double* solved) {
+/* The row of the Jacobian of a link's rate along a force on its centre of mass and a torque, times `sign`; and M^-1 times
+   it. */
+static void make_row(const body* b, int link, const double* force, const double* torque, double sign, double* row,
+                     double* solved) {
   const link_state* l = b->link + link;
   int n = b->freedoms;
-  double moment[3], arm[3] = {point[0] - l->pose[0], point[1] - l->pose[1], point[2] - l->pose[2]};
+  double moment[3];
   if (!b->is_tree && n) {
-    cross(arm, direction, moment);
-    rotate(l->pose + 3, moment, -1, row + 3);
+    rotate(l->pose + 3, torque, -1, row + 3);
     for (int i = 0; i < 3; i++) {
-      row[i] = sign * direction[i];
+      row[i] = sign * force[i];
       row[3 + i] *= sign;
       solved[i] = row[i] / l->info.mass;
       solved[3 + i] = l->info.inertia[i] > 0 ? row[3 + i] / l->info.inertia[i] : 0;
     }
     return;
   }
-  cross(point, direction, moment);
+  cross(l->pose, force, moment);
+  for (int i = 0; i < 3; i++) moment[i] += torque[i];
   for (int k = 0; k < n; k++) {
-    double rate = dot(b->twist_v[k], direction) + dot(b->twist_w[k], moment);
+    double rate = dot(b->twist_v[k], force) + dot(b->twist_w[k], moment);
     row[k] = carries(b, b->owner[k], link) ? sign * rate : 0;
   }
   for (int k = 0; k < n; k++) {
     solved[k] = 0;
     for (int j = 0; j < n; j++) solved[k] += b->inverse_mass[k * n + j] * row[j];
   }
+}
+
+/* The same for the rate of a point along a direction. */
+static void make_point_row(const body* b, int link, const double* point, const double* direction, double sign, double* row,
+                           double* solved) {
+  const double* centre = b->link[link].pose;
+  double moment[3], arm[3] = {point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]};
+  cross(arm, direction, moment);
+  make_row(b, link, direction, moment, sign, row, solved);
 }

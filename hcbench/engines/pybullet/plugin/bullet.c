@@ -6,8 +6,9 @@
 #include <stddef.h>
 
 enum { PROTOCOL = 202010061, WORLD_FRAME = 2, MULTI_BODY = 2, STATE_COMPLETED = 21, DOFS = 128 };
+enum { CONSTRAINT_INFO = 64 /* of a command on a constraint: tell of it */ };
 enum { SPHERE = 2, BOX = 3, PLANE = 6 };
-enum { REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED };
+enum { REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED, POINT_TO_POINT, GEAR };
 enum { SIMULATION_RESET = 0, BODY_REMOVED = 2, LINK_DYNAMICS_CHANGED = 5, SIMULATION_STEPPED = 8 };
 enum { COMPUTE_LINK_VELOCITY = 1, PROCESS_COMMAND = 5 /* its place among the server's virtual functions */ };
 
@@ -49,9 +50,35 @@ typedef struct {
 } b3Shapes;
 
 typedef struct {
-  int body[4]; /* parent, its link, child, its link; -1: the world */
-  double rest[32];
+  int body[4]; /* parent, its link, child, its link; child -1: the world */
+  double frame[2][7], axis[3]; /* in the frames of the centres of mass of parent and child; of the parent */
+  int type;
+  double max_force;
+  int id;
+  double gear_ratio;
+  int gear_link;
+  double target, erp;
 } b3Constraint;
+
+typedef struct { /* the head of each command */
+  int type;
+  unsigned long long time;
+  int sequence, flags;
+} b3Command;
+
+typedef struct { /* the head of each status, and what two of them tell */
+  int type;
+  unsigned long long time;
+  int sequence, stream_bytes;
+  char* stream;
+  int flags;
+  union {
+    b3Constraint constraint;
+    struct {
+      int bodies, first_bodies[512], constraints;
+    } counts; /* the numbers themselves, bodies first, are in the stream */
+  } of;
+} b3Status;
 
 typedef struct {
   double time_step, time, gravity[3];
@@ -105,11 +132,11 @@ typedef struct {
 #define B3_FUNCTIONS(X) \
   X(void*, b3SubmitClientCommandAndWaitStatus, (void*, void*)) X(int, b3GetStatusType, (void*)) \
   X(void*, b3InitRequestPhysicsParamCommand, (void*)) \
-  X(int, b3GetStatusPhysicsSimulationParameters, (void*, b3Parameters*)) \
+  X(int, b3GetStatusPhysicsSimulationParameters, (void*, b3Parameters*)) X(void*, b3InitPhysicsParamCommand, (void*)) \
+  X(int, b3PhysicsParamSetDefaultContactERP, (void*, double)) \
   X(void*, b3InitSyncBodyInfoCommand, (void*)) X(void*, b3InitRequestBodyInfoCommand, (void*, int)) \
   X(int, b3GetNumJoints, (void*, int)) \
-  X(int, b3GetNumUserConstraints, (void*)) X(int, b3GetUserConstraintId, (void*, int)) \
-  X(int, b3GetUserConstraintInfo, (void*, int, b3Constraint*)) \
+  X(void*, b3InitGetUserConstraintStateCommand, (void*, int)) \
   X(int, b3GetJointInfo, (void*, int, int, b3JointInfo*)) \
   X(void*, b3GetDynamicsInfoCommandInit, (void*, int, int)) X(int, b3GetDynamicsInfo, (void*, b3DynamicsInfo*)) \
   X(void*, b3RequestActualStateCommandInit, (void*, int)) \

@@ -9,7 +9,7 @@ typedef struct law {
   hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
   hcb_contact impact;                 /* of a restitution law */
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
-  int warned, lifted; /* what was named: a body that is too fast, an overlap that Bullet lifts */
+  int warned, lifted, held, pressed; /* what was named: a fast body, an overlap lifted, a constraint, a motor or limit */
   char text[1024];                    /* of the command that added it */
   int shape[2];                       /* SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
   double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre */
@@ -49,7 +49,7 @@ static void add_rows(world* w, contact* c, int first, int count) {
       c->row[side][k] = take(w, 2 * (size_t)n);
       c->solved[side][k] = c->row[side][k] + n;
       double *row = c->row[side][k], *solved = c->solved[side][k];
-      make_row(c->body[side], c->link[side], c->at, c->frame[k], sign_of(side), row, solved);
+      make_point_row(c->body[side], c->link[side], c->at, c->frame[k], sign_of(side), row, solved);
     }
   }
 }

@@ -23,9 +23,12 @@
 #include "bodies.c"
 #include "contacts.c"
 
+#include "options.c"
+
 #include "force.c"
 #include "inertia.c"
-#include "options.c"
+#include "held.c"
+#include "motors.c"
 #include "restitution.c"
 
 /* A single sphere, plane or box in the middle of its link: what `exact_point` can do. */
@@ -153,6 +156,7 @@ int initPlugin(b3Context* context) {
   w->client = context->client;
   w->server = context->server;
   w->status = calloc(1, 1 << 20);
+  w->numbers = malloc(NUMBERS_ROOM);
   w->state = calloc(1, sizeof(b3State));
   context->user = w;
   return PROTOCOL;
@@ -169,6 +173,7 @@ void exitPlugin(b3Context* context) {
   free(w->bodies);
   free(w->laws);
   free(w->status);
+  free(w->numbers);
   free(w->state);
   free(w);
   context->user = NULL;
@@ -247,6 +252,14 @@ int preTickPluginCallback(b3Context* context) {
   add_forces(w);
   add_impacts(w);
   w->is_substep = 1;
+  return 0;
+}
+
+int postTickPluginCallback(b3Context* context) {
+  world* w = context->user;
+  if (!w || w->law_count == 0) return 0;
+  restore_contact_erp(w);
+  name_motors(w);
   return 0;
 }
 
