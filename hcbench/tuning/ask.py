@@ -500,7 +500,7 @@ def _band_of(
 def _wanted(
     target: Reading, known: MaterialPair | None, points: Points, ways: dict[str, Any]
 ) -> tuple[RestitutionCurve | AdamsImpact | NewtonSpring, Sequence[float]]:
-    """What pairs of a model should match, and the default band of speeds, m/s.
+    """Target of pairs of a model, and the default band of speeds, m/s.
 
     known: the material of the target; ways: the others, by the names of their options.
     """

@@ -16,6 +16,7 @@ from hcbench import scoring
 from hcbench.catalogue.find import FILE, Materials, as_record, find, materials, read_material
 from hcbench.catalogue.material import LEVELS, MaterialPair, falling
 from hcbench.cli import run
+from hcbench.reality.page import PUBLISHED_SLOPES
 from hcbench.system.errors import UserError
 
 ROOT = Path(__file__).parents[2]
@@ -82,6 +83,11 @@ def test_what_is_said_of_e_over_speed_is_in_the_table() -> None:
     assert min(falls) == pytest.approx(0.005, abs=5e-4)
     assert max(falls) == pytest.approx(0.352, abs=5e-4)
     assert nearer == {"law": 5, "one e": 4}
+    said = "have a lower e at the fastest. One α of the law fits five of them better than one e does; one e"
+    for page in ("README.md", "docs/howto/reality.md", "reports/reality/index.html"):
+        text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
+        assert f"{said} fits four better." in text
+    assert f"<li>{PUBLISHED_SLOPES}</li>" in text
     alphas = {each.name for each in ALL if each.alpha_s_per_m is not None}
     assert alphas == {"steel on steel", "bronze on bronze", "ivory on ivory"}
 
