@@ -17,6 +17,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from hcbench import paper as paper
     from hcbench.benchmark.results import Results as Results
     from hcbench.benchmark.run import run_study as run_study
     from hcbench.benchmark.study import Study as Study
@@ -119,7 +120,7 @@ __all__ = [
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return [*__all__, "__version__", "paper"]
 
 
 def __getattr__(name: str) -> Any:
@@ -128,6 +129,8 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         globals()[name] = import_module("importlib.metadata").version("hcbench")
         return globals()[name]
+    if name == "paper":
+        return import_module("hcbench.paper")
     if home := _VERBS.get(name) or _CLASSES.get(name):
         return getattr(import_module(f"hcbench.{home}"), name)
     raise AttributeError(f"module 'hcbench' has no attribute {name!r}")
