@@ -66,6 +66,9 @@ def test_there_are_forty_pairs_from_measurements() -> None:
 def test_the_page_says_how_many_pairs_there_are_and_shows_each() -> None:
     page = materials_page.PAGE.read_text(encoding="utf-8")
     assert f"The restitution of {len(ALL.names)} pairs of materials" in page
+    for name in ("README.md", "docs/howto/tune.md", "docs/explanation/law.md", "CHANGELOG.md"):
+        counts = re.findall(r"(\d+) pairs", (ROOT / name).read_text(encoding="utf-8"))
+        assert f"{len(ALL.names)}" in counts, name
     body = page.split(materials_page.BEGIN)[1].split(materials_page.END)[0].strip()
     assert body == materials_page.table().strip()
 
