@@ -387,7 +387,7 @@ def _spring(
     ways = {**others, "adams": adams, "newton": newton}
     given = [f"--{name}" for name, value in ways.items() if value is not None]
     if len(given) != 1:
-        names = ", ".join(f"--{name}" for name in ways)
+        names = ", ".join(f"--{name}" for name in (*ways, "material"))
         raise UserError("target", " and ".join(given) or "none", f"one of {names}")
     if adams is not None:
         return read_adams(adams)
