@@ -20,6 +20,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
 from hcbench.cases.schema import type_name
+from hcbench.catalogue.material import MaterialPair
 from hcbench.checking.outcome import Verdict
 from hcbench.fitting.budget import Budget
 from hcbench.fitting.linear import Estimate
@@ -265,6 +266,7 @@ TUNE_MODEL = record(
         "timestep_s": float,
         "gravity_m_per_s2": Numbers,
         "setting": Text,
+        "material": NotRequired[Text],
         "max_error": Number,
         "gains": bool,
         "passive": dict[str, bool],
@@ -422,6 +424,7 @@ OUTPUTS: dict[str, Any] = {
     "land": LAND | list[LAND],
     "engines": ENGINES,
     "convert": CONVERT,
+    "materials": MaterialPair | list[MaterialPair],
     "law": list[of_class(ImpactSummary)],
 }
 

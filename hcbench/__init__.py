@@ -17,15 +17,20 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from hcbench import paper as paper
     from hcbench.benchmark.results import Results as Results
     from hcbench.benchmark.run import run_study as run_study
     from hcbench.benchmark.study import Study as Study
     from hcbench.benchmark.study import load_study as load_study
+    from hcbench.catalogue.find import Materials as Materials
+    from hcbench.catalogue.find import materials
+    from hcbench.catalogue.material import MaterialPair as MaterialPair
     from hcbench.checking.ask import check
     from hcbench.fitting.ask import fit, fit_force
     from hcbench.laws.force import HuntCrossley as HuntCrossley
     from hcbench.laws.force import KelvinVoigt as KelvinVoigt
     from hcbench.laws.impact_law import ImpactLaw as ImpactLaw
+    from hcbench.laws.impact_law import ImpactLaws as ImpactLaws
     from hcbench.laws.impact_law import law
     from hcbench.measuring import Measurement as Measurement
     from hcbench.measuring import Wanted as Wanted
@@ -60,6 +65,7 @@ _VERBS = {
     "land": "measuring.landing",
     "law": "laws.impact_law",
     "load_scene": "terms.scene",
+    "materials": "catalogue.find",
     "measure": "measuring.measure",
     "pairs": "measuring.measure",
     "report": "reporting.ask",
@@ -72,10 +78,13 @@ _CLASSES = {
     "HuntCrossley": "laws.force",
     "Impact": "terms.impact",
     "ImpactLaw": "laws.impact_law",
+    "ImpactLaws": "laws.impact_law",
     "KelvinVoigt": "laws.force",
     "Landings": "sim.landing",
     "Launch": "terms.impact",
     "Loop": "terms.impact",
+    "MaterialPair": "catalogue.material",
+    "Materials": "catalogue.find",
     "Measurement": "measuring.measurement",
     "Results": "benchmark.results",
     "Scene": "terms.scene",
@@ -101,6 +110,7 @@ __all__ = [
     "land",
     "law",
     "load_scene",
+    "materials",
     "measure",
     "pairs",
     "report",
@@ -110,7 +120,7 @@ __all__ = [
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return [*__all__, "__version__", "paper"]
 
 
 def __getattr__(name: str) -> Any:
@@ -119,6 +129,8 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         globals()[name] = import_module("importlib.metadata").version("hcbench")
         return globals()[name]
+    if name == "paper":
+        return import_module("hcbench.paper")
     if home := _VERBS.get(name) or _CLASSES.get(name):
         return getattr(import_module(f"hcbench.{home}"), name)
     raise AttributeError(f"module 'hcbench' has no attribute {name!r}")

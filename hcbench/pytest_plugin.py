@@ -27,6 +27,7 @@ from hcbench.terms.options import (
     BodyPair,
     LaunchOptions,
     LimitOptions,
+    MaterialName,
     ModelSource,
     Quantity,
 )
@@ -48,8 +49,8 @@ _INI = {
 }
 _KEYS = (*LIMITS, *LAUNCHES, "engine", "timeout")
 _EXPECTED = (
-    "expected .matches(e), .follows(alpha=...) or (pairs=...), .equals(baseline), .rests(max_depth=...) "
-    "or (max_vibration=...), or .measured()"
+    "expected .matches(e), .follows(alpha=...), (pairs=...) or (material=...), .equals(baseline), "
+    ".rests(max_depth=...) or (max_vibration=...), or .measured()"
 )
 _MARKER = (
     f"restitution({'=..., '.join(_KEYS)}=...): defaults of the restitution fixture for this test"
@@ -168,14 +169,17 @@ class ModelBounce:
         alpha: float | str | None = None,
         *,
         pairs: str | Path | None = None,
+        material: MaterialName | None = None,
         target: Literal["law", "linear"] = "law",
         max_error: float | None = None,
     ) -> Measurement:
         """Assert the law of eq. (16) with α ("0.008 s/in"; target
-        "linear": 1 - α v), or a CSV of (v, e).
+        "linear": 1 - α v), a CSV of (v, e), or a pair of materials, "rubber on concrete".
         """
-        self._require_target("follows", alpha, pairs)
-        return self._hold(alpha=alpha, pairs=pairs, target=target, max_error=max_error)
+        self._require_target("follows", alpha, pairs, material)
+        return self._hold(
+            alpha=alpha, pairs=pairs, material=material, target=target, max_error=max_error
+        )
 
     def equals(self, baseline: str | Path, max_error: float | None = None) -> Measurement:
         """Assert the same bounce as a baseline that `hcbench check --write-baseline` wrote."""

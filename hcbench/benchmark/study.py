@@ -7,12 +7,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from pydantic import Field, StrictBool, StrictInt
 
+from hcbench.catalogue.find import find
 from hcbench.recipes.target import default_band
-from hcbench.system.errors import SceneError, StudyError
+from hcbench.system.errors import SceneError, StudyError, UserError
 from hcbench.terms.arguments import checked, checked_fields
 from hcbench.terms.fields import (
     Acceleration,
@@ -56,6 +57,7 @@ class RunTable(SentTable):
     recipe: Text = Field(description="a recipe's name")
     timesteps: Steps
     alphas: Alphas | None = None
+    material: Text | None = Field(None, description="a pair of materials with an α")
     speeds: Speeds | None = None
     heights: Clearances | None = None
     default_band: StrictInt | None = Field(
@@ -73,7 +75,8 @@ class StudyFile(SentTable):
     )
     title: Text | None = Field(None, description="text")
     scene: Any = Field(description="a scene's name or folder")
-    alphas: Alphas
+    alphas: Alphas | None = None
+    material: Text | None = Field(None, description="a pair of materials with an α")
     speeds: Speeds
     loop_speeds: Speeds = ()
     phases: StrictInt = Field(
@@ -86,6 +89,9 @@ class StudyFile(SentTable):
     page: Literal["report", "field"] = "report"
     all_loops: StrictBool = Field(False, description="true or false")
     run: list[dict[str, Any]] = Field(min_length=1, description="[[run]] tables")
+
+
+Table = TypeVar("Table", StudyFile, RunTable)
 
 
 # Steps of one drop, at most.
@@ -277,6 +283,10 @@ def study_from(
     and for a main α or a step's speed that is not among the study's.
     """
     file = validate(StudyFile, content, StudyError, f"{where}: {{}}")
+    file = _with_alphas(file, where, folder)
+    if file.alphas is None:
+        expected = "numbers in s/m, text like '0.008 s/in', or a material"
+        raise StudyError(f"{where}: alphas", "missing", expected)
     scene = load_scene(file.scene, folder)
     scene = dataclasses.replace(scene, **_stated(file))
     main_alpha = file.main_alpha
@@ -294,7 +304,8 @@ def study_from(
     tables: dict[str, RunTable] = {}
     for number, table in enumerate(file.run, 1):
         line = f"{where}: run {number}"
-        tables[line] = validate(RunTable, table, StudyError, f"{line}: {{}}")
+        run_table = validate(RunTable, table, StudyError, f"{line}: {{}}")
+        tables[line] = _with_alphas(run_table, line, folder)
     runs: list[Run] = []
     for line, run_table in tables.items():
         runs += _runs(run_table, line, file, scene, folder)
@@ -319,6 +330,23 @@ def study_from(
         speed_unit=speed_unit,
         all_loops=file.all_loops,
     )
+
+
+def _with_alphas(table: Table, where: str, folder: Path | None) -> Table:
+    """The table with the α of its material, if it names one.
+
+    Raises StudyError for a material with alphas, and for one that is not known or has no α.
+    """
+    if table.material is None:
+        return table
+    slot = f"{where}: material"
+    if table.alphas is not None:
+        raise StudyError(slot, "given with alphas", "one of the two")
+    try:
+        alpha = find(table.material, folder).alpha()
+    except UserError as error:
+        raise StudyError(slot, error.got, error.expected, error.advice) from None
+    return table.model_copy(update={"alphas": (alpha,), "material": None})
 
 
 def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> None:
@@ -386,7 +414,7 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
         engine=table.engine,
         recipe=table.recipe,
         timesteps=table.timesteps,
-        alphas=table.alphas or file.alphas,
+        alphas=table.alphas or file.alphas or (),
         speeds=speeds,
         scene=own,
         dropped=table.heights is not None,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from pydantic import BeforeValidator, ConfigDict, create_model
 
+from hcbench.catalogue.find import find
 from hcbench.checking.baseline import read_pairs
 from hcbench.checking.outcome import Limit, read_limits
 from hcbench.laws.restitution import (
@@ -18,7 +19,7 @@ from hcbench.laws.restitution import (
 )
 from hcbench.measuring.landing import make_drops
 from hcbench.measuring.measurement import Wanted
-from hcbench.measuring.request import make_request, read_limit
+from hcbench.measuring.request import make_request, read_limit, request_for
 from hcbench.measuring.rest import RestLimits
 from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
@@ -181,9 +182,13 @@ def plan(spec: CheckSpec) -> Check:
     name = _name(spec)
     _require_one_target(spec, name)
     wanted = _wanted(options)
+    known = None
+    if options["material"] is not None:
+        known = find(options["material"])
+        wanted = known.curve(options["target"])
     launch = spec.launch
-    request = make_request(spec.pair, **launch)
-    if isinstance(wanted, MeasuredRestitution):
+    request = request_for(make_request(spec.pair, **launch), launch["speeds"], known)
+    if known is None and isinstance(wanted, MeasuredRestitution):
         if launch["speeds"] is None:
             request = replace(request, speeds=tuple(wanted.speeds.tolist()))
         _require_inside(request.speeds, wanted)
@@ -232,10 +237,11 @@ def _name(spec: CheckSpec) -> str:
 
 def _require_one_target(spec: CheckSpec, name: str) -> None:
     """Raises UserError for more than one target, and for a reading of α without an α."""
-    if spec.options["target"] != "law" and spec.options["alpha"] is None:
+    has_alpha = spec.options["alpha"] is not None or spec.options["material"] is not None
+    if spec.options["target"] != "law" and not has_alpha:
         got = f"{spec.options['target']!r} given without an α"
         raise UserError("target", got, "--alpha, which it reads")
-    targets = ("alpha", "restitution", "pairs", "baseline", "require")
+    targets = ("material", "alpha", "restitution", "pairs", "baseline", "require")
     given = [target for target in targets if getattr(spec, target) is not None]
     if len(given) > 1:
         raise UserError(name, f"{' and '.join(given)} are given", "one target")

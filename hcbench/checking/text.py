@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 
 from pydantic import Field
 
+from hcbench.catalogue.find import is_material_file
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, SharedSpec, plan
 from hcbench.measuring.curve import CurvePoint
@@ -250,11 +251,13 @@ def _complete(
         path = getattr(entry, name)
         if path:
             update[name] = folder / path
+    if is_material_file(entry.options["material"]):
+        update["material"] = folder / str(entry.options["material"])
     package = entry.launch["package"] or table.launch["package"]
     if package:
         update["package"] = {name: str(folder / path) for name, path in named_folders(package)}
     update["model"] = tuple(str(folder / model) for model in entry.models)
     if baseline is not None:
-        update |= dict.fromkeys(("alpha", "restitution", "pairs"))
+        update |= dict.fromkeys(("material", "alpha", "restitution", "pairs"))
         update["baseline"] = baseline
     return entry.model_copy(update=update)

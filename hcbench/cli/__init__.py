@@ -31,6 +31,7 @@ from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
 from hcbench.cli.help import START, VARIABLE, completion, described, group
 from hcbench.cli.law import convert, law
+from hcbench.cli.materials import materials
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
 from hcbench.system.errors import LONGEST, HcbenchError, UserError
@@ -56,8 +57,8 @@ def app() -> None:
 
 
 COMMANDS = (
-    law, fit, tune, pairs, measure, land, check, convert, report, sweep, paper, cases, engines, plugin,
-    completion,
+    law, fit, materials, tune, pairs, measure, land, check, convert, report, sweep, paper, cases, engines,
+    plugin, completion,
 )  # fmt: skip
 for command in COMMANDS:
     command.params.append(beyond_bounds_option())

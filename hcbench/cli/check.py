@@ -67,7 +67,7 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
 @_PAIR
 @options(*LAUNCHES)
 @model_source
-@options("alpha", "restitution")
+@options("material", "alpha", "restitution")
 @click.option("--all", "each", is_flag=True, help="Measure each pair that touches at the start.")
 @options("trajectory")
 @output_option("--page", help="Also write a one-page report (HTML).")
@@ -142,7 +142,7 @@ def _next_line(
         source = f"--python {quote(python)}"
     pair = quote(options["pair"] or joined_names(facts.pair))
     targets = []
-    for name in ("alpha", "restitution"):
+    for name in ("material", "alpha", "restitution"):
         value = options[name]
         if value is not None:
             targets.append(f"--{name} {quote(str(value))}")

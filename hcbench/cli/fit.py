@@ -107,6 +107,10 @@ class _FilesAfterAgainst(Command):
 @output_option(
     "--write-points", help="Write e over speed, for `tune --points` and `check --pairs`."
 )
+@output_option(
+    "--write-material",
+    help="Write the pair for `--material`; the file's name is the pair's: rubber-on-concrete.json.",
+)
 @force_option
 @as_json
 def fit(
@@ -122,6 +126,7 @@ def fit(
     law: str,
     page: Path | None,
     write_points: Path | None,
+    write_material: Path | None,
     force: bool,
     as_json: bool,
     **options: Any,
@@ -147,6 +152,7 @@ def fit(
         as_json,
         page=page,
         write_points=write_points,
+        write_material=write_material,
         engine=engine,
         against=against or None,
     ):
@@ -161,7 +167,14 @@ def fit(
     if not as_json or page is not None:
         lines = _next(result, engine, scene, write_scene)
     _write(
-        result, scene, lines, force, page=page, write_points=write_points, write_scene=write_scene
+        result,
+        scene,
+        lines,
+        force,
+        page=page,
+        write_points=write_points,
+        write_material=write_material,
+        write_scene=write_scene,
     )
     if as_json:
         _print_json(result, scene, lines)
@@ -263,6 +276,12 @@ def _write(
         write_output(page, fit_page(result, lines, _typed(), scene), "--page", force)
     if (points := files["write_points"]) is not None:
         write_output(points, points_text(result), "--write-points", force)
+    if (path := files["write_material"]) is not None:
+        from hcbench.catalogue.find import as_record
+        from hcbench.system.files import json_text
+
+        pair = result.material(path.stem.replace("-", " ").replace("_", " "))
+        write_output(path, json_text(as_record(pair)), "--write-material", force)
     if scene is not None and (script := files["write_scene"]) is not None:
         write_output(script, scene.script, "--write-scene", force)
 

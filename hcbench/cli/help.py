@@ -27,6 +27,7 @@ _COMMON: dict[str, Sequence[str]] = {
     "Output": (
         *("out", "json", "page", "markdown", "junit", "png", "force", "quick", "resume"),
         *("write-baseline", "write-scene", "write-model", "write-include", "write-points"),
+        "write-material",
     ),
 }
 # Commands where a flag means something else, or needs a group of its own.
@@ -83,6 +84,7 @@ _TAKES = {
 _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     "law": ("tutorial", ['--alpha "0.3 s/m" --speed "0.1, 0.5, 1 m/s"']),
     "fit": ("howto/fit", ["drop.wav", 'heights.csv --height "30 +- 0.1 cm"']),
+    "materials": ("reference/materials", ["", "'rubber on concrete'"]),
     "tune": (
         "howto/tune",
         [
@@ -127,7 +129,7 @@ Documentation: docs/tutorial.md
 
 def examples(name: str) -> list[str]:
     """The examples of a command, as they are typed."""
-    return [f"hcbench {name} {words}" for words in _EXAMPLES[name][1]]
+    return [f"hcbench {name} {words}".rstrip() for words in _EXAMPLES[name][1]]
 
 
 class Command(click.Command):

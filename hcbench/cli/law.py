@@ -24,23 +24,30 @@ from hcbench.cli.console import (
 )
 from hcbench.cli.help import command
 from hcbench.cli.terminal import show
+from hcbench.system.errors import UserError
 from hcbench.system.text import table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
+    from hcbench.catalogue.material import MaterialPair
     from hcbench.laws.conventions import Conversion
+    from hcbench.laws.impact_law import ImpactSummary
     from hcbench.terms.impact import Floats
 
 # hcbench law: what the law says of an impact.
 
-_several = partial(click.option, multiple=True, required=True)
+_several = partial(click.option, multiple=True)
 
 
 @command()
+@options("material")
 @_several("--alpha", type=ALPHAS, help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable.")
 @_several(
-    "--speed", type=SPEEDS, help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable."
+    "--speed",
+    required=True,
+    type=SPEEDS,
+    help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.",
 )
 @click.option("--mass", type=MASS, default="1 lb", show_default=True, help="Effective mass.")
 @click.option(
@@ -52,6 +59,7 @@ _several = partial(click.option, multiple=True, required=True)
 )
 @as_json
 def law(
+    material: str | None,
     alpha: tuple[Floats, ...],
     speed: tuple[Floats, ...],
     mass: float,
@@ -67,11 +75,16 @@ def law(
 
     import numpy as np
 
+    from hcbench.catalogue.target import target_material
     from hcbench.laws.impact_law import PAPER_STIFFNESS, law
 
     speeds = np.concatenate(speed)
+    known = target_material(material, alpha=alpha or None)
+    alphas = _alphas(known, alpha)
+    if known is not None:
+        known.warn_outside(float(speeds.min()), float(speeds.max()))
     rows = []
-    for a in np.concatenate(alpha).tolist():
+    for a in alphas:
         of_alpha = law(a, mass=mass, stiffness=stiffness, exponent=exponent)
         rows += of_alpha.impacts(speeds)
     if as_json:
@@ -97,15 +110,34 @@ def law(
             else:
                 texts.append(f"{number:.5g}")
         values.append(tuple(texts))
+    if known is not None:
+        show(f"{known.line}\n")
     show("\n".join(table(header, values)))
     if stiffness is None:
         print(
             f"x_m ... τ_max: of a steel ball, k = {PAPER_STIFFNESS} (--stiffness), {mass:.4g} kg (--mass)"
         )
+    _warn(rows)
+
+
+def _alphas(known: MaterialPair | None, given: tuple[Floats, ...]) -> list[float]:
+    """α, s/m: that of the material, or those given. Raises UserError for none."""
+    import numpy as np
+
+    if known is not None:
+        return [known.alpha()]
+    if not given:
+        expected = "α of e = 1 - α v, such as '0.3 s/m', or --material"
+        raise UserError("--alpha", "missing", expected)
+    alphas: list[float] = np.concatenate(given).tolist()
+    return alphas
+
+
+def _warn(rows: Sequence[ImpactSummary]) -> None:
+    """Print the warnings of impacts, of each kind one: those that begin alike are of one kind."""
     warnings: dict[str, None] = {}
     for row in rows:
         warnings |= dict.fromkeys(row.warnings)
-    # Warnings that begin alike are of one kind: one of each is printed.
     kinds: dict[str, list[str]] = {}
     for warning in warnings:
         kinds.setdefault(warning[:12], []).append(warning)
@@ -157,6 +189,7 @@ def spring_options(
 
 
 @command()
+@options("material")
 @click.option("--alpha", type=ALPHA, help="α of e = 1 - α v, such as '0.008 s/in'.")
 @click.option("--drake", type=ALPHA, help="Drake's hunt_crossley_dissipation.")
 @click.option("--simbody", type=ALPHA, help="Simbody's dissipation.")
@@ -178,9 +211,9 @@ def spring_options(
 def convert(as_json: bool, **given: Any) -> None:
     """Convert a contact between libraries.
 
-    Give α, an e at a speed, a parameter of Drake or Simbody, a solref, or a stiffness and
-    damping of Adams or Newton. hcbench prints the same contact in the parameters of
-    Chrono, LAMMPS and others, too.
+    Give a pair of materials, α, an e at a speed, a parameter of Drake or Simbody, a solref, or a
+    stiffness and damping of Adams or Newton. hcbench prints the same contact in the parameters
+    of Chrono, LAMMPS and others, too.
     """
     from hcbench.sim.convert import convert
 
@@ -188,6 +221,10 @@ def convert(as_json: bool, **given: Any) -> None:
     if as_json:
         print_json(contact.as_dict())
         return
+    if given["material"] is not None:
+        from hcbench.catalogue.find import find
+
+        show(find(given["material"]).line)
     show("\n".join(_lines(contact)))
 
 

@@ -46,6 +46,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
     type=UncertainType("alpha"),
     help="α of e = 1 - α v: '0.008 s/in' or '0.31 +- 0.004 s/m'.",
 )
+@options("material")
 @click.option("--restitution", type=RESTITUTION, help="One e for all speeds, in place of --alpha.")
 @click.option(
     "--points",

@@ -82,14 +82,14 @@ def tune_engine(
         print_json(_as_json(answer, margin, gate))
     else:
         _print(answer, margin, gate)
-        show(f"\nnext:\n  {_next_line(answer, write_scene)}")
+        show(f"\nnext:\n  {_next_line(answer, write_scene, asked['material'])}")
     _require(answer, MAX_ERROR if max_error is None else max_error, gate)
 
 
-def _next_line(answer: Answer, script: Path | None) -> str:
+def _next_line(answer: Answer, script: Path | None, material: str | None) -> str:
     """The command that shows how the pasted text does: on the script, or on the user's model.
 
-    script: where the scene was written; None where it was not.
+    script: where the scene was written; None where it was not. material: as it was typed.
     """
     from hcbench.terms.setting import PAIR
 
@@ -101,7 +101,9 @@ def _next_line(answer: Answer, script: Path | None) -> str:
         model = quote(str(script))
         pair = PAIR
     asked = f'--alpha "{target.law.alpha:.10g} s/m"'
-    if target.reading == "points":
+    if material is not None:
+        asked = f"--material {quote(material)}"
+    elif target.reading == "points":
         # No option names a curve that is not constant.
         asked = ""
         if target.is_constant:
@@ -164,6 +166,8 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     target = answer.target
     spheres = "; for spheres: a flat face gains energy" if best.flat is False else ""
     why = best.tuned.why if best.tuned else "the plug-in gives each impact the e of its own speed"
+    if target.material:
+        show(f"{'material':<20}  {target.material}")
     show(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
     if best.tuned is not None and (warning := best.tuned.passivity.warning):
         show(f"{'warning':<20}  {warning}")

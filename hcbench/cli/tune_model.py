@@ -37,9 +37,12 @@ def tune_model(
     value = None if alpha is None else alpha[0]
     with status(f"trying settings in {sanitized(source)}"):
         tuned = ask.tune_model(source, alpha=value, max_error=limit, **files, **given)
+    of_material = _material_line(given["material"])
     if as_json:
-        print_json(_record(tuned))
+        print_json(_record(tuned) | of_material)
     else:
+        for name, line in of_material.items():
+            show(f"{name}: {line}")
         _print(tuned, limit)
         if tuned.gains:
             show(f"\nnext:\n  {_next_line(tuned, limit, write_model, value, given)}")
@@ -53,6 +56,15 @@ def tune_model(
         raise LimitPassed("max-error", got, f"{limit:g} or less", _cure(tuned))
     if strict and tuned.worse:
         raise LimitPassed("strict", "; ".join(tuned.worse), "at most 1.2 times what it was")
+
+
+def _material_line(name: str | None) -> dict[str, str]:
+    """The material of the target, with its numbers and source; empty without one."""
+    if name is None:
+        return {}
+    from hcbench.catalogue.find import find
+
+    return {"material": find(name).line}
 
 
 def _next_line(
@@ -76,6 +88,8 @@ def _next_line(
         asked = [f"--restitution {given['restitution']:g}"]
     elif alpha is not None:
         asked = [f'--alpha "{alpha:.10g} s/m"']
+    elif given["material"] is not None:
+        asked = [f"--material {quote(given['material'])}"]
     model = "tuned.xml"
     if written is not None:
         model = quote(str(written))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +17,12 @@ from hcbench.fitting.linear import Estimate, quantiles
 from hcbench.fitting.which_law import EITHER, FAMILY, LAWS, PLAIN, WITH_E0
 from hcbench.system.errors import UserError
 from hcbench.system.notebook import Drawn
-from hcbench.system.text import table
+from hcbench.system.text import sanitized, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from hcbench.catalogue.material import MaterialPair
     from hcbench.fitting.budget import Budget
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.linear import LawFit
@@ -207,6 +209,13 @@ class FitResult(Drawn):
         gravity = self.sets[0].setup.gravity.value
         target = target_of(self.best.curve, alpha, self.speeds, gravity, timestep)
         return replay(touches, target, engine)
+
+    def material(self, name: str) -> MaterialPair:
+        """The recording as a pair of materials, which `material=` takes.
+
+        name: the pair, such as "rubber on concrete".
+        """
+        return material_of(self, name)
 
     @property
     def best(self) -> LawFit:
@@ -564,3 +573,62 @@ def points_text(result: FitResult) -> str:
     law = result.law or f"{result.best.law.name}, the likeliest; others are not ruled out"
     rows = [f"{v:.6g},{min(1.0, curve.at(float(v))):.6g}" for v in speeds]
     return "\n".join([f"# {law}", "speed [m/s],restitution", *rows]) + "\n"
+
+
+# A fit as a pair of materials, which `material=` and `--material` take.
+
+# Digits of what was measured.
+_DIGITS = 6
+
+
+def material_of(result: FitResult, name: str) -> MaterialPair:
+    """The material that a recording shows: α or one e with its 95 % interval, or points of e(v).
+
+    name: the pair, such as "rubber on concrete".
+    """
+    # Imported here: Pydantic takes long to import, and most fits need none.
+    from hcbench.catalogue.material import MaterialPair, Source
+
+    low, high = (_rounded(v) for v in result.speeds)
+    first, _, second = name.partition(" on ")
+    files = ", ".join(sanitized(each.name) for each in result.sets)
+    law = result.law or f"{result.best.law.name}, the likeliest; others are not ruled out"
+    kinds = ", ".join(dict.fromkeys(each.kind for each in result.sets))
+    return MaterialPair(
+        id=re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "recording",
+        name=name,
+        bodies=(first.strip() or "body", second.strip() or "floor"),
+        speed_range_m_per_s=(low, high),
+        measured=f"hcbench fit of {kinds}",
+        source=Source(
+            document=f"own recording: {files}", place=f"law: {law}", read_at=files, level="own"
+        ),
+        **_numbers(result, low, high),
+    )
+
+
+def _numbers(result: FitResult, low: float, high: float) -> dict[str, Any]:
+    """α, e or points of a fit, by the keys of a material. low, high: speeds, m/s."""
+    alpha = result.alpha
+    if result.is_plain and alpha is not None:
+        return {
+            "alpha_s_per_m": _rounded(alpha.value),
+            "alpha_interval_s_per_m": (_rounded(max(alpha.low, 0.0)), _rounded(alpha.high)),
+            "uncertainty": "the interval is that of 95 %",
+        }
+    e = result.restitution
+    if result.law == "constant" and e is not None:
+        return {
+            "restitution": _rounded(min(e.value, 1.0)),
+            "restitution_interval": (_rounded(max(e.low, 0.0)), _rounded(min(e.high, 1.0))),
+            "uncertainty": "the interval is that of 95 %",
+        }
+    speeds = [_rounded(v) for v in speeds_over(result, _POINTS).tolist()]
+    # The ends are those of the range, to the last digit.
+    speeds[0], speeds[-1] = low, high
+    curve = result.best.curve
+    return {"points": tuple((v, _rounded(min(1.0, curve.at(v)))) for v in speeds)}
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from hcbench.catalogue.target import target_material
 from hcbench.laws import closed_form, hertz
 from hcbench.laws.conventions import SOLVERS_OF_NEWTON, AdamsImpact, NewtonSpring
 from hcbench.laws.force import HuntCrossley
@@ -14,11 +15,14 @@ from hcbench.system.errors import UserError
 from hcbench.system.notebook import Drawn
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
-from hcbench.terms.options import PintQuantity
+from hcbench.terms.options import MaterialName, PintQuantity
+from hcbench.terms.records import LOOP
 from hcbench.terms.units import INCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    import pandas as pd
 
     from hcbench.terms.impact import Floats
     from hcbench.terms.options import Quantities, Quantity
@@ -148,6 +152,7 @@ def _parts(value: Any, slot: str, expected: str, count: int) -> list[str]:
 # `hcbench.law`: what the law says of impacts, from text with units or SI numbers.
 
 PAPER_MASS = "1 lb"
+LOOP_COUNT = 401
 PAPER_STIFFNESS = "3.1e7 lbf/in^1.5"
 # Impact speeds of the printed table, m/s.
 _SHOWN = (0.1, 0.2, 0.5, 1.0, 2.0)
@@ -219,6 +224,75 @@ class ImpactLaw(Drawn):
         values = units.parse_values(speeds, "speed", "speeds", above=0)
         return [summarize(self.force, self.mass, v, PAPER_RELATIVE_RADIUS) for v in values.tolist()]
 
+    def loop(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
+        """Force over penetration from touch to parting, as the paper's Figs. 3 and 4 draw it.
+
+        Parameters
+        ----------
+        speed : float, text, quantity of Pint's, or several
+            Impact speeds above 0, m/s or with a unit.
+        count : int
+            Points of a loop, 3 or more; of an odd number the middle one is the deepest.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `count` rows for each speed: `speed_m_per_s`, `penetration_m` and `force_n`, in closed form.
+
+        Raises
+        ------
+        UserError
+            For a speed that is not above 0, and for fewer than 3 points.
+
+        Examples
+        --------
+        >>> import hcbench as hb
+        >>> loop = hb.law(alpha="0.008 s/in").loop("16 in/s")
+        >>> list(loop.columns), round(loop.force_n.max())
+        (['speed_m_per_s', 'penetration_m', 'force_n'], 3721)
+
+        """
+        return self.trajectory(speed, count)[["speed_m_per_s", "penetration_m", "force_n"]]
+
+    def trajectory(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
+        """Motion over time from touch to parting.
+
+        Parameters
+        ----------
+        speed : float, text, quantity of Pint's, or several
+            Impact speeds above 0, m/s or with a unit.
+        count : int
+            Points of an impact, 3 or more, nearly even in time.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `count` rows for each speed: `speed_m_per_s`, `time_s` from touch, `penetration_m`,
+            `rate_m_per_s`, above 0 on approach, and `force_n`, in closed form.
+
+        Raises
+        ------
+        UserError
+            For a speed that is not above 0, and for fewer than 3 points.
+
+        Examples
+        --------
+        >>> import hcbench as hb
+        >>> motion = hb.law(alpha="0.3 s/m").trajectory("1 m/s")
+        >>> round(-motion.rate_m_per_s.iloc[-1], 3)
+        0.768
+
+        """
+        # pandas is slow to import.
+        import pandas as pd
+
+        parts = []
+        for v in units.parse_values(speed, "speed", "speed", above=0).tolist():
+            motion = closed_form.loop(self.force, self.mass, v, count)
+            columns = {field.key: field.of(motion) for field in LOOP}
+            parts.append(pd.DataFrame({"speed_m_per_s": v, **columns}))
+        return pd.concat(parts, ignore_index=True)
+
     def _lines(self) -> Iterator[str]:
         yield f"Hunt-Crossley law, α = {self.alpha:.6g} s/m"
         for v in _SHOWN:
@@ -229,20 +303,101 @@ class ImpactLaw(Drawn):
             yield {name: value for name, value in asdict(impact).items() if name != "warnings"}
 
 
-@checked
+@dataclass(frozen=True, repr=False)
+class ImpactLaws(Drawn):
+    """The Hunt-Crossley law for several α, all else alike.
+
+    Attributes
+    ----------
+    laws : tuple of ImpactLaw
+        One for each α, in the order given.
+
+    """
+
+    laws: tuple[ImpactLaw, ...]
+
+    @property
+    def alphas(self) -> Floats:
+        """α, s/m, shape (n,)."""
+        return np.array([law.alpha for law in self.laws])
+
+    def e(self, speed: Quantities) -> Floats:
+        """Restitution at impact speeds, m/s or with a unit: a row for each α, shape (n, ...).
+
+        Raises QuantityError as `ImpactLaw.e` does.
+        """
+        return np.array([law.e(speed) for law in self.laws])
+
+    def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
+        """Everything about one impact for each α at each speed, SI."""
+        return [impact for law in self.laws for impact in law.impacts(speeds)]
+
+    def loop(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
+        """The loops of all α, as `ImpactLaw.loop`, with a first column `alpha_s_per_m`."""
+        return self._joined([law.loop(speed, count) for law in self.laws])
+
+    def trajectory(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
+        """The motions of all α, as `ImpactLaw.trajectory`, with a first column `alpha_s_per_m`."""
+        return self._joined([law.trajectory(speed, count) for law in self.laws])
+
+    def _joined(self, frames: list[pd.DataFrame]) -> pd.DataFrame:
+        import pandas as pd
+
+        for law, frame in zip(self.laws, frames, strict=True):
+            frame.insert(0, "alpha_s_per_m", law.alpha)
+        return pd.concat(frames, ignore_index=True)
+
+    def _lines(self) -> Iterator[str]:
+        speeds = ", ".join(f"{v:g}" for v in _SHOWN)
+        yield f"Hunt-Crossley law, {len(self.laws)} α: e at {speeds} m/s"
+        for law in self.laws:
+            shown = ", ".join(f"{law.e(v):.3f}" for v in _SHOWN)
+            yield f"α = {law.alpha:.6g} s/m: {shown}"
+
+    def _rows(self) -> Iterator[Mapping[str, Any]]:
+        for law in self.laws:
+            yield from law._rows()
+
+
+@overload
 def law(
-    alpha: Quantity,
+    alpha: Quantity | None = None,
     *,
+    material: MaterialName | None = None,
     mass: Quantity = PAPER_MASS,
     stiffness: Quantity | None = None,
     exponent: Quantity = 1.5,
-) -> ImpactLaw:
+) -> ImpactLaw: ...
+
+
+@overload
+def law(
+    alpha: list[Any] | tuple[Any, ...] | Floats,
+    *,
+    material: None = None,
+    mass: Quantity = PAPER_MASS,
+    stiffness: Quantity | None = None,
+    exponent: Quantity = 1.5,
+) -> ImpactLaws: ...
+
+
+@checked
+def law(
+    alpha: Quantity | list[Any] | tuple[Any, ...] | Floats | None = None,
+    *,
+    material: MaterialName | None = None,
+    mass: Quantity = PAPER_MASS,
+    stiffness: Quantity | None = None,
+    exponent: Quantity = 1.5,
+) -> ImpactLaw | ImpactLaws:
     """Say what the Hunt-Crossley law expects of impacts, as `hcbench law` does.
 
     Parameters
     ----------
-    alpha : float, text or quantity of Pint's
+    alpha : float, text or quantity of Pint's, or a list or array of them
         α, s/m or with a unit.
+    material : text, path or MaterialPair, optional
+        In place of alpha: a pair of materials that `materials` lists with an α.
     mass : float, text or quantity of Pint's
         Effective mass, kg or with a unit, for forces, penetrations and durations.
     stiffness : float, text or quantity of Pint's, optional
@@ -253,7 +408,8 @@ def law(
     Returns
     -------
     ImpactLaw
-        Its method `e` gives restitution at impact speeds.
+        Its method `e` gives restitution at impact speeds, `loop` and `trajectory` force and motion as data
+        frames. ImpactLaws, with the same methods, for several α.
 
     Raises
     ------
@@ -272,11 +428,19 @@ def law(
     e = 0.620 at 2 m/s
 
     """
+    known = target_material(material, alpha=alpha)
+    if known is not None:
+        alpha = known.alpha()
+    if alpha is None:
+        raise UserError("alpha", "missing", "α, s/m or with a unit, or a material")
     n = units.parse(exponent, "exponent", "exponent")
     if stiffness is None and n >= 1 and n != 1.5:
         raise UserError("stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
     if stiffness is None:
         stiffness = PAPER_STIFFNESS
     k = units.parse(stiffness, "stiffness", "stiffness", n)
-    force = HuntCrossley(k, units.parse(alpha, "alpha", "alpha"), n)
-    return ImpactLaw(force, units.parse(mass, "mass", "mass", above=0))
+    m = units.parse(mass, "mass", "mass", above=0)
+    if not isinstance(alpha, list | tuple | np.ndarray):
+        return ImpactLaw(HuntCrossley(k, units.parse(alpha, "alpha", "alpha"), n), m)
+    values = units.parse_values(alpha, "alpha", "alpha").tolist()
+    return ImpactLaws(tuple(ImpactLaw(HuntCrossley(k, each, n), m) for each in values))

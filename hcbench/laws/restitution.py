@@ -4,7 +4,7 @@ a plug-in gives to each impact.
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
@@ -21,9 +21,13 @@ Reading = Literal["law", "linear"]
 
 
 class RestitutionCurve(ABC):
-    """e as a function of the impact speed."""
+    """e as a function of the impact speed.
+
+    `of` of each kind: the measurement that e is taken from, in a line; "" for numbers of a user.
+    """
 
     __slots__ = ()
+    of: str
 
     @abstractmethod
     def at(self, speed: Floats | float) -> Floats:
@@ -55,6 +59,7 @@ class Restitution(RestitutionCurve):
     alpha: float
     reading: Reading = "law"
     uncertainty: float = 0.0
+    of: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         if not 0 <= self.alpha < math.inf:
@@ -89,6 +94,8 @@ class Restitution(RestitutionCurve):
         """Name of the curve in a report: its α and how α gives e(v)."""
         by = f" ± {self.uncertainty:.2g}" if self.uncertainty else ""
         reading = "the law" if self.reading == "law" else "1 - α v"
+        if self.of:
+            return f"{self.of}, by {reading}"
         return f"α = {self.alpha:.4g}{by} s/m by {reading}"
 
     def margin(self, speeds: Floats | float) -> float:
@@ -110,6 +117,7 @@ class ConstantRestitution(RestitutionCurve):
     """
 
     restitution: float
+    of: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         good = 0 <= self.restitution <= 1
@@ -123,7 +131,7 @@ class ConstantRestitution(RestitutionCurve):
     @property
     def description(self) -> str:
         """Name of the curve in a report."""
-        return f"constant e = {self.restitution:g}"
+        return self.of or f"constant e = {self.restitution:g}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +143,7 @@ class MeasuredRestitution(RestitutionCurve):
     """
 
     points: tuple[tuple[float, float], ...]
+    of: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         if not self.points:
@@ -160,4 +169,4 @@ class MeasuredRestitution(RestitutionCurve):
     @property
     def description(self) -> str:
         """Name of the curve in a report."""
-        return f"{len(self.points)} measured pairs"
+        return self.of or f"{len(self.points)} measured pairs"

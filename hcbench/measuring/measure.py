@@ -12,12 +12,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, Unpack
 
+from hcbench.catalogue.target import target_material
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.curve import impacts_of
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.measurement import TOLERANCE, Cause, Measurement, Wanted
-from hcbench.measuring.request import call_python, is_python, make_request, read_limit
+from hcbench.measuring.request import (
+    call_python,
+    is_python,
+    make_request,
+    read_limit,
+    request_for,
+)
 from hcbench.measuring.rest import ANY_REST, RestLimits, at_rest, rest_causes
 from hcbench.sim import registry
 from hcbench.sim.candidate_pairs import CandidatePair, as_records, as_table
@@ -38,6 +45,7 @@ from hcbench.terms.options import (
     Folders,
     Joints,
     LaunchOptions,
+    MaterialName,
     ModelSource,
     PoseState,
     Quantity,
@@ -84,6 +92,7 @@ def measure(
     pair: BodyPair | None = None,
     *,
     engine: str | None = None,
+    material: MaterialName | None = None,
     alpha: Quantity | None = None,
     restitution: Quantity | None = None,
     points: Sequence[tuple[float, float]] = (),
@@ -106,8 +115,9 @@ def measure(
         Two bodies or geoms (URDF: links or files), first the one that moves; "a,b" or ("a", "b").
     engine : text, optional
         The name of one; the first that opens such a model by default.
-    alpha, restitution, points : optional
-        At most one target: α, s/m or with a unit; one e for all speeds; or pairs of impact speed, m/s, and e.
+    material, alpha, restitution, points : optional
+        At most one target: a pair of materials that `materials` lists; α, s/m or with a unit; one e for
+        all speeds; or pairs of impact speed, m/s, and e.
     tolerance : float
         |e - target| from which hcbench looks for causes, if `diagnose`.
     rest : bool
@@ -138,14 +148,19 @@ def measure(
 
     """
     require("tolerance", tolerance, 0 <= tolerance <= 1, "0 ... 1, a difference in e")
-    given = alpha is not None or restitution is not None or points
     goal = None
-    if given:
+    known = target_material(
+        material, alpha=alpha, restitution=restitution, points=tuple(points) or None
+    )
+    if known is not None:
+        goal = known.curve()
+    elif alpha is not None or restitution is not None or points:
         goal = Wanted(alpha, restitution, points)
     most = None
     if rest:
         most = RestLimits() if diagnose else ANY_REST
-    job = Job(model, engine, make_request(pair, **launch), goal, tolerance, diagnose, rest=most)
+    request = request_for(make_request(pair, **launch), launch.get("speeds"), known)
+    job = Job(model, engine, request, goal, tolerance, diagnose, rest=most)
     return run_job(_measured, job, read_limit(limit))
 
 

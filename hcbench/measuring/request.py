@@ -10,8 +10,9 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from hcbench.system.text import split_names
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import BodyPair, LaunchOptions, Quantity
+
+if TYPE_CHECKING:
+    from hcbench.catalogue.material import MaterialPair
 
 # Functions in a user's Python file, named as "file.py:function".
 
@@ -240,6 +244,20 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
         adapt_phases="phases" not in given,
         **fields,
     )
+
+
+def request_for(request: Request, speeds: object, known: MaterialPair | None) -> Request:
+    """The request at speeds that a material's e was measured at, where none were given.
+
+    speeds: as the user gave them, or None. known: the material that the target is taken from. Warns
+    of launches outside its range.
+    """
+    if known is None:
+        return request
+    if speeds is None and known.speeds is not None:
+        request = replace(request, speeds=known.speeds)
+    known.warn_outside(min(request.speeds), max(request.speeds))
+    return request
 
 
 def _each_once(

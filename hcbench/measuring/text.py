@@ -111,6 +111,8 @@ def as_text(measurement: Measurement) -> str:
     lines = list(measurement.headline)
     for name, value in facts.settings.items():
         lines.append(f"{name}: {sanitized(setting_text(value))}")
+    if measurement.wanted is not None and measurement.wanted.of:
+        lines.append(f"material: {measurement.wanted.of}")
     if facts.asked_description:
         lines.append(f"the model asks for: {sanitized(facts.asked_description)}")
     if measurement.rest is not None:

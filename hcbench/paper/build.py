@@ -11,6 +11,7 @@ from typing import Any
 from hcbench.laws.published import LAWS
 from hcbench.paper import impact_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
+from hcbench.paper.curves import csv_of
 from hcbench.paper.engines import engines_with_two_blocks
 from hcbench.paper.printed_numbers import FACTOR_MASSES, factors, printed_numbers
 from hcbench.paper.vibroimpact_figures import FULL, QUICK, Effort
@@ -55,7 +56,7 @@ def build(
     jobs: int = 1,
     tick: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write the page and its figures (SVG, PNG) into `folder` and return
+    """Write the page and its figures (SVG, PNG, and their numbers as CSV) into `folder` and return
     the page. All of it, or nothing.
 
     quick: few parameters in the two forced figures.
@@ -73,7 +74,7 @@ def build(
         for done, drawing in enumerate(plan):
             if tick is not None:
                 tick(done, len(plan))
-            figures[drawing.name] = draw(drawing, scratch / "figures")
+            figures[drawing.name] = draw(drawing, scratch / "figures", csv=csv_of)
         if tick is not None:
             tick(len(plan), len(plan))
         write_text(scratch / PAGE, _page(figures))

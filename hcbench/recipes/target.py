@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -68,6 +68,7 @@ class Target:
     gravity: into the plate, m/s².
     friction: coefficient of Coulomb friction.
     corners: points of the body that meet the plate at once, as the 4 of a flat box.
+    material: the measurement that the target is taken from, in a line; "" for numbers of a user.
 
     Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0 ... 1
     or that rises with v.
@@ -83,6 +84,7 @@ class Target:
     gravity: float = 0.0
     friction: float = 0.0
     corners: int = 1
+    material: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         for slot, value, unit in (

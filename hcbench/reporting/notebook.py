@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import singledispatch
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from hcbench.benchmark.results import Results
 from hcbench.fitting.result import FitResult, band, headline, odds_text
 from hcbench.fitting.which_law import LAWS
-from hcbench.laws.impact_law import ImpactLaw
+from hcbench.laws.impact_law import ImpactLaw, ImpactLaws
 from hcbench.measuring.measurement import Measurement
 from hcbench.reporting import measurement_page, wording
 from hcbench.reporting.overview_figure import overview_figure
@@ -201,14 +202,36 @@ def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
 
 @_figure.register
 def _(law: ImpactLaw) -> Figure:
+    return _laws_figure([law], [LAW])
+
+
+@_figure.register
+def _(laws: ImpactLaws) -> Figure:
+    colours = [f"C{i % 10}" for i in range(len(laws.laws))]
+    return _laws_figure(laws.laws, colours)
+
+
+def _laws_figure(laws: Sequence[ImpactLaw], colours: Sequence[str]) -> Figure:
+    """e of each law over the impact speed, and 1 - α v, from which they part."""
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
     speeds = np.linspace(0.0, 2.0, 101)
-    axes.plot(speeds, law.e(speeds), color=LAW)
+    for law, colour in zip(laws, colours, strict=True):
+        axes.plot(speeds, law.e(speeds), color=colour, label=f"law, α = {law.alpha:.4g} s/m")
+        straight = 1.0 - law.alpha * speeds
+        label = "1 - α v" if law is laws[-1] else None
+        axes.plot(speeds, straight, color=colour, linewidth=1.0, linestyle=(0, (4, 2)), label=label)
     axes.set_ylim(0.0, 1.0)
     axes.set_ylabel("restitution e", color=INK)
+    axes.legend(loc="lower left", fontsize=8.5)
     speed_axis(axes, inches=False)
     return figure
+
+
+@_words.register
+def _(laws: ImpactLaws) -> tuple[str, dict[str, str], str]:
+    title, *lines = laws._lines()
+    return title, dict(line.split(": ", 1) for line in lines), ""
 
 
 @_words.register

@@ -53,9 +53,16 @@ class Drawing:
     why: str = ""
 
 
-def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict[str, Any]:
+def draw(
+    drawing: Drawing,
+    folder: Path | None = None,
+    png: bool = True,
+    csv: Callable[[Figure], bytes] | None = None,
+) -> dict[str, Any]:
     """Draw a figure, save it in a folder, if any, as SVG and PNG, and
     return what a template needs of it.
+
+    csv: makes the table of a figure's numbers, which is saved beside it.
 
     A drawing without a function gives the record of an empty figure, with the reason.
     """
@@ -77,6 +84,8 @@ def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict
             write_bytes(folder / f"{drawing.name}.svg", svg)
             if png:
                 write_bytes(folder / f"{drawing.name}.png", png_bytes(figure))
+            if csv is not None:
+                write_bytes(folder / f"{drawing.name}.csv", csv(figure))
     # In the pixels of CSS, 96 to an inch.
     width, height = 96 * figure.get_size_inches()
     return {

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from hcbench.catalogue.target import target_material
 from hcbench.laws.conventions import contact_of, said
 from hcbench.laws.impact_law import read_adams, read_newton
 from hcbench.laws.restitution import Reading
@@ -15,9 +16,10 @@ from hcbench.sim.capabilities import DescribesContact
 from hcbench.system.errors import UserError
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
-from hcbench.terms.options import Quantity
+from hcbench.terms.options import MaterialName, Quantity
 
 if TYPE_CHECKING:
+    from hcbench.catalogue.material import MaterialPair
     from hcbench.laws.conventions import Conversion
     from hcbench.laws.impact_law import Adams, Newton
 
@@ -36,6 +38,7 @@ _QUANTITIES = {
 @checked
 def convert(
     *,
+    material: MaterialName | None = None,
     alpha: Quantity | None = None,
     drake: Quantity | None = None,
     simbody: Quantity | None = None,
@@ -53,6 +56,9 @@ def convert(
 
     Parameters
     ----------
+    material : text, path or MaterialPair, optional
+        In place of the next seven: a pair of materials that `materials` lists. One e holds at the speed that
+        it was measured at, which is `speed` by default.
     alpha, drake, simbody, restitution, solref, adams, newton : float, text or quantity of Pint's
         Exactly one: α, s/m; Drake's hunt_crossley_dissipation, s/m; Simbody's dissipation, s/m; e at `speed`;
         a solref of two numbers; IMPACT of Adams, "k, e, cmax, d"; or a solver of Newton, "NAME, ke, kd".
@@ -74,7 +80,7 @@ def convert(
     Raises
     ------
     UserError
-        For numbers without meaning, and for none or several of the first seven.
+        For numbers without meaning, and for none or several of the first eight.
 
     Examples
     --------
@@ -84,6 +90,10 @@ def convert(
     (0.3, 0.869)
 
     """
+    ways = {"alpha": alpha, "drake": drake, "simbody": simbody, "restitution": restitution}
+    known = target_material(material, **ways, solref=solref, adams=adams, newton=newton)
+    if known is not None:
+        alpha, restitution, speed = _of_material(known, speed)
     given = {
         "alpha": alpha, "drake": drake, "simbody": simbody, "restitution": restitution, "mass": mass,
         "speed": speed, "contact_time": contact_time, "timestep": timestep,
@@ -103,6 +113,27 @@ def convert(
     engines = map(registry.adapter, registry.names())
     own = (engine.vocabulary(contact) for engine in engines if isinstance(engine, DescribesContact))
     return said(contact, own)
+
+
+def _of_material(
+    known: MaterialPair, speed: Quantity | None
+) -> tuple[float | None, float | None, float | None]:
+    """α, s/m, or e at a speed, m/s: those of a material.
+
+    speed: as the user gave it, or None. Raises UserError for a material without an α where neither
+    the user nor the source states a speed.
+    """
+    v = None if speed is None else units.parse(speed, "speed", "speed", above=0.0)
+    if v is None and known.speeds is not None and known.target.alpha is None:
+        v = known.speeds[len(known.speeds) // 2]
+    if v is not None:
+        known.warn_outside(v, v)
+    if known.target.alpha is not None:
+        return known.target.alpha, None, v
+    if v is None:
+        got = f"none, and the source of {known.name!r} states none"
+        raise UserError("speed", got, "the impact speed at which e is to hold")
+    return None, float(known.curve("law").at(v)), v
 
 
 def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | None:

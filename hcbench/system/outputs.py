@@ -23,7 +23,11 @@ from hcbench.system.text import sanitized
 # Bytes at either end of a file that are searched for the mark.
 _TAIL = 4096
 # Marks of hcbench's JSON files, which take no comment, by the option that writes them.
-_JSON = {"--write-baseline": b'"kind": "hcbench baseline"', "--out": b'"set":"hcbench-cases-'}
+_JSON = {
+    "--write-baseline": b'"kind": "hcbench baseline"',
+    "--write-material": b'"kind": "hcbench material"',
+    "--out": b'"set":"hcbench-cases-',
+}
 _PNG = b"\x89PNG\r\n\x1a\n"
 _QUOTED = re.compile(rb"[\"']([^\"'\n]{1,255})[\"']")
 # Input files that are searched for the names of further ones, at most.

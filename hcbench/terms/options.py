@@ -75,6 +75,8 @@ Joints = str | Mapping[str, float | Iterable[float]]
 PoseState = str | Path | object
 # "NAME=DIR", or folders by the name of a package.
 Folders = str | Mapping[str, str]
+# A pair of materials, "rubber on concrete"; a file material.json; or a `MaterialPair`.
+MaterialName = str | Path | object
 # "pd", "ctrl" and others, or a function of model and state.
 Controller = str | Callable[[Any, Any], Any]
 
@@ -148,9 +150,19 @@ class LaunchOptions(TypedDict, total=False):
 
 
 class TargetOptions(TypedDict, total=False):
-    """Options for what a model is compared with: at most one of alpha, restitution, pairs, baseline
-    and require.
+    """Options for what a model is compared with: at most one of material, alpha, restitution, pairs,
+    baseline and require.
     """
+
+    material: Annotated[
+        MaterialName | None,
+        Option(
+            "Take e from a published measurement: 'rubber on concrete', or a file material.json."
+            " `hcbench materials` lists them.",
+            "NAME",
+            group="Target",
+        ),
+    ]
 
     alpha: Annotated[
         Quantity | None, Option("Compare with the law of this α.", "QUANTITY", group="Target")

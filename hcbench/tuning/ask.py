@@ -10,11 +10,12 @@ import re
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
+from hcbench.catalogue.target import target_material
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.impact_law import read_adams, read_newton
-from hcbench.laws.restitution import Reading
+from hcbench.laws.restitution import Reading, RestitutionCurve
 from hcbench.measuring.measurement import Wanted, read_points
 from hcbench.measuring.request import make_request, read_limit, read_pair
 from hcbench.recipes.recipe import report_progress
@@ -32,6 +33,7 @@ from hcbench.terms.options import (
     Folders,
     Joints,
     LaunchOptions,
+    MaterialName,
     ModelSource,
     PoseState,
     Quantities,
@@ -46,6 +48,7 @@ from hcbench.tuning.model import LIMIT_S, tune_job
 from hcbench.tuning.tuned_model import TunedModel
 
 if TYPE_CHECKING:
+    from hcbench.catalogue.material import MaterialPair
     from hcbench.laws.conventions import AdamsImpact, NewtonSpring
     from hcbench.laws.impact_law import Adams, Newton
     from hcbench.terms.scene import Scene
@@ -61,6 +64,7 @@ def tune(
     engine: str,
     pair: BodyPair | None = None,
     *,
+    material: MaterialName | None = None,
     alpha: Quantity | None = None,
     restitution: Quantity | None = None,
     points: Points = (),
@@ -91,8 +95,9 @@ def tune(
         The name of an engine (`hcbench engines` lists them). `tune_model` tunes pairs in your own model.
     pair : text or two names, optional
         What the two bodies are called in the text to paste, first the one that moves.
-    alpha, restitution, points : optional
-        One target: α, s/m or with a unit; one e for all speeds; or pairs of impact speed, m/s, and e.
+    material, alpha, restitution, points : optional
+        One target: a pair of materials that `materials` lists; α, s/m or with a unit; one e for all
+        speeds; or pairs of impact speed, m/s, and e.
     adams, newton : text, optional
         A contact by stiffness and damping, in place of an e: "k, e, cmax, d" of Adams' IMPACT, or
         "SOLVER, ke, kd" of Newton.
@@ -153,6 +158,7 @@ def tune(
     if timestep is None:
         raise UserError("timestep", "missing", "the engine's step, such as '1 ms'")
     setting, wanted = make_target(
+        material=material,
         alpha=alpha,
         restitution=restitution,
         points=points,
@@ -182,6 +188,7 @@ def tune_model(
     model: ModelSource,
     pair: BodyPair | Sequence[BodyPair] | None = None,
     *,
+    material: MaterialName | None = None,
     alpha: Quantity | None = None,
     restitution: Quantity | None = None,
     points: Points = (),
@@ -215,7 +222,7 @@ def tune_model(
         Your model, as `measure` takes it; its pairs are tuned in it.
     pair : text or two names, or several
         Two bodies or geoms, first the one that moves; or a list of pairs such as "foot,floor".
-    alpha, restitution, points, adams, newton, target : optional
+    material, alpha, restitution, points, adams, newton, target : optional
         One target, as `tune` takes it.
     speeds : float, text, quantity of Pint's, or several, optional
         Band of impact speeds, m/s or with a unit; 0.1 to 2 m/s by default.
@@ -263,15 +270,19 @@ def tune_model(
         advice = f"`hcbench pairs {sanitized(model)}` lists them"
         raise UserError("pair", "missing", "two bodies or geoms", advice)
     points = read_points(points)
-    spring = _spring(
-        alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton
-    )
-    wanted = spring or Wanted(alpha, restitution, points, target)
-    band = list(DEFAULT_SPEEDS)
-    if len(points) > 1:
-        band = [v for v, _ in points]
+    ways: dict[str, Any] = {
+        "alpha": alpha,
+        "restitution": restitution,
+        "points": points or None,
+        "adams": adams,
+        "newton": newton,
+    }
+    known = target_material(material, **ways)
+    wanted, band = _wanted(target, known, points, ways)
     if speeds is not None:
         band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
+    if known is not None:
+        known.warn_outside(min(band), max(band))
     launch: LaunchOptions = {
         "speeds": sorted({min(band), max(band)}),
         "timestep": timestep,
@@ -376,7 +387,7 @@ def _spring(
     ways = {**others, "adams": adams, "newton": newton}
     given = [f"--{name}" for name, value in ways.items() if value is not None]
     if len(given) != 1:
-        names = ", ".join(f"--{name}" for name in ways)
+        names = ", ".join(f"--{name}" for name in (*ways, "material"))
         raise UserError("target", " and ".join(given) or "none", f"one of {names}")
     if adams is not None:
         return read_adams(adams)
@@ -388,6 +399,7 @@ def _spring(
 def make_target(
     *,
     timestep: Quantity,
+    material: MaterialName | None = None,
     alpha: Quantity | None = None,
     restitution: Quantity | None = None,
     points: Points = (),
@@ -405,18 +417,26 @@ def make_target(
 ) -> tuple[Scene, Target]:
     """The scene and the target of a question; SI numbers or text with units.
 
+    material: a pair of materials by name, in place of its numbers.
     adams, newton: a contact by stiffness and damping, in place of an e.
-    speeds: the band of impact speeds, by default the paper's as far as the step can bounce.
+    speeds: the band of impact speeds, by default the material's or the paper's, as far as the step
+    can bounce.
     mass, stiffness, exponent: the scene's by default.
     gravity: into the plate, 9.81 m/s² by default.
 
-    Raises UserError for none or several of alpha, restitution, points, adams and newton, and for an
-    exponent without its stiffness; QuantityError for numbers and units.
+    Raises UserError for none or several of material, alpha, restitution, points, adams and newton,
+    for "linear" with a material that has no α, and for an exponent without its stiffness;
+    QuantityError for numbers and units.
     """
     points = read_points(points)
-    spring = _spring(
-        alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton
-    )
+    ways = {"alpha": alpha, "restitution": restitution, "points": points or None}
+    known = target_material(material, **ways, adams=adams, newton=newton)
+    spring = None
+    if known is None:
+        spring = _spring(**ways, adams=adams, newton=newton)
+    else:
+        known.curve(reading)
+        alpha, restitution, points = known.target
     setting = load_scene(scene)
     n = setting.exponent
     if exponent is not None:
@@ -430,16 +450,7 @@ def make_target(
     g = _GRAVITY
     if gravity is not None:
         g = units.parse(gravity, "acceleration", "gravity")
-    band: Sequence[float]
-    if speeds is not None:
-        band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
-    elif len(points) > 1:
-        # e is unknown outside the band of the given points.
-        band = [v for v, _ in points]
-    else:
-        band = default_band(step, g)
-    low = min(band)
-    high = max(band)
+    low, high = _band_of(speeds, known, points, step, g)
     m = setting.mass
     if mass is not None:
         m = units.parse(mass, "mass", "mass")
@@ -452,4 +463,50 @@ def make_target(
         rate, _ = units.parse_uncertain(alpha, "alpha", "alpha")
     law = HuntCrossley(k, rate, n)
     as_read = "points" if points else reading
-    return setting, Target(law, m, step, low, high, as_read, tuple(points), g, friction, corners)
+    of = "" if known is None else known.line
+    return setting, Target(
+        law, m, step, low, high, as_read, tuple(points), g, friction, corners, of
+    )
+
+
+def _band_of(
+    speeds: Quantities | None,
+    known: MaterialPair | None,
+    points: Points,
+    timestep: float,
+    gravity: float,
+) -> tuple[float, float]:
+    """The band of impact speeds, m/s: as given, else that of the target, else the default.
+
+    known: the material of the target. timestep: s; gravity: m/s². Warns where the band is outside
+    what was measured of the material.
+    """
+    low, high = default_band(timestep, gravity)
+    if speeds is not None:
+        given = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
+        low, high = min(given), max(given)
+    elif known is not None and known.band is not None:
+        # A step cannot bounce below the lowest speed of its default band.
+        low, high = (max(v, low) for v in known.band)
+    elif known is None and len(points) > 1:
+        # e is unknown outside the band of the given points.
+        of_points = [v for v, _ in points]
+        low, high = min(of_points), max(of_points)
+    if known is not None:
+        known.warn_outside(low, high)
+    return low, high
+
+
+def _wanted(
+    target: Reading, known: MaterialPair | None, points: Points, ways: dict[str, Any]
+) -> tuple[RestitutionCurve | AdamsImpact | NewtonSpring, Sequence[float]]:
+    """Target of pairs of a model, and the default band of speeds, m/s.
+
+    known: the material of the target; ways: the others, by the names of their options.
+    """
+    if known is not None:
+        return known.curve(target), known.band or DEFAULT_SPEEDS
+    spring = _spring(**ways)
+    wanted = spring or Wanted(ways["alpha"], ways["restitution"], points, target)
+    band = [v for v, _ in points] if len(points) > 1 else DEFAULT_SPEEDS
+    return wanted, band

@@ -78,7 +78,7 @@ def test_all_nine_figures_are_there_and_say_what_they_show(folder: Path) -> None
         assert str(image["src"]).startswith("data:image/svg+xml,")
         assert len(str(image["alt"])) > 40
     for drawing in drawings(QUICK):
-        for suffix in ("svg", "png"):
+        for suffix in ("svg", "png", "csv"):
             assert (folder / "figures" / f"{drawing.name}.{suffix}").stat().st_size > 1000
 
 

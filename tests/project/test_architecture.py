@@ -22,7 +22,7 @@ ROOT = Path(hcbench.__file__).parent
 FLOORS = [
     {"system", "environments", "workers"},
     {"terms"},
-    {"laws", "scoring"},
+    {"laws", "scoring", "catalogue"},
     {"recipes"},
     {"sim"},
     {"measuring", "tuning", "engines", "contact", "fitting"},

@@ -48,6 +48,8 @@ COMMANDS = (
     ("land", "examples/good.xml", "--heights", "2 cm"),
     ("engines",),
     ("convert", "--alpha", "0.3", "--speed", "1 m/s", "--timestep", "1 ms"),
+    ("materials",),
+    ("materials", "steel on steel"),
     ("law", "--alpha", "0.3", "--speed", "0.1, 1 m/s"),
 )
 

@@ -24,7 +24,7 @@ from hcbench.system.errors import HcbenchError
 from hcbench.terms.scene import Material
 
 ROOT = Path(__file__).parents[2]
-MODULES = ("hcbench", "hcbench.contact.mujoco", "hcbench.contact.pybullet")
+MODULES = ("hcbench", "hcbench.paper", "hcbench.contact.mujoco", "hcbench.contact.pybullet")
 WRONG: list[Any] = [
     None,
     "x",
@@ -89,6 +89,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.law": {"alpha": 0.3},
     "hcbench.load_scene": {"name_or_path": "steel-plane"},
     "hcbench.load_study": {"path": ROOT / "reports" / "steel-1lb" / "study.toml"},
+    "hcbench.materials": {"name": "rubber on concrete"},
     "hcbench.measure": {"model": object(), "pair": "a,b"},
     "hcbench.measure_trajectory": {"model": object(), "trajectory": {"qpos": [[0.0]]}},
     "hcbench.pairs": {"model": object()},
@@ -114,6 +115,8 @@ RIGHT: dict[str, dict[str, Any]] = {
         "material1": STEEL,
         "material2": STEEL,
     },
+    "hcbench.paper.data": {"name": "figure-2"},
+    "hcbench.paper.figure": {"name": "figure-2"},
     "hcbench.fitting.setup.Known": {"value": 1.0},
     "hcbench.fitting.setup.MeasurementSetup": {"timing": 1e-3},
     "hcbench.tuning.model.tune_job": {"source": "", "requests": [], "wanted": hcbench.Wanted(0.3)},
@@ -129,6 +132,9 @@ MADE_BY_HCBENCH = {
     "Answer",
     "Impact",
     "ImpactLaw",
+    "ImpactLaws",
+    "MaterialPair",
+    "Materials",
     "Loop",
     "Measurement",
     "Results",
@@ -268,8 +274,8 @@ def test_every_public_name_of_the_package_is_tried_here() -> None:
 
 
 def test_dir_shows_few_names_which_is_what_a_user_calls() -> None:
-    assert dir(hcbench) == sorted([*hcbench.__all__, "__version__"])
-    assert len(hcbench.__all__) == 14
+    assert dir(hcbench) == sorted([*hcbench.__all__, "__version__", "paper"])
+    assert len(hcbench.__all__) == 15
     for name in (*hcbench._VERBS, *hcbench._CLASSES):
         assert getattr(hcbench, name).__module__.startswith("hcbench.")
 

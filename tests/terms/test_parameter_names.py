@@ -56,9 +56,9 @@ def pairs(tmp_path: Path) -> str:
         ("jobs: 0", lambda _: hb.check(BALL, "ball,plate", restitution=0.9, jobs=0)),
         ("jobs: 0", lambda _: hb.report(jobs=0)),
         ("jobs: 0", lambda _: hb.run_study(hb.load_study("reports/steel-1lb/study.toml"), jobs=0)),
-        ("alpha: missing", lambda _: hb.law()),  # type: ignore[call-arg]
+        ("alpha: missing", lambda _: hb.law()),
         ("model: missing", lambda _: hb.measure()),  # type: ignore[call-arg]
-        ("arguments: too many positional arguments", lambda _: hb.law(0.3, 1, 2, 3)),  # type: ignore[call-arg]
+        ("arguments: too many positional arguments", lambda _: hb.law(0.3, 1, 2, 3)),  # type: ignore[call-overload]
         ("speed: np.timedelta64", lambda _: hb.law(0.3).e(np.timedelta64(1, "s"))),  # type: ignore[arg-type]
     ],
 )
