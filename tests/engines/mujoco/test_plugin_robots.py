@@ -211,6 +211,17 @@ def test_a_solver_that_stops_early_is_named_once_where_robots_stand(
     assert re.search(words, "".join(warned))
 
 
+def test_a_robot_lands_on_its_feet_where_the_solver_stops_after_one_iteration() -> None:
+    """Feet are solved again after each step. On native contact this robot never rests."""
+    native, own = (
+        landing(robot("quadruped", law, iterations=1, integrator=0), 0.1)
+        for law in (None, ConstantRestitution(0.6))
+    )
+    assert own["deepest"] < native["deepest"] + 1e-3
+    assert own["travel"] < native["travel"] + 0.03
+    assert own["fastest"] < 1e-3
+
+
 @pytest.mark.parametrize(("step", "words"), [(4e-3, "may land more than 1 mm deeper"), (2e-3, "")])
 def test_a_robot_that_may_land_deeper_than_on_native_contact_is_named(
     step: float, words: str

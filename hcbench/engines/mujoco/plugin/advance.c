@@ -9,6 +9,9 @@
 /* Whether the step takes M^-1 J^T efc_force in place of the solver's qacc (mj_dualFinish). */
 static int is_dual(const mjModel* m) { return m->opt.solver == mjSOL_PGS || m->opt.noslip_iterations > 0; }
 
+/* Whether Newton stops before its end as a rule. */
+static int stops_early(const mjModel* m) { return m->opt.solver == mjSOL_NEWTON && m->opt.iterations < HCB_ITERATIONS; }
+
 /* Whether the integrator takes the solver's forces in place of qacc. */
 static int takes_forces(const mjModel* m) {
   int damped = 0, off = m->opt.disableflags & mjDSBL_EULERDAMP;
@@ -87,11 +90,26 @@ static int has_contact(const mjModel* m, const mjData* d, int first) {
   return 0;
 }
 
+/* Whether the solver stops early, and no contact, limit or equality pushes but contacts of a law: those can be solved without
+   the solver (strays.c). The forces of others are then stiff springs' at accelerations that are wrong: they are of no use. */
+static int is_unsolved(const mjModel* m, const mjData* d, int first) {
+  int others = !stops_early(m) || is_dual(m);
+  for (int k = 0; k < d->nefc && !others; k++) {
+    int type = d->efc_type[k], is_friction = type == mjCNSTR_FRICTION_DOF || type == mjCNSTR_FRICTION_TENDON;
+    if (is_friction || d->efc_force[k] == 0) continue;
+    const mjContact* c = type >= mjCNSTR_CONTACT_FRICTIONLESS ? d->contact + d->efc_id[k] : NULL;
+    others = !c || c->geom[0] < 0 || c->geom[1] < 0 || !entry_of(instance_of(d, first), c->geom[0], c->geom[1]);
+  }
+  return !others;
+}
+
 /* Adds to the new velocities and positions what the accelerations give beyond the forces: (M - h D)^-1 of
-   M qacc - qfrc_smooth - qfrc_constraint. */
+   M qacc - qfrc_smooth - qfrc_constraint. Of a solver that stops before its end the forces are the better: accelerations that
+   no force gives would gain energy, and strays.c puts other forces of contacts in their place. There it takes that away. */
 static void take_accelerations(const mjModel* m, mjData* d, int first) {
   double h = m->opt.timestep;
-  if (is_dual(m) || !takes_forces(m) || m->nflex || !has_contact(m, d, first)) return;
+  int early = is_unsolved(m, d, first), forces = takes_forces(m);
+  if (is_dual(m) || forces == early || m->opt.integrator == mjINT_RK4 || m->nflex || !has_contact(m, d, first)) return;
   mj_markStack(d);
   tree_parts t = make_parts(m, d, first, 0);
   double *missing = stack(d, m->nv), *x = stack(d, m->nv);
@@ -107,8 +125,8 @@ static void take_accelerations(const mjModel* m, mjData* d, int first) {
     for (int i = 0; i < n; i++) pushed &= d->tree_awake[m->dof_treeid[dof[i]]];
 #endif
     for (int i = 0; i < n && !pushed; i++) x[i] = 0;
-    if (pushed) solve_step(m, d, &t, q, 1, x);
-    for (int i = 0; i < n; i++) missing[dof[i]] = h * x[i];
+    if (pushed) solve_step(m, d, &t, q, forces, x);
+    for (int i = 0; i < n; i++) missing[dof[i]] = (early ? -h : h) * x[i];
   }
   mju_addTo(d->qvel, missing, m->nv);
   mj_integratePos(m, d->qpos, missing, h);

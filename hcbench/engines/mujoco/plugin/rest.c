@@ -106,7 +106,7 @@ static int may_stray(const mjModel* m, const blow* b, int loaded) {
   double slow = HCB_STRAYS * b->law.still;
   int slides = fmax(b->slip, hypot(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
   int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + slides;
-  return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 1);
+  return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 1 || stops_early(m));
 }
 
 /* Marks a contact of MuJoCo as one that is to stand after the step. */

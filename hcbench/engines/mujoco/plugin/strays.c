@@ -44,9 +44,10 @@ static void solver_force(const mjModel* m, const mjData* d, int contact, double 
 }
 
 /* Whether a contact that is to stand approaches (1), or parts by the solver's force (2), or both (3). */
-static int strays(const mjModel* m, const mjData* d, const instance* memory) {
-  int found = 0;
-  for (int i = 0; i < memory->stand; i++) {
+static int strays(const mjModel* m, const mjData* d, int first) {
+  const instance* memory = instance_of(d, first);
+  int found = memory->stand && is_unsolved(m, d, first) ? 3 : 0;
+  for (int i = 0; i < memory->stand && found < 3; i++) {
     int k = memory->stands[i].contact;
     double rate = rate_along(m, d, memory, d->contact + k, 0) + memory->stands[i].closing, slow = strays_from(m, d->contact + k), force[6];
     if (rate > slow) solver_force(m, d, k, force);
@@ -128,6 +129,6 @@ static void hold_still(const mjModel* m, mjData* d, int first, int anew) {
 }
 
 static void stop_strays(const mjModel* m, mjData* d, int first) {
-  int found = strays(m, d, instance_of(d, first));
+  int found = strays(m, d, first);
   if (found) hold_still(m, d, first, found > 1);
 }
