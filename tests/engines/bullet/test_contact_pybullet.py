@@ -722,7 +722,7 @@ HOLDS = [
 def test_bodies_that_a_constraint_holds_bounce_with_the_mass_of_both(
     kind: int, maximal: bool, e: float, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """It is made after the first impact, which is of the ball alone, and taken away again."""
+    """A constraint made after the first impact, which is of the ball alone, and taken away again."""
     held = Held(maximal)
     held.law(e)
     for holds in (False, True, False):

@@ -36,7 +36,7 @@ typedef struct block {
 typedef struct { /* impacts, until the next ones */
   hcb_system system;
   const double *rate, *impulse; /* before them; of them */
-  const int *part, *place;      /* of each body, as `held_parts` has them */
+  const int *part, *place;      /* of each body: see `held_parts` */
   struct law** struck;          /* of each part: a law that struck it, or NULL */
   int bodies;
   long tick;
