@@ -37,7 +37,7 @@ def _takes(
 
 
 NAMES = list(_takes())
-STRANGE = {
+STRANGE: dict[str, Any] = {
     "Pint scalar": QUANTITY(1.0, "m/s"),
     "Pint array": QUANTITY([1.0, 2.0], "m/s"),
     "array of no dimension": np.array(1.0),
@@ -86,5 +86,6 @@ def test_gravity_in_a_unit_of_another_kind_is_refused() -> None:
 
 
 def test_launches_are_read_from_arrays_of_no_dimension() -> None:
-    request = make_request(speeds=np.array(1.0), phases=np.array(2), timestep=np.array(0.001))
+    given: dict[str, Any] = {"speeds": 1.0, "phases": 2, "timestep": 0.001}
+    request = make_request(**{name: np.array(value) for name, value in given.items()})
     assert (request.speeds, request.phases, request.timestep) == ((1.0,), (0.25, 0.75), 0.001)
