@@ -57,14 +57,26 @@ def json_text(content: Any) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Parse JSON. ValueError for invalid text and for text nested too deeply for Python."""
+    """Parse JSON. ValueError for invalid text, for text nested too deeply for Python, and for a key
+    that an object has twice.
+    """
     if isinstance(text, str):
         # Editors in Windows begin a file with a byte-order mark.
         text = text.removeprefix("\ufeff")
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_keys_once)
     except RecursionError:
         raise ValueError("nested too deeply") from None
+
+
+def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object of these pairs. Of two values of a key Python would silently keep the last."""
+    content: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in content:
+            raise ValueError(f"the key {key[:60]!r} is there twice")
+        content[key] = value
+    return content
 
 
 def _no_nan(content: Any) -> Any:
