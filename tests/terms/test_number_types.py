@@ -86,6 +86,9 @@ def test_gravity_in_a_unit_of_another_kind_is_refused() -> None:
 
 
 def test_launches_are_read_from_arrays_of_no_dimension() -> None:
-    given: dict[str, Any] = {"speeds": 1.0, "phases": 2, "timestep": 0.001}
-    request = make_request(**{name: np.array(value) for name, value in given.items()})
+    given: dict[str, Any] = {
+        name: np.array(value)
+        for name, value in (("speeds", 1.0), ("phases", 2), ("timestep", 0.001))
+    }
+    request = make_request(**given)
     assert (request.speeds, request.phases, request.timestep) == ((1.0,), (0.25, 0.75), 0.001)
