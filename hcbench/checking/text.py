@@ -209,6 +209,9 @@ def find_table(path: Path) -> dict[str, Any] | None:
     table = (
         content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
     )
+    if table is not None and not isinstance(table, dict):
+        got = f"{path}: [tool] hcbench is {table!r:.60}"
+        raise UserError("checks", got, "a table with [[tool.hcbench.check]] entries")
     if table is None and "check" in content:
         table = content
     return table

@@ -5,6 +5,7 @@ through the door that engines use.
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ import hcbench
 from hcbench.sim.engine import Engine
 from hcbench.sim.read_impact import impact_of
 from hcbench.system.errors import SettingError
+from hcbench.system.files import read_text
 from hcbench.terms.impact import Impact, Launch, Trajectory
 
 if TYPE_CHECKING:
@@ -81,10 +83,9 @@ def read(file: Path) -> Trajectory:
     slot = f"recording {file}"
     columns = f"the columns {', '.join(COLUMNS)}"
     try:
-        with file.open(encoding="utf-8-sig", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-            header = list(rows[0]) if rows else []
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(csv.DictReader(io.StringIO(read_text(file), newline="")))
+        header = list(rows[0]) if rows else []
+    except (OSError, ValueError, csv.Error) as error:
         raise SettingError(
             slot, f"could not be read: {error}", f"a CSV file with {columns}"
         ) from error

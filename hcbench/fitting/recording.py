@@ -14,6 +14,7 @@ from scipy.io import wavfile
 from scipy.signal import butter, find_peaks, resample_poly, sosfilt
 
 from hcbench.system.errors import UserError
+from hcbench.system.files import why_no_file
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
@@ -57,6 +58,9 @@ class Recording:
 def is_sound(path: Path) -> bool:
     """Say whether a file begins like a WAV file, or has a suffix of phone recordings."""
     try:
+        if not path.is_file():
+            # A pipe can be read once; a recording is read in parts.
+            return False
         with path.open("rb") as file:
             head = file.read(12)
     except (OSError, ValueError):
@@ -82,6 +86,8 @@ def read_recording(
     Raises UserError for other files and for files without a sound.
     """
     name = sanitized(path.name)
+    if path.exists() and not path.is_file():
+        raise UserError(name, why_no_file(path), "a recording")
     source = _Compressed(path) if _is_of_phone(path) else _Wav(path)
     if source.rate < 8000:
         raise UserError(name, f"{source.rate} samples a second", "8000 or more")

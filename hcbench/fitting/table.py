@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.system.errors import QuantityError, UserError
-from hcbench.system.files import read_text
+from hcbench.system.files import read_bytes
 from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.bounds import beyond_bounds, require_bounds
@@ -171,18 +171,18 @@ def _decoded(path: Path) -> str:
     for
     a file beyond 16 MiB.
     """
+    # Read once: a pipe cannot be read again.
+    raw = read_bytes(path, _LARGEST)
     try:
-        text = read_text(path, "utf-8-sig", _LARGEST)
+        text = raw.decode("utf-8-sig")
         if "\0" not in text:
             return text
         # Latin letters in UTF-16 without its mark: each second byte is 0,
         # and all of it is valid UTF-8.
-        raw = path.read_bytes()
         if raw[1:2] == b"\0":
             return raw.decode("utf-16-le")
         return raw.decode("utf-16-be")
     except UnicodeDecodeError:
-        raw = path.read_bytes()
         if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
             text = raw.decode("utf-16")
             if any(letter.isdecimal() for letter in text):

@@ -365,6 +365,7 @@ def _gravity(gravity: Any) -> Vector:
     """Gravity, m/s²: three numbers, or one along -z. Raises QuantityError for one below 0, and for
     another number of numbers.
     """
+    gravity = units.without_pint(gravity, "acceleration", "gravity")
     if isinstance(gravity, str) and "," in gravity:
         gravity = gravity.split(",")
     if isinstance(gravity, str) and _THREE_NUMBERS.fullmatch(gravity):

@@ -57,14 +57,26 @@ def json_text(content: Any) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Parse JSON. ValueError for invalid text and for text nested too deeply for Python."""
+    """Parse JSON. ValueError for invalid text, for text nested too deeply for Python, and for a key
+    that an object has twice.
+    """
     if isinstance(text, str):
         # Editors in Windows begin a file with a byte-order mark.
         text = text.removeprefix("\ufeff")
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_keys_once)
     except RecursionError:
         raise ValueError("nested too deeply") from None
+
+
+def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object of these pairs. Of two values of a key Python would silently keep the last."""
+    content: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in content:
+            raise ValueError(f"the key {key[:60]!r} is there twice")
+        content[key] = value
+    return content
 
 
 def _no_nan(content: Any) -> Any:
@@ -91,19 +103,47 @@ def why_no_file(path: Path) -> str:
     """The reason why a path cannot be read as a file, after its name."""
     if path.is_dir():
         return "is a folder"
-    if path.is_symlink():
-        return "is a link that leads to no file"
-    return "is not a file that can be read again" if path.exists() else "is not there"
+    if path.exists():
+        return "is not a file that can be read again"
+    return "is a link that leads to no file" if path.is_symlink() else "is not there"
+
+
+class _UnreadableError(OSError):
+    """Its text is the reason alone, without the system's number."""
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
+def open_input(path: Path) -> BinaryIO:
+    """Open a user's file for reading, or a stream that this process was given: /dev/stdin, the
+    shell's <(...).
+
+    OSError for a folder and for any other pipe or device, which might never end; ValueError for a
+    name with a null character.
+    """
+    status = path.stat()
+    if stat.S_ISREG(status.st_mode):
+        return path.open("rb")
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    with suppress(FileNotFoundError):
+        for name in os.listdir("/dev/fd"):  # noqa: PTH208 - numbers, not files
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(int(name)), status):
+                    # Opened again by its name, a pipe waits for one more writer.
+                    return os.fdopen(os.dup(int(name)), "rb")
+    raise _UnreadableError(errno.EINVAL, "a pipe or a device, not a file")
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """A file of at most `most` bytes; OSError for a longer one,
+    """A file of at most `most` bytes, opened by `open_input`; OSError for a longer one,
     regardless of the size that it states.
     """
-    with path.open("rb") as file:
+    with open_input(path) as file:
         content = file.read(most + 1)
     if len(content) > most:
-        raise OSError(errno.EFBIG, f"has more than {most >> 20} MiB")
+        raise _UnreadableError(errno.EFBIG, f"has more than {most >> 20} MiB")
     return content
 
 

@@ -13,7 +13,7 @@ import inspect
 import operator
 import re
 import types
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import (
@@ -92,15 +92,16 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         hints = _hints(function)
         # Each argument of `*files` counts as one of them.
         places = [*in_places, *after_them * len(args)]
-        given = [*zip(places, args, strict=False), *kwargs.items()]
+        plain_args = list(map(_plain, args))
+        plain = {name: _plain(value) for name, value in kwargs.items()}
+        given = [*zip(places, plain_args, strict=False), *plain.items()]
         for name, value in given:
             if name in hints and not _fits(value, hints[name]):
                 raise UserError(name, f"{value!r:.80}", _words(hints[name]))
             if name not in names and not takes_others:
                 raise UserError(name, "unknown argument", f"one of: {', '.join(names)}")
-        plain = {name: _plain(value) for name, value in kwargs.items()}
         try:
-            return function(*map(_plain, args), **plain)
+            return function(*plain_args, **plain)
         except HcbenchError as error:
             name_parameters(error, names)
             raise
@@ -170,10 +171,13 @@ def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
 
 
 def _plain(value: Any) -> Any:
-    """Turn a NumPy number into one of Python, which prints as a number; also inside lists, tuples,
-    mappings.
+    """Turn a NumPy number, or an array without dimensions, into a number of Python, which prints as
+    one; also inside lists, tuples, mappings.
     """
-    if isinstance(value, np.generic):
+    if isinstance(value, np.ndarray) and not value.ndim:
+        value = value[()]
+    # The item of a duration may be a whole number, without its unit.
+    if isinstance(value, np.generic) and not isinstance(value, np.timedelta64 | np.datetime64):
         return value.item()
     if type(value) in (list, tuple):
         return type(value)(map(_plain, value))
@@ -238,6 +242,9 @@ def _is_whole(value: Any, _: _Parts) -> bool:
 
 
 def _is_array(value: Any, _: _Parts) -> bool:
+    if isinstance(value, PintQuantity):
+        # NumPy would take its numbers and drop their unit.
+        return False
     with suppress(ValueError, TypeError):
         return np.asarray(value).dtype.kind in "iuf"
     return False
@@ -255,10 +262,20 @@ def _is_tuple(value: Any, parts: _Parts) -> bool:
 
 
 def _is_several(value: Any, parts: _Parts) -> bool:
-    is_text = isinstance(value, str | bytes | Mapping)
-    return (
-        isinstance(value, Iterable) and not is_text and all(_fits(each, parts[0]) for each in value)
-    )
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        return False
+    try:
+        each_value = iter(value)
+    except TypeError:
+        # One quantity of Pint's, or a tensor of one number, has the method and cannot be iterated.
+        return False
+    return all(_fits(each, parts[0]) for each in each_value)
+
+
+def _is_sequence(value: Any, parts: _Parts) -> bool:
+    # An open file and a generator are used up by the first look; a set has no order.
+    has_places = hasattr(value, "__len__") and hasattr(value, "__getitem__")
+    return has_places and _is_several(value, parts)
 
 
 def _is_any_of(value: Any, parts: _Parts) -> bool:
@@ -283,6 +300,7 @@ _GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {
     np.ndarray: _is_array,
     tuple: _is_tuple,
     Mapping: lambda value, _: isinstance(value, Mapping),
+    Sequence: _is_sequence,
     Iterable: _is_several,
 }
 

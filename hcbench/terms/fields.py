@@ -160,7 +160,8 @@ def read_toml(
         raise error(slot, f"{path} does not exist", expected) from None
     except (OSError, UnicodeDecodeError) as caught:
         raise error(slot, f"{path}: {sanitized(caught)}", "a readable TOML file") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as caught:
+    except (ValueError, RecursionError) as caught:
+        # A plain ValueError: a whole number of more digits than Python converts.
         raise error(
             slot, f"{path} is not TOML: {sanitized(caught)}", "TOML", "Mend that line"
         ) from None

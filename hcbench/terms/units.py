@@ -188,7 +188,7 @@ def parse(
     """
     kind = QUANTITIES[quantity]
     slot = slot or quantity
-    value = _without_pint(value, kind, slot, exponent)
+    value = without_pint(value, quantity, slot, exponent)
     if isinstance(value, str):
         match = _NUMBER.fullmatch(value)
         if match is None:
@@ -218,8 +218,13 @@ def is_real(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating)
 
 
-def _without_pint(value: object, kind: QuantityKind, slot: str, exponent: float = 1.5) -> object:
-    """A quantity of Pint's as a number or an array, SI; any other value as it is."""
+def without_pint(value: object, quantity: str, slot: str, exponent: float = 1.5) -> Any:
+    """A quantity of Pint's as a number or an array, SI; any other value as it is.
+
+    quantity: a name in QUANTITIES. exponent: n in N/m^n.
+
+    Raises QuantityError for a unit of another kind.
+    """
     if isinstance(value, str | float | int) or not isinstance(value, PintQuantity):
         return value
     unit = str(value.units)
@@ -227,7 +232,7 @@ def _without_pint(value: object, kind: QuantityKind, slot: str, exponent: float 
     magnitude = np.asarray(value.magnitude)[()]
     if unit == "dimensionless":
         unit = ""
-    return magnitude * _scale(unit, kind, slot, str(value), exponent)
+    return magnitude * _scale(unit, QUANTITIES[quantity], slot, str(value), exponent)
 
 
 def _fraction(text: str) -> float:
@@ -316,7 +321,7 @@ def parse_values(
     """
     kind = QUANTITIES[quantity]
     slot = slot or quantity
-    value = _without_pint(value, kind, slot)
+    value = without_pint(value, quantity, slot)
     if isinstance(value, np.ndarray):
         value = value.ravel().tolist()
     if isinstance(value, list | tuple):

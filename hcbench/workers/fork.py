@@ -62,8 +62,14 @@ class Fork:
                 os.kill(self.pid, signal.SIGKILL)
 
     def _wait(self, options: int) -> int | None:
-        if self.returncode is None and (ended := os.waitpid(self.pid, options))[0]:
-            self.returncode = os.waitstatus_to_exitcode(ended[1])
+        if self.returncode is None:
+            try:
+                ended, status = os.waitpid(self.pid, options)
+            except ChildProcessError:
+                # Where SIGCHLD is ignored, the system drops the exit status; Popen says 0, too.
+                ended, status = self.pid, 0
+            if ended:
+                self.returncode = os.waitstatus_to_exitcode(status)
         return self.returncode
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 import re
 import subprocess
 import sys
@@ -472,6 +473,23 @@ def test_install_puts_it_beside_mujocos_own_and_an_old_one_is_reported(
     place.write_bytes(b"old")
     with pytest.raises(CannotRun, match="--install` again"):
         contact.load.__wrapped__()
+
+
+def test_install_leaves_the_library_that_a_running_program_has_loaded(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Written over in place, a mapped library crashes who has it: install gives the name a new file."""
+    place = tmp_path / "plugin" / "libhcbench.so"
+    monkeypatch.setattr("hcbench.engines.mujoco.plugin._installed", lambda: place)
+    assert run_command(["plugin", "mujoco", "--install"]) == 0
+    with place.open("rb") as loaded:
+        before = loaded.read()
+        for _ in range(2):
+            assert run_command(["plugin", "mujoco", "--install"]) == 0
+        assert place.stat().st_ino != os.fstat(loaded.fileno()).st_ino
+        loaded.seek(0)
+        assert loaded.read() == before
+    assert [each.name for each in place.parent.iterdir()] == [place.name]
 
 
 def test_an_engine_without_plug_ins_says_so(capsys: Any) -> None:

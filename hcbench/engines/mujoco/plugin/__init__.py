@@ -13,7 +13,6 @@ the keys. Force laws are for steps that resolve the contact; `Restitution` and
 
 import functools
 import math
-import shutil
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +26,7 @@ from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim.packages import suggest_names
 from hcbench.system import compiler as _compile
 from hcbench.system.errors import CannotRun, EngineMissing, OutputError, SettingError
+from hcbench.system.files import replace_file
 from hcbench.terms.arguments import checked
 from hcbench.terms.scene import Material
 
@@ -123,7 +123,8 @@ def install() -> Path:
     path = _installed()
     try:
         path.parent.mkdir(exist_ok=True)
-        shutil.copyfile(library(), path)
+        # A process that has the earlier library loaded keeps it: written over in place, it would crash.
+        replace_file(path, library().read_bytes())
     except OSError as error:
         raise OutputError(
             str(path), str(error.strerror or error), "a folder that can be written to"

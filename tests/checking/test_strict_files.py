@@ -1,0 +1,33 @@
+"""JSON and TOML that Python's readers take, or fail on, without a word."""
+
+from pathlib import Path
+
+import pytest
+
+from hcbench.checking.text import find_table
+from hcbench.measuring.request import read_state
+from hcbench.system.errors import UserError
+from hcbench.system.files import parse_json
+
+
+@pytest.mark.parametrize(
+    "text", ['{"a": 1, "a": 1}', '[{"b": {"a": 1, "c": 2, "a": 3}}]', '{"a": {}, "\\u0061": 1}']
+)
+def test_a_key_twice_is_refused_at_any_depth(text: str) -> None:
+    with pytest.raises(ValueError, match="'a' is there twice"):
+        parse_json(text)
+
+
+def test_a_state_with_a_joint_twice_names_it(tmp_path: Path) -> None:
+    path = tmp_path / "state.json"
+    path.write_text('{"hip": 0.3, "hip": 0.4}')
+    with pytest.raises(UserError, match="'hip' is there twice"):
+        read_state(path)
+
+
+@pytest.mark.parametrize("value", ["5", "'x'", "true", "[1]", "1979-05-27", "0.5", "9" * 5000])
+def test_a_table_that_is_something_else_is_refused(value: str, tmp_path: Path) -> None:
+    path = tmp_path / "pyproject.toml"
+    path.write_text(f"[tool]\nhcbench = {value}\n")
+    with pytest.raises(UserError, match=r"pyproject\.toml"):
+        find_table(path)

@@ -1,0 +1,93 @@
+"""Inputs that are pipes: the shell's own are read, any other is refused, and none is waited for."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hcbench.system.errors import HcbenchError
+from hcbench.system.files import open_input, read_bytes, why_no_file
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with a name")
+
+
+@pytest.fixture
+def fifo(tmp_path: Path) -> Callable[[str], Path]:
+    def make(name: str) -> Path:
+        os.mkfifo(tmp_path / name)
+        return tmp_path / name
+
+    return make
+
+
+def _read_toml(path: Path) -> Any:
+    from hcbench.checking.text import find_table
+
+    return find_table(path)
+
+
+def _read_state(path: Path) -> Any:
+    from hcbench.measuring.request import read_state
+
+    return read_state(path)
+
+
+def _read_baseline(path: Path) -> Any:
+    from hcbench.checking.baseline import read_baseline
+
+    return read_baseline(path, "all")
+
+
+def _fit(path: Path) -> Any:
+    from hcbench.fitting.ask import fit
+
+    return fit(path)
+
+
+def _replay(path: Path) -> Any:
+    from hcbench.engines.recorded import read
+
+    return read(path)
+
+
+READERS = {
+    "checks.toml": _read_toml,
+    "state.json": _read_state,
+    "state.npz": _read_state,
+    "baseline.json": _read_baseline,
+    "times.csv": _fit,
+    "times.wav": _fit,
+    "times.m4a": _fit,
+    "recorded.csv": _replay,
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_pipe_with_a_name_is_refused_at_once(name: str, fifo: Callable[[str], Path]) -> None:
+    """It has no writer: a reader that opened it would wait for good, and the test's limit end it."""
+    with pytest.raises(HcbenchError, match="not a file") as caught:
+        READERS[name](fifo(name))
+    assert "Errno" not in str(caught.value)
+
+
+def test_a_device_without_an_end_is_refused(tmp_path: Path) -> None:
+    link = tmp_path / "zero"
+    link.symlink_to("/dev/zero")
+    with pytest.raises(OSError, match="not a file"):
+        read_bytes(link)
+    assert why_no_file(link) == "is not a file that can be read again"
+    (tmp_path / "dangling").symlink_to(tmp_path / "nothing")
+    assert why_no_file(tmp_path / "dangling") == "is a link that leads to no file"
+
+
+def test_a_pipe_that_this_process_was_given_is_read() -> None:
+    end, begin = os.pipe()
+    os.write(begin, b"content")
+    os.close(begin)
+    try:
+        with open_input(Path(f"/dev/fd/{end}")) as file:
+            assert file.read() == b"content"
+    finally:
+        os.close(end)
