@@ -93,7 +93,9 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @_engine_option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
 @_engine_option("--exponent", type=EXPONENT, help="n of the law.  [default: the scene's]")
 @_engine_option(
-    "--friction", type=FRICTION, default="0", show_default=True, help="Coulomb's μ of the contact."
+    "--friction",
+    type=FRICTION,
+    help="Coulomb's μ of the contact, 0 for none.  [default: the engine's: MuJoCo 1, PyBullet 0.25]",
 )
 @_engine_option(
     "--corners",

@@ -67,6 +67,8 @@ class Target:
     points: pairs (v m/s, e), straight between them and constant beyond; one pair is a constant e.
     gravity: into the plate, m/s².
     friction: coefficient of Coulomb friction.
+    friction_asked: whether the user asked for it; else it is what two bodies of the engine have of
+    which nothing is said.
     corners: points of the body that meet the plate at once, as the 4 of a flat box.
 
     Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0 ... 1
@@ -83,6 +85,7 @@ class Target:
     gravity: float = 0.0
     friction: float = 0.0
     corners: int = 1
+    friction_asked: bool = True
 
     def __post_init__(self) -> None:
         for slot, value, unit in (
