@@ -95,7 +95,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @_engine_option(
     "--friction",
     type=FRICTION,
-    help="Coulomb's μ of the contact, 0 for none.  [default: the engine's: MuJoCo 1, PyBullet 0.25]",
+    help="Coulomb's μ of the contact, 0 for none.  [default: of two bodies of the engine]",
 )
 @_engine_option(
     "--corners",

@@ -67,8 +67,7 @@ class Target:
     points: pairs (v m/s, e), straight between them and constant beyond; one pair is a constant e.
     gravity: into the plate, m/s².
     friction: coefficient of Coulomb friction.
-    friction_asked: whether the user asked for it; else it is what two bodies of the engine have of
-    which nothing is said.
+    friction_asked: whether the user asked for it; else it is the engine's own default.
     corners: points of the body that meet the plate at once, as the 4 of a flat box.
 
     Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0 ... 1

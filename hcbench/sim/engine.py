@@ -53,8 +53,8 @@ class Engine(ABC):
     oblique: launches bodies at an angle too.
     devices: that it can compute on, such as "cpu" and "gpu", where a setting's option `device` says
     so. What only some engines can do is in `hcbench.sim.capabilities`.
-    default_friction: Coulomb's μ of two bodies of which nothing is said; 0 where settings to paste
-    know no friction.
+    default_friction: Coulomb's μ of two bodies that state none; 0 where settings to paste know no
+    friction.
     keeps_friction: whether bodies keep a friction of their own under a setting that says none.
     """
 

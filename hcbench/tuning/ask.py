@@ -117,8 +117,7 @@ def tune(
     mass, stiffness, exponent : optional
         Effective mass, kg, and k, N/mⁿ, and n of the law; the scene's by default.
     friction : float, optional
-        Coulomb's μ, 0 for none; by default that of two bodies of the engine of which nothing is said: 1 in
-        MuJoCo, 0.25 in PyBullet.
+        Coulomb's μ, 0 for none; by default the engine's own for two bodies.
     corners : int
         Contact points that land together, 4 for the face of a box.
     progress : function of two integers, optional

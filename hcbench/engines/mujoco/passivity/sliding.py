@@ -165,7 +165,7 @@ def _followed(
 ) -> _Path:
     """Let a body go and compare its energy before and after each contact.
 
-    In free flight MuJoCo turns a body that is no ball with an error of its own: so only contacts count.
+    In free flight MuJoCo turns a body other than a ball with an error of its own: so only contacts count.
 
     velocity: m/s and, in its own frame, rad/s. above: start over the touch, m.
     """
