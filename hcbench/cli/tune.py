@@ -94,7 +94,9 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @_engine_option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
 @_engine_option("--exponent", type=EXPONENT, help="n of the law.  [default: the scene's]")
 @_engine_option(
-    "--friction", type=FRICTION, default="0", show_default=True, help="Coulomb's μ of the contact."
+    "--friction",
+    type=FRICTION,
+    help="Coulomb's μ of the contact, 0 for none.  [default: of two bodies of the engine]",
 )
 @_engine_option(
     "--corners",

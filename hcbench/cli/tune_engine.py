@@ -231,6 +231,7 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
     loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
     return {
         "largest error of e": f"{error}, {_conditions(target)}, {launches}",
+        "mean error of e": _bias(result),
         "largest e": f"{best.max_e:.4f} there, below and above, {best.energy}",
         **({"friction": _friction(result, target)} if target.friction else {}),
         "best constant e": f"{result.constant:.6g}, wrong by at most {result.constant_error:.2g}",
@@ -241,6 +242,12 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
         "rests under gravity": _rest(tuned),
         **_slope(tuned),
     }
+
+
+def _bias(result: Evaluation) -> str:
+    """The side of the target on which the launches lie, in words."""
+    share = f"{100 * result.below:.0f} % of them lie below the target"
+    return f"{result.mean_error:+.2g} in these launches; {share}"
 
 
 def _rest(tuned: Tuned) -> str:

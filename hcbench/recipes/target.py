@@ -67,6 +67,7 @@ class Target:
     points: pairs (v m/s, e), straight between them and constant beyond; one pair is a constant e.
     gravity: into the plate, m/s².
     friction: coefficient of Coulomb friction.
+    friction_asked: whether the user asked for it; else it is the engine's own default.
     corners: points of the body that meet the plate at once, as the 4 of a flat box.
     material: the measurement that the target is taken from, in a line; "" for numbers of a user.
 
@@ -84,6 +85,7 @@ class Target:
     gravity: float = 0.0
     friction: float = 0.0
     corners: int = 1
+    friction_asked: bool = True
     material: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:

@@ -207,7 +207,8 @@ def _choice(choice: PageChoice) -> dict[str, Any]:
 def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
     """Text in place of an unknown answer: the command that finds one."""
     engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
-    command = f'hcbench tune {engine} --alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g}'
+    asked = f'--alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g} --friction 0'
+    command = f"hcbench tune {engine} {asked}"
     say = f"Ask for a setting of {engine_title(engine)}: this command finds it."
     return {"kind": "", "say": say, "more": [], "text": command}
 

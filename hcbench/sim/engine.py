@@ -53,6 +53,9 @@ class Engine(ABC):
     oblique: launches bodies at an angle too.
     devices: that it can compute on, such as "cpu" and "gpu", where a setting's option `device` says
     so. What only some engines can do is in `hcbench.sim.capabilities`.
+    default_friction: Coulomb's μ of two bodies that state none; 0 where settings to paste know no
+    friction.
+    keeps_friction: whether bodies keep a friction of their own under a setting that says none.
     """
 
     name: str
@@ -61,6 +64,8 @@ class Engine(ABC):
     bits: int = 64
     oblique: bool = True
     devices: tuple[str, ...] = ()
+    default_friction: float = 0.0
+    keeps_friction: bool = False
 
     def version(self) -> str:
         """Version of the installed backend, not imported; raises EngineMissing where there is none."""

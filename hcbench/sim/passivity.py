@@ -142,6 +142,7 @@ class Finding:
     name: what it is.
     under: options it ran with.
     value, limit: in `unit`.
+    tried: launches of which the value is the worst.
     """
 
     name: str
@@ -149,11 +150,18 @@ class Finding:
     value: float
     limit: float
     unit: str = ""
+    tried: int = 1
 
     @property
     def passed(self) -> bool:
         """True if the value stays within its limit."""
         return self.value <= self.limit
+
+    @property
+    def failure(self) -> str:
+        """The value beside its limit, as a phrase."""
+        value = f"{self.value:.3g} {self.unit}".rstrip()
+        return f"{self.name}: {value} of at most {self.limit:.4g}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,10 +169,13 @@ class Passivity:
     """Energy and rest of a setting, as far as they were tested.
 
     bounces: of a ball.
-    flat: whether a box on face, edge and vertex never gained energy; None where that was not tried.
+    flat: whether bodies that touch at several points, such as a box on its face, passed all of
+    `boxes`; None where none was tried.
     slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without friction.
     findings: of the whole gate, empty for a screen.
     others: what the setting does to other contacts of the model, a sentence; "" for nothing.
+    sliding: of a ball that slides, spins and rolls with friction.
+    boxes: of boxes and a capsule that fall and, with friction, slide and spin.
     """
 
     bounces: Bounces
@@ -172,17 +183,23 @@ class Passivity:
     slope_drift: float = math.nan
     findings: tuple[Finding, ...] = ()
     others: str = ""
+    sliding: tuple[Finding, ...] = ()
+    boxes: tuple[Finding, ...] = ()
 
     @property
     def sphere(self) -> bool:
         """True if a ball never gains energy, comes to rest, and holds on a slope."""
         holds = not self.slope_drift > MOST_DRIFT
-        return self.bounces.passive and holds
+        slides = all(finding.passed for finding in self.sliding)
+        return self.bounces.passive and holds and slides
 
     @property
     def scenes(self) -> int:
-        """Number of scenes tested."""
-        return self.bounces.tried + len(self.findings)
+        """Number of launches and drops in which energy was tested, of boxes if they passed."""
+        passed = self.sliding
+        if self.flat:
+            passed += self.boxes
+        return self.bounces.tried + sum(finding.tried for finding in passed)
 
     @property
     def warning(self) -> str:
@@ -198,6 +215,7 @@ class Passivity:
             words.append(f"does not come to rest ({counted})")
         if self.slope_drift > MOST_DRIFT:
             words.append(f"slides down a slope of 10 degrees at {1e3 * self.slope_drift:.2g} mm/s")
+        words += [finding.failure for finding in self.sliding if not finding.passed]
         return "; ".join(words)
 
 

@@ -4,6 +4,7 @@ that `measure` recognizes it.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ _TEXT = re.compile(
     r"(?P<setting>\S+) by hcbench: (?P<rows>\d+) pairs?; "
     rf"(?P<goal>alpha|linear|restitution) (?P<value>{_NUMBER})(?: s/m)?; "
     rf"error (?P<error>{_NUMBER}); speeds (?P<low>{_NUMBER}) (?P<high>{_NUMBER}) m/s"
+    rf"(?:; gravity (?P<gravity>{_NUMBER}) m/s2)?"
+    rf"(?:; friction (?P<friction>{_NUMBER}))?"
     r"(?:; option (?P<option>(?:\w+=[\w.+-]+ ?)+))?"
 )
 # Other launches find a little more than was promised: in shares of the promised error, and in e.
@@ -27,11 +30,13 @@ _SLACK = 0.005
 class Promise:
     """A setting for a pair.
 
-    rows: <pair>s of the same two geoms.
+    rows: <pair>s of the same two geoms; 0 for a plug-in.
     curve: the target.
     error: of e over `speeds`, m/s.
+    gravity: into the plate, m/s²; NaN where an older text does not say it.
+    friction: Coulomb's μ; NaN likewise.
     option: options of the whole model with which the error was found, as the engine's own files
-    name and write them.
+    name and write them; for a plug-in the time step, up to which it holds.
     """
 
     setting: str
@@ -40,6 +45,8 @@ class Promise:
     error: float
     speeds: tuple[float, float]
     option: tuple[tuple[str, str], ...] = ()
+    gravity: float = math.nan
+    friction: float = math.nan
 
     @property
     def text(self) -> str:
@@ -55,9 +62,13 @@ class Promise:
             return ""
         low, high = self.speeds
         head = f"{self.setting.replace(' ', '-')} by hcbench: {self.rows} pair"
-        if self.rows > 1:
+        if self.rows != 1:
             head += "s"
         text = f"{head}; {goal}; error {self.error:.3g}; speeds {low:.4g} {high:.4g} m/s"
+        if not math.isnan(self.gravity):
+            text += f"; gravity {self.gravity:.6g} m/s2"
+        if not math.isnan(self.friction):
+            text += f"; friction {self.friction:.6g}"
         if not self.option:
             return text
         option = " ".join(f"{name}={value}" for name, value in self.option)
@@ -86,6 +97,8 @@ class Promise:
             error=float(match["error"]),
             speeds=(float(match["low"]), float(match["high"])),
             option=tuple(option),
+            gravity=float(match["gravity"] or math.nan),
+            friction=float(match["friction"] or math.nan),
         )
 
     def measured(self, impacts: Sequence[Impact]) -> float:
@@ -107,6 +120,8 @@ class Promise:
     def note(self, impacts: Sequence[Impact]) -> str:
         """One sentence: what was promised and what was measured."""
         low, high = self.speeds
-        count = {1: "One pair", 2: "Two pairs"}.get(self.rows, f"{self.rows} pairs")
+        count = {0: "The plug-in", 1: "One pair", 2: "Two pairs"}.get(
+            self.rows, f"{self.rows} pairs"
+        )
         numbers = f"promised {self.error:.2g}, measured {self.measured(impacts):.2g}"
         return f"{count} by hcbench for {self.curve.description}: {numbers} from {low:.3g} to {high:.3g} m/s."

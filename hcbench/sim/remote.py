@@ -59,6 +59,8 @@ class Wrapped(HasPlugin, TunesModels):
         self.bits = adapter.bits
         self.oblique = adapter.oblique
         self.devices = adapter.devices
+        self.default_friction = adapter.default_friction
+        self.keeps_friction = adapter.keeps_friction
         if isinstance(adapter, OpensModels):
             self.suffixes = adapter.suffixes
             self.opens = adapter.opens

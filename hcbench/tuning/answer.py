@@ -16,7 +16,7 @@ from hcbench.system.errors import SettingError
 from hcbench.system.notebook import Drawn
 from hcbench.system.text import time_step, two_digits
 from hcbench.terms.setting import Pair, Setting
-from hcbench.tuning.tuned import Tuned, make_tuned
+from hcbench.tuning.tuned import MOST_ADVISED, Tuned, make_tuned
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -94,10 +94,24 @@ class Choice:
         """
         if self.passivity is None:
             return "energy was not measured"
-        return (
-            self.passivity.warning
-            or f"energy never grew in {self.passivity.scenes} launches and drops"
-        )
+        if self.passivity.warning:
+            return self.passivity.warning
+        if not self.max_e <= MOST_ADVISED:
+            return "gains energy"
+        return f"energy never grew in {self.judged} launches and drops"
+
+    @property
+    def judged(self) -> int:
+        """Number of launches and drops in which energy never grew; 0 where it grew or was not
+        measured.
+        """
+        passivity = self.passivity
+        if passivity is None or passivity.warning or not self.max_e <= MOST_ADVISED:
+            return 0
+        evaluated = 0
+        if self.tuned is not None:
+            evaluated = self.tuned.evaluation.launches - self.tuned.evaluation.failed
+        return passivity.scenes + evaluated
 
     @property
     def sphere(self) -> bool | None:
@@ -112,16 +126,13 @@ class Choice:
     @property
     def record(self) -> dict[str, Any]:
         """For JSON. scenes: in which it was tested for a gain of energy, 0 where it gained."""
-        scenes = 0
-        if self.passivity is not None and not self.passivity.warning:
-            scenes = self.passivity.scenes
         return {
             "kind": self.kind,
             "setting": self.setting.name,
             "line": self.line,
             "within": self.within,
             "energy": self.energy,
-            "scenes": scenes,
+            "scenes": self.judged,
             "text": self.text,
             "max_error": self.max_error,
             "speeds_m_per_s": list(self.speeds),

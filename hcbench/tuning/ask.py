@@ -83,7 +83,7 @@ def tune(
     mass: Quantity | None = None,
     stiffness: Quantity | None = None,
     exponent: float | None = None,
-    friction: float = 0.0,
+    friction: float | None = None,
     corners: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Answer:
@@ -121,8 +121,10 @@ def tune(
         The name or folder of the scene in which settings are tried.
     mass, stiffness, exponent : optional
         Effective mass, kg, and k, N/mⁿ, and n of the law; the scene's by default.
-    friction, corners : optional
-        Coulomb's μ; contact points that land together, 4 for the face of a box.
+    friction : float, optional
+        Coulomb's μ, 0 for none; by default the engine's own for two bodies.
+    corners : int
+        Contact points that land together, 4 for the face of a box.
     progress : function of two integers, optional
         It is called with how many evaluations are done, and how many there are at most.
 
@@ -173,6 +175,7 @@ def tune(
         stiffness=stiffness,
         exponent=exponent,
         friction=friction,
+        default_friction=registry.engine(engine).default_friction,
         corners=corners,
     )
     names = names_of(pair)
@@ -412,7 +415,8 @@ def make_target(
     stiffness: Quantity | None = None,
     exponent: float | None = None,
     gravity: Quantity | None = None,
-    friction: float = 0.0,
+    friction: float | None = None,
+    default_friction: float = 0.0,
     corners: int = 1,
 ) -> tuple[Scene, Target]:
     """The scene and the target of a question; SI numbers or text with units.
@@ -423,6 +427,7 @@ def make_target(
     can bounce.
     mass, stiffness, exponent: the scene's by default.
     gravity: into the plate, 9.81 m/s² by default.
+    friction: Coulomb's μ; None for `default_friction`, and for none in a cup, which has no friction.
 
     Raises UserError for none or several of material, alpha, restitution, points, adams and newton,
     for "linear" with a material that has no α, and for an exponent without its stiffness;
@@ -463,10 +468,24 @@ def make_target(
         rate, _ = units.parse_uncertain(alpha, "alpha", "alpha")
     law = HuntCrossley(k, rate, n)
     as_read = "points" if points else reading
-    of = "" if known is None else known.line
-    return setting, Target(
-        law, m, step, low, high, as_read, tuple(points), g, friction, corners, of
+    mu = friction
+    if mu is None:
+        mu = default_friction if setting.form == "plane" else 0.0
+    target = Target(
+        law=law,
+        mass=m,
+        timestep=step,
+        speed_min=low,
+        speed_max=high,
+        reading=as_read,
+        points=tuple(points),
+        gravity=g,
+        friction=mu,
+        corners=corners,
+        friction_asked=friction is not None,
+        material="" if known is None else known.line,
     )
+    return setting, target
 
 
 def _band_of(

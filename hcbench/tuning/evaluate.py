@@ -65,6 +65,8 @@ class Evaluation:
     resolved.
     failed: impacts that gave no restitution, with the first reason.
     max_e: the largest e of all.
+    mean_error: mean of e - target, which says on which side of the target a setting lies.
+    below: share of the launches whose e lies below the target.
     """
 
     max_error: float = math.nan
@@ -83,6 +85,8 @@ class Evaluation:
     friction_error: float
     deep: bool = False
     max_e: float = math.nan
+    mean_error: float = math.nan
+    below: float = math.nan
 
 
 def held_out_launches(target: Target) -> list[Launch]:
@@ -180,8 +184,13 @@ def _friction_errors(impacts: Sequence[Impact], _: Target, scene: Scene) -> Floa
 
 def _errors(impacts: Sequence[Impact], target: Target, _: Scene) -> Floats:
     """|e - target|, shape (n,); NaN if an impact has no e."""
+    return np.abs(_signed_errors(impacts, target))
+
+
+def _signed_errors(impacts: Sequence[Impact], target: Target) -> Floats:
+    """e - target, shape (n,); NaN if an impact has no e."""
     speed, e = np.array([(i.speed_in, i.restitution) for i in impacts]).T
-    return np.asarray(np.abs(e - target.restitution(speed)))
+    return np.asarray(e - target.restitution(speed))
 
 
 def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) -> Evaluation:
@@ -211,7 +220,8 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
     )
     if not good:
         return evaluation
-    error = np.nan_to_num(_errors(good, target, scene))
+    signed = np.nan_to_num(_signed_errors(good, target))
+    error = np.abs(signed)
     worst = int(error.argmax())
     samples = [impact.samples for impact in good]
     deepest = max(impact.penetration_max for impact in good)
@@ -227,6 +237,8 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
         force_max=max(impact.force_max for impact in good),
         max_e=max(impact.restitution for impact in good),
         deep=deepest > allowed_depth,
+        mean_error=float(signed.mean()),
+        below=float((signed < 0.0).mean()),
     )
 
 
@@ -282,11 +294,14 @@ MOTIONS = (
 
 
 def oblique_launches(target: Target) -> list[Launch]:
-    """Launches over the target's band: each speed and phase with each of MOTIONS."""
+    """Launches over the target's band, of speeds at touch: each speed and phase with each of
+    MOTIONS.
+    """
     speeds = np.geomspace(target.speed_min, target.speed_max, SPEEDS).tolist()
     launches = []
     for v, phase, (slip, spin) in itertools.product(speeds, PHASES, MOTIONS):
-        launches.append(Launch(v, phase, slip=slip, spin=spin))
+        launch = Launch.touching(v, phase, target.timestep, target.gravity, slip=slip)
+        launches.append(replace(launch, spin=spin))
     return launches
 
 

@@ -217,13 +217,7 @@ class _Finder:
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
         promise = None
         if math.isfinite(tuned.error):
-            rows = len(setting.options.get("rows", ()))
-            curve = target.curve
-            if len(target.points) == 1:
-                _speed, e = target.points[0]
-                curve = ConstantRestitution(e)
-            option = self._adapter.model_options(setting)
-            promise = Promise(setting.name, rows, curve, tuned.error, band, option)
+            promise = self._promise(setting, tuned.error, band)
             text = self._adapter.promised(text, self.pair, promise)
         return Choice(
             kind,
@@ -238,6 +232,26 @@ class _Finder:
             tuned.recipe.notes,
             tuned,
             promise,
+        )
+
+    def _promise(self, setting: Setting, error: float, band: tuple[float, float]) -> Promise:
+        """The error of e over a band, m/s, with the conditions in which it was found."""
+        target = self.target
+        curve = target.curve
+        if len(target.points) == 1:
+            _speed, e = target.points[0]
+            curve = ConstantRestitution(e)
+        rows = len(setting.options.get("rows", ()))
+        return Promise(
+            setting.name,
+            rows,
+            curve,
+            error,
+            band,
+            self._adapter.model_options(setting),
+            target.gravity,
+            # A plug-in keeps the friction of the geoms.
+            target.friction if rows else math.nan,
         )
 
     def _bounces(self, setting: Setting, band: tuple[float, float]) -> bool:
@@ -299,17 +313,22 @@ class _Finder:
         max_e = float(target.restitution(low))
         if passivity is not None:
             max_e = max(max_e, passivity.bounces.max_e)
+        band = low, target.speed_max
+        error = recipe.within or _EXACT
+        promise = self._promise(setting, error, band)
+        text = self._adapter.snippet(setting, self.scene.form, self.pair)
         return Choice(
             "exact",
             setting,
-            self._adapter.snippet(setting, self.scene.form, self.pair),
-            recipe.within or _EXACT,
-            (low, target.speed_max),
+            self._adapter.promised(text, self.pair, promise),
+            error,
+            band,
             max_e,
             passivity,
             passivity is None or passivity.bounces.passive,
             (*self._adapter.needs(setting), *_above(low, target.speed_min)),
             recipe.notes,
+            promise=promise,
         )
 
 

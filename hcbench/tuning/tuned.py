@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 _SAME_LOOP = 0.05
 # A contact deeper than this share of the radius is called soft.
 _DEEP = 0.02
+# The largest e of a setting that is advised, in all launches and drops.
+MOST_ADVISED = 1.001
 # An e that falls with speed should have an error below this multiple of the best constant's.
 _BETTER = 0.9
 
@@ -92,13 +94,13 @@ class Tuned(Drawn):
 
     @property
     def _gain(self) -> str:
-        """The gain of energy in the launches of the evaluation, which slide and spin; "" for none."""
-        largest = self.evaluation.max_e
-        # The warning of the passivity test already names the latter.
-        if not largest > MOST_E or self.passivity.bounces.max_e > MOST_E:
+        """The gain of energy in any launch or drop, as a phrase; "" for none, and where the warning
+        of the passivity test names it.
+        """
+        if not self.max_e > MOST_ADVISED or self.passivity.bounces.max_e > MOST_E:
             return ""
         slides = " where it slides and spins" if self.target.friction else ""
-        return f"gains energy{slides} (e up to {largest:.4g})"
+        return f"gains energy{slides} (e up to {self.max_e:.4g})"
 
 
 def make_tuned(
@@ -107,7 +109,9 @@ def make_tuned(
     """A recipe's setting, evaluated in its engine."""
     adapter = registry.engine(recipe.engine)
     setting = recipe(target, integrator)
-    if target.friction:
+    # A text need not write what bodies have anyway.
+    is_theirs = adapter.keeps_friction and not target.friction_asked
+    if target.friction and not is_theirs:
         setting = adapter.with_friction(setting, target.friction)
     evaluation = evaluate(adapter, scene, setting, target)
     train = LongestTrain(target.curve, evaluation.max_error, target.speed_max)

@@ -42,7 +42,11 @@ class Question(NamedTuple):
     def answered(self) -> Answer:
         """The answer of `hcbench tune` to the question."""
         scene, target = make_target(
-            timestep=self.timestep, alpha=self.alpha, gravity=self.gravity, scene=_SCENE
+            timestep=self.timestep,
+            alpha=self.alpha,
+            gravity=self.gravity,
+            scene=_SCENE,
+            friction=0.0,
         )
         return find_answer(self.engine, target, scene)
 

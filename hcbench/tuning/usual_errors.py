@@ -113,7 +113,12 @@ def lows(condition: Condition) -> list[list[float]]:
 def _asked(condition: Condition, alpha: float) -> tuple[Scene, Target]:
     _, timestep, gravity, band = condition
     return make_target(
-        timestep=timestep, alpha=alpha, gravity=gravity, scene=SCENE, speeds=list(band) or None
+        timestep=timestep,
+        alpha=alpha,
+        gravity=gravity,
+        scene=SCENE,
+        speeds=list(band) or None,
+        friction=0.0,
     )
 
 

@@ -294,7 +294,14 @@ def test_a_run_over_the_default_band_has_the_settings_that_tune_prints() -> None
         low, high = default_band(each.timesteps[0], 9.81)
         assert (each.speeds[0], each.speeds[-1], len(each.speeds)) == (low, high, 5)
     records = make_plan(study).records
-    answer = tune("mujoco", timestep=2e-3, alpha=study.alphas[1], kind="constant", recipe="impulse")
+    answer = tune(
+        "mujoco",
+        timestep=2e-3,
+        alpha=study.alphas[1],
+        kind="constant",
+        recipe="impulse",
+        friction=0.0,
+    )
     assert records[-1]["options"] == answer.best.setting.options
     for wrong in (run, {**run, "gravity": "9.81 m/s^2", "heights": "1, 2 mm"}):
         with pytest.raises(StudyError, match="default_band"):

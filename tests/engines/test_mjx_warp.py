@@ -250,7 +250,9 @@ def test_the_kinds_of_settings_that_exist_gain_no_energy_in_float32(engine: str)
     for choice in answer.choices:
         assert choice.sphere
         assert choice.rests
-        assert choice.energy == "energy never grew in 88 launches and drops"
+        assert choice.energy.startswith("energy never grew in")
+        assert choice.passivity is not None
+        assert choice.passivity.scenes == 88
     never = {each.setting: each.why for each in answer.never}
     assert "gains energy" in never["spring-damper"]
     assert ("restitution-law" in never) == (engine == "mjx")

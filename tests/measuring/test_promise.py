@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import hcbench
+from hcbench.cli import run
 from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
 from hcbench.sim.promise import Promise
 
@@ -54,3 +55,56 @@ def test_a_promise_reads_back_from_its_text(curve: Restitution | ConstantRestitu
     assert (
         Promise("x", 1, MeasuredRestitution(((0.1, 0.9), (1.0, 0.8))), 0.1, (0.1, 1.0)).text == ""
     )
+
+
+def test_a_promise_keeps_its_gravity_and_friction() -> None:
+    curve = Restitution(0.3)
+    promise = Promise("compliant", 1, curve, 0.05, (0.1, 2.0), (("cone", "elliptic"),), 9.81, 0.5)
+    assert Promise.read(promise.text) == promise
+
+
+PLAIN = """<mujoco><option timestep="0.002" gravity="0 0 {gravity}"/><worldbody>
+<geom name="floor" type="plane" size="3 3 .1"/>
+<body pos="0 0 .06"><freejoint/><geom name="foot" type="sphere" size=".06" mass=".3"/></body>
+</worldbody>{more}</mujoco>"""
+PAIR = """<contact><pair geom1="foot" geom2="floor" solref="-47815.1 -3.25003" condim="3"
+ friction="{friction} 1" solimp="0.0001 0.0001 1 0.5 1" margin="{margin}"/></contact>
+<custom><text name="hcbench:foot:floor" data="compliant by hcbench: 1 pair; restitution 0.9; error 0.1; speeds
+ 0.1 2 m/s; gravity 9.81 m/s2; friction 1"/></custom>""".replace("\n 0.1", " 0.1")
+
+
+@pytest.mark.parametrize(
+    ("changed", "code"),
+    [
+        ({}, ""),
+        ({"gravity": -1.62}, "promised-gravity"),
+        ({"margin": 0.001}, "promised-margin"),
+        ({"friction": 0.5}, "promised-friction"),
+    ],
+)
+def test_a_change_since_tune_wrote_the_pair_is_named(changed: dict[str, float], code: str) -> None:
+    now = {"gravity": -9.81, "margin": 0, "friction": 1} | changed
+    text = PLAIN.format(gravity=now["gravity"], more=PAIR.format(**now))
+    measured = hcbench.measure(text, "foot,floor", speeds="0.5:1:2 m/s", phases=2, rest=False)
+    assert [cause.code for cause in measured.causes if cause.code.startswith("promised")] == (
+        [code] if code else []
+    )
+
+
+def test_geoms_of_another_friction_than_the_pair_that_hcbench_wrote_are_noted() -> None:
+    pair = PAIR.format(friction=1, margin=0)
+    text = PLAIN.format(gravity=-9.81, more=pair).replace("<geom ", '<geom friction="0.6" ')
+    measured = hcbench.measure(text, "foot,floor", speeds="0.5:1:2 m/s", phases=2, rest=False)
+    assert any("friction 1, its geoms alone 0.6" in note for note in measured.facts.notes)
+
+
+def test_check_and_land_name_what_broke_a_promise_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "moon.xml"
+    file.write_text(PLAIN.format(gravity=-1.62, more=PAIR.format(friction=1, margin=0)))
+    asked = ["--pair", "foot,floor", "--restitution", "0.9", "--speeds", "0.5:1:2 m/s"]
+    assert run(["check", str(file), *asked, "--max-error", "0.0001"]) == 1
+    assert "promised-gravity" in capsys.readouterr().out
+    landings = hcbench.land(file, heights="0.05 m")
+    assert any("promised-gravity" in note for note in landings.notes)

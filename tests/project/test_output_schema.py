@@ -41,6 +41,8 @@ COMMANDS = (
         "2 ms",
         "--gravity",
         "0",
+        "--friction",
+        "0",
     ),
     ("tune MODEL", *BALL, "--restitution", "0.5"),
     ("fit", "examples/recording/drop.wav"),

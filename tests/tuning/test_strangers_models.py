@@ -15,6 +15,7 @@ import pytest
 from pasted_into import FACTORS, model_of, strangers
 
 import hcbench
+from hcbench.contact.mujoco import load
 from hcbench.system.errors import HcbenchError
 from hcbench.tuning.answer import Choice
 
@@ -25,6 +26,7 @@ LAUNCHES = [(share, phase) for share in (0.1, 0.5, 1.0) for phase in (0.15, 0.65
 
 @cache
 def choices() -> tuple[Choice, ...]:
+    load()
     one_e = hcbench.tune("mujoco", restitution=E, timestep=STEP)
     falling = hcbench.tune("mujoco", alpha=0.3, timestep=STEP)
     return tuple(
@@ -35,14 +37,26 @@ def choices() -> tuple[Choice, ...]:
     )
 
 
+def acts_from(model: Any) -> float:
+    """Distance at which MuJoCo's contact of ball and plate begins, in the model's unit of length."""
+    geoms = {model.geom(name).id for name in ("ball", "plate")}
+    for pair in range(model.npair):
+        if {int(model.pair_geom1[pair]), int(model.pair_geom2[pair])} == geoms:
+            return float(model.pair_margin[pair] - model.pair_gap[pair])
+    return float(sum(model.geom_margin[geom] for geom in geoms))
+
+
 def error_in(model: Any, row: dict[str, Any], choice: Choice) -> float:
     """The largest error of e against the promise's target, by a loop over mj_step."""
     scale = 1000.0 if row["unit"] == "mm" else 1.0
     (low, high), curve = choice.speeds, choice.promise.curve  # type: ignore[union-attr]
     speeds = [low + share * (high - low) for share, _ in LAUNCHES]
     launches = [(scale * v, phase) for v, (_, phase) in zip(speeds, LAUNCHES, strict=True)]
+    touch = 0.05
+    if choice.kind == "exact":  # a law acts from where MuJoCo's own contact does
+        touch += acts_from(model) / scale
     try:
-        found = pasted.bounces(model, launches, radius=0.05 * scale)
+        found = pasted.bounces(model, launches, radius=touch * scale)
     except ValueError:  # a position that is not a number any more
         return math.inf
     return float(np.abs(np.array(found) - [float(curve.at(v)) for v in speeds]).max())
@@ -63,7 +77,11 @@ def said_of(model: Any, choice: Choice) -> bool:
 def test_a_pasted_text_keeps_its_promise_or_measure_says_what_broke_it(row: dict[str, Any]) -> None:
     for choice in choices():
         model = mujoco.MjModel.from_xml_string(model_of(row, choice.text))
-        kept = error_in(model, row, choice) <= 1.25 * choice.max_error + 0.005
+        try:
+            kept = error_in(model, row, choice) <= 1.25 * choice.max_error + 0.005
+        except mujoco.FatalError as refused:
+            assert row["flag"] in str(refused)
+            continue
         assert kept or said_of(model, choice), choice.line
 
 

@@ -318,7 +318,7 @@ def test_a_target_of_measured_pairs_is_read_from_a_csv(
 ) -> None:
     file = tmp_path / "measured.csv"
     file.write_text("speed [in/s],restitution\n16,0.88\n4,0.97\n", encoding="utf-8")
-    asked = ["tune", "mujoco", "--points", str(file), "--timestep", "1e-3", "--recipe", "impulse"]
+    asked = ["tune", "mujoco", "--points", str(file), "--timestep", "1e-3", *FRICTIONLESS]
     assert run([*asked, "--max-error", "0.1", "--json"]) == 0
     target_json = json.loads(capsys.readouterr().out)["target"]
     assert np.array(target_json["points"]) == pytest.approx(
@@ -326,6 +326,8 @@ def test_a_target_of_measured_pairs_is_read_from_a_csv(
     )
 
 
+# `impulse`, which serves without friction alone, in the fewest words.
+FRICTIONLESS = ["--recipe", "impulse", "--friction", "0"]
 PAIRS = "4:0.969, 8:0.94, 12:0.912, 16:0.886 in/s"  # e of (16) for 0.008 s/in, to three digits
 
 
@@ -343,8 +345,7 @@ def test_pairs_are_judged_over_their_own_span_unless_an_option_says_otherwise(
         PAIRS,
         "--timestep",
         "1e-4",
-        "--recipe",
-        "impulse",
+        *FRICTIONLESS,
         "--json",
     ]
     assert run([*arguments, *speeds]) == 0
@@ -374,7 +375,7 @@ def test_measured_pairs_get_an_e_that_falls_as_theirs_at_a_coarse_step_too(
 def test_pairs_near_the_law_are_given_its_alpha_and_no_plug_in_that_needs_one(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    asked = ["tune", "mujoco", "--timestep", "1e-4", "--recipe", "impulse", "--points"]
+    asked = ["tune", "mujoco", "--timestep", "1e-4", *FRICTIONLESS, "--points"]
     assert run([*asked, PAIRS]) == 0
     printed = capsys.readouterr().out
     assert "restitution-law" not in printed

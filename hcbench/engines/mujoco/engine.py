@@ -7,6 +7,7 @@ Options of a setting (all optional; none means as authored):
         pull, N, "friction": coefficient, "solreffriction": [2 numbers]}. On a plane each is a <pair>, all of
         the same two geoms; in a cup each is a tendon's limit.
     cone, impratio: of the <option>, for all contacts.
+    friction: μ of a force law, in the text to paste.
     law: a plug-in in the model, in place of MuJoCo's own contact, as
         `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
         "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's slug,
@@ -26,6 +27,7 @@ from hcbench.engines.mujoco.scene.mjcf import Options, read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool, MujocoWorld
 from hcbench.laws import kelvin_voigt as kv
+from hcbench.laws.contact_law import is_force
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.sim.capabilities import (
     DescribesContact,
@@ -123,6 +125,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
     backend = BACKEND
     suffixes = (".xml", ".mjcf", ".mjb", ".mjz")
     opens = ("an MjModel", "an MjData", "an MjSpec")
+    # Of two geoms, and of a <pair>: friction "1 0.005 0.0001".
+    default_friction = 1.0
     features = Features(
         law=Feature("F = m d (k x + b v), clipped at 0; k, b by solref, d(x) by solimp", _DOCS),
         exponent=Feature("1; d(x) or several pairs give others", _DOCS),
@@ -141,9 +145,10 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
             rows = mjcf.rows_snippet(setting, form, pair) if setting.options.get("rows") else ""
             return rows or setting.options_text
         from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
-        from hcbench.laws.contact_law import law_of
 
-        return law_snippet(law_of(setting.options["law"]), form, pair)
+        options = read_options(setting.options)
+        assert options.law is not None
+        return law_snippet(options.law, form, pair, options.friction)
 
     def model_options(self, setting: Setting) -> tuple[tuple[str, str], ...]:
         """Attributes of <option> and their text."""
@@ -153,7 +158,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         """The text of a setting with a <custom> section that keeps its promise."""
         from hcbench.engines.mujoco.model.promises import promise_lines
 
-        if "<pair" not in text:
+        if "<pair" not in text and "<plugin" not in text:
             return text
         lines = promise_lines([pair], promise)
         if not lines:
@@ -190,10 +195,10 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test for energy in the model of the rows, and boxes in plain
-        MuJoCo; whole: all in plain MuJoCo.
+        """Test for energy in the model of the rows, and boxes and what slides in plain MuJoCo;
+        whole: all in plain MuJoCo.
         """
-        from hcbench.engines.mujoco.passivity.judge import certified, flat_with_law, screened
+        from hcbench.engines.mujoco.passivity.judge import certified, screened, with_law
 
         passivity = (
             certified(scene, setting, train) if whole else screened(scene, setting, speeds, train)
@@ -201,10 +206,13 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         if passivity is not None:
             return passivity
         passivity = super().passivity(scene, setting, speeds, whole, train)
-        return replace(passivity, flat=flat_with_law(scene, setting))
+        return with_law(scene, setting, passivity)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
-        """Each of its rows with friction, unless it says by itself which of them has."""
+        """Each of its rows, or its force law, with friction, unless it says by itself which has."""
+        law = read_options(setting.options).law
+        if law is not None and is_force(law):
+            return replace(setting, options={**setting.options, "friction": friction})
         rows = setting.options.get("rows", ())
         if not rows or any(row.get("friction") for row in rows):
             return setting

@@ -58,6 +58,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
     suffixes = (".urdf", ".sdf")
     opens = ("a PyBullet World",)
     own_process = True
+    # lateralFriction is 0.5 of each body, and Bullet multiplies the two.
+    default_friction = 0.25
+    keeps_friction = True
     features = Features(
         law=Feature(
             "Newton's e in one step; or F = k x + c v, implicit, by contactStiffness and contactDamping",

@@ -331,7 +331,7 @@ def _source(view: FieldView, case: Case) -> str:
     low, high = view.speeds(case.timestep)[[0, -1]]
     what = f'--alpha "{view.alpha:.6g} s/m" --speeds "{low:.4g}:{high:.4g} m/s"'
     where = f"--timestep {time_step(case.timestep)} --gravity {case.gravity:g}"
-    return f"hcbench tune {case.engine} --recipe {case.setting} {what} {where}"
+    return f"hcbench tune {case.engine} --recipe {case.setting} {what} {where} --friction 0"
 
 
 COST = "cost.csv"

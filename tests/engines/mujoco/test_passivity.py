@@ -116,8 +116,9 @@ def test_the_plug_in_passes_the_whole_gate_too() -> None:
     assert gate.sphere, gate.warning
     assert gate.flat, [finding for finding in gate.findings if not finding.passed]
     assert gate.bounces.max_e < 1.0
-    assert judge.flat_with_law(SCENE, made("restitution-law"))
-    assert judge.flat_with_law(SCENE, made("impulse")) is None
+    alone = Passivity(gate.bounces)
+    assert judge.with_law(SCENE, made("restitution-law"), alone).flat
+    assert judge.with_law(SCENE, made("impulse"), alone) is alone
 
 
 def test_a_spring_that_throws_a_ball_up_is_named() -> None:

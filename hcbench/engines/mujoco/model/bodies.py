@@ -111,6 +111,11 @@ def geom_friction(model: Any, geoms: tuple[int, int]) -> float:
     """
     if pairs := explicit_pairs(model, geoms)[:1]:
         return float(model.pair_friction[pairs[0], 0]) if model.pair_dim[pairs[0]] > 1 else 0.0
+    return mixed_friction(model, geoms)
+
+
+def mixed_friction(model: Any, geoms: tuple[int, int]) -> float:
+    """Coulomb's μ of two geoms as MuJoCo mixes it where no <pair> joins them; 0 for none."""
     highest = model.geom_priority[list(geoms)].max()
     ruling = [geom for geom in geoms if model.geom_priority[geom] == highest]
     if model.geom_condim[ruling].max() == 1:

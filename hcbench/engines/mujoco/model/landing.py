@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from hcbench.engines.mujoco.model.bodies import body_name, geom_name
 from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
-from hcbench.engines.mujoco.model.promises import promise_in
+from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.sim.landing import (
     PARTED_S,
@@ -70,8 +70,25 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
         bench.h,
         bench.g,
         tuple(landings),
-        plugin_warnings(warned),
+        (*plugin_warnings(warned), *_broken_promises(model, bench.trodden)),
     )
+
+
+def _broken_promises(model: Any, floor: Iterable[int]) -> Iterator[str]:
+    """Sentences on the pairs with the floor that are no longer as `hcbench tune` wrote them.
+
+    floor: geoms that were touched.
+    """
+    gravity = float(np.linalg.norm(model.opt.gravity))
+    said = set()
+    for geom, other in itertools.product(range(model.ngeom), sorted(floor)):
+        promise = promise_in(model, (geom, other))
+        if promise is None:
+            continue
+        for suspect in broken_promise(model, promise, (geom, other), gravity):
+            if suspect.code not in said:
+                said.add(suspect.code)
+                yield f"{suspect.title} {suspect.evidence} ({suspect.code})."
 
 
 class _Hit(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -111,8 +112,23 @@ def slow_for_plugin(
 _SAME = 1e-6
 
 
-def broken_promise(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
-    """Yield each difference by which the pair is no longer the one that was tuned."""
+# A gravity this many times the promised one or more is that of another unit of length.
+_OTHER_UNIT = 50.0
+# Share by which gravity may differ, as 9.8 does from 9.81.
+_SAME_GRAVITY = 0.02
+
+
+def broken_promise(
+    model: Any, promise: Promise, geoms: tuple[int, int], gravity: float
+) -> Iterator[Suspect]:
+    """Yield each difference by which the pair is no longer the one that was tuned.
+
+    gravity: of the model, m/s².
+    """
+    yield from _gravity(promise, gravity)
+    if not promise.rows:
+        yield from _longer_step(model, promise)
+        return
     yield from _pairs(model, promise, geoms)
     yield from _override(model)
     now = dict(option_in_force(model))
@@ -126,6 +142,44 @@ def broken_promise(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iter
                 partial(_set_option, name=name, text=text),
                 always_reported=True,
             )
+
+
+def _longer_step(model: Any, promise: Promise) -> Iterator[Suspect]:
+    """A time step longer than that up to which a plug-in bounces over its whole band."""
+    step = float(model.opt.timestep)
+    promised = float(dict(promise.option).get("timestep", math.inf))
+    if step > (1.0 + _SAME) * promised:
+        yield Suspect(
+            "promised-timestep",
+            "The model has a longer timestep than hcbench wrote this plug-in for.",
+            f"{step:.4g} s now, tuned for {promised:.4g} s: slow impacts of its band may not bounce",
+            f'<option timestep="{promised:.6g}"/>, after every other <option>',
+            partial(_set_option, name="timestep", text=repr(promised)),
+            always_reported=True,
+        )
+
+
+def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
+    """Another gravity, m/s², than that under which the pair was tuned."""
+    if math.isnan(promise.gravity):
+        return
+    if gravity > _OTHER_UNIT * max(promise.gravity, 1.0):
+        yield Suspect(
+            "promised-unit",
+            "The model's unit of length is not the metre, and hcbench wrote this pair for metres.",
+            f"gravity is {gravity:.5g} of its unit per s^2; tuned under {promise.gravity:.4g} m/s^2",
+            "write the model in metres; a plug-in's alpha is per speed in the model's unit",
+            always_reported=True,
+        )
+        return
+    if promise.rows and abs(gravity - promise.gravity) > _SAME_GRAVITY * max(promise.gravity, 1.0):
+        yield Suspect(
+            "promised-gravity",
+            "The model has another gravity than hcbench wrote this pair for.",
+            f"{gravity:.4g} m/s^2 now; tuned under {promise.gravity:.4g} m/s^2",
+            f'hcbench tune mujoco with --gravity "{gravity:.4g} m/s^2"',
+            always_reported=True,
+        )
 
 
 def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
@@ -148,6 +202,29 @@ def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Sus
             "take out the <pair>s of these two geoms that `hcbench tune` did not print",
             always_reported=True,
         )
+    for number in joining:
+        if model.pair_margin[number] > 0.0 or model.pair_gap[number] > 0.0:
+            yield Suspect(
+                "promised-margin",
+                "A <pair> of these two geoms acts before they touch; hcbench wrote none that does.",
+                f"margin {model.pair_margin[number]:.4g} m, gap {model.pair_gap[number]:.4g} m",
+                'margin="0" gap="0" in each <pair> of these two geoms',
+                partial(_set_pairs, numbers=joining, margin=0.0, gap=0.0),
+                always_reported=True,
+            )
+            break
+    slides = max(
+        (float(model.pair_friction[number, 0]) for number in joining if model.pair_dim[number] > 1),
+        default=0.0,
+    )
+    if not math.isnan(promise.friction) and not _equal(slides, promise.friction):
+        yield Suspect(
+            "promised-friction",
+            "The pair has another friction than hcbench wrote.",
+            f"{slides:.4g} now; tuned with {promise.friction:.4g}",
+            f"hcbench tune mujoco with --friction {slides:.4g}",
+            always_reported=True,
+        )
 
 
 def _override(model: Any) -> Iterator[Suspect]:
@@ -165,7 +242,13 @@ def _override(model: Any) -> Iterator[Suspect]:
     )
 
 
-def _equal(now: str, promised: str) -> bool:
+def _set_pairs(model: Any, numbers: Sequence[int], margin: float, gap: float) -> None:
+    """Set margin and gap, m, of some pairs."""
+    model.pair_margin[list(numbers)] = margin
+    model.pair_gap[list(numbers)] = gap
+
+
+def _equal(now: str | float, promised: str | float) -> bool:
     try:
         return abs(float(now) - float(promised)) <= _SAME * abs(float(promised))
     except ValueError:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, plugin_warnings
-from hcbench.engines.mujoco.model.bodies import geom_friction, geom_name
+from hcbench.engines.mujoco.model.bodies import geom_friction, geom_name, mixed_friction
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.contact import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 # the way; and the difference, as a share, from which MuJoCo's distance counts as rough.
 _LAST_PART = 0.01
 _ROUGH = 0.03
+# Relative difference of two frictions that the digits of XML make.
+_SAME_FRICTION = 1e-6
 
 
 class MujocoModel(OpenedModel, LendsSteps):
@@ -127,6 +129,7 @@ class MujocoModel(OpenedModel, LendsSteps):
         if self.place.note:
             notes.append(self.place.note)
         notes += overlap_notes(self.place.overlap)
+        notes += self._friction_of_geoms()
         if self.model.nflex:
             notes.append("The model has flexes, which act, but only geoms are measured.")
         slope = self._distance_slope() - 1.0
@@ -139,6 +142,21 @@ class MujocoModel(OpenedModel, LendsSteps):
         if self.others:
             notes.append(f"Other contacts acted during the impact: {', '.join(self._others())}.")
         return notes
+
+    def _friction_of_geoms(self) -> list[str]:
+        """A sentence where hcbench's pair has another friction than its geoms would have alone."""
+        promise = self._promise()
+        if promise is None or not promise.rows:
+            return []
+        geoms = self.place.contact.geoms
+        own = mixed_friction(self.model, geoms)
+        now = geom_friction(self.model, geoms)
+        if abs(own - now) <= _SAME_FRICTION * own:
+            return []
+        return [
+            f"The pair by hcbench has friction {now:.4g}, its geoms alone {own:.4g}: "
+            f"`hcbench tune mujoco --friction {own:.4g}` writes theirs."
+        ]
 
     def _distance_slope(self) -> float:
         """Fall of the distance of the two over the last part of the
@@ -166,11 +184,11 @@ class MujocoModel(OpenedModel, LendsSteps):
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`."""
+        changed = self._changed_since_tuned()
         if (law := restitution_law(self.model, self.place.contact.geoms)) is not None:
             # Every other cause is one of MuJoCo's own contact, which the plug-in replaces.
             slow = slow_for_plugin(self.model, impacts, law, self.gravity)
-            return [*slow, *other_contacts(self._others())]
-        changed = self._changed_since_tuned()
+            return [*changed, *slow, *other_contacts(self._others())]
         if changed:
             return [*changed, *other_contacts(self._others())]
         context = Context(self.place, impacts, wanted, tuple(self._gravity()), self.shares)
@@ -185,7 +203,9 @@ class MujocoModel(OpenedModel, LendsSteps):
         promise = self._promise()
         if promise is None:
             return []
-        return list(broken_promise(self.model, promise, self.place.contact.geoms))
+        geoms = self.place.contact.geoms
+        gravity = float(np.linalg.norm(self._gravity()))
+        return list(broken_promise(self.model, promise, geoms, gravity))
 
     def _weak_friction(self, impacts: Sequence[Impact]) -> list[Suspect]:
         """The pyramidal cone, where an elliptic one is tried and friction then takes more."""

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from hcbench.engines.mujoco.passivity.contact import Contact, Stepping
 from hcbench.engines.mujoco.passivity.in_rows import bounces_in_rows
-from hcbench.engines.mujoco.passivity.plain import (
-    Contact,
-    Stepping,
-    certify,
-    is_flat_passive,
-    rest_on_slope,
-)
+from hcbench.engines.mujoco.passivity.plain import boxes, certify, rest_on_slope
+from hcbench.engines.mujoco.passivity.sliding import ball_slides, boxes_slide
 from hcbench.engines.mujoco.passivity.untuned import effect_on_others
 from hcbench.engines.mujoco.scene.mjcf import Options, pairs_text, read_options
 from hcbench.laws.contact_law import is_force
-from hcbench.sim.passivity import LongestTrain, Passivity
+from hcbench.sim.passivity import Finding, LongestTrain, Passivity
 from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -48,8 +45,9 @@ def screened(
     ):
         return None
     bounces = bounces_in_rows(options.rows, setting.timestep, scene.gravity, speeds, train)
+    passivity = _with_bodies(scene, setting, Passivity(bounces))
     if not scene.gravity:
-        return Passivity(bounces)
+        return passivity
     contact, runs = tried(scene, setting)
     drift = math.nan
     if any(row.friction for row in options.rows) and setting.timestep >= _FINEST:
@@ -57,17 +55,30 @@ def screened(
     others = ""
     if options.impratio:
         others = effect_on_others(contact.option, setting.timestep, scene.gravity)
-    return Passivity(bounces, is_flat_passive(contact, runs[0]), drift, others=others)
+    return replace(passivity, slope_drift=drift, others=others)
 
 
-def flat_with_law(scene: Scene, setting: Setting) -> bool | None:
-    """Say whether boxes gain no energy under a restitution law; None for
-    other laws and without gravity.
+def with_law(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    """The passivity of a setting, with other bodies under its restitution law; as it is for other
+    laws.
     """
-    if not _is_restitution_law(scene, setting) or not scene.gravity:
-        return None
+    if not _is_restitution_law(scene, setting):
+        return passivity
+    return _with_bodies(scene, setting, passivity)
+
+
+def _with_bodies(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    """Add boxes that fall, and with friction what slides, spins and rolls, in plain MuJoCo."""
     contact, runs = tried(scene, setting)
-    return is_flat_passive(contact, runs[0])
+    flat: list[Finding] = []
+    if scene.gravity:
+        flat += boxes(contact, runs[0])
+    sliding: list[Finding] = []
+    if scene.friction:
+        sliding = ball_slides(contact, runs[0])
+        flat += boxes_slide(contact, runs[0])
+    is_flat = all(finding.passed for finding in flat) if flat else None
+    return replace(passivity, flat=is_flat, boxes=tuple(flat), sliding=tuple(sliding))
 
 
 def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
@@ -114,6 +125,8 @@ def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
         written,
         partial(_pasted, options),
         scene.touch_radius,
+        scene.gravity,
+        scene.friction,
     )
     cones: tuple[str, ...] = _CONES
     if options.cone:

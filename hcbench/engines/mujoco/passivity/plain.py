@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import speed_reading
+from hcbench.engines.mujoco.passivity.contact import HALF, Contact, Stepping
+from hcbench.engines.mujoco.passivity.sliding import ball_slides, boxes_slide
 from hcbench.sim.passivity import (
     HEIGHTS,
     LASTS,
@@ -27,9 +28,8 @@ from hcbench.sim.passivity import (
 from hcbench.sim.rest import Rest, last_half, rest_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
-    from hcbench.terms.setting import Pair
 
 # Seconds of drops in one call.
 _CHUNK_S = 2.0
@@ -41,8 +41,6 @@ _ROLLS = 1.0
 _ROLL_S = 4.0
 # Share of its energy that it may have at the end.
 _KEPT = 1.0005
-# Half an edge of a box, m.
-_HALF = 0.05
 # Speeds of a box at touch, m/s.
 _BOX_SPEEDS = (0.1, 0.5, 1.5)
 # A box is followed for so many seconds and steps, at most.
@@ -55,70 +53,12 @@ _SINKS = 0.3
 # In g h: slower bounces have too little energy to matter.
 _SLOWEST = 1.6
 # A box on its face, on an edge and on a vertex: quaternions, and how high
-# its centre is then over _HALF.
+# its centre is then over HALF.
 _ATTITUDES = {
     "face": ((1.0, 0.0, 0.0, 0.0), 1.0),
     "edge": ((math.cos(math.pi / 8), math.sin(math.pi / 8), 0.0, 0.0), math.sqrt(2.0)),
     "vertex": ((0.888073833977, 0.325057583672, -0.325057583672, 0.0), math.sqrt(3.0)),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Stepping:
-    """Options under which a plain model is simulated."""
-
-    integrator: str = "Euler"
-    cone: str = "elliptic"
-    solver: str = "Newton"
-
-    def __str__(self) -> str:
-        return f"{self.integrator}, {self.cone}, {self.solver}"
-
-
-@dataclass(frozen=True, slots=True)
-class Contact:
-    """A contact that is tried in plain models.
-
-    option: attributes of <option> that it asks for.
-    text: what to paste for pairs of geoms.
-    radius: of the ball, m.
-    """
-
-    timestep: float
-    gravity: float
-    option: Mapping[str, str]
-    text: Callable[[Sequence[Pair]], str]
-    radius: float
-
-    def model(self, bodies: str, options: Stepping, pairs: Sequence[Pair]) -> Any:
-        """A plain model of a plane and these bodies, whose `pairs` have the contact."""
-        plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
-        option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())
-        integrator = f'integrator="{options.integrator}" gravity="0 0 {-self.gravity!r}"'
-        return backend().MjModel.from_xml_string(
-            f"<mujoco><option {option}/><option {integrator}/><worldbody>"
-            f'<geom name="plate" type="plane" size="9 9 1"/>{bodies}</worldbody>'
-            f"{self.text(pairs)}</mujoco>"
-        )
-
-    def with_ball(self, options: Stepping, joint: str = "<freejoint/>") -> Any:
-        """A plain model of a ball on the plane."""
-        shape = f'type="sphere" size="{self.radius!r}" mass="0.5"'
-        place = f'name="ball" pos="0 0 {self.radius!r}"'
-        body = f'<body {place}>{joint}<geom name="ball" {shape}/></body>'
-        return self.model(body, options, [("ball", "plate")])
-
-    def with_boxes(self, options: Stepping, count: int = 1) -> Any:
-        """A plain model of boxes, one on top of the other."""
-        names = [f"box{i}" for i in range(count)]
-        bodies = ""
-        for i, name in enumerate(names):
-            height = (2 * i + 1) * _HALF
-            bodies += f'<body name="{name}" pos="0 0 {height!r}"><freejoint/>'
-            bodies += (
-                f'<geom name="{name}" type="box" size="{_HALF} {_HALF} {_HALF}" mass="0.5"/></body>'
-            )
-        return self.model(bodies, options, list(itertools.pairwise(["plate", *names])))
 
 
 def drops(
@@ -189,7 +129,7 @@ def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float)
     """
     model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
     data = backend().MjData(model)
-    data.qpos[2:7] = _HALF * high + 2.4 * contact.timestep * speed, *quaternion
+    data.qpos[2:7] = HALF * high + 2.4 * contact.timestep * speed, *quaternion
     data.qvel[2] = -speed
     return _growth(model, data, min(_BOX_S, _BOX_STEPS * contact.timestep))
 
@@ -210,16 +150,11 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     for _ in range(round(seconds / h)):
         if not data.ncon:
             v = data.qvel[:3] - [0.0, 0.0, gained]
-            energy = (v @ v + inertia @ data.qvel[3:6] ** 2) / 2 + g * (data.qpos[2] - _HALF)
+            energy = (v @ v + inertia @ data.qvel[3:6] ** 2) / 2 + g * (data.qpos[2] - HALF)
             most = max(most, energy / max(least, slowest))
             least = min(least, energy)
         mujoco.mj_step(model, data)
     return most if np.isfinite(data.qpos).all() else math.inf
-
-
-def is_flat_passive(contact: Contact, options: Stepping) -> bool:
-    """Say whether a box that falls on its face, an edge or a vertex never gains energy."""
-    return all(finding.passed for finding in boxes(contact, options))
 
 
 def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
@@ -241,6 +176,7 @@ def certify(
     """
     bounces = Bounces(0.0, 0.0, 0, 0)
     findings: list[Finding] = []
+    sliding: list[Finding] = []
     is_flat = True
     drift = math.nan
     for options in runs:
@@ -259,9 +195,14 @@ def certify(
             Finding("rolling ball", name, _rolling(contact, options), _KEPT, "x energy")
         )
         of_boxes = [*boxes(contact, options), _stack(contact, options)]
+        if contact.friction:
+            of_ball = ball_slides(contact, options)
+            sliding += of_ball
+            findings += of_ball
+            of_boxes += boxes_slide(contact, options)
         is_flat = is_flat and all(finding.passed for finding in of_boxes)
         findings += of_boxes
-    return Passivity(bounces, is_flat, drift, tuple(findings))
+    return Passivity(bounces, is_flat, drift, tuple(findings), sliding=tuple(sliding))
 
 
 def _rolling(contact: Contact, options: Stepping) -> float:

@@ -52,15 +52,16 @@ def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
     return "".join(as_text(each) for each in made)
 
 
-def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
+def law_snippet(law: Law, form: str, pair: Pair = PAIR, friction: float = 0.0) -> str:
     """Return the MJCF of a law, to paste into a user's model.
 
     pair: its geoms, the first of which moves.
+    friction: μ that goes with a force law.
     """
     config = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
     lines = [
         "<!-- load the plug-in first: see `hcbench plugin mujoco` -->",
-        as_text(extension(law, config)).strip(),
+        as_text(extension(law, config, friction)).strip(),
     ]
     if is_force(law) and form == "cup":
         lines.insert(

@@ -22,7 +22,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from hcbench.engines.mujoco.plugin.law_mjcf import write_law
 from hcbench.engines.mujoco.scene.elements import as_text, named, quoted, remove_pairs, section
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.laws.contact_law import Law, law_of
+from hcbench.laws.contact_law import Law, is_force, law_of
 from hcbench.system.errors import SceneError, SettingError
 from hcbench.system.text import shortest
 from hcbench.terms.fields import Finite, OptionTable, mistake, validate
@@ -69,17 +69,22 @@ class _Table(OptionTable):
     impratio: Finite | None = Field(None, gt=0, description="a number above 0")
     rows: tuple[_RowTable, ...] = Field((), description="a list of contact constraints")
     law: Any = None
+    friction: Finite = Field(0.0, ge=0, description="a number of 0 or more")
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """A setting's options, checked. None, no rows and no law: the model as authored."""
+    """A setting's options, checked. None, no rows and no law: the model as authored.
+
+    friction: Coulomb's μ of a force law, to paste; a scene has its own.
+    """
 
     integrator: str | None
     rows: tuple[ConstraintRow, ...]
     law: Law | None = None
     cone: str | None = None
     impratio: float | None = None
+    friction: float = 0.0
 
     def attributes(self, number: Callable[[float], str] = repr) -> dict[str, str]:
         """Attributes of a model's <option> that are set, except the step.
@@ -100,9 +105,13 @@ def read_options(options: Mapping[str, Any]) -> Options:
         if table.rows:
             raise SettingError("mujoco option 'law'", "given with rows", "one of the two")
     rows = tuple(ConstraintRow(**row.model_dump()) for row in table.rows)
-    return Options(table.integrator, rows, law, table.cone, table.impratio)
+    if table.friction and (law is None or not is_force(law)):
+        raise SettingError("mujoco option 'friction'", "given without a force law", "one")
+    return Options(table.integrator, rows, law, table.cone, table.impratio, table.friction)
 
 
+# Of a text to paste.
+LAST = "paste it at the end of the model: the last <option> counts, of each attribute"
 # MuJoCo's viewer does not draw this group: coincident copies would flicker.
 _HIDDEN = "3"
 
@@ -146,7 +155,8 @@ def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
     <option>, and <pair>s of two geoms or, in the form "cup", limits of a tendon.
     """
     options = read_options(setting.options)
-    head = f"<option {_written(option_attributes(setting))}/>"
+    option = f"<option {_written(option_attributes(setting))}/>"
+    head = f"<!-- {LAST} -->\n{option}"
     if form != "cup":
         return f"{head}\n<contact>\n{pairs_text(options.rows, pair, '  ')}</contact>"
     lines = [head, '<!-- on the tendon "contact"; more rows are copies of it -->']
@@ -169,12 +179,19 @@ def option_attributes(setting: Setting) -> dict[str, str]:
 def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
     """Text of the rows, a line each: a <pair> of two geoms.
 
-    Margin and gap are written even where they are 0, as a model's <default><pair> may have others.
+    Each attribute that matters is written even where it is MuJoCo's default, as a model's
+    <default><pair> may have another.
     """
+    pulls = any(row.adhesion for row in rows)
     lines = []
     for row in rows:
-        names = {"geom1": pair[0], "geom2": pair[1]}
-        attributes = names | pair_attributes(row, shortest) | {"gap": "0"}
+        attributes = {"geom1": pair[0], "geom2": pair[1]} | pair_attributes(row, shortest)
+        attributes["gap"] = "0"
+        # MuJoCo before 3.11 knows no adhesion, in defaults neither.
+        if pulls:
+            attributes.setdefault("adhesion", "0")
+        if row.friction:
+            attributes.setdefault("solreffriction", "0 0")
         lines.append(f"{indent}<pair {_written(attributes)}/>\n")
     return "".join(lines)
 

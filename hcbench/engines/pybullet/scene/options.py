@@ -208,7 +208,7 @@ def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
     """
     if not {"world", "ball", "plate", "law", "links"} & set(setting.options):
         return setting.options_text
-    head = ["import pybullet"]
+    head = ["import pybullet", LAST]
     if setting.options.get("links"):
         head += [_OWN_BALL.format(*pair)]
     if setting.options.get("maximal_coordinates"):
@@ -261,7 +261,8 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
     """
     options = setting.options
     names = dict(zip(PAIR, pair, strict=True))
-    world = {"fixedTimeStep": setting.timestep, **options.get("world", {})}
+    # Substeps of the user's would be shorter steps than those of the setting.
+    world = {"fixedTimeStep": setting.timestep, "numSubSteps": 0, **options.get("world", {})}
     before: list[str] = []
     made = dict(made)
     calls = {}
@@ -297,8 +298,11 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
     return "\n".join(lines)
 
 
+LAST = "# paste it after all other settings of the world and of these bodies: the last one counts"
 _OWN_BALL = "# radius, mass, inertia and friction: of {0}; friction 0 for none"
-_MAXIMAL = "# {0} and {1} were loaded with useMaximalCoordinates=True"
+_MAXIMAL = """for body in ({0}, {1}):
+    if pybullet.getDynamicsInfo(body, -1)[10] != 1:
+        raise ValueError("load both with useMaximalCoordinates=True: without it e is another")"""
 _CUP = "# with cup=RADIUS,X,Y,Z as well: the cup's, and its centre in the frame of the plate"
 
 _LIBRARY = """# loadPlugin gets the library that hcbench compiled on this machine. Elsewhere, run

@@ -88,7 +88,7 @@ const engineTitle = () => data.engines.find(([, key]) => key === state.engine)[0
 
 function tuneLine() {
   return `hcbench tune ${state.engine} --alpha "${Number(alphaNow().toPrecision(6))} s/m" --timestep "${Number(state.step.toPrecision(9))} s"`
-    + ` --gravity ${state.gravity} --pair "${state.first},${state.second}"`;
+    + ` --gravity ${state.gravity} --friction 0 --pair "${state.first},${state.second}"`;
 }
 
 // What happens with nothing set, which no α changes.
