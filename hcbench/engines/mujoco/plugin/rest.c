@@ -177,3 +177,24 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);
   if (b->tendon < 0 && b->dim > 1 && !b->cone) even_cone(m, d, b);
 }
+
+/* Lets MuJoCo's own contacts go on from the velocities after the impulses of others. Their rows ask for an acceleration from the
+   velocity at the step's start, and the impulse is part of what accelerates: so a row would hold the speed from before the impact,
+   for any energy that takes. With v + J M^-1 p in place of v the row asks for J M^-1 p/h - B J M^-1 p more. */
+static void shift_own_contacts(const mjModel* m, mjData* d, const double* impulse, const blow* all, int count) {
+  mj_markStack(d);
+  int* has_law = ints(d, d->ncon);
+  double* change = stack(d, m->nv);
+  memset(has_law, 0, d->ncon * sizeof(int));
+  for (int i = 0; i < count; i++) {
+    if (all[i].tendon < 0) has_law[all[i].contact] = 1;
+  }
+  mj_solveM(m, d, change, impulse, 1);
+  for (int k = 0; k < d->nefc; k++) {
+    if (d->efc_type[k] < mjCNSTR_CONTACT_FRICTIONLESS || has_law[d->efc_id[k]]) continue;
+    double *KBIP = d->efc_KBIP + 4 * k, more = (1 / m->opt.timestep - KBIP[1]) * along_solver_row(m, d, k, change);
+    if (KBIP[0] == 0) KBIP[0] = 1, d->efc_margin[k] = d->efc_pos[k]; /* friction, which asks nothing of the position */
+    d->efc_margin[k] += more / (KBIP[0] * KBIP[2]);
+  }
+  mj_freeStack(d);
+}
