@@ -194,6 +194,53 @@ def test_a_mistake_in_a_config_is_reported_with_the_instances_name(
         compiled(f"hcbench.{plugin}", keys, rest=rest)
 
 
+PAIRS = {
+    "geoms": {"geom1": "ball", "geom2": "plate"},
+    "geoms turned round": {"geom1": "plate", "geom2": "ball"},
+    "bodies": {"body1": "ball", "body2": "world"},
+}
+
+
+@pytest.mark.parametrize("second", PAIRS)
+@pytest.mark.parametrize("first", PAIRS)
+@pytest.mark.parametrize("plugin", ["hunt_crossley", "restitution"])
+def test_two_laws_for_one_pair_are_refused(plugin: str, first: str, second: str) -> None:
+    keys = FORCE_KEYS if plugin == "hunt_crossley" else {"restitution": "0.5"}
+    instances = "".join(
+        f'<instance name="{name}">'
+        + "".join(f'<config key="{key}" value="{value}"/>' for key, value in config.items())
+        + "</instance>"
+        for name, config in (("one", keys | PAIRS[first]), ("two", keys | PAIRS[second]))
+    )
+    text = BALL.format(
+        h=1e-3,
+        option="",
+        inside="",
+        rest=EXCLUDE if plugin == "hunt_crossley" else "",
+        extension=f'<extension><plugin plugin="hcbench.{plugin}">{instances}</plugin></extension>',
+    )
+    with pytest.raises(
+        ValueError, match='"two": the geoms "plate" and "ball" have the law of instance "one"'
+    ):
+        mujoco.MjModel.from_xml_string(text)
+
+
+@pytest.mark.skipif(
+    not hasattr(mujoco.mjtDisableBit, "mjDSBL_DAMPER"), reason="one flag in this MuJoCo"
+)
+@pytest.mark.parametrize("plugin", ["hunt_crossley", "restitution"])
+def test_flags_that_switch_plugins_off_are_refused(plugin: str) -> None:
+    is_force = plugin == "hunt_crossley"
+    keys = FORCE_KEYS if is_force else {"alpha": "0.3"}
+    text = xml(f"hcbench.{plugin}", keys, h=1e-5, rest=EXCLUDE if is_force else "")
+    for flags in ('spring="disable"', 'damper="disable"'):
+        option = f"<option><flag {flags}/></option><worldbody>"
+        bounce(mujoco.MjModel.from_xml_string(text.replace("<worldbody>", option)))
+    option = '<option><flag spring="disable" damper="disable"/></option><worldbody>'
+    with pytest.raises(ValueError, match="flags spring and damper are both"):
+        mujoco.MjModel.from_xml_string(text.replace("<worldbody>", option))
+
+
 @pytest.mark.skipif(
     not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"), reason="this MuJoCo has no such integrator"
 )

@@ -29,9 +29,10 @@ from contact_scenes import (
 from plugin_options import CONES, INTEGRATORS, energy_won, rows, scenes
 
 from hcbench.contact import mujoco as contact
-from hcbench.contact.mujoco import Restitution
+from hcbench.contact.mujoco import ConstantRestitution, Restitution
 
 LAW = Restitution(0.315)
+ELASTIC = ConstantRestitution(1.0)
 LONG = "HCBENCH_PLUGINS" in os.environ  # make test-plugins
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "plugins.md"
 SOURCE = Path(contact.__file__).parents[1] / "engines" / "mujoco" / "plugin" / "restitution.c"
@@ -263,3 +264,34 @@ def test_an_impact_below_1_6_g_h_has_the_e_of_the_law_or_stays_down() -> None:
     slow = np.array([bounced(1.0, start) for start in starts])
     assert ((slow < 0.5) | (slow > 0.98)).all()
     assert 0 < (slow < 0.5).sum() < 20
+
+
+# Beside contacts that no law governs
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("cone", CONES)
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_native_contact_beside_an_impact_gains_no_energy(
+    integrator: str, cone: str, friction: float
+) -> None:
+    """Of a ball that hits the floor while it parts from one that lies on it, at 24 angles and speeds."""
+    most = 0.0
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        spec = world(5e-4, gravity=0.0, integrator=integrator, cone=cone)
+        angle = rng.uniform(-1.2, 1.2)
+        away = 2 * RADIUS - rng.uniform(0, 1e-3)
+        add_body(spec, "low", (0, 0, RADIUS - 1e-5), friction=friction)
+        at = (away * np.sin(angle), 0, RADIUS + away * np.cos(angle))
+        add_body(spec, "high", at, friction=friction)
+        model = plugged(spec, [("low", "floor")], ELASTIC)
+        data = mujoco.MjData(model)
+        data.qvel[2] = -rng.uniform(0.3, 3.0)
+        data.qvel[6:9] = rng.uniform(-1, 1), 0, rng.uniform(-1, 1)
+        mass = np.repeat(model.body_mass[1:], 3)
+        moving = [0, 1, 2, 6, 7, 8]
+        first = float(mass @ data.qvel[moving] ** 2)
+        mujoco.mj_step(model, data)
+        most = max(most, float(mass @ data.qvel[moving] ** 2) / first - 1)
+    assert most < 1e-3

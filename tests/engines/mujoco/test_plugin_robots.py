@@ -327,3 +327,60 @@ def test_pgs_keeps_the_forces_of_native_contacts_that_it_starts_from() -> None:
     native = iterations(spec.compile(), 0.0, 400)[200:].mean()
     add_to_spec(spec, ConstantRestitution(0.5), geoms=("box", "floor"))
     assert iterations(spec.compile(), 0.0, 400)[200:].mean() < 2 * native
+
+
+HOLDING = """
+<mujoco>
+  <option timestep="0.001"/>
+  <default><geom friction="1 .02 .001" condim="4"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="2 2 1"/>
+    <body pos="0 0 .0301"><freejoint/><geom name="box" type="box" size=".03 .03 .03" mass="{mass}"/></body>
+    <body pos="0 0 .2">
+      <joint name="up" type="slide" axis="0 0 1" damping="20"/>
+      <geom type="box" size=".1 .03 .01" mass="1" contype="0" conaffinity="0"/>
+      <body pos="-.08 0 -.15">
+        <joint name="left" type="slide" axis="1 0 0" damping="20"/>
+        <geom name="left_pad" type="box" size=".01 .02 .04" mass=".1"/>
+      </body>
+      <body pos=".08 0 -.15">
+        <joint name="right" type="slide" axis="-1 0 0" damping="20"/>
+        <geom name="right_pad" type="box" size=".01 .02 .04" mass=".1"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="up" kp="2000" kv="200"/>
+    <position joint="left" kp="2000" kv="100"/><position joint="right" kp="2000" kv="100"/>
+  </actuator>
+</mujoco>"""
+
+
+def lifted(model: Any) -> tuple[float, float]:
+    """Rise of the box that a gripper lifts by .1 m, m, and its speed at the end."""
+    data, h = mujoco.MjData(model), model.opt.timestep
+    for step in range(round(1.2 / h)):
+        closed, up = min(1.0, step * h / 0.2), min(1.0, max(0.0, (step * h - 0.4) / 0.5))
+        data.ctrl[:] = [0.1 * up, 0.06 * closed, 0.06 * closed]
+        mujoco.mj_step(model, data)
+    return float(data.qpos[2]), float(np.abs(data.qvel).max())
+
+
+@pytest.mark.parametrize("integrator", ["EULER", "IMPLICITFAST"])
+@pytest.mark.parametrize("impratio", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("mass", [0.05, 0.5])
+def test_a_gripper_holds_and_lifts_as_on_native_contact(
+    mass: float, impratio: float, integrator: str
+) -> None:
+    """Elliptic cones and stiff servos, with joint damping."""
+    require_plugins_in_specs()
+    spec = mujoco.MjSpec.from_string(HOLDING.format(mass=mass))
+    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, impratio
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+    native, slow = lifted(spec.compile())
+    for other in ("left_pad", "right_pad", "floor"):
+        add_to_spec(spec, ConstantRestitution(0.5), geoms=("box", other))
+    height, speed = lifted(spec.compile())
+    assert native > 0.1
+    assert height == pytest.approx(native, abs=2e-3)
+    assert speed == pytest.approx(slow, abs=1e-3)

@@ -75,7 +75,7 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
         "HCB_PRECONTACT": "mjPreContact;" in data,
         "HCB_ISLAND_ROWS": "iefc_D;" in data,
         "HCB_SURFACE_VELOCITY": "surfacevel[3];" in data,
-        "HCB_DAMPER": "mjDSBL_DAMPER" in model,
+        "HCB_DAMPER": any("mjDSBL_DAMPER" in one for one in text.values()),
         "HCB_ACTUATOR_DAMPING": " jnt_actuatorid;" in model,
         "HCB_SLEEP": " tree_awake;" in data,
         "HCB_TENDON_ROWS_IN_MODEL": "ten_J_rownnz;" in model,

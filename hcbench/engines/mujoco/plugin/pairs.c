@@ -19,6 +19,16 @@ static int is_native(const mjModel* m, int g1, int g2) {
   return w1 != w2 && masks_meet(m, g1, g2);
 }
 
+/* The name of an element, or its number where it has none. */
+static void describe(const mjModel* m, int type, int id, char out[NAME]) {
+  const char* name = mj_id2name(m, type, id);
+  if (name && *name) {
+    snprintf(out, NAME, "\"%.*s\"", NAME - 3, name);
+  } else {
+    snprintf(out, NAME, "%d", id);
+  }
+}
+
 static void add_pair(const mjModel* m, int i, instance* own, int g1, int g2) {
   if (m->body_weldid[m->geom_bodyid[g1]] == m->body_weldid[m->geom_bodyid[g2]]) {
     fail(m, i, "geoms \"%s\" and \"%s\" are fixed to the same body", mj_id2name(m, mjOBJ_GEOM, g1),
@@ -73,6 +83,20 @@ static int compare_pairs(const void* a, const void* b) {
   return (x->id > y->id) - (x->id < y->id);
 }
 
+/* Refuses two instances that share a pair of geoms: a contact has one law. */
+static void refuse_two_laws(const mjModel* m, const instance* memory) {
+  for (int k = 1; k < memory->entries; k++) {
+    const pair_entry *one = memory->table + k - 1, *two = memory->table + k;
+    if (one->geom[0] != two->geom[0] || one->geom[1] != two->geom[1] || one->instance == two->instance) continue;
+    char text[3][NAME];
+    describe(m, mjOBJ_PLUGIN, one->instance, text[0]);
+    describe(m, mjOBJ_GEOM, two->geom[0], text[1]);
+    describe(m, mjOBJ_GEOM, two->geom[1], text[2]);
+    fail(m, two->instance, "the geoms %s and %s have the law of instance %s as well: remove one of the two instances, or name geoms in "
+         "place of bodies", text[1], text[2], text[0]);
+  }
+}
+
 static void make_table(const mjModel* m, const mjData* d, int first) {
   instance* memory = instance_of(d, first);
   int count = 0;
@@ -89,6 +113,7 @@ static void make_table(const mjModel* m, const mjData* d, int first) {
     }
   }
   qsort(memory->table, memory->entries, sizeof(pair_entry), compare_pairs);
+  refuse_two_laws(m, memory);
 }
 
 /* The first entry of two geoms in the table; NULL without one. */

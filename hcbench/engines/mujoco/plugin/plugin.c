@@ -192,11 +192,34 @@ static int is_read(const mjModel* m, instance* memory) {
   return same;
 }
 
-static int is_first(const mjModel* m, int i) {
+static int first_of(const mjModel* m, int i) {
   for (int j = 0; j < i; j++) {
+    if (m->plugin[j] == m->plugin[i]) return j;
+  }
+  return i;
+}
+
+static int is_first(const mjModel* m, int i) { return first_of(m, i) == i; }
+
+static int is_last(const mjModel* m, int i) {
+  for (int j = i + 1; j < m->nplugin; j++) {
     if (m->plugin[j] == m->plugin[i]) return 0;
   }
   return 1;
+}
+
+/* Refuses flags under which MuJoCo computes no passive force, of plug-ins neither. */
+static void require_passive(const mjModel* m, int i) {
+#ifdef HCB_DAMPER
+  int both = mjDSBL_SPRING | mjDSBL_DAMPER;
+  if ((m->opt.disableflags & both) != both) return;
+  fail(m, i, "the flags spring and damper are both \"disable\": MuJoCo then calls no plug-in of passive forces. Enable one, and set "
+       "the stiffness or damping of the model to 0 instead");
+#else
+  if (!(m->opt.disableflags & mjDSBL_PASSIVE)) return;
+  fail(m, i, "the flag passive is \"disable\": MuJoCo then calls no plug-in of passive forces. Enable it, and set the stiffness and "
+       "damping of the model to 0 instead");
+#endif
 }
 
 #include "contacts.c"
@@ -225,6 +248,7 @@ static void compute(const mjModel* m, mjData* d, int i, int capability) {
 
 static void advance(const mjModel* m, mjData* d, int i) {
   if (!is_first(m, i) || is_force(m, i)) return;
+  require_passive(m, i); /* flags may change after the model is loaded */
   take_accelerations(m, d, i);
   take_again(m, d, i);
   stop_strays(m, d, i);
@@ -236,7 +260,9 @@ static int init(const mjModel* m, mjData* d, int i) {
   d->plugin_data[i] = (uintptr_t)own;
   own->is_force = is_force(m, i);
   own->seen = NAN;
+  require_passive(m, i);
   read_instance(m, i, own);
+  if (is_last(m, i)) make_table(m, d, first_of(m, i)); /* refuses two laws for one pair */
   return 0;
 }
 

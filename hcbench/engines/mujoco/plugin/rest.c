@@ -49,6 +49,18 @@ static int starts_at_rest(const mjModel* m, const mjData* d) {
   return m->opt.solver == mjSOL_PGS && d->efc_AR && !(m->opt.enableflags & mjENBL_FWDINV);
 }
 
+static void copy_to_island(mjData* d, int row) {
+#ifdef HCB_ISLAND_ROWS
+  if (d->nisland > 0) {
+    int island_row = d->map_efc2iefc[row];
+    d->iefc_R[island_row] = d->efc_R[row];
+    d->iefc_D[island_row] = d->efc_D[row];
+  }
+#else
+  (void)d, (void)row;
+#endif
+}
+
 static void set_row(const mjModel* m, mjData* d, int row, double acceleration_, double compliance) {
   double *KBIP = d->efc_KBIP + 4 * row, before = d->efc_R[row];
   d->efc_R[row] = fmax(d->efc_R[row] * KBIP[2] / (1 - KBIP[2]) * compliance, mjMINVAL);
@@ -57,13 +69,7 @@ static void set_row(const mjModel* m, mjData* d, int row, double acceleration_, 
   KBIP[0] = 1; /* mj_referenceConstraint comes next and computes -B vel - K I (pos - margin) */
   KBIP[1] = 0;
   d->efc_margin[row] = d->efc_pos[row] + acceleration_ / KBIP[2];
-#ifdef HCB_ISLAND_ROWS
-  if (d->nisland > 0) {
-    int island_row = d->map_efc2iefc[row];
-    d->iefc_R[island_row] = d->efc_R[row];
-    d->iefc_D[island_row] = d->efc_D[row];
-  }
-#endif
+  copy_to_island(d, row);
 }
 
 /* Whether forces other than gravity and contact may press bodies together: of joints and what drives them, of equalities and
@@ -75,17 +81,19 @@ static int is_loaded(const mjModel* m, const mjData* d) {
   return loaded;
 }
 
+/* A row of the solver times a vector over all dofs. */
+static double along_solver_row(const mjModel* m, const mjData* d, int row, const double* full) {
+  int sparse = mj_isSparse(m), count = sparse ? d->efc_J_rownnz[row] : m->nv;
+  size_t at = sparse ? (size_t)d->efc_J_rowadr[row] : (size_t)row * m->nv;
+  double sum = 0;
+  for (int j = 0; j < count; j++) sum += d->efc_J[at + j] * full[sparse ? d->efc_J_colind[at + j] : j];
+  return sum;
+}
+
 /* How a contact accelerates along its rows, at most, by the accelerations that the solver starts from. */
 static double change_of(const mjModel* m, const mjData* d, const blow* b) {
   double most = 0;
-  int sparse = mj_isSparse(m);
-  for (int k = b->row; k < b->row + b->rows; k++) {
-    size_t at = sparse ? (size_t)d->efc_J_rowadr[k] : (size_t)k * m->nv;
-    int count = sparse ? d->efc_J_rownnz[k] : m->nv;
-    double sum = 0;
-    for (int j = 0; j < count; j++) sum += d->efc_J[at + j] * d->qacc_warmstart[sparse ? d->efc_J_colind[at + j] : j];
-    most = fmax(most, fabs(sum));
-  }
+  for (int k = b->row; k < b->row + b->rows; k++) most = fmax(most, fabs(along_solver_row(m, d, k, d->qacc_warmstart)));
   return most;
 }
 
@@ -131,6 +139,19 @@ static int is_lifted(const mjModel* m, const instance* memory, const blow* b) {
   return jumped && b->touches && !approaches && (!parts || b->x > 4 * b->rate[0] * m->opt.timestep);
 }
 
+/* An elliptic cone as of impratio 1. Soft rows slip less by a larger one; rows that are as stiff as these slip by nothing, and an
+   uneven cone stops the line search of Newton where it starts: what a gripper holds would go on at its speed, whatever drives it. */
+static void even_cone(const mjModel* m, mjData* d, const blow* b) {
+  for (int k = b->row + 1; k < b->row + b->rows; k++) {
+    double before = d->efc_R[k];
+    d->efc_R[k] *= m->opt.impratio;
+    if (!starts_at_rest(m, d)) d->efc_D[k] = 1 / d->efc_R[k];
+    add_to_AR(m, d, k, d->efc_R[k] - before);
+    copy_to_island(d, k);
+  }
+  d->contact[b->contact].mu = b->friction[0] * sqrt(d->efc_R[b->row + 1] / d->efc_R[b->row]); /* as MuJoCo has it of its own rows */
+}
+
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);
@@ -154,4 +175,26 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   if (stage == 4 && made && made->stands) let_stand(memory, b->contact, made->closing);
   if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
   for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);
+  if (b->tendon < 0 && b->dim > 1 && !b->cone) even_cone(m, d, b);
+}
+
+/* Lets MuJoCo's own contacts go on from the velocities after the impulses of others. Their rows ask for an acceleration from the
+   velocity at the step's start, and the impulse is part of what accelerates: so a row would hold the speed from before the impact,
+   for any energy that takes. With v + J M^-1 p in place of v the row asks for J M^-1 p/h - B J M^-1 p more. */
+static void shift_own_contacts(const mjModel* m, mjData* d, const double* impulse, const blow* all, int count) {
+  mj_markStack(d);
+  int* has_law = ints(d, d->ncon);
+  double* change = stack(d, m->nv);
+  memset(has_law, 0, d->ncon * sizeof(int));
+  for (int i = 0; i < count; i++) {
+    if (all[i].tendon < 0) has_law[all[i].contact] = 1;
+  }
+  mj_solveM(m, d, change, impulse, 1);
+  for (int k = 0; k < d->nefc; k++) {
+    if (d->efc_type[k] < mjCNSTR_CONTACT_FRICTIONLESS || has_law[d->efc_id[k]]) continue;
+    double *KBIP = d->efc_KBIP + 4 * k, more = (1 / m->opt.timestep - KBIP[1]) * along_solver_row(m, d, k, change);
+    if (KBIP[0] == 0) KBIP[0] = 1, d->efc_margin[k] = d->efc_pos[k]; /* friction, which asks nothing of the position */
+    d->efc_margin[k] += more / (KBIP[0] * KBIP[2]);
+  }
+  mj_freeStack(d);
 }

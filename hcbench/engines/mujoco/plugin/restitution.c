@@ -516,7 +516,8 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
     memory->warned |= WARNED_UNSOUND;
     return 0;
   }
-  if (stage) start_again(m, d, memory, impulse);
+  if (stage) start_again(m, d, memory, impulse); /* RK4 has the velocities after the impulse in all its rows then */
+  if (!stage) shift_own_contacts(m, d, impulse, all, count);
   return count;
 }
 
