@@ -109,7 +109,7 @@ def why_no_file(path: Path) -> str:
 
 
 class _UnreadableError(OSError):
-    """Its text is the reason alone, without the system's number."""
+    """An input that cannot be read. Its text is the reason alone, without the system's number."""
 
     def __str__(self) -> str:
         return str(self.strerror)

@@ -66,7 +66,7 @@ READERS = {
 
 @pytest.mark.parametrize("name", READERS)
 def test_a_pipe_with_a_name_is_refused_at_once(name: str, fifo: Callable[[str], Path]) -> None:
-    """It has no writer: a reader that opened it would wait for good, and the test's limit end it."""
+    """A pipe has no writer here: a reader that opened it would wait for good."""
     with pytest.raises(HcbenchError, match="not a file") as caught:
         READERS[name](fifo(name))
     assert "Errno" not in str(caught.value)

@@ -275,7 +275,7 @@ def test_an_impact_below_1_6_g_h_has_the_e_of_the_law_or_stays_down() -> None:
 def test_native_contact_beside_an_impact_gains_no_energy(
     integrator: str, cone: str, friction: float
 ) -> None:
-    """Of a ball that hits the floor while it parts from one that lies on it, at 24 angles and speeds."""
+    """A ball hits the floor while it parts from one that lies on it, at 24 angles and speeds."""
     most = 0.0
     for seed in range(24):
         rng = np.random.default_rng(seed)

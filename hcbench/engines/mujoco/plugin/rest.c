@@ -149,7 +149,7 @@ static void even_cone(const mjModel* m, mjData* d, const blow* b) {
     add_to_AR(m, d, k, d->efc_R[k] - before);
     copy_to_island(d, k);
   }
-  d->contact[b->contact].mu = b->friction[0] * sqrt(d->efc_R[b->row + 1] / d->efc_R[b->row]); /* as MuJoCo has it of its own rows */
+  d->contact[b->contact].mu = b->friction[0] * sqrt(d->efc_R[b->row + 1] / d->efc_R[b->row]); /* MuJoCo makes it of its own rows so */
 }
 
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
