@@ -1,3 +1,5 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
+# SPDX-License-Identifier: Apache-2.0
 """pymunk, an engine in two dimensions: python hcbench_cases.py
 pymunk_adapter.py. Its y is z of the cases.
 """
@@ -21,6 +23,8 @@ class PymunkBodies:
             if b["shape"] == "sphere":
                 body = pymunk.Body(b["mass"], 0.4 * b["mass"] * b["radius"] ** 2)
                 shape = pymunk.Circle(body, b["radius"])
+            elif b["shape"] == "mesh":
+                raise NotImplementedError("has no meshes")
             else:
                 hx, _, hz = b["half"]
                 body = pymunk.Body(b["mass"], b["mass"] / 3 * (hx * hx + hz * hz))

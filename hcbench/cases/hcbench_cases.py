@@ -1,7 +1,8 @@
-"""Bounces that a physics engine should get right: runs the cases, judges the states, writes JUnit.
+# SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bounces that a physics engine should get right: runs them, judges the states, writes JUnit.
 
-One file of Python's standard library, to be copied beside
-hcbench-cases-1.json into an engine's own tests:
+One file of Python's standard library, to be copied into an engine's own tests:
 
     python hcbench_cases.py my_adapter.py --expected known.json --junit cases.xml
 
@@ -9,15 +10,9 @@ An adapter is a file with ENGINES: a list of classes, or functions without argum
 engine. It has `name`, `version`, and `combine`: how the restitutions of two bodies become one
 ("product", "average", "maximum", "minimum", "geometric", or None without a rule). It has
 `make(world)`, `step()`, and `state()`, the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body
-that moves, in SI units and the world's frame. It raises NotImplementedError for what the engine
-cannot do. An engine that steps many worlds at once also has `start()`: `make` adds a world,
-`start` starts all that were added since, of as many steps of one length and the same shapes, and
-`state` lists the states of each.
-
-MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of
-charge, to any person obtaining a copy, to use, copy, modify, merge, publish, distribute,
-sublicense and sell it, if this notice stays in all copies or substantial portions. It is
-provided "as is", without warranty of any kind.
+that moves, in SI units and the world's frame. `make` raises NotImplementedError for what the engine
+cannot do. An engine of many worlds also has `start()`: `make` adds a world, `start` starts all that
+were added since, of as many steps of one length and the same shapes, and `state` lists those of each.
 """
 
 from __future__ import annotations
@@ -26,8 +21,11 @@ import argparse
 import json
 import math
 import runpy
+import subprocess
 import sys
+import tempfile
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -36,69 +34,68 @@ from typing import Any
 from xml.etree import ElementTree
 
 Json = dict[str, Any]
-States = list[list[Any]]  # of each recorded step [step, state of a body, state of the next ...]
+States = list[list[Any]]  # of each recorded step [step, state of a body, ...]
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
-# Places of z, of vz, and of vx, vy, vz in the state of a body.
+# Places in the state of a body.
 _Z = 2
 _VZ = 5
-_VELOCITY = (3, 4, 5)
 COMBINE: dict[str, Callable[[list[float]], float]] = {
     "product": math.prod, "average": fmean, "geometric": geometric_mean, "maximum": max, "minimum": min
 }  # fmt: skip
 
 
+def load(path: Path) -> Json:
+    """The cases of a file, each run with what it shares with the others of its case."""
+    cases: Json = json.loads(path.read_text("utf-8"))
+    for case in cases["cases"]:
+        for each in case["runs"]:
+            bodies = [{**case["body"], **body} for body in each["world"]["bodies"]]
+            each["world"] = {**case["world"], **each["world"], "bodies": bodies}
+    return cases
+
+
 def run(engine: Any, cases: Json) -> Json:
     """Run the cases and return the states that they ask for, as plain data for a JSON file."""
     began = time.process_time()
-    runs: list[Json] = []
-    for case in cases["cases"]:
-        runs.extend(case["runs"])
-    batches: dict[str, list[Json]] = {}
-    for number, each in enumerate(runs):
-        # An engine that steps one world at a time has each run in a batch of its own.
-        key = _batch_key(each) if hasattr(engine, "start") else str(number)
-        batches.setdefault(key, []).append(each)
-    states: dict[int, Json] = {}  # by the run's identity: equal runs may be in two cases
-    for batch in batches.values():
-        for each, result in _run(engine, batch):
-            states[id(each)] = result
-    done: dict[str, list[Json]] = {}
-    for case in cases["cases"]:
-        done[case["id"]] = [states[id(each)] for each in case["runs"]]
+    done = {case["id"]: _run_case(engine, case["runs"]) for case in cases["cases"]}
     about = {name: getattr(engine, name, None) for name in ("name", "version", "combine")}
     cpu_s = round(time.process_time() - began, 3)
     return {"format": 1, "set": cases["set"], "engine": about, "cpu_s": cpu_s, "runs": done}
 
 
-def _batch_key(each: Json) -> str:
-    """Text that is the same for runs which an engine can step together."""
-    world = each["world"]
-    shapes = [(body["shape"], body.get("fixed")) for body in world["bodies"]]
-    return str((each["steps"], world["timestep"], world["floor"], shapes))
-
-
-def _run(engine: Any, runs: list[Json]) -> list[tuple[Json, Json]]:
-    """Each run with {"states": ...}, {"unsupported": why} or
-    {"error": why}; many runs make a batch.
-    """
-    results = [(each, Json()) for each in runs]
-    try:
-        made = _make_worlds(engine, results)
-        if made:
-            _step_worlds(engine, made)
-    except Exception as error:  # an engine's own error ends its runs alone
-        failed = {"error": f"{type(error).__name__}: {error}"}
-        for place, (each, result) in enumerate(results):
-            if "unsupported" not in result:
-                results[place] = each, failed
+def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
+    """Results: {"states": ...}, {"unsupported": why} or {"error": why}."""
+    batches: dict[str, list[tuple[Json, Json]]] = {}  # runs, each with its result
+    results = []
+    for number, each in enumerate(runs):
+        world = each["world"]
+        shapes = [(body["shape"], body.get("fixed")) for body in world["bodies"]]
+        alike = str((each["record"][-1][-1], world["timestep"], world["floor"], shapes))
+        # An engine that steps one world at a time has each run in a batch of its own.
+        key = alike if hasattr(engine, "start") else str(number)
+        results.append(Json())
+        batches.setdefault(key, []).append((each, results[-1]))
+    for batch in batches.values():
+        try:
+            if made := _make_worlds(engine, batch):
+                _step_worlds(engine, made)
+        except Exception as error:  # it ends these runs
+            for _, result in batch:
+                if result.pop("states", None) is not None or not result:
+                    result["error"] = _with_place(error)
     return results
 
 
-def _make_worlds(engine: Any, results: list[tuple[Json, Json]]) -> list[tuple[Json, States]]:
-    """Make the worlds that the engine can make: each run with its states, which are empty yet.
+def _with_place(error: Exception) -> str:
+    """An error with the adapter's line."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if "runpy" not in f.filename]
+    at = next((f for f in frames if f.filename != __file__), frames[-1])
+    said, *_ = str(error).split("\n")
+    return f"{type(error).__name__}: {said} ({Path(at.filename).name}, line {at.lineno})"
 
-    The result of any other run gets {"unsupported": why}.
-    """
+
+def _make_worlds(engine: Any, results: list[tuple[Json, Json]]) -> list[tuple[Json, States]]:
+    """Make the worlds that the engine can make: runs with their states, which are empty yet."""
     made = []
     for each, result in results:
         try:
@@ -117,56 +114,75 @@ def _step_worlds(engine: Any, made: list[tuple[Json, States]]) -> None:
     if is_batch:
         engine.start()
     any_run, _ = made[0]
-    for step in range(1 + any_run["steps"]):  # one number for a whole batch
+    for step in range(1 + any_run["record"][-1][-1]):  # one for a batch
         if step:
             engine.step()
-        asked = [_is_asked(each, step) for each, _ in made]
+        asked = [any(a <= step <= b for a, b in each["record"]) for each, _ in made]
         if not any(asked):
-            continue  # to read a state may cost an engine more than a step
+            continue  # a state may be costly
         worlds = engine.state() if is_batch else [engine.state()]
         for (_, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
             if is_asked:
-                states.append([step, *map(_nine_digits, bodies)])
-
-
-def _is_asked(each: Json, step: int) -> bool:
-    """True if a run asks for the states after a step."""
-    return any(first <= step <= last for first, last in each["record"])
-
-
-def _nine_digits(body: list[float]) -> list[float]:
-    """The state of a body as the file of results has it: fewer bytes, and far below any tolerance."""
-    return [float(f"{x:.9g}") for x in body]
+                # Nine digits are far below any tolerance.
+                states.append([step, *([float(f"{x:.9g}") for x in b] for b in bodies)])
 
 
 def restitution(each: Json, states: States) -> float:
-    """Speed after over speed before, both at the plane of touch; 0 where nothing came back."""
+    """Speed after over speed before, both where the flights meet; 0 where nothing comes back.
+
+    The flight before is the launch's: an engine that acts before the touch leaves none to read.
+    """
     timestep = each["world"]["timestep"]
     *_, gravity_z = each["world"]["gravity"]
     ball, *_ = each["world"]["bodies"]
-    touch = ball["radius"]  # height of the ball's centre at touch, m
     z = {step: body[_Z] for step, body, *_ in states}
-    squares = {}  # speed at the plane, squared, m²/s²
-    for step, height in z.items():
-        if step - 1 in z and step + 1 in z:
-            # Central differences mean the same in every integrator; the
-            # energy takes them to the plane.
-            speed = (z[step + 1] - z[step - 1]) / (2 * timestep)
-            squares[step] = speed**2 - 2 * gravity_z * (height - touch)
-    turned = math.inf  # the first step after which the ball is higher
-    for step, later in pairwise(z):
-        if z[later] > z[step]:
-            turned = later
-            break
-    rising = [step for step in squares if step > turned and z[step] >= touch]
+    rising = _free_rise(z, gravity_z * timestep**2, ball["radius"])
     if not rising:
         return 0.0
-    highest = max(rising, key=lambda step: z[step])
-    return math.sqrt(max(0.0, squares[highest]) / squares[min(squares)])
+    last = rising[-1]
+    up = (z[last + 1] - z[last - 1]) / (2 * timestep)
+    # The first step moves a ball by its velocity before gravity's share of the step (explicit
+    # Euler), after half of it (exact), or after all of it.
+    velocity, gain = ball["velocity"][_Z], gravity_z * timestep
+    first = (z[1] - z[0]) / timestep - velocity
+    share = min((0.0, 0.5, 1.0), key=lambda share: abs(first - share * gain))
+    down = velocity + (share - 0.5) * gain
+    # Both parabolas bend alike and meet once: where a short impact was.
+    fall = gravity_z * last * timestep  # velocity, m/s
+    since = (z[last] - z[0] - (down + fall / 2) * last * timestep) / (down + fall - up)
+    plane = ball["radius"]
+    if last + since / timestep > rising[0] - 3:
+        plane = z[last] + (up + gravity_z * since / 2) * since
+    after = up**2 - 2 * gravity_z * (z[last] - plane)
+    before = down**2 - 2 * gravity_z * (z[0] - plane)
+    return math.sqrt(max(0.0, after) / before)
+
+
+def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
+    """Steps after the contact on which a ball first rises, by its heights, m.
+
+    fall: second difference of heights in free flight, m; a ball that rests or hovers has none.
+    """
+    free: list[int] = []
+    is_up = False
+    for step, height in z.items():
+        if step - 1 not in z or step + 1 not in z:
+            continue
+        if z[step + 1] <= z[step - 1]:
+            if is_up:
+                break  # the highest point is behind
+            continue
+        is_up = True
+        bend = z[step + 1] - 2 * height + z[step - 1]
+        if abs(bend - fall) > abs(fall) / 2 if fall else height < touch:
+            free.clear()  # still, or again, in contact
+        else:
+            free.append(step)
+    return free
 
 
 def height_share(each: Json, states: States) -> float:
-    """The highest point of the last recorded steps over the first height, both above the floor."""
+    """The highest of the last recorded heights over the first one."""
     ball, *_ = each["world"]["bodies"]
     radius = ball["radius"]
     _, first_state, *_ = states[0]
@@ -175,7 +191,7 @@ def height_share(each: Json, states: States) -> float:
 
 
 def drift(each: Json, states: States) -> float:
-    """Distance over time in the last recorded steps, of the body that moved farthest, m/s."""
+    """Distance over time of the body that moved farthest, m/s."""
     last = _last(each, states)
     start, *before = last[0]
     end, *after = last[-1]
@@ -184,21 +200,17 @@ def drift(each: Json, states: States) -> float:
 
 
 def vibration(each: Json, states: States) -> float:
-    """Standard deviation of the velocity in the last recorded steps,
-    m/s, of the body that shakes most.
-    """
+    """Standard deviation of the velocity of the body that shakes most, m/s."""
     last = _last(each, states)
     shaking = []
-    for body in range(1, len(last[0])):  # a state's first entry is the step
-        by_axis = [pstdev(state[body][axis] for state in last) for axis in _VELOCITY]
+    for body in zip(*(bodies for _, *bodies in last), strict=True):
+        by_axis = [pstdev(at[axis] for at in body) for axis in (3, 4, 5)]
         shaking.append(math.hypot(*by_axis))
     return max(shaking)
 
 
 def force_noise(each: Json, states: States) -> float:
-    """Standard deviation of the contact's force over the weight, from
-    the velocity in the last steps.
-    """
+    """Standard deviation of the contact's force over the weight, from the velocity."""
     upward = [body[_VZ] for _, body, *_ in _last(each, states)]  # m/s
     *_, gravity_z = each["world"]["gravity"]
     gained = -each["world"]["timestep"] * gravity_z  # speed of a step of free fall, m/s
@@ -213,6 +225,23 @@ def depth(each: Json, states: States) -> float:
     return float(0.5 - final[_Z] / (2 * half_height))
 
 
+def sink(each: Json, states: States) -> float:
+    """Greatest depth of a ball beyond a step's travel, over its radius."""
+    ball, *_ = each["world"]["bodies"]
+    travel = math.hypot(*ball["velocity"]) * each["world"]["timestep"]
+    lowest = min(body[_Z] for _, body, *_ in states)
+    return float(max(0.0, ball["radius"] - travel - lowest) / ball["radius"])
+
+
+def rise(each: Json, states: States) -> float:
+    """Height of the first body's rebound over that of its fall."""
+    z = [body[_Z] for _, body, *_ in states]
+    lowest = min(z)
+    # The height of its touch; an engine that acts before it stops the body higher.
+    touch = max(lowest, each["world"]["bodies"][0]["position"][_Z] - each["fall"])
+    return float(max(0.0, max(z[z.index(lowest) :]) - touch) / each["fall"])
+
+
 def velocity(each: Json, states: States) -> list[float]:
     """Final velocity of each body over the first one's first speed."""
     speed = math.hypot(*each["world"]["bodies"][0]["velocity"])
@@ -223,10 +252,7 @@ def velocity(each: Json, states: States) -> list[float]:
 def spin(each: Json, states: States) -> list[float]:
     """Final speed of the surface by each body's spin over the first one's first speed."""
     first = each["world"]["bodies"][0]
-    if "radius" in first:
-        arm = first["radius"]  # m
-    else:
-        arm = max(first.get("half", [0.0]))  # m
+    arm = first.get("radius") or max(first["half"])  # m
     scale = arm / math.hypot(*first["velocity"])
     _, *bodies = states[-1]
     return [scale * x for body in bodies for x in body[6:9]]
@@ -238,17 +264,18 @@ def _last(each: Json, states: States) -> States:
     return [state for state in states if state[0] >= begin]
 
 
-_READ = (restitution, height_share, drift, vibration, force_noise, depth, velocity, spin)
 QUANTITIES: dict[str, Callable[[Json, States], Any]] = {
-    function.__name__: function for function in _READ
-}
+    read.__name__: read for read in (
+        restitution, height_share, drift, vibration, force_noise, depth, sink, rise, velocity, spin
+    )
+}  # fmt: skip
 
 
 def judge(results: Json, cases: Json) -> list[Json]:
     """A verdict on each case: {case, title, verdict, why, worst}.
 
-    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity what was measured, what is
-    true, and the number of the run that is farthest off.
+    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity [measured, true, number of
+    the run that is farthest off].
     """
     done, combine = results["runs"], results["engine"]["combine"]
     return [_judge(case, done.get(case["id"], []), combine) for case in cases["cases"]]
@@ -256,83 +283,57 @@ def judge(results: Json, cases: Json) -> list[Json]:
 
 def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
     """The verdict on one case. done: the results of its runs, in order."""
-    verdict = {
-        "case": case["id"],
-        "title": case["title"],
-        "verdict": "pass",
-        "why": "",
-        "worst": {},
-    }
-    limits = {name: limit["value"] for name, limit in case["tolerance"].items()}
-    off = dict.fromkeys(limits, -1.0)  # largest error so far
+    worst: Json = {}
+    off: dict[str, float] = {}  # largest error so far, by quantity
+    word, why = "pass", ""
     try:
         for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
             if "states" not in result:
                 ((word, why),) = result.items()  # "unsupported" or "error"
-                return {**verdict, "verdict": word, "why": str(why)}
-            if not _is_finite(result["states"]):
-                return {
-                    **verdict,
-                    "verdict": "fail",
-                    "why": f"a state is not finite (run {number})",
-                }
+                break
+            numbers = (x for _, *bodies in result["states"] for body in bodies for x in body)
+            if not all(map(math.isfinite, numbers)):
+                word, why = "fail", f"a state is not finite (run {number})"
+                break
             for name, measured, true in _compared(each, result["states"], combine):
                 error = abs(measured - true)
-                if not error <= off[name]:  # written so that NaN is the worst
+                if not error <= off.get(name, -1.0):  # written so that NaN is the worst
                     off[name] = error
-                    verdict["worst"][name] = [measured, true, number]
+                    worst[name] = [measured, true, number]
     except NotImplementedError as error:
-        return {**verdict, "verdict": "unsupported", "why": str(error)}
+        word, why = "unsupported", str(error)
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        return {
-            **verdict,
-            "verdict": "error",
-            "why": f"cannot be read: {type(error).__name__} {error}",
-        }
+        word, why = "error", f"cannot be read: {type(error).__name__} {error}"
     missed = []
-    for name, (measured, true, number) in verdict["worst"].items():
-        if not off[name] <= limits[name]:
-            limit = f"within {limits[name]:g}"
-            missed.append(f"{name} {measured:.4g}, not {true:.4g} {limit} (run {number})")
-    if missed:
-        return {**verdict, "verdict": "fail", "why": "; ".join(missed)}
-    return verdict
-
-
-def _is_finite(states: States) -> bool:
-    """Say whether all numbers of all states are finite."""
-    for _, *bodies in states:
-        for body in bodies:
-            if not all(map(math.isfinite, body)):
-                return False
-    return True
+    for name, (measured, true, number) in worst.items():
+        limit = case["tolerance"][name]["value"]
+        if not off[name] <= limit:
+            missed.append(f"{name} {measured:.4g}, not {true:.4g} within {limit:g} (run {number})")
+    if word == "pass" and missed:
+        word, why = "fail", "; ".join(missed)
+    about = {"case": case["id"], "title": case["title"]}
+    return {**about, "verdict": word, "why": str(why), "worst": worst}
 
 
 def _compared(
     each: Json, states: States, combine: str | None
 ) -> Iterator[tuple[str, float, float]]:
-    """(name, measured, true) of each number that a run expects;
-    several for a quantity of each body.
-    """
+    """(name, measured, true) of each number that a run expects."""
     materials = each["world"].get("materials")
     if materials and combine is None:
         raise NotImplementedError("no rule for two restitutions is stated")
     for name, expected in each["expected"].items():
-        true: Any = expected
-        if materials and combine:
-            true = COMBINE[combine](materials)
+        true: Any = COMBINE[combine](materials) if materials and combine else expected
         measured = QUANTITIES[name](each, states)
+        pairs = [(measured, true)]
         if isinstance(measured, list):
-            for one_measured, one_true in zip(measured, true, strict=True):
-                yield name, one_measured, one_true
-        else:
-            yield name, measured, true
+            pairs = [*zip(measured, true, strict=True)]
+        for pair in pairs:
+            yield name, *pair
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", in words). expected: {case:
-    reason} of failures that are known.
-    """
+    """("passed", "failure" or "skipped", in words). expected: {case: reason}."""
     known = expected.get(verdict["case"])
     if verdict["verdict"] == "pass":
         if known:
@@ -344,56 +345,103 @@ def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
 
 
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
-    """Write the verdicts as JUnit XML."""
+    """The verdicts as JUnit's XML."""
     root = ElementTree.Element("testsuite", name=f"hcbench-cases {engine}")
     for verdict in verdicts:
-        name = f"{verdict['case']} {verdict['title']}"
-        part = ElementTree.SubElement(
-            root, "testcase", classname=f"hcbench-cases.{engine}", name=name
-        )
+        about = {"name": f"{verdict['case']} {verdict['title']}"}
+        about["classname"] = f"hcbench-cases.{engine}"
+        part = ElementTree.SubElement(root, "testcase", about)
         kind, text = outcome(verdict, expected)
         if kind != "passed":
             ElementTree.SubElement(part, kind, message=text)
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def _start(arguments: list[str]) -> Any:
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
+
+
+def run_apart(adapter: Path, variant: int, cases: Json, start: Any = _start) -> Json:
+    """Results of an engine, from a process of its own.
+
+    One that ends early costs the case that it was in: another goes on with the next. start: runs
+    Python with arguments. Raises RuntimeError where the adapter makes no engine.
+    """
+    results: Json = {}
+    runs: Json = {}
+    cpu_s = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        lines, asked = Path(folder) / "lines", Path(folder) / "cases.json"
+        while left := [case for case in cases["cases"] if case["id"] not in runs]:
+            lines.write_text("", "utf-8")
+            asked.write_text(json.dumps({**cases, "cases": left}), "utf-8")
+            done = start([__file__, str(adapter), str(variant), str(lines), f"--cases={asked}"])
+            for line in lines.read_text("utf-8").splitlines():
+                results = json.loads(line)
+                runs |= results["runs"]
+                cpu_s += results["cpu_s"]
+            said = done.stderr.strip()
+            if not results:
+                raise RuntimeError(said or f"{adapter} ended with {done.returncode}")
+            for case in left:
+                if case["id"] not in runs:
+                    why = f"ended with {done.returncode}: {said[-200:]}"
+                    runs[case["id"]] = [{"error": why}] * len(case["runs"])
+                    break
+    return {**results, "cpu_s": round(cpu_s, 3), "runs": runs}
+
+
 def main() -> int:
-    """Run the cases; exit 1 where one fails that is not expected to, or passes that is."""
-    parser = argparse.ArgumentParser(description="Run the bounce cases of hcbench in an engine.")
+    """Exit 1 where a case fails that is not expected to, or passes that is.
+
+    Exit 2 for a file that cannot be read, 3 where an adapter makes no engine.
+    """
+    parser = argparse.ArgumentParser(description="Run bounce cases in an engine.")
     parser.add_argument("adapter", type=Path, help="file with a list ENGINES")
     parser.add_argument("--cases", type=Path, default=CASES)
-    parser.add_argument(
-        "--expected", type=Path, help="JSON file {engine: {case: reason}} of known failures"
-    )
-    parser.add_argument("--out", type=Path, help="file for the results, a JSON list")
+    parser.add_argument("--expected", type=Path, help="JSON {engine: {case: reason}}")
+    parser.add_argument("--out", type=Path, help="file for the results")
     parser.add_argument("--junit", type=Path, help="file for JUnit's XML")
+    parser.add_argument("own", nargs="*", help=argparse.SUPPRESS)  # of the processes it starts
     asked = parser.parse_args()
-    cases = json.loads(asked.cases.read_text("utf-8"))
-    known: Json = {}
-    if asked.expected:
-        known = json.loads(asked.expected.read_text("utf-8"))
-    makers = runpy.run_path(str(asked.adapter))["ENGINES"]
-    all_results = []
-    suites = ""
+    try:
+        cases = load(asked.cases)
+        known = json.loads(asked.expected.read_text("utf-8")) if asked.expected else {}
+        asked.adapter.read_bytes()
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
     failures = 0
-    for make in makers:
-        engine = make()
-        results = run(engine, cases)
-        all_results.append(results)
-        verdicts = judge(results, cases)
-        expected = known.get(engine.name, {})
-        suites += junit(verdicts, engine.name, expected)
-        for verdict in verdicts:
-            kind, text = outcome(verdict, expected)
-            failures += kind == "failure"
-            print(
-                f"{engine.name} {verdict['case']} {kind}  {verdict['title']}  {text}",
-                file=sys.stderr,
-            )
-    if asked.out:
-        asked.out.write_text(json.dumps(all_results, separators=(",", ":")) + "\n", "utf-8")
-    if asked.junit:
-        asked.junit.write_text(f"<testsuites>{suites}</testsuites>\n", "utf-8")
+    done = []
+    suites = ""
+    try:
+        makers = runpy.run_path(str(asked.adapter))["ENGINES"]
+        if asked.own:
+            variant, lines = asked.own
+            engine = makers[int(variant)]()
+            with Path(lines).open("a", encoding="utf-8") as file:
+                for part in ([], *([case] for case in cases["cases"])):
+                    print(json.dumps(run(engine, {**cases, "cases": part})), file=file, flush=True)
+            return 0
+        for variant in range(len(makers)):
+            done.append(run_apart(asked.adapter, variant, cases))
+            verdicts = judge(done[-1], cases)
+            name = done[-1]["engine"]["name"]
+            said: dict[str, str] = {}  # the case that first said an error
+            for verdict in verdicts:
+                case = verdict["case"]
+                kind, text = outcome(verdict, known.get(name, {}))
+                failures += kind == "failure"
+                if text.startswith("error") and said.setdefault(text, case) != case:
+                    text = f"error: as in {said[text]}"
+                print(f"{name} {case} {kind}  {verdict['title']}  {text}", file=sys.stderr)
+            suites += junit(verdicts, name, known.get(name, {}))
+            if asked.out:
+                asked.out.write_text(json.dumps(done, separators=(",", ":")) + "\n", "utf-8")
+            if asked.junit:
+                asked.junit.write_text(f"<testsuites>{suites}</testsuites>\n", "utf-8")
+    except Exception as error:
+        print(error if type(error) is RuntimeError else _with_place(error), file=sys.stderr)
+        return 3
     return 1 if failures else 0
 
 

@@ -5,21 +5,21 @@ hcbench or in its environment.
 from __future__ import annotations
 
 import ast
-import json
 import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from hcbench.cases.hcbench_cases import Json
+from hcbench.cases.hcbench_cases import Json, run_apart
 from hcbench.cases.score import the_cases
 from hcbench.environments.make import run_with_parent
 from hcbench.sim import registry
 from hcbench.sim.remote import RemoteEngine
 from hcbench.system.errors import EngineFailed, UserError
-from hcbench.system.files import parse_json, read_text
+from hcbench.system.files import read_text
 
 _HERE = Path(__file__).parent
 RUNNER = _HERE / "hcbench_cases.py"
@@ -78,33 +78,19 @@ def run_engines(
 def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
     """Results of the cases in one engine of an adapter, from a process of its own.
 
-    Raises EngineFailed where it writes none.
+    Raises EngineFailed where the adapter makes no engine.
     """
     engine = registry.engine(name)
     python = Path(sys.executable)
     if isinstance(engine, RemoteEngine):
         python = engine.environment.executable
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "results.json"
-        asked = Path(folder) / "cases.json"
-        asked.write_text(json.dumps(cases), encoding="utf-8")
-        arguments = map(str, (RUNNER, adapter, variant, asked, out))
-        command = [str(python), "-c", _SCRIPT, *arguments]
-        done = run_with_parent(command, Path(folder), os.environ)
-        if not out.exists():
-            reason = f"ended with {done.returncode}"
-            said = done.stderr.strip().splitlines()
-            if said:
-                reason = said[-1]
-            raise EngineFailed(f"engine {name!r}", reason, "results of its cases")
-        return dict(parse_json(read_text(out)))
 
+        def start(arguments: list[str]) -> subprocess.CompletedProcess[str]:
+            return run_with_parent([str(python), *arguments], Path(folder), os.environ)
 
-_SCRIPT = """\
-import json, pathlib, runpy, sys
-runner, adapter, variant, cases, out = sys.argv[1:]
-module = runpy.run_path(adapter)
-engine = module["ENGINES"][int(variant)]()
-results = runpy.run_path(runner)["run"](engine, json.loads(pathlib.Path(cases).read_text("utf-8")))
-pathlib.Path(out).write_text(json.dumps(results), "utf-8")
-"""
+        try:
+            return run_apart(adapter, variant, cases, start)
+        except RuntimeError as error:
+            reason = str(error).splitlines()[-1]
+            raise EngineFailed(f"engine {name!r}", reason, "results of its cases") from None

@@ -17,7 +17,8 @@ from hcbench.system.errors import UserError
 
 HELP = "docs/reference/cases.md has every field"
 FILE = Path(__file__).with_name("hcbench-results-1.schema.json")
-Obedience = Literal["obeyed", "threshold", "mixed", "ignored"]
+Obedience = Literal["obeyed", "soft", "threshold", "mixed", "ignored"]
+Rebound = Literal["e v", "e (v + g h)"]
 Word = Literal["pass", "fail", "unsupported", "error"]
 CaseId = Annotated[str, Field(pattern=r"^C\d\d$")]
 
@@ -104,6 +105,13 @@ class CasesScore(TypedDict):
     threshold: Annotated[
         float,
         _field("m/s", "Highest impact speed under gravity that did not bounce; 0 where all did"),
+    ]
+    gravity: Annotated[
+        Rebound | None,
+        _field(
+            "",
+            "Rebound of an impact under gravity, v at the start of the step; null where it is neither",
+        ),
     ]
     cpu_s: Annotated[float, _field("s", "CPU time of all runs")]
     verdicts: Annotated[list[CaseVerdict], _field("", "A verdict on each case")]

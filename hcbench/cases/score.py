@@ -10,25 +10,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hcbench.cases.hcbench_cases import CASES, Json, judge, restitution
-from hcbench.cases.schema import Obedience, validated
+from hcbench.cases.hcbench_cases import CASES, Json, judge, load, restitution
+from hcbench.cases.schema import Obedience, Rebound, validated
 from hcbench.system.errors import UserError
 from hcbench.system.files import parse_json, read_text
 from hcbench.system.text import sanitized
 
 KNOWN = Path(__file__).with_name("known.json")
 MEASURED = Path(__file__).with_name("measured.json")
+# Cases of slow impacts under gravity, and of the depth in an impact.
+_SLOW = "C02"
+_DEPTH = "C16"
 # In restitutions asked for: less does not count as a bounce.
 _HALF = 0.5
 # Characters of a reason that an engine's file gives.
 _LONGEST_WHY = 1000
-# Range of mean e over all restitutions asked for: less takes no notice of them.
+# In e. Over all restitutions asked for, a smaller range of the mean takes no notice of them.
 _ALIKE = 0.02
 
 
 def the_cases(only: Sequence[str] = ()) -> Json:
     """The set, or the cases of these ids. Raises UserError for an id that it has not."""
-    whole = dict(parse_json(read_text(CASES)))
+    whole = load(CASES)
     ids = [case["id"] for case in whole["cases"]]
     for name in only:
         if name not in ids:
@@ -48,10 +51,11 @@ def known_failures() -> dict[str, dict[str, str]]:
 class EngineScore:
     """Score of one engine's results.
 
-    verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "threshold", where it is obeyed above
-    a speed; "ignored", where the number makes no difference; "mixed"; or None where the first case
-    was not run. threshold: the highest impact speed under gravity that did not bounce, m/s; 0 where
-    all did.
+    verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "soft", where it is obeyed deep in the
+    floor; "threshold", where it is obeyed above a speed; "ignored", where the number makes no
+    difference; "mixed"; or None where the first case was not run. threshold: the highest impact
+    speed under gravity that did not bounce, m/s; 0 where all did. gravity: the rebound of an impact
+    under gravity, "e v" or "e (v + g h)"; None where it is neither.
     """
 
     engine: str
@@ -59,6 +63,7 @@ class EngineScore:
     verdicts: tuple[Json, ...]
     restitution: Obedience | None
     threshold: float
+    gravity: Rebound | None
     cpu_s: float
 
     @property
@@ -73,8 +78,8 @@ class EngineScore:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        names = ("engine", "version", "passed", "restitution", "threshold", "cpu_s", "verdicts")
-        return {name: getattr(self, name) for name in names}
+        names = ("engine", "version", "passed", "restitution", "threshold", "gravity", "cpu_s")
+        return {name: getattr(self, name) for name in (*names, "verdicts")}
 
 
 def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> EngineScore:
@@ -106,6 +111,7 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
         verdicts=tuple(printable),
         restitution=obeyed,
         threshold=threshold,
+        gravity=_rebound_under_gravity(results["runs"], cases),
         cpu_s=float(results.get("cpu_s", 0.0)),
     )
 
@@ -170,6 +176,7 @@ def measured() -> list[EngineScore]:
             verdicts=tuple(each["verdicts"]),
             restitution=each["restitution"],
             threshold=each["threshold"],
+            gravity=each["gravity"],
             cpu_s=each["cpu_s"],
         )
         scores.append(one)
@@ -180,8 +187,7 @@ def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
     """A row of words for each engine: name, version, a verdict by the id
     of each case, how many passed.
 
-    scores: those of `measured` where None. restitution: "obeyed",
-    "threshold", "mixed", "ignored" or "".
+    scores: those of `measured` where None. restitution, gravity: of EngineScore, or "".
     """
     if scores is None:
         scores = measured()
@@ -192,6 +198,7 @@ def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
             row[verdict["case"]] = verdict["verdict"]
         row["passed"] = f"{each.passed} of {len(each.verdicts)}"
         row["restitution"] = each.restitution or ""
+        row["gravity"] = each.gravity or ""
         rows.append(row)
     return rows
 
@@ -212,7 +219,8 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
     threshold = max(silent, default=0.0)
     first, second, *_ = verdicts
     if first["verdict"] == second["verdict"] == "pass":
-        return "obeyed", threshold
+        is_deep = any(v["verdict"] == "fail" for v in verdicts if v["case"] == _DEPTH)
+        return ("soft" if is_deep else "obeyed"), threshold
     if not measured:
         return None, 0.0
     if _range_of_means(measured) < _ALIKE:
@@ -225,6 +233,34 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
         if above and all(abs(impact.e - impact.asked) <= tolerance for impact in above):
             return "threshold", threshold
     return "mixed", threshold
+
+
+def _rebound_under_gravity(runs: Json, cases: Json) -> Rebound | None:
+    """Speed that the engine multiplies by e: that at the start of the step, or at its end.
+
+    By the velocities before and after the step that turns the ball, in all runs of the slow impacts.
+    """
+    by_start: list[float] = []
+    by_end: list[float] = []
+    for case in cases["cases"]:
+        for each, result in zip(case["runs"], runs.get(case["id"], []), strict=False):
+            if case["id"] != _SLOW or "states" not in result:
+                continue
+            *_, gravity_z = each["world"]["gravity"]
+            gained = -gravity_z * each["world"]["timestep"]  # speed of a step of fall, m/s
+            upward = [body[5] for _, body, *_ in result["states"]]  # m/s
+            turned = next((i for i, v in enumerate(upward) if v > 0), 0)
+            start = -upward[turned - 1]
+            if turned == 0 or start <= 0:
+                return None
+            e = each["world"]["restitution"]
+            by_start.append(abs(upward[turned] - e * start) / start)
+            by_end.append(abs(upward[turned] - e * (start + gained)) / start)
+    if by_start and max(by_start) < _ALIKE:
+        return "e v"
+    if by_end and max(by_end) < _ALIKE:
+        return "e (v + g h)"
+    return None
 
 
 def _silent_speeds(impacts: Sequence[_CaseBounce]) -> list[float]:

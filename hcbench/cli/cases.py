@@ -104,6 +104,23 @@ def score_cases(
     _print([each for path in results for each in read_scores(path, only)], as_json, markdown)
 
 
+@cases.command("vendor")
+@click.argument("folder", metavar="FOLDER", type=PathType(path_type=Path))
+@_case_option
+@force_option
+def vendor_cases(folder: Path, only: tuple[str, ...], force: bool) -> None:
+    """Write runner, cases, a test and an adapter's outline to a folder.
+
+    The folder needs nothing but Python's standard library; unittest and pytest run its test.
+    """
+    from hcbench.cases.vendor import vendor
+
+    written = vendor(folder, only, force)
+    size = sum(path.stat().st_size for path in written)
+    print("\n".join(map(str, written)))
+    print(f"{size / 1000:.1f} kB; write the adapter, then: python -m unittest discover {folder}")
+
+
 def _with_signs(row: Mapping[str, str]) -> dict[str, str]:
     """A row of the matrix with verdicts as they are printed."""
     return {key: _SIGN.get(word, word) for key, word in row.items()}

@@ -90,7 +90,7 @@ def test_states_that_the_case_does_not_ask_for_are_refused(
 def test_missing_runs_are_refused_and_a_state_that_is_not_finite_fails(
     results: list[dict[str, Any]],
 ) -> None:
-    with pytest.raises(UserError, match=r"C01: 0 of 108 runs.*--case"):
+    with pytest.raises(UserError, match=r"C01: 0 of 60 runs.*--case"):
         score(results[0])
     blown = changed(results, lambda states: [*states[:-1], [states[-1][0], [float("nan")] * 9]])
     verdicts = {v["case"]: v for v in score(blown, only=["C07", "C09"]).verdicts}
@@ -116,9 +116,10 @@ def test_texts_of_a_results_file_cannot_move_the_cursor_nor_break_a_line(
 def test_the_matrix_has_a_word_for_each_case_of_each_engine() -> None:
     ids = [case["id"] for case in the_cases()["cases"]]
     for row in matrix():
-        assert [*row] == ["engine", "version", *ids, "passed", "restitution"]
+        assert [*row] == ["engine", "version", *ids, "passed", "restitution", "gravity"]
         assert {row[name] for name in ids} <= {"pass", "fail", "unsupported", "error"}
-        assert row["restitution"] in ("obeyed", "threshold", "mixed", "ignored", "")
+        assert row["restitution"] in ("obeyed", "soft", "threshold", "mixed", "ignored", "")
+        assert row["gravity"] in ("e v", "e (v + g h)", "")
 
 
 def test_every_failure_that_was_measured_is_known_with_a_reason() -> None:

@@ -41,6 +41,17 @@ def _leaves(ratio: float) -> float:
     return -v
 
 
+def _as_box(body: dict[str, Any]) -> dict[str, Any]:
+    """A body whose mesh is that of a box, as the box."""
+    if body["shape"] != "mesh":
+        return body
+    return {
+        **body,
+        "shape": "box",
+        "half": [max(along) for along in zip(*body["vertices"], strict=True)],
+    }
+
+
 class Ideal:
     name, version, combine = "ideal", "1", "product"
 
@@ -53,8 +64,13 @@ class Ideal:
             world["friction"],
             world["floor"],
         )
-        moving = [body for body in world["bodies"] if not body.get("fixed")]
-        self.fixed = [body for body in world["bodies"] if body.get("fixed")]
+        bodies = [_as_box(body) for body in world["bodies"]]
+        moving = [body for body in bodies if not body.get("fixed")]
+        self.fixed = [body for body in bodies if body.get("fixed")]
+        # A box that lies on the floor hands what falls on it to the floor, with restitution 0.
+        self.lying = moving[1:] if bodies[0]["shape"] != "sphere" else []
+        self.fixed += self.lying
+        moving = moving[: len(moving) - len(self.lying)]
         self.x, self.v, self.w = (
             np.array([b[k] for b in moving], float) for k in ("position", "velocity", "spin")
         )
@@ -82,7 +98,8 @@ class Ideal:
         return None
 
     def state(self) -> list[list[float]]:
-        return [[*x, *v, *w] for x, v, w in zip(self.x, self.v, self.w, strict=True)]
+        moving = [[*x, *v, *w] for x, v, w in zip(self.x, self.v, self.w, strict=True)]
+        return moving + [[*body["position"], *[0.0] * 6] for body in self.lying]
 
     def _pairs(self) -> list[tuple[int, int]]:
         count = len(self.x)

@@ -1,3 +1,5 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
+# SPDX-License-Identifier: Apache-2.0
 """Drake: a discrete plant with its default dissipation; boxes touch the
 floor by patches, not a point.
 """
@@ -12,6 +14,8 @@ logging.getLogger("drake").setLevel(logging.ERROR)
 
 
 class DrakeBodies:
+    """With the best settings that are known."""
+
     name, version, combine = "drake", version("drake"), None
 
     def make(self, world: dict[str, Any]) -> None:
@@ -23,19 +27,10 @@ class DrakeBodies:
         builder = drake.DiagramBuilder()
         plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step=self.h)
         friction = drake.CoulombFriction(world["friction"], world["friction"])
-        # Drake's default dissipation, s/m, and a point stiffness, N/m.
-        dissipation, stiffness = 50.0, 1e7
-        self.properties = drake.ProximityProperties()
-        drake.AddContactMaterial(dissipation, stiffness, friction, self.properties)
-        rigid = drake.ProximityProperties(self.properties)
-        drake.AddRigidHydroelasticProperties(1.0, rigid)
-        self.patch = drake.ProximityProperties(self.properties)
-        # Length of the elements of a body's pressure field, m, and its modulus, Pa.
-        resolution, modulus = 0.1, 1e8
-        drake.AddCompliantHydroelasticProperties(resolution, modulus, self.patch)
+        self.materials(friction)
         self.moving = [self._body(plant, f"body{i}", body) for i, body in enumerate(bodies)]
         if world["floor"]:
-            self._shape(plant, plant.world_body(), drake.HalfSpace(), rigid)
+            self._shape(plant, plant.world_body(), drake.HalfSpace(), self.rigid)
         plant.mutable_gravity_field().set_gravity_vector(world["gravity"])
         plant.Finalize()
         self.plant = plant
@@ -47,8 +42,23 @@ class DrakeBodies:
             plant.SetFreeBodySpatialVelocity(self.context, made, velocity)
         self.simulator.Initialize()
 
+    def materials(self, friction: Any) -> None:
+        """Set the properties of balls, of boxes and of the floor."""
+        # Drake's default dissipation, s/m, and a point stiffness, N/m.
+        dissipation, stiffness = 50.0, 1e7
+        self.properties = drake.ProximityProperties()
+        drake.AddContactMaterial(dissipation, stiffness, friction, self.properties)
+        self.rigid = drake.ProximityProperties(self.properties)
+        drake.AddRigidHydroelasticProperties(1.0, self.rigid)
+        self.patch = drake.ProximityProperties(self.properties)
+        # Length of the elements of a body's pressure field, m, and its modulus, Pa.
+        resolution, modulus = 0.1, 1e8
+        drake.AddCompliantHydroelasticProperties(resolution, modulus, self.patch)
+
     def _body(self, plant: Any, name: str, body: dict[str, Any]) -> Any:
         shape: Any
+        if body["shape"] == "mesh":
+            raise NotImplementedError("has meshes of files alone")
         if "half" in body:
             sides = [2 * x for x in body["half"]]
             shape = drake.Box(*sides)
@@ -79,4 +89,15 @@ class DrakeBodies:
         return states
 
 
-ENGINES = [DrakeBodies]
+class DrakeStock(DrakeBodies):
+    """With nothing chosen but the friction."""
+
+    name = "drake-stock"
+
+    def materials(self, friction: Any) -> None:
+        self.properties = drake.ProximityProperties()
+        drake.AddContactMaterial(None, None, friction, self.properties)
+        self.rigid = self.patch = self.properties
+
+
+ENGINES = [DrakeBodies, DrakeStock]

@@ -1,71 +1,72 @@
-"""MuJoCo: restitution by a spring and a damper, which a step of Euler's does not shift."""
+# SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
+# SPDX-License-Identifier: Apache-2.0
+"""MuJoCo: restitution by a damper alone, which turns the speed round within a step."""
 
-import math
 from itertools import combinations
 from typing import Any
 
 import mujoco
 
-# Steps of a contact.
-CONTACT_STEPS = 20
-
-
-def solref(e: float, h: float) -> str:
-    """The solref with which a contact in discrete steps leaves at e, where the force is zero again."""
-    if e == 0:
-        # MuJoCo's default, which hardly bounces.
-        return "0.02 1"
-    # Bounds of the damping ratio.
-    low, high = 0.0, 0.99
-    for _ in range(60):
-        z = (low + high) / 2
-        w = math.sqrt(1 - z**2)
-        is_too_high = math.exp(-z / w * math.atan2(2 * z * w, 2 * z * z - 1)) > e
-        low, high = (z, high) if is_too_high else (low, z)
-    # Angle of the undamped motion in a step.
-    turn = math.pi / CONTACT_STEPS
-    decay = math.exp(-z * turn)
-    stiffness = (1 + decay**2 - 2 * decay * math.cos(w * turn)) / h**2
-    damping = (1 - decay**2) / h
-    return f"{-stiffness} {-damping}"
-
 
 class MujocoBodies:
+    """With the best settings that are known."""
+
     name, version, combine = "mujoco", mujoco.__version__, None
+    # With friction each row of a contact must act by itself, as one of low impedance does: else
+    # the friction, which is solved with the normal force, changes the restitution.
+    impedance_beside_friction = 1e-4
+
+    def contact(self, e: float, friction: float, h: float) -> str:
+        """Attributes of a pair. h: the step, s."""
+        if e == 0:
+            # MuJoCo's default solref, which hardly bounces, and carries weights.
+            return f'solref="0.02 1" solreffriction="0 {-1 / h}" solimp=".9999 .9999 .001"'
+        # A damper of (1 + e)/h turns v into -e v in a step of any phase.
+        share = self.impedance_beside_friction if friction else 1.0
+        d = min(share, 0.9999)
+        own = f'solref="0 {-(1 + e) / h}" solreffriction="0 {-share / h}"'
+        return f'{own} solimp="{d} {d} .001"'
+
+    def option(self) -> str:
+        """Attributes of the solver."""
+        return 'cone="elliptic" impratio="1e6"'
 
     def make(self, world: dict[str, Any]) -> None:
         if "materials" in world:
             raise NotImplementedError("has no restitution of a material")
         h = world["timestep"]
         mu = world["friction"]
-        bounce = solref(world["restitution"], h)
-        pair = f'solref="{bounce}" solreffriction="0 {-1 / h}" solimp=".9999 .9999 .001"'
-        names = []
-        geoms = ""
+        bodies = world["bodies"]
+        friction = f'condim="{3 if mu else 1}" friction="{mu} {mu} 0 0 0"'
+        contact = self.contact(world["restitution"], mu, h)
+        names = [f"geom{i}" for i in range(len(bodies))]
+        fixed = {f"geom{i}" for i, body in enumerate(bodies) if body.get("fixed")} | {"floor"}
+        geoms = "".join(self._body(i, body) for i, body in enumerate(bodies))
         if world["floor"]:
-            names.append("floor")
-        for i, body in enumerate(world["bodies"]):
-            names.append(f"geom{i}")
-            geoms += self._body(i, body)
-        if world["floor"]:
+            names.insert(0, "floor")
             geoms += '<geom name="floor" type="plane" size="9 9 1"/>'
-        condim = 3 if mu else 1
-        friction = f'condim="{condim}" friction="{mu} {mu} 0 0 0"'
         pairs = ""
         for a, b in combinations(names, 2):
-            pairs += f'<pair geom1="{a}" geom2="{b}" {pair} {friction}/>'
+            if not {a, b} <= fixed:
+                pairs += f'<pair geom1="{a}" geom2="{b}" {contact} {friction}/>'
+        meshes = ""
+        for i, body in enumerate(bodies):
+            if body["shape"] == "mesh":
+                corners, faces = _numbers(body["vertices"]), _numbers(body["faces"])
+                meshes += f'<mesh name="mesh{i}" vertex="{corners}" face="{faces}"/>'
         pull = f'gravity="{" ".join(map(str, world["gravity"]))}"'
-        option = f'<option timestep="{h}" {pull} cone="elliptic" impratio="1e6"/>'
+        option = f'<option timestep="{h}" {pull} {self.option()}/><asset>{meshes}</asset>'
         parts = f"<worldbody>{geoms}</worldbody><contact>{pairs}</contact>"
         self.model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}{parts}</mujoco>")
         self.data = mujoco.MjData(self.model)
-        moving = [body for body in world["bodies"] if not body.get("fixed")]
+        moving = [body for body in bodies if not body.get("fixed")]
         for i, body in enumerate(moving):
             self.data.qvel[6 * i : 6 * i + 6] = body["velocity"] + body["spin"]
 
     def _body(self, i: int, body: dict[str, Any]) -> str:
         size = " ".join(map(str, body.get("half", [body.get("radius")])))
-        geom = f'<geom name="geom{i}" type="{body["shape"]}" size="{size}" mass="{body["mass"]}"/>'
+        shape = f'mesh="mesh{i}"' if body["shape"] == "mesh" else f'size="{size}"'
+        geom = f'<geom name="geom{i}" type="{body["shape"]}" {shape} mass="{body["mass"]}"/>'
         joint = "" if body.get("fixed") else "<freejoint/>"
         return f'<body pos="{" ".join(map(str, body["position"]))}">{joint}{geom}</body>'
 
@@ -79,4 +80,22 @@ class MujocoBodies:
         return [[*a[:3], *b[:3], *(turn @ b[3:])] for a, b, turn in zip(q, v, turns, strict=True)]
 
 
-ENGINES = [MujocoBodies]
+class MujocoStock(MujocoBodies):
+    """With nothing chosen but the friction."""
+
+    name = "mujoco-stock"
+
+    def contact(self, e: float, friction: float, h: float) -> str:
+        if e:
+            raise NotImplementedError("has no restitution: a solref must be chosen")
+        return ""
+
+    def option(self) -> str:
+        return ""
+
+
+def _numbers(rows: list[list[float]]) -> str:
+    return " ".join(str(x) for row in rows for x in row)
+
+
+ENGINES = [MujocoBodies, MujocoStock]

@@ -1,3 +1,5 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
+# SPDX-License-Identifier: Apache-2.0
 """MuJoCo Warp, many worlds at once: it steps the models that MuJoCo's adapter makes."""
 
 import runpy
@@ -10,19 +12,23 @@ import mujoco_warp
 import numpy as np
 import warp
 
-MuJoCo = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))["MujocoBodies"]
+MUJOCO = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))
+Best: Any = MUJOCO["MujocoBodies"]
+Stock: Any = MUJOCO["MujocoStock"]
 
 
-class WarpBodies(MuJoCo):  # type: ignore[misc, valid-type]
-    name, version = "mujoco-warp", version("mujoco-warp")
+class ManyWorlds:
+    """A class of MuJoCo's adapter, which makes the models, after this one makes them step at once."""
+
+    version = version("mujoco-warp")
 
     def __init__(self) -> None:
         self.made: list[tuple[Any, Any]] = []
 
     def make(self, world: dict[str, Any]) -> None:
-        super().make(world)
+        super().make(world)  # type: ignore[misc]
         # MuJoCo's 1e6 gives NaN in float32.
-        self.model.opt.impratio = 100.0
+        self.model.opt.impratio = min(self.model.opt.impratio, 100.0)
         self.made.append((self.model, self.data))
 
     def start(self) -> None:
@@ -57,7 +63,19 @@ class WarpBodies(MuJoCo):  # type: ignore[misc, valid-type]
     def _state(self, world: tuple[Any, Any], q: Any, v: Any) -> Any:
         self.model, self.data = world
         self.data.qpos[:], self.data.qvel[:] = q, v
-        return super().state()
+        return super().state()  # type: ignore[misc]
 
 
-ENGINES = [WarpBodies]
+class WarpBodies(ManyWorlds, Best):  # type: ignore[misc]
+    """With the best settings that are known."""
+
+    name = "mujoco-warp"
+
+
+class WarpStock(ManyWorlds, Stock):  # type: ignore[misc]
+    """With nothing chosen but the friction."""
+
+    name = "mujoco-warp-stock"
+
+
+ENGINES = [WarpBodies, WarpStock]

@@ -1,3 +1,5 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
+# SPDX-License-Identifier: Apache-2.0
 """Newton's solvers, many worlds at once.
 
 SolverMuJoCo bounces by ke and kd, for a contact of 20 steps.
@@ -14,8 +16,10 @@ import warp
 class NewtonBodies:
     version = newton.__version__
 
-    def __init__(self, solver: str, combine: str | None, options: dict[str, Any]) -> None:
-        self.name, self.combine, self.options = f"newton-{solver.lower()}", combine, options
+    def __init__(
+        self, solver: str, combine: str | None, options: dict[str, Any], suffix: str = ""
+    ) -> None:
+        self.name, self.combine, self.options = f"newton-{solver.lower()}{suffix}", combine, options
         self.solver, self.builder = (
             getattr(newton.solvers, f"Solver{solver}"),
             newton.ModelBuilder(),
@@ -42,16 +46,23 @@ class NewtonBodies:
                 (*body["position"], 0, 0, 0, 1),
                 body.get("half", [body.get("radius")] * 3),
             )
+            if body["shape"] == "mesh":
+                size = np.max(body["vertices"], axis=0)
             if not body.get("fixed"):
                 i, at = self.builder.add_body(xform=at), (0.0,) * 6 + (1.0,)
                 self.builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
             kind, volume = (
                 body["shape"].upper(),
-                np.prod(size) * (8 if "half" in body else 4 / 3 * np.pi),
+                np.prod(size) * (4 / 3 * np.pi if body["shape"] == "sphere" else 8),
             )
             cfg = self.builder.ShapeConfig(
                 density=float(body["mass"] / volume), restitution=e, **common
             )
+            if kind == "MESH":
+                faces = np.array(body["faces"]).ravel()
+                mesh = newton.Mesh(np.array(body["vertices"], np.float32), faces)
+                self.builder.add_shape_mesh(body=i, xform=at, mesh=mesh, cfg=cfg)
+                continue
             self.builder.add_shape(body=i, type=newton.GeoType[kind], xform=at, scale=size, cfg=cfg)
         if world["floor"]:
             self.builder.add_ground_plane(cfg=self.builder.ShapeConfig(restitution=floor, **common))
@@ -92,4 +103,12 @@ ENGINES = [
     partial(NewtonBodies, "MuJoCo", None, {"cone": "elliptic", "impratio": 100.0}),
     partial(NewtonBodies, "SemiImplicit", None, {"angular_damping": 0}),
     partial(NewtonBodies, "Featherstone", None, {"angular_damping": 0}),
+    # With nothing chosen but restitution and friction.
+    partial(NewtonBodies, "XPBD", "average", {}, "-stock"),
+    partial(NewtonBodies, "Kamino", "minimum", {}, "-stock"),
+    partial(NewtonBodies, "Steel", "average", {}, "-stock"),
+    partial(NewtonBodies, "VBD", None, {}, "-stock"),
+    partial(NewtonBodies, "MuJoCo", None, {}, "-stock"),
+    partial(NewtonBodies, "SemiImplicit", None, {}, "-stock"),
+    partial(NewtonBodies, "Featherstone", None, {}, "-stock"),
 ]

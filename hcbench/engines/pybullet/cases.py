@@ -1,3 +1,5 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
+# SPDX-License-Identifier: Apache-2.0
 """PyBullet: restitution and friction are products of two bodies', so each
 body has the root of the pair's.
 """
@@ -10,18 +12,40 @@ import pybullet
 
 
 class PybulletBodies:
+    """With the best settings that are known."""
+
     name, version, combine = "pybullet", version("pybullet"), "product"
 
     def __init__(self) -> None:
         self.client = pybullet.connect(pybullet.DIRECT)
 
+    def settings(self, e: float) -> dict[str, float]:
+        """Parameters of the engine for a pair's restitution."""
+        if e:
+            # Error reduction adds its own speed to a rebound.
+            return {"restitutionVelocityThreshold": 0, "contactERP": 0, "contactSlop": 0}
+        # Without a rebound it keeps bodies out of each other; the slop keeps them from shaking.
+        return {"restitutionVelocityThreshold": 0, "contactERP": 0.02, "contactSlop": 1e-4}
+
+    def dynamics(self) -> dict[str, float]:
+        """Parameters of a body."""
+        # A contact would act before the touch.
+        return {
+            "linearDamping": 0,
+            "angularDamping": 0,
+            "maxJointVelocity": 1e9,
+            "contactProcessingThreshold": 0,
+        }
+
+    # In reduced coordinates an impact adds up to g h to the speed.
+    is_maximal = True
+
     def make(self, world: dict[str, Any]) -> None:
         pybullet.resetSimulation()
-        exact = {"restitutionVelocityThreshold": 0, "contactERP": 0, "contactSlop": 0}
-        pybullet.setPhysicsEngineParameter(fixedTimeStep=world["timestep"], **exact)
+        materials = world.get("materials", [math.sqrt(world.get("restitution", 0.0))] * 2)
+        settings = self.settings(math.prod(materials))
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=world["timestep"], **settings)
         pybullet.setGravity(*world["gravity"])
-        own = math.sqrt(world.get("restitution", 0.0))
-        materials = world.get("materials", [own, own])
         friction = math.sqrt(world["friction"])
         self.moving = []
         for body in world["bodies"]:
@@ -29,23 +53,23 @@ class PybulletBodies:
             if not body.get("fixed"):
                 self.moving.append(made)
         if world["floor"]:
-            plane = pybullet.createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE))
+            shape = pybullet.createCollisionShape(pybullet.GEOM_PLANE)
+            plane = pybullet.createMultiBody(0, shape, useMaximalCoordinates=self.is_maximal)
             pybullet.changeDynamics(plane, -1, restitution=materials[1], lateralFriction=friction)
 
     def _body(self, body: dict[str, Any], e: float, friction: float) -> int:
         if body["shape"] == "sphere":
             shape = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=body["radius"])
-        else:
+        elif body["shape"] == "box":
             shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=body["half"])
+        else:
+            shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=body["vertices"])
         mass = 0 if body.get("fixed") else body["mass"]
-        made = int(pybullet.createMultiBody(mass, shape, basePosition=body["position"]))
-        damping = {
-            "linearDamping": 0,
-            "angularDamping": 0,
-            "maxJointVelocity": 1e9,
-            "contactProcessingThreshold": 0,
-        }
-        pybullet.changeDynamics(made, -1, restitution=e, lateralFriction=friction, **damping)
+        at = body["position"]
+        coordinates = {"useMaximalCoordinates": self.is_maximal}
+        made = int(pybullet.createMultiBody(mass, shape, basePosition=at, **coordinates))
+        own = self.dynamics()
+        pybullet.changeDynamics(made, -1, restitution=e, lateralFriction=friction, **own)
         pybullet.resetBaseVelocity(made, body["velocity"], body["spin"])
         return made
 
@@ -61,4 +85,17 @@ class PybulletBodies:
         return states
 
 
-ENGINES = [PybulletBodies]
+class PybulletStock(PybulletBodies):
+    """With nothing chosen but restitution and friction."""
+
+    name = "pybullet-stock"
+    is_maximal = False
+
+    def settings(self, e: float) -> dict[str, float]:
+        return {}
+
+    def dynamics(self) -> dict[str, float]:
+        return {}
+
+
+ENGINES = [PybulletBodies, PybulletStock]

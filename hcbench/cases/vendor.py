@@ -1,0 +1,56 @@
+"""Copies the runner, chosen cases and a test into a folder of an engine's own repository."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from hcbench.cases import make
+from hcbench.cases.score import the_cases
+from hcbench.system.errors import UserError
+from hcbench.system.files import read_text
+from hcbench.system.outputs import write_output
+
+_HERE = Path(__file__).parent
+# An adapter to begin with: each world is one that the engine cannot make yet.
+ADAPTER = '''\
+"""The engine behind hcbench_cases.py."""
+
+
+class Engine:
+    name, version, combine = "mine", "0", None
+
+    def make(self, world):
+        raise NotImplementedError("is not adapted yet")
+
+    def step(self):
+        pass
+
+    def state(self):
+        return []
+
+
+ENGINES = [Engine]
+'''
+
+
+def vendor(folder: Path, only: Sequence[str] = (), force: bool = False) -> list[Path]:
+    """Write a folder that needs nothing but Python's standard library, and return its files.
+
+    only: ids of the cases; all where it is empty. An adapter that is there already stays. Raises
+    UserError for an unknown case, and OutputError for a file that is there, unless force is set.
+    """
+    chosen = [case["id"] for case in the_cases(only)["cases"]]
+    if folder.exists() and not folder.is_dir():
+        raise UserError("FOLDER", f"{folder} is a file", "a folder")
+    contents = {
+        "hcbench_cases.py": read_text(_HERE / "hcbench_cases.py"),
+        make.FILE.name: make.text(chosen),
+        "test_hcbench_cases.py": read_text(_HERE / "vendored_test.py"),
+    }
+    if not (folder / "adapter.py").exists():
+        contents["adapter.py"] = ADAPTER
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in contents.items():
+        write_output(folder / name, text, "FOLDER", force)
+    return [folder / name for name in contents]

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
+# SPDX-License-Identifier: Apache-2.0
+"""DART: restitutions of two shapes multiply, so each has the root of the pair's; friction is the
+smaller of both.
+"""
+
+import math
+from importlib.metadata import version
+from typing import Any
+
+import dartpy as dart  # type: ignore[import-not-found]
+import numpy as np
+
+
+class DartBodies:
+    """With the best settings that are known."""
+
+    name, version, combine = "dart", version("dartpy"), "product"
+    # DART's lengths in a metre. It bounces nothing while e v is below 0.1 of them a second, and
+    # nothing faster than 100 of them a second.
+    length = 20.0
+
+    def make(self, world: dict[str, Any]) -> None:
+        self.world = dart.simulation.World()
+        self.world.setTimeStep(world["timestep"])
+        self.world.setGravity(np.array(world["gravity"], float) * self.length)
+        e, floor_e = world.get("materials", [math.sqrt(world.get("restitution", 0.0))] * 2)
+        friction = world["friction"]
+        self.moving = []
+        for i, body in enumerate(world["bodies"]):
+            node, skeleton = self._body(f"body{i}", body)
+            self._shape(node, self._solid(body), e, friction)
+            if not body.get("fixed"):
+                self.moving.append((node, skeleton))
+            self.world.addSkeleton(skeleton)
+        if world["floor"]:
+            ground = dart.dynamics.Skeleton("floor")
+            _, node = ground.createWeldJointAndBodyNodePair()
+            slab = dart.dynamics.BoxShape(np.array([20.0, 20.0, 0.4]) * self.length)
+            shape = self._shape(node, slab, floor_e, friction)
+            shape.setRelativeTranslation(np.array([0.0, 0.0, -0.2]) * self.length)
+            self.world.addSkeleton(ground)
+
+    def _body(self, name: str, body: dict[str, Any]) -> tuple[Any, Any]:
+        skeleton = dart.dynamics.Skeleton(name)
+        at = np.array(body["position"]) * self.length
+        if body.get("fixed"):
+            joint, node = skeleton.createWeldJointAndBodyNodePair()
+            frame = dart.math.Isometry3()
+            frame.set_translation(at)
+            joint.setTransformFromParentBodyNode(frame)
+            return node, skeleton
+        _, node = skeleton.createFreeJointAndBodyNodePair()
+        mass = body["mass"]
+        inertia = self._solid(body).computeInertia(mass)
+        node.setInertia(dart.dynamics.Inertia(mass, [0, 0, 0], inertia))
+        skeleton.setPositions([0, 0, 0, *at])
+        skeleton.setVelocities([*body["spin"], *(np.array(body["velocity"]) * self.length)])
+        return node, skeleton
+
+    def _solid(self, body: dict[str, Any]) -> Any:
+        if body["shape"] == "sphere":
+            return dart.dynamics.SphereShape(body["radius"] * self.length)
+        if body["shape"] == "box":
+            return dart.dynamics.BoxShape(2.0 * np.array(body["half"]) * self.length)
+        raise NotImplementedError("has meshes of files alone")
+
+    @staticmethod
+    def _shape(node: Any, solid: Any, e: float, friction: float) -> Any:
+        shape = node.createShapeNode(solid)
+        shape.createVisualAspect()
+        shape.createCollisionAspect()
+        shape.createDynamicsAspect()
+        # Constraint force mixing of 1e-5 is built in, and lowers e.
+        own = min(1.0, (1.0 + e) * (1.0 + 1e-5) - 1.0) if e else 0.0
+        shape.getDynamicsAspect().setRestitutionCoeff(own)
+        shape.getDynamicsAspect().setFrictionCoeff(friction)
+        return shape
+
+    def step(self) -> None:
+        self.world.step()
+
+    def state(self) -> list[list[float]]:
+        states = []
+        for node, _ in self.moving:
+            at = node.getWorldTransform().translation() / self.length
+            states.append(
+                [*at, *node.getLinearVelocity() / self.length, *node.getAngularVelocity()]
+            )
+        return states
+
+
+class DartStock(DartBodies):
+    """With nothing chosen but restitution and friction; in metres."""
+
+    name = "dart-stock"
+    length = 1.0
+
+
+ENGINES = [DartBodies, DartStock]
