@@ -306,8 +306,8 @@ def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_CaseBounce]:
 
 
 def regressions(scores: Sequence[EngineScore]) -> list[str]:
-    """A line for each case that passed in a version of an engine and fails
-    in the next one given, or back.
+    """A line for each case that passed in a version of an engine and has another verdict in the
+    next one given, or back.
     """
     lines = []
     last = dict[str, EngineScore]()

@@ -1,5 +1,5 @@
-"""Runs checks, each in a process that may crash, hang or run out of
-memory, and judges what they measure.
+"""Runs checks, those of files each in a process that may crash, hang or run out of memory, and
+judges what they measure.
 """
 
 from __future__ import annotations
@@ -82,7 +82,9 @@ def _judge_limits(check: Check) -> Outcome:
 def _measure(check: Check) -> Measurement:
     """Measure the pair of a check, and look for causes where its e is held against something.
 
-    Raises UserError for a pair that cannot be measured, EngineFailed for an engine that crashed.
+    A file is measured in a worker process, within the check's limit; a model object in this one,
+    without a limit. Raises UserError for a pair that cannot be measured, EngineFailed for an engine
+    that crashed or took longer.
     """
     tolerance = TOLERANCE
     if check.wanted is not None:

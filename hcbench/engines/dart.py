@@ -159,8 +159,8 @@ _CAP = 100.0
 def units_per_metre(target: Target, e: float) -> float:
     """Number of DART's units of length in a metre, a power of ten.
 
-    The unit is the smallest whose cap is half again the band's highest speed. Raises SettingError
-    for a band too wide to lie between DART's threshold and its cap.
+    The unit is the smallest whose cap is at least half again the band's highest speed. Raises
+    SettingError for a band too wide to lie between DART's threshold and its cap, and for e = 0.
     """
     units = 10.0 ** math.floor(math.log10(_CAP / (1.5 * target.speed_max)))
     if e * target.speed_min * units <= _THRESHOLD:

@@ -203,6 +203,9 @@ def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]
     its standard uncertainty, N s.
 
     The noise, and the drift of the zero from before the push to after it, make it uncertain.
+
+    time, force: s and N, shape (n,), the force as `_pulse` returns it: upwards, its zero removed.
+    inside: mask of the push, shape (n,), not empty.
     """
     pushing = np.flatnonzero(inside)
     first = int(pushing[0])
@@ -214,8 +217,8 @@ def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]
     quiet = np.concatenate([before, after])
     # Standard deviation of the force outside the pulse, N.
     noise = float(np.std(quiet))
-    # Duration of the pulse, s.
-    lasts = float(time[end - 1] - time[begin])
+    # Duration of what is integrated, s: up to three pulses.
+    window = float(time[end - 1] - time[begin])
     step = float(np.median(np.diff(time)))
     drift = 0.0
     if len(before) and len(after):
@@ -223,7 +226,7 @@ def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]
     # Standard uncertainty of the zero, N.
     zero = noise / math.sqrt(len(quiet))
     # An error of the zero adds up over the whole time; noise adds up as its root.
-    uncertainty = math.hypot(lasts * (drift + zero), noise * math.sqrt(lasts * step))
+    uncertainty = math.hypot(window * (drift + zero), noise * math.sqrt(window * step))
     return float(np.trapezoid(force[begin:end], time[begin:end])), uncertainty
 
 

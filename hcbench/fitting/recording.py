@@ -146,7 +146,8 @@ class _Wav:
     def __init__(self, path: Path) -> None:
         """Open the file. Raises UserError for what is not a WAV recording.
 
-        Samples are scaled to -1 ... 1; `step` is the size of their last bit on that scale.
+        rate: samples a second. step: of a sample as it is stored, where `blocks` scales all to
+        -1 ... 1; 0 for floating point. SciPy stores 24 bits in the upper bits of 32.
         """
         with _reading(path, "WAV", "a WAV recording, PCM or float"), warnings.catch_warnings():
             # SciPy warns of chunks that it does not know, such as a title.

@@ -10,7 +10,7 @@ whose ends are integrable. v_i is the speed in, v_o the speed out, m the effecti
 Restitution depends on α v_i alone.
 
 Everything is vectorised over speeds; a law with α = 0 is served by the same formulas. UserError
-refuses speeds below 0 (and 0 where an impact is needed) and a mass that is not above 0.
+refuses speeds below 0 (and 0, where a motion over time is asked) and a mass that is not above 0.
 """
 
 from __future__ import annotations
@@ -242,11 +242,15 @@ def rate_at(
     penetration: Floats | float,
     branch: Literal["approach", "rebound"],
 ) -> Floats:
-    """v in m/s at penetrations (m) on the way in (> 0) or out (< 0), same shape; NaN beyond x_m."""
+    """v in m/s at penetrations (m) on the way in (> 0) or out (< 0), same shape; NaN beyond x_m.
+
+    mass: kg, above 0. speed: v_i, m/s; at 0 there is no motion, and all is NaN.
+    """
     x = np.asarray(penetration, dtype=np.float64)
     left = 1.0 - (x / penetration_max(law, mass, speed)) ** (law.exponent + 1.0)
     cosine = np.sqrt(np.where((x >= 0) & (left >= 0), left, np.nan))
-    return _rate(law, speed, cosine if branch == "approach" else -cosine)[0]
+    rate, _ = _rate(law, speed, cosine if branch == "approach" else -cosine)
+    return rate
 
 
 def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floats]:

@@ -150,8 +150,10 @@ def require_packages(path: Path, packages: Packages) -> None:
 
 
 def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
-    """Folder of each package that a model file names: as given, else the nearest above the file
-    that has what is named. Packages that are in neither are left out.
+    """Folder of each package that a model file names after package:// or model://: as given, else
+    the nearest above the file that has what is named. Packages that are in neither are left out.
+
+    Raises SceneError for a file that is not text.
     """
     given = dict(packages)
     folders: dict[str, Path] = {}

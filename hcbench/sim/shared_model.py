@@ -207,7 +207,8 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does
         not have, CannotRun for a device that this machine lacks.
 
-        start: that engine's own state, of all that does not move by itself.
+        start: a state of that engine. The copies keep its controls, activations, moved bodies and
+        active equalities; `place` sets positions and velocities.
         bits: of the numbers; 0 for those that its users get who set nothing.
         law: `law_lines`, of a ball of this radius, m, above z = 0.
         device: that is to be read from, of `devices`; "" for the engine's own choice, and recorded

@@ -1,4 +1,4 @@
-"""What tune hands out keeps friction: in plain MuJoCo bodies slide, spin and roll on it as promised."""
+"""Texts of tune keep friction: in plain MuJoCo bodies slide, spin and roll on it as promised."""
 
 from __future__ import annotations
 

@@ -322,7 +322,11 @@ def _moves_alone(loaded: SceneModel) -> bool:
 
 
 def _touches_in_one_way(model: Any) -> bool:
-    """Say whether the ball can touch only by written <pair>s, or else by one pair of geoms at most."""
+    """Say whether the ball can touch only by written <pair>s, or else by one pair of geoms at most.
+
+    Pairs of geoms are those of one that moves with one that does not. False also for a contype or
+    conaffinity above 15 bits, as `_disable_mutual_collisions` packs two into one number.
+    """
     if ((model.geom_contype | model.geom_conaffinity) & ~_MASK).any():
         return False
     moving = model.body_weldid[model.geom_bodyid] != 0

@@ -53,7 +53,8 @@ _NAMED = 3
 def check_urdf(path: Path, root: ET.Element) -> None:
     """Refuse links and joints that make no tree, and shapes without a size.
 
-    Raises SceneError, and QuantityError for a size beyond its bounds.
+    Links without a name, or with one twice, and joints of an unknown type make no tree. A size, m,
+    is a number above 0. Raises SceneError, and QuantityError for a size beyond its bounds.
     """
     _check_tree(path, root)
     for link in root.iterfind("link"):
