@@ -25,7 +25,8 @@ LONG = "HCBENCH_PLUGINS" in os.environ  # make test-plugins
 COUNT, SECONDS = 2000 if LONG else 60, 0.6
 TABLE = "random in PyBullet"
 NAMED = (  # what the plug-in says of a body, and to do
-    r"body \d+ turns by [\d.e+]+ rad in a step of [\d.e-]+ s, too far for Bullet's joints: take [\d.e-]+ s",
+    r"body \d+ turns by [\d.e+]+ rad in a step of [\d.e-]+ s, too far for Bullet's joints and"
+    r" constraints: take [\d.e-]+ s",
     r"body \d+ turns by [\d.e+]+ rad/s, and Bullet cuts the rates of joints at 100 rad/s: set a larger"
     r" maxJointVelocity by changeDynamics",
     r"a motor of body \d+ changes e of an impact by -?[\d.]+ within the step: take a smaller force, or a"

@@ -110,6 +110,14 @@ static void add_free_turn(const world* w, const body* b, const double* change, d
   for (int k = 0; k < 3; k++) wrench[3 + k] += torque[k];
 }
 
+/* How far a body without joints turns in a step after an impact, rad. */
+static double free_turn_of(const world* w, const body* b, const double* change) {
+  double spin[3];
+  rotate(b->base->pose + 3, b->base->motion + 3, -1, spin);
+  for (int k = 0; k < 3; k++) spin[k] += change[3 + k];
+  return w->h * sqrt(dot(spin, spin));
+}
+
 /* Adds to the velocities of a jointed body's link what a change of the freedoms does. */
 static void add_motion(const body* b, int link, const double* change, double* motion) {
   double turn[3];

@@ -244,7 +244,7 @@ static void name_fast(world* w, law* l, const body* b, double turn, double rate)
          " larger maxJointVelocity by changeDynamics", l->id, b->id, rate, HCB_CUT);
     return;
   }
-  fail(w, "restitution, law %d: body %d turns by %.2g rad in a step of %g s, too far for Bullet's joints: take %.1g s", l->id,
+  fail(w, "restitution, law %d: body %d turns by %.2g rad in a step of %g s, too far for Bullet's joints and constraints: take %.1g s", l->id,
        b->id, turn, w->h, w->h * HCB_FAST / turn);
 }
 
@@ -278,6 +278,8 @@ static void go_on(world* w, const hcb_system* s, const double* u, const double* 
     if (!l) continue;
     const double* own = change + t->at[t->part[id]] + t->place[id];
     double rate = 0, turn = go_on_from(w, b, own, &rate);
+    /* Bullet solves constraints, as joints, by the positions of the step's start. */
+    if (!b->is_tree && t->count[t->part[id]] > 0) turn = free_turn_of(w, b, own);
     name_fast(w, l, b, turn, rate);
     if (b->is_tree) name_stops(w, b, own);
   }
