@@ -11,6 +11,7 @@ from checks import ask
 from hcbench.checking import CheckSpec, check
 from hcbench.checking.baseline import read_pairs
 from hcbench.system.errors import UserError
+from hcbench.system.files import MOST_BYTES
 
 
 @pytest.mark.parametrize(
@@ -58,9 +59,13 @@ def test_pairs_are_read_as_people_write_them(tmp_path: Path, text: str) -> None:
 def test_an_input_without_an_end_is_not_read_to_it(tmp_path: Path) -> None:
     endless = tmp_path / "endless.toml"
     endless.symlink_to("/dev/zero")
-    for spec in (ask(pairs=endless), ask(baseline=endless), CheckSpec(model=str(endless))):
-        with pytest.raises(UserError, match="has more than"):
-            check(spec)
+    longest = tmp_path / "longest.toml"
+    with longest.open("wb") as file:
+        file.truncate(MOST_BYTES + 1)
+    for path, reason in ((endless, "a pipe or a device"), (longest, "has more than")):
+        for spec in (ask(pairs=path), ask(baseline=path), CheckSpec(model=str(path))):
+            with pytest.raises(UserError, match=reason):
+                check(spec)
 
 
 def test_pairs_from_no_file_or_no_text(tmp_path: Path) -> None:

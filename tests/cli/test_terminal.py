@@ -83,7 +83,9 @@ def test_no_line_of_an_output_is_longer_than_100_columns(
     assert run(command) in (0, 1)
     out = capsys.readouterr().out
     assert out
-    assert [line for line in out.splitlines() if len(line) > WIDTH] == []
+    # A promise in the text to paste is one attribute, which stays on its line.
+    printed = [line for line in out.splitlines() if not line.startswith('data="')]
+    assert [line for line in printed if len(line) > WIDTH] == []
     if command[0] in ("measure", "tune"):
         parsed(out.partition("next:\n")[2].strip())
 

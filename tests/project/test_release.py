@@ -34,6 +34,7 @@ ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON"
 COMMANDS = [
     'law --alpha "0.008 s/in" --speed "4, 8, 12, 16 in/s"',
     "engines",
+    "materials",
     'tune pybullet --alpha "0.3 s/m" --timestep "2 ms" --speeds "0.1:2 m/s" --write-scene drop.py',
     "fit drop.wav",
     "pairs my.xml",

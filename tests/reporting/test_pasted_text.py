@@ -61,18 +61,26 @@ def test_pasted_pybullet_text_makes_every_call_in_order(monkeypatch: pytest.Monk
         "maximal_coordinates": True,
     }
     calls: list[tuple[Any, ...]] = []
+    # What Bullet says of a body: its eleventh number is 1 with maximal coordinates.
+    of_maximal = (*[0] * 10, 1)
 
     class Recorder:
         def __getattr__(self, name: str) -> Any:
-            def call(*args: Any, **kwargs: Any) -> str:
-                calls.append((name, args, kwargs))
-                return f"body {len(calls)}"
+            def call(*args: Any, **kwargs: Any) -> tuple[int, ...]:
+                if name != "getDynamicsInfo":
+                    calls.append((name, args, kwargs))
+                return of_maximal
 
             return call
 
     monkeypatch.setitem(sys.modules, "pybullet", Recorder())
     exec(text_of("pybullet", options), {"ball": 7, "plate": 8})
-    world = {"fixedTimeStep": 1e-3, "contactSlop": 0.0, "contactBreakingThreshold": 0.02}
+    world = {
+        "fixedTimeStep": 1e-3,
+        "numSubSteps": 0,
+        "contactSlop": 0.0,
+        "contactBreakingThreshold": 0.02,
+    }
     assert calls == [
         ("setPhysicsEngineParameter", (), world),
         ("changeDynamics", (7, -1), {"restitution": 1 / 3}),

@@ -347,8 +347,8 @@ MUTANTS = (
     Mutant(
         "engines/pybullet/plugin/restitution.c",
         "add_impacts",
-        "all[i].rate[k] - w->h / 2 * fall_along",
-        "all[i].rate[k] + w->h / 2 * fall_along",
+        "all[i].rate[k] + w->h / 2 * rate_of(&s, i, k, falling)",
+        "all[i].rate[k] - w->h / 2 * rate_of(&s, i, k, falling)",
         "impacts of the plug-in are between rates with half of the step's gravity",
         (
             "tests/engines/bullet/test_plugin_slow_impacts.py",

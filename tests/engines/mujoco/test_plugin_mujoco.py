@@ -718,3 +718,28 @@ def test_piles_win_no_energy(seed: int, integrator: str) -> None:
     seen = run(pile(seed, 5e-3, law, integrator=integrator), 4.0)
     assert seen.growth < 1e-9
     assert not any(warning.number for warning in seen.data.warning)
+
+
+@pytest.mark.parametrize(
+    "order", [("hunt_crossley", "restitution"), ("restitution", "hunt_crossley")]
+)
+def test_both_laws_stand_in_one_model_in_any_order(order: tuple[str, str]) -> None:
+    """A law finds its own pairs while the other's are not read yet."""
+    keys = {
+        "hunt_crossley": FORCE_KEYS | {"geom1": "ball", "geom2": "plate"},
+        "restitution": {"alpha": "0.3", "geom1": "other", "geom2": "plate"},
+    }
+    plugins = "".join(
+        f'<plugin plugin="hcbench.{name}"><instance name="{name}">'
+        + "".join(f'<config key="{key}" value="{value}"/>' for key, value in keys[name].items())
+        + "</instance></plugin>"
+        for name in order
+    )
+    text = f"""<mujoco><option timestep="1e-4"/><extension>{plugins}</extension>
+      <worldbody><geom name="plate" type="plane" size="1 1 1"/>
+      <body name="ball" pos="0 0 1"><freejoint/><geom name="ball" size=".05"/></body>
+      <body pos="1 0 1"><freejoint/><geom name="other" size=".05"/></body></worldbody>
+      <contact><exclude body1="world" body2="ball"/></contact></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    mujoco.mj_step(model, mujoco.MjData(model))
+    assert model.nplugin == 2

@@ -106,8 +106,9 @@ static void make_table(const mjModel* m, const mjData* d, int first) {
   memory->table = realloc(memory->table, (count + 1) * sizeof(pair_entry));
   memory->entries = 0;
   for (int i = first; i < m->nplugin; i++) {
+    if (m->plugin[i] != m->plugin[first]) continue; /* it may not be there yet */
     const instance* own = instance_of(d, i);
-    for (int k = 0; k < own->pairs && m->plugin[i] == m->plugin[first]; k++) {
+    for (int k = 0; k < own->pairs; k++) {
       int a = own->pair[2 * k], b = own->pair[2 * k + 1];
       memory->table[memory->entries++] = (pair_entry){{a < b ? a : b, a < b ? b : a}, i, k};
     }
