@@ -219,7 +219,7 @@ def read_material(path: Path) -> MaterialPair:
 
 def as_record(material: MaterialPair) -> dict[str, Any]:
     """The material for JSON, as a material.json has it."""
-    record: dict[str, Any] = material.model_dump(mode="json", by_alias=True, exclude_defaults=False)
+    record: dict[str, Any] = material.model_dump(mode="json", by_alias=True)
     return record
 
 

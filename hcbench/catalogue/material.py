@@ -22,7 +22,7 @@ from hcbench.terms.bounds import BOUNDS
 from hcbench.terms.fields import FileTable, Text, mistake
 
 KIND: Literal["hcbench material"] = "hcbench material"
-# Who has read the number, by `Source.level`.
+# Who has read the number, by `Citation.level`.
 LEVELS = {
     "P": "the document itself was read",
     "S": "another document quotes it",
@@ -66,7 +66,7 @@ _ERange = Annotated[tuple[_E, _E], AfterValidator(_rising)]
 _Line = Annotated[StrictStr, Field(max_length=1000)]
 
 
-class Source(FileTable):
+class Citation(FileTable):
     """Document that a number stands in."""
 
     document: Annotated[Text, Field(description="Authors, title, where it was published, year")]
@@ -81,7 +81,7 @@ class Source(FileTable):
     ]
 
 
-class Target(NamedTuple):
+class TargetNumbers(NamedTuple):
     """A material as the options of a target: α, s/m; one e; or points (v m/s, e)."""
 
     alpha: float | None
@@ -124,7 +124,7 @@ class MaterialPair(FileTable):
     uncertainty: Annotated[_Line, Field(description="What the interval is, or the scatter")] = ""
     friction: Annotated[_Line, Field(description="Coefficient of friction, in words")] = ""
     measured: Annotated[Text, Field(description="How it was measured")]
-    source: Annotated[Source, Field(description="Where it stands")]
+    source: Annotated[Citation, Field(description="Where it stands")]
     note: Annotated[_Line, Field(description="What else to know")] = ""
 
     @model_validator(mode="after")
@@ -173,9 +173,9 @@ class MaterialPair(FileTable):
         return f"{self.name}: {self.numbers} {self.at} ({self.id}; {source})"
 
     @property
-    def target(self) -> Target:
+    def target(self) -> TargetNumbers:
         """The same as options; points do not rise, see `falling`."""
-        return Target(self.alpha_s_per_m, self.restitution, falling(self.points))
+        return TargetNumbers(self.alpha_s_per_m, self.restitution, falling(self.points))
 
     def curve(self, reading: Reading = "law") -> RestitutionCurve:
         """e over the impact speed, to compare with.

@@ -587,7 +587,7 @@ def material_of(result: FitResult, name: str) -> MaterialPair:
     name: the pair, such as "rubber on concrete".
     """
     # Imported here: Pydantic takes long to import, and most fits need none.
-    from hcbench.catalogue.material import MaterialPair, Source
+    from hcbench.catalogue.material import Citation, MaterialPair
 
     low, high = (_rounded(v) for v in result.speeds)
     first, _, second = name.partition(" on ")
@@ -600,7 +600,7 @@ def material_of(result: FitResult, name: str) -> MaterialPair:
         bodies=(first.strip() or "body", second.strip() or "floor"),
         speed_range_m_per_s=(low, high),
         measured=f"hcbench fit of {kinds}",
-        source=Source(
+        source=Citation(
             document=f"own recording: {files}", place=f"law: {law}", read_at=files, level="own"
         ),
         **_numbers(result, low, high),

@@ -247,7 +247,7 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
 
 
 def request_for(request: Request, speeds: object, known: MaterialPair | None) -> Request:
-    """The request at speeds that a material's e was measured at, where none were given.
+    """Request at the speeds of a material's measurement, where none were given.
 
     speeds: as the user gave them, or None. known: the material that the target is taken from. Warns
     of launches outside its range.

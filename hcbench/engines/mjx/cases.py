@@ -28,7 +28,7 @@ def _steps(models: Any, now: Any, count: Any) -> Any:
     return jax.lax.fori_loop(0, count, lambda _, x: step(models, x), now)
 
 
-class ManyWorlds:
+class MjxWorlds:
     """A class of MuJoCo's adapter, which makes the models, after this one makes them step at once."""
 
     version = version("mujoco-mjx")
@@ -76,13 +76,13 @@ class ManyWorlds:
         return super().state()  # type: ignore[misc]
 
 
-class MjxBodies(ManyWorlds, Best):  # type: ignore[misc]
+class MjxBodies(MjxWorlds, Best):  # type: ignore[misc]
     """With the best settings that are known."""
 
     name = "mjx"
 
 
-class MjxStock(ManyWorlds, Stock):  # type: ignore[misc]
+class MjxStock(MjxWorlds, Stock):  # type: ignore[misc]
     """With nothing chosen but the friction."""
 
     name = "mjx-stock"

@@ -17,7 +17,7 @@ Best: Any = MUJOCO["MujocoBodies"]
 Stock: Any = MUJOCO["MujocoStock"]
 
 
-class ManyWorlds:
+class WarpWorlds:
     """A class of MuJoCo's adapter, which makes the models, after this one makes them step at once."""
 
     version = version("mujoco-warp")
@@ -66,13 +66,13 @@ class ManyWorlds:
         return super().state()  # type: ignore[misc]
 
 
-class WarpBodies(ManyWorlds, Best):  # type: ignore[misc]
+class WarpBodies(WarpWorlds, Best):  # type: ignore[misc]
     """With the best settings that are known."""
 
     name = "mujoco-warp"
 
 
-class WarpStock(ManyWorlds, Stock):  # type: ignore[misc]
+class WarpStock(WarpWorlds, Stock):  # type: ignore[misc]
     """With nothing chosen but the friction."""
 
     name = "mujoco-warp-stock"

@@ -49,7 +49,7 @@ _MASS = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class _Body:
+class _ThrownBody:
     """A body on the plate.
 
     name: in findings.
@@ -79,15 +79,15 @@ _ALONG_X = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 _SLAB = f'type="box" size="{" ".join(map(str, _HALF_SLAB))}"'
 # Flat, so that friction does not tip it over.
 _BOXES = (
-    _Body("box on its face", _SLAB, _HALF_SLAB[2], along=_FLAT),
-    _Body(
+    _ThrownBody("box on its face", _SLAB, _HALF_SLAB[2], along=_FLAT),
+    _ThrownBody(
         "box on an edge",
         _SLAB,
         _HALF_SLAB[0] * math.sin(_TILT) + _HALF_SLAB[2] * math.cos(_TILT),
         (math.cos(_TILT / 2), 0.0, math.sin(_TILT / 2), 0.0),
         lies=False,
     ),
-    _Body(
+    _ThrownBody(
         "capsule",
         'type="capsule" size="0.03 0.05"',
         0.03,
@@ -102,7 +102,7 @@ _BOXES = (
 def ball_slides(contact: Contact, options: Stepping) -> list[Finding]:
     """Findings for a ball that slides, spins and rolls."""
     shape = f'type="sphere" size="{contact.radius!r}"'
-    ball = _Body("ball", shape, contact.radius, axle=(0.0, 1.0, 0.0))
+    ball = _ThrownBody("ball", shape, contact.radius, axle=(0.0, 1.0, 0.0))
     return list(_findings(contact, options, ball))
 
 
@@ -111,7 +111,7 @@ def boxes_slide(contact: Contact, options: Stepping) -> list[Finding]:
     return [finding for body in _BOXES for finding in _findings(contact, options, body)]
 
 
-def _findings(contact: Contact, options: Stepping, body: _Body) -> Iterator[Finding]:
+def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterator[Finding]:
     under = str(options)
     grew = 0.0
     for speed, (slip, spin) in product(_THROWS, _MOTIONS):
@@ -136,7 +136,7 @@ def _findings(contact: Contact, options: Stepping, body: _Body) -> Iterator[Find
         yield Finding(f"creep of a {body.name} on 5 degrees", under, drift, MOST_DRIFT, "m/s")
 
 
-def _upright_spin(body: _Body) -> Floats:
+def _upright_spin(body: _ThrownBody) -> Floats:
     """Spin about the vertical, rad/s, in the body's own frame, (3,)."""
     turn = np.zeros(9)
     backend().mju_quat2Mat(turn, np.array(body.quaternion))
@@ -144,7 +144,7 @@ def _upright_spin(body: _Body) -> Floats:
     return spin
 
 
-def _model(contact: Contact, options: Stepping, body: _Body, gravity: float) -> Any:
+def _model(contact: Contact, options: Stepping, body: _ThrownBody, gravity: float) -> Any:
     geom = f'<geom name="ball" {body.shape} mass="{_MASS}" friction="{contact.friction!r}"/>'
     place = f'name="ball" pos="0 0 {body.high!r}"'
     model = contact.model(f"<body {place}><freejoint/>{geom}</body>", options, [("ball", "plate")])
@@ -161,7 +161,7 @@ class _Path:
 
 
 def _followed(
-    model: Any, body: _Body, velocity: tuple[float, ...], seconds: float, above: float = 0.0
+    model: Any, body: _ThrownBody, velocity: tuple[float, ...], seconds: float, above: float = 0.0
 ) -> _Path:
     """Let a body go and compare its energy before and after each contact.
 
@@ -211,7 +211,7 @@ def _followed(
     return _Path(grew, rose)
 
 
-def creep(contact: Contact, options: Stepping, body: _Body) -> float:
+def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
     """Speed down a slope of 5 degrees, m/s, over the last quarter of the time."""
     model = _model(contact, options, body, contact.gravity)
     data = backend().MjData(model)

@@ -183,11 +183,17 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
    for any energy that takes. With v + J M^-1 p in place of v the row asks for J M^-1 p/h - B J M^-1 p more. */
 static void shift_own_contacts(const mjModel* m, mjData* d, const double* impulse, const blow* all, int count) {
   mj_markStack(d);
-  int* has_law = ints(d, d->ncon);
+  int *has_law = ints(d, d->ncon), own = d->ncon;
   double* change = stack(d, m->nv);
   memset(has_law, 0, d->ncon * sizeof(int));
   for (int i = 0; i < count; i++) {
-    if (all[i].tendon < 0) has_law[all[i].contact] = 1;
+    if (all[i].tendon >= 0 || has_law[all[i].contact]) continue;
+    has_law[all[i].contact] = 1;
+    own--;
+  }
+  if (own == 0) { /* each contact has a law */
+    mj_freeStack(d);
+    return;
   }
   mj_solveM(m, d, change, impulse, 1);
   for (int k = 0; k < d->nefc; k++) {
