@@ -250,6 +250,7 @@ STANDING = dict.fromkeys(
             "drift_m_per_s",
             "hold_m_per_s",
             "vibration_m_per_s",
+            "hop_m",
             "solver_iterations",
         ),
         *("step_time_s", "force_noise"),

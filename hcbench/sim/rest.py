@@ -169,7 +169,7 @@ class Quantity:
     """A quantity to compare.
 
     si: of what is printed.
-    enough: below it, as printed, any number will do.
+    enough: below it, as printed, any number will do; infinite for what is printed but not judged.
     """
 
     key: str
@@ -178,14 +178,23 @@ class Quantity:
     si: float
     enough: float
 
+    def is_worse(self, was: float, now: float) -> bool:
+        """Say whether it, SI, grew by more than a fifth and is not small; NaN: not measured."""
+        if math.isnan(was):
+            return False
+        return math.isnan(now) or now > max(WORSE * was, self.enough * self.si)
 
+
+_HOP = Quantity("hop_m", "hop of a slide", "mm", 1e-3, 0.1)
 QUANTITIES = (
     Quantity("penetration_m", "penetration at rest", "mm", 1e-3, 0.1),
     Quantity("drift_m_per_s", "drift on a slope", "mm/s", 1e-3, 0.1),
     Quantity("hold_m_per_s", "drift in a grasp", "mm/s", 1e-3, 0.1),
     Quantity("vibration_m_per_s", "vibration at rest", "m/s", 1.0, 1e-5),
+    _HOP,
     Quantity("solver_iterations", "solver iterations", "a step", 1.0, 2.0),
-    Quantity("step_time_s", "time of a step", "µs", 1e-6, 0.0),
+    # No two runs have the same, so no choice may hang on it.
+    Quantity("step_time_s", "time of a step", "µs", 1e-6, math.inf),
 )
 
 
@@ -199,6 +208,7 @@ class Standing:
     m/s.
     hold: of a body held by two others, m/s.
     vibration: rms, m/s.
+    hop: how far a body rises that is laid down as it slides, m.
     iterations: of the solver, in each step.
     step_time: of CPU, s.
     force_noise: standard deviation of the contact force over its mean.
@@ -209,6 +219,7 @@ class Standing:
     drift: float
     hold: float
     vibration: float
+    hop: float
     iterations: float
     step_time: float
     force_noise: float = math.nan
@@ -216,13 +227,26 @@ class Standing:
 
     @classmethod
     def of(
-        cls, rest: Rest, on_slope: Rest, hold: float, cost: tuple[float, float], slope: float
+        cls,
+        rest: Rest,
+        on_slope: Rest,
+        hold: float,
+        hop: float,
+        cost: tuple[float, float],
+        slope: float,
     ) -> Standing:
         """Made of rests on the level and on a slope (rad), drift in a
-        grasp, (iterations, time) of a step.
+        grasp, hop of a slide, (iterations, time) of a step.
         """
         return cls(
-            rest.penetration, on_slope.drift, hold, rest.vibration, *cost, rest.force_noise, slope
+            rest.penetration,
+            on_slope.drift,
+            hold,
+            rest.vibration,
+            hop,
+            *cost,
+            rest.force_noise,
+            slope,
         )
 
     @property
@@ -234,10 +258,13 @@ class Standing:
     def worse_than(self, before: Standing) -> Iterator[str]:
         """Quantities that grew by more than a fifth and are not small, in words."""
         for quantity, was, now in zip(QUANTITIES, astuple(before), astuple(self), strict=False):
-            unit = quantity.si
-            lost = math.isnan(now) and not math.isnan(was)
-            if lost or now > max(WORSE * was, quantity.enough * unit):
+            if quantity.is_worse(was, now):
+                unit = quantity.si
                 yield f"{quantity.title} {was / unit:.3g} -> {now / unit:.3g} {quantity.unit}"
 
+    def throws_up(self, before: Standing) -> bool:
+        """Say whether a body that slides hops higher than before."""
+        return _HOP.is_worse(before.hop, self.hop)
 
-UNKNOWN = Standing(*[math.nan] * 6)
+
+UNKNOWN = Standing(*[math.nan] * 7)

@@ -138,13 +138,15 @@ def tune_job(
 @dataclass(frozen=True, slots=True)
 class _Try:
     """A setting that was tried: how the model stands with it, its largest error of e, how many
-    quantities of the model at rest it makes worse, and its pairs where they were judged.
+    quantities of the model at rest it makes worse, whether it throws up what slides where the model
+    did not, and its pairs where they were judged.
     """
 
     setting: ModelSetting
     standing: Standing
     error: float
     worse: int
+    throws_up: bool
     pairs: tuple[TunedPair, ...] | None = None
 
 
@@ -169,8 +171,9 @@ def _tuned(job: Job) -> TunedModel:
     nearest, or the model as it is where that is nearer still.
 
     A setting will do if e is within the job's `max_error` for all pairs, and all that stands still
-    stands as still as before. Raises UserError for an engine that tunes no models, EngineFailed
-    where launches with the best setting have no e.
+    stands as still as before. One that throws up what slides comes after all others. Raises
+    UserError for an engine that tunes no models, EngineFailed where launches with the best setting
+    have no e.
     """
     assert isinstance(job, _TuneJob)
     requests = (job.request, *job.others)
@@ -207,10 +210,13 @@ def _tuned(job: Job) -> TunedModel:
             # Few launches may have missed the worst.
             pairs = _measured(setting.open, each, wanted, held_out=True)
             error = max(error, largest_error(pairs))
-        tries.append(_Try(setting, after, error, worse, pairs))
+        tries.append(_Try(setting, after, error, worse, after.throws_up(before), pairs))
         if error <= job.max_error and not worse:
             break
-    best = min(tries, key=lambda tried: (max(tried.error, job.max_error), tried.worse))
+    # What throws up a body that slides gives it energy: the nearest of the others is better.
+    best = min(
+        tries, key=lambda tried: (tried.throws_up, max(tried.error, job.max_error), tried.worse)
+    )
     untuned = _measured(as_it_was, each, wanted, held_out=False)
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
     # A few launches are enough to see that a model is far from its target.
@@ -218,7 +224,7 @@ def _tuned(job: Job) -> TunedModel:
         largest_error(untuned) < best.error
         and _tried(as_it_is, alike, wanted, best.error) < best.error
     ):
-        best = _Try(as_it_is, before, largest_error(untuned), 0)
+        best = _Try(as_it_is, before, largest_error(untuned), 0, throws_up=False)
     setting = best.setting
     pairs = best.pairs or _measured(setting.open, each, wanted, held_out=True)
     if not all(math.isfinite(pair.max_error) for pair in pairs):

@@ -77,6 +77,8 @@ def test_a_cube_bounces_alike_on_face_edge_and_vertex(
         "cube,floor",
         "--restitution",
         "0.2",
+        "--max-error",
+        "0.1",
         "--write-model",
         str(out),
     )
@@ -95,7 +97,7 @@ def test_a_cube_bounces_alike_on_face_edge_and_vertex(
             diagnose=False,
             qpos=f"qpos=0 0 .5 {turn}",
         )
-        assert all(i.restitution == pytest.approx(0.2, abs=0.07) for i in found.impacts)
+        assert all(abs(i.restitution - 0.2) <= record["max_error"] for i in found.impacts)
     assert record["passive"]["flat"] is True
     assert record["after"]["vibration_m_per_s"] < 1e-5
 
@@ -110,12 +112,18 @@ def test_rest_on_a_slope_and_in_a_grasp_are_measured_in_the_model() -> None:
 
 
 def test_more_than_a_fifth_is_worse_unless_it_stays_small() -> None:
-    before = Standing(1e-3, 1e-3, 1e-3, 1e-3, 4.0, 1e-5)
+    before = Standing(1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 4.0, 1e-5)
     assert not list(before.worse_than(before))
-    small = Standing(1e-6, 1e-9, 1e-9, 1e-9, 0.1, 1e-5)
-    assert not list(Standing(9e-5, 9e-5, 9e-5, 9e-6, 1.9, 1.1e-5).worse_than(small))
-    worse = list(Standing(1.3e-3, 1.3e-3, 1e-3, 1e-3, 5.0, 1.3e-5).worse_than(before))
-    assert [line.split()[0] for line in worse] == ["penetration", "drift", "solver", "time"]
+    small = Standing(1e-6, 1e-9, 1e-9, 1e-9, 1e-9, 0.1, 1e-5)
+    assert not list(Standing(9e-5, 9e-5, 9e-5, 9e-6, 9e-5, 1.9, 1.1e-5).worse_than(small))
+    worse = list(Standing(1.3e-3, 1.3e-3, 1e-3, 1e-3, 1.3e-3, 5.0, 1.3e-5).worse_than(before))
+    assert [line.split()[0] for line in worse] == ["penetration", "drift", "hop", "solver"]
+
+
+def test_no_choice_hangs_on_the_time_that_a_step_took() -> None:
+    before = Standing(1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 4.0, 1e-5)
+    slower = Standing(1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 4.0, 1.0)
+    assert not list(slower.worse_than(before))
 
 
 def test_what_gains_nothing_is_not_written(

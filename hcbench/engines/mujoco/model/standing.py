@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate
 from hcbench.sim.rest import DIVERGED, Rest, Standing, rest_of
+from hcbench.system.errors import UserError
+from hcbench.terms.impact import Launch
 from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -40,6 +43,9 @@ _OPPOSITE = -0.7
 _TIMED = 200
 # The shortest of so many times counts: other programs only lengthen one.
 _REPEATS = 5
+# Speed of what is laid down as it slides, m/s, and for how long it is followed, s.
+_SLIDES = 1.0
+_SLIDES_S = 1.0
 
 
 def standing(opened: Sequence[OpenedModel]) -> Standing:
@@ -58,7 +64,8 @@ def standing(opened: Sequence[OpenedModel]) -> Standing:
             slope = _rest(first, copy.copy(data), _tilted(first, angle)) if angle > 0.0 else slope
         if held:
             hold = _hold(*held[0])
-        return Standing.of(level, slope, hold, _cost(first, data), angle)
+        hop = _highest_hop(opened)
+        return Standing.of(level, slope, hold, hop, _cost(first, data), angle)
 
 
 def rest_of_pair(opened: OpenedModel) -> Rest | None:
@@ -190,6 +197,45 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
             return _rest(one, data, from_body=one.place.pair.second.body).drift
         push *= 2.0
     return math.nan
+
+
+def _highest_hop(opened: Sequence[OpenedModel]) -> float:
+    """The largest hop of loose bodies that slide on the world, m; NaN where there are none."""
+    hops = []
+    for each in opened:
+        pair = each.place.pair
+        on_world = not each.model.body_weldid[pair.second.body]
+        if on_world and each.place.gravity > 0.0 and not pair.more_than_contacts:
+            hops.append(_hop(each))
+    return max(hops, default=math.nan)
+
+
+def _hop(opened: OpenedModel) -> float:
+    """Hop of a body that is laid down as it slides: its rise over the start, m, beyond what it
+    falls in the first step, of which the contact knows nothing; NaN where it cannot slide.
+    """
+    mujoco = backend()
+    model = opened.model
+    place = opened.place
+    timestep = model.opt.timestep
+    data = _at_touch(opened)
+    data.qvel[:] = 0.0
+    slide = MujocoAlongPlate(place, Launch(0.0, slip=(_SLIDES, 0.0)), None)
+    try:
+        slide.send(data, 0.0)
+    except UserError:
+        return math.nan
+    mujoco.mj_forward(model, data)
+    body = place.pair.first.body
+    up = -place.contact.normal
+    start = float(data.xipos[body] @ up)
+    highest = 0.0
+    for _ in range(min(_MOST_STEPS, round(_SLIDES_S / timestep))):
+        mujoco.mj_step(model, data)
+        highest = max(highest, float(data.xipos[body] @ up) - start)
+    if not np.isfinite(data.qpos).all():
+        return math.inf
+    return max(0.0, highest - place.gravity * timestep**2)
 
 
 def _force(opened: OpenedModel, data: Any) -> float:
