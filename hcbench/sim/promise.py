@@ -19,6 +19,7 @@ _TEXT = re.compile(
     rf"error (?P<error>{_NUMBER}); speeds (?P<low>{_NUMBER}) (?P<high>{_NUMBER}) m/s"
     rf"(?:; gravity (?P<gravity>{_NUMBER}) m/s2)?"
     rf"(?:; friction (?P<friction>{_NUMBER}))?"
+    r"(?:; corners (?P<corners>\d+))?"
     r"(?:; option (?P<option>(?:\w+=[\w.+-]+ ?)+))?"
 )
 # Other launches find a little more than was promised: in shares of the promised error, and in e.
@@ -35,6 +36,7 @@ class Promise:
     error: of e over `speeds`, m/s.
     gravity: into the plate, m/s²; NaN where an older text does not say it.
     friction: Coulomb's μ; NaN likewise.
+    corners: points of contact that it may have at once; 0 where any number will do.
     option: options of the whole model with which the error was found, as the engine's own files
     name and write them; for a plug-in the time step, up to which it holds.
     """
@@ -47,6 +49,7 @@ class Promise:
     option: tuple[tuple[str, str], ...] = ()
     gravity: float = math.nan
     friction: float = math.nan
+    corners: int = 0
 
     @property
     def text(self) -> str:
@@ -69,6 +72,8 @@ class Promise:
             text += f"; gravity {self.gravity:.6g} m/s2"
         if not math.isnan(self.friction):
             text += f"; friction {self.friction:.6g}"
+        if self.corners:
+            text += f"; corners {self.corners}"
         if not self.option:
             return text
         option = " ".join(f"{name}={value}" for name, value in self.option)
@@ -99,6 +104,7 @@ class Promise:
             option=tuple(option),
             gravity=float(match["gravity"] or math.nan),
             friction=float(match["friction"] or math.nan),
+            corners=int(match["corners"] or 0),
         )
 
     def measured(self, impacts: Sequence[Impact]) -> float:

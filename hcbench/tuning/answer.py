@@ -98,7 +98,10 @@ class Choice:
             return self.passivity.warning
         if not self.max_e <= MOST_ADVISED:
             return "gains energy"
-        return f"energy never grew in {self.judged} launches and drops"
+        words = f"energy never grew in {self.judged} launches and drops"
+        if self.flat is False:
+            return f"{words} of a ball; a box that lands flat gains energy"
+        return words
 
     @property
     def judged(self) -> int:

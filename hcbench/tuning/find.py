@@ -25,6 +25,7 @@ from hcbench.tuning.tuned import Tuned, make_tuned
 
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target
+    from hcbench.sim.passivity import Passivity
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Setting
 
@@ -217,7 +218,7 @@ class _Finder:
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
         promise = None
         if math.isfinite(tuned.error):
-            promise = self._promise(setting, tuned.error, band)
+            promise = self._promise(setting, tuned.error, band, tuned.passivity)
             text = self._adapter.promised(text, self.pair, promise)
         return Choice(
             kind,
@@ -234,7 +235,13 @@ class _Finder:
             promise,
         )
 
-    def _promise(self, setting: Setting, error: float, band: tuple[float, float]) -> Promise:
+    def _promise(
+        self,
+        setting: Setting,
+        error: float,
+        band: tuple[float, float],
+        passivity: Passivity | None,
+    ) -> Promise:
         """The error of e over a band, m/s, with the conditions in which it was found."""
         target = self.target
         curve = target.curve
@@ -242,9 +249,17 @@ class _Finder:
             _speed, e = target.points[0]
             curve = ConstantRestitution(e)
         rows = len(setting.options.get("rows", ()))
+        # A body that meets at more points at once would gain energy.
+        corners = 0
+        if passivity is not None and passivity.flat is False:
+            corners = target.corners
+        contacts = 0
+        if "law" not in setting.options:
+            # An engine whose settings have no rows has one contact for a pair.
+            contacts = max(rows, 1)
         return Promise(
             setting.name,
-            rows,
+            contacts,
             curve,
             error,
             band,
@@ -252,6 +267,7 @@ class _Finder:
             target.gravity,
             # A plug-in keeps the friction of the geoms.
             target.friction if rows else math.nan,
+            corners,
         )
 
     def _bounces(self, setting: Setting, band: tuple[float, float]) -> bool:
@@ -315,7 +331,7 @@ class _Finder:
             max_e = max(max_e, passivity.bounces.max_e)
         band = low, target.speed_max
         error = recipe.within or _EXACT
-        promise = self._promise(setting, error, band)
+        promise = self._promise(setting, error, band, passivity)
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
         return Choice(
             "exact",

@@ -29,6 +29,7 @@ from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlu
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.rest import UNKNOWN, Standing
 from hcbench.system.errors import UserError
+from hcbench.system.text import shortest
 from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, Request
+    from hcbench.sim.promise import Promise
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting
 
@@ -74,6 +76,19 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """Return the calls that apply a setting to a user's two bodies."""
         return options.snippet(setting, form, pair)
+
+    def model_options(self, setting: Setting) -> tuple[tuple[str, str], ...]:
+        """The time step: Bullet's other settings of the world are in the text."""
+        return (("fixedTimeStep", shortest(setting.timestep)),)
+
+    def promised(self, text: str, pair: Pair, promise: Promise) -> str:
+        """The text of a setting with a call that keeps its promise as user data of the first body."""
+        from hcbench.engines.pybullet.model.promises import promise_line
+
+        # A whole script has dropped its ball when it ends; other text is no Python.
+        if "pybullet." not in text or "pybullet.connect(" in text:
+            return text
+        return "\n".join(filter(None, [text, promise_line(pair, promise)]))
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
         """The plug-in, and how the bodies are loaded."""

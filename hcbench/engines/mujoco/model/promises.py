@@ -119,17 +119,18 @@ _SAME_GRAVITY = 0.02
 
 
 def broken_promise(
-    model: Any, promise: Promise, geoms: tuple[int, int], gravity: float
+    model: Any, promise: Promise, geoms: tuple[int, int], gravity: float, contacts: int
 ) -> Iterator[Suspect]:
     """Yield each difference by which the pair is no longer the one that was tuned.
 
-    gravity: of the model, m/s².
+    gravity: of the model, m/s². contacts: of the pair at touch, each <pair> its own at each point.
     """
     yield from _gravity(promise, gravity)
     if not promise.rows:
         yield from _longer_step(model, promise)
         return
     yield from _pairs(model, promise, geoms)
+    yield from _corners(promise, contacts // promise.rows)
     yield from _override(model)
     now = dict(option_in_force(model))
     for name, text in promise.option:
@@ -225,6 +226,19 @@ def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Sus
             f"hcbench tune mujoco with --friction {slides:.4g}",
             always_reported=True,
         )
+
+
+def _corners(promise: Promise, points: int) -> Iterator[Suspect]:
+    """More points of contact at once than the pair was tuned for, where they gain energy."""
+    if not promise.corners or points <= promise.corners:
+        return
+    yield Suspect(
+        "promised-corners",
+        "The two meet at more points at once than hcbench wrote this pair for: it gains energy.",
+        f"{points} points now; tuned for {promise.corners}",
+        f"hcbench tune mujoco with --corners {points}, or --plugin",
+        always_reported=True,
+    )
 
 
 def _override(model: Any) -> Iterator[Suspect]:

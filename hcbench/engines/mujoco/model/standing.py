@@ -235,7 +235,7 @@ def _hop(opened: OpenedModel) -> float:
         highest = max(highest, float(data.xipos[body] @ up) - start)
     if not np.isfinite(data.qpos).all():
         return math.inf
-    return max(0.0, highest - place.gravity * timestep**2)
+    return max(0.0, highest - place.gravity * float(timestep) ** 2)
 
 
 def _force(opened: OpenedModel, data: Any) -> float:

@@ -205,7 +205,8 @@ class MujocoModel(OpenedModel, LendsSteps):
             return []
         geoms = self.place.contact.geoms
         gravity = float(np.linalg.norm(self._gravity()))
-        return list(broken_promise(self.model, promise, geoms, gravity))
+        contacts = len(self.place.contact.rows)
+        return list(broken_promise(self.model, promise, geoms, gravity, contacts))
 
     def _weak_friction(self, impacts: Sequence[Impact]) -> list[Suspect]:
         """The pyramidal cone, where an elliptic one is tried and friction then takes more."""

@@ -159,6 +159,12 @@ def find_suspects(context: BulletContext) -> list[Suspect]:
     return suspects
 
 
+def what_distorts(context: BulletContext) -> list[Suspect]:
+    """Bullet's defaults that change a bounce of the plug-in, too."""
+    beside = ("predictive-contact", "erp", "damping")
+    return [suspect for suspect in _bullet_defaults(context) if suspect.code in beside]
+
+
 def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
     """The two restitutions multiply, an unset one is 0, and one in
     another simulator's tag is not read.

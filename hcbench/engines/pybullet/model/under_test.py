@@ -24,11 +24,13 @@ from hcbench.engines.pybullet.model.causes import (
     find_suspects,
     restitution_setting,
     restitutions,
+    what_distorts,
 )
 from hcbench.engines.pybullet.model.in_child import release_aside, run_aside
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
 from hcbench.engines.pybullet.model.place import place
+from hcbench.engines.pybullet.model.promises import broken_promise, promise_in
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
 from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
 from hcbench.laws.restitution import RestitutionCurve
@@ -268,7 +270,17 @@ class PybulletModel(ModelUnderTest):
             notes=tuple(notes),
             friction=pair_friction(self.bullet, self.place),
             point=vector(self.place.point),
+            promise=promise_in(self.bullet, self.place),
+            changed=tuple(suspect.code for suspect in self._changed_since_tuned()),
         )
+
+    def _changed_since_tuned(self) -> list[Suspect]:
+        """Return what breaks the promise of `hcbench tune`; nothing where it promised nothing."""
+        promise = promise_in(self.bullet, self.place)
+        if promise is None:
+            return []
+        has_law = self.law is not None
+        return list(broken_promise(self.bullet, promise, has_law, self._gravity()))
 
     def _asked(self, first: float, second: float) -> tuple[tuple[float, ...], str]:
         """The e that the world asks for at each speed, () where it does not
@@ -284,17 +296,21 @@ class PybulletModel(ModelUnderTest):
             if curve is None:
                 return (), words
             return tuple(float(curve.at(v)) for v in speeds), words
+        promise = promise_in(self.bullet, self.place)
+        if promise is not None:
+            curve = promise.curve
+            words = f"{promise.setting} by hcbench: {curve.description}"
+            return tuple(float(curve.at(v)) for v in speeds), words
         e = first * second
         if math.isnan(e):
             return (), _UNKNOWN_RESTITUTIONS
         return (e,) * len(speeds), f"restitution {first:g} x {second:g}"
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as
-        `wanted`; none for a plug-in's law.
+        """Return settings that may keep this pair from bouncing as `wanted`; for a plug-in's law
+        those that act beside it.
         """
-        if self.law is not None:
-            return []
+        changed = self._changed_since_tuned()
         context = BulletContext(
             bullet=self.bullet,
             place=self.place,
@@ -304,7 +320,8 @@ class PybulletModel(ModelUnderTest):
             gravity=self._gravity(),
             unread=self.world.unread,
         )
-        suspects = find_suspects(context)
+        suspects = what_distorts(context) if self.law is not None else find_suspects(context)
+        suspects = [*changed, *suspects]
         # A live client: no fix is tried on it.
         if self.build is None:
             return [dataclasses.replace(suspect, apply=None) for suspect in suspects]

@@ -1,0 +1,112 @@
+"""Promises of `hcbench tune` that a PyBullet world keeps as user data of a body, and causes that
+it does not keep them.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.sim.model_under_test import Suspect
+from hcbench.sim.promise import Promise
+from hcbench.system.text import time_step
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from hcbench.engines.pybullet.backend import BulletClient
+    from hcbench.engines.pybullet.model.place import BulletPlacement
+    from hcbench.terms.setting import Pair
+
+# Relative difference of two numbers that digits of a text make.
+_SAME = 1e-6
+# Share by which gravity may differ, as 9.8 does from 9.81.
+_SAME_GRAVITY = 0.02
+
+
+def promise_line(pair: Pair, promise: Promise) -> str:
+    """The call that keeps a promise for two bodies, variables of a script; "" for a target that a
+    text cannot say.
+    """
+    if not promise.text:
+        return ""
+    first, second = pair
+    # Braces of an f-string: the script's own number of the second body.
+    key = f'f"{_key("{" + second + "}", -1)}"'
+    return f"pybullet.addUserData({first}, {key}, {json.dumps(promise.text)})"
+
+
+def promise_in(bullet: BulletClient, place: BulletPlacement) -> Promise | None:
+    """Read hcbench's promise for the two that meet; None without one."""
+    sides = (place.first, place.second)
+    for first, second in (sides, sides[::-1]):
+        # A text sets whole bodies, by their base.
+        number = bullet.getUserDataId(first.body, _key(str(second.body), second.link))
+        if number >= 0:
+            return Promise.read(bullet.getUserData(number).decode())
+    return None
+
+
+def _key(body: str, link: int) -> str:
+    return f"hcbench:{body}:{link}"
+
+
+def broken_promise(
+    bullet: BulletClient, promise: Promise, has_law: bool, gravity: Sequence[float]
+) -> Iterator[Suspect]:
+    """Yield each difference by which the pair is no longer the one that was tuned.
+
+    has_law: whether a law of the plug-in acts between the two now. gravity: (3,), m/s².
+    """
+    parameters = bullet.getPhysicsEngineParameters()
+    is_plugin = not promise.rows
+    if is_plugin and not has_law:
+        yield Suspect(
+            "promised-plugin",
+            "hcbench wrote a plug-in for these two, and none of its laws acts between them.",
+            "resetSimulation and the command remove end a law",
+            "paste all that `hcbench tune pybullet` printed again, after the bodies are loaded",
+            always_reported=True,
+        )
+    step = float(parameters["fixedTimeStep"])
+    promised = float(dict(promise.option).get("fixedTimeStep", step))
+    # The plug-in holds up to its step, Bullet's own contact at it.
+    is_other = step > (1.0 + _SAME) * promised
+    if not is_plugin:
+        is_other = abs(step - promised) > _SAME * promised
+    if is_other:
+        yield Suspect(
+            "promised-timestep",
+            "The world has another time step than hcbench wrote this setting for.",
+            f"{time_step(step)} s now, tuned for {time_step(promised)} s",
+            f"p.setPhysicsEngineParameter(fixedTimeStep={promised:.6g})",
+            partial(_set_parameter, fixedTimeStep=promised),
+            always_reported=True,
+        )
+    if parameters["numSubSteps"]:
+        yield Suspect(
+            "promised-substeps",
+            "Bullet takes sub-steps, and hcbench wrote this setting for whole steps.",
+            f"numSubSteps {parameters['numSubSteps']} now, 0 when it was tuned",
+            "p.setPhysicsEngineParameter(numSubSteps=0)",
+            partial(_set_parameter, numSubSteps=0),
+            always_reported=True,
+        )
+    strength = float(np.linalg.norm(gravity))
+    allowed = _SAME_GRAVITY * max(promise.gravity, 1.0)
+    # NaN, gravity that was not promised, is never above.
+    if not is_plugin and abs(strength - promise.gravity) > allowed:
+        yield Suspect(
+            "promised-gravity",
+            "The world has another gravity than hcbench wrote this setting for.",
+            f"{strength:.4g} m/s^2 now; tuned under {promise.gravity:.4g} m/s^2",
+            f'hcbench tune pybullet with --gravity "{strength:.4g} m/s^2"',
+            always_reported=True,
+        )
+
+
+def _set_parameter(bullet: BulletClient, **settings: float) -> None:
+    bullet.setPhysicsEngineParameter(**settings)
