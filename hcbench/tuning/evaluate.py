@@ -18,6 +18,7 @@ from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.sim.remote import adapter_of
 from hcbench.sim.rest import Rest, last_half, rest_of
 from hcbench.sim.scripted import ScriptedEngine
+from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats, Impact, Launch
 from hcbench.terms.scene import Scene
 from hcbench.terms.setting import Setting
@@ -117,7 +118,14 @@ def _width(target: Target) -> float:
 def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> list[Launch]:
     """n launches. speeds: at touch, m/s, shape (n,). phases: shares of a step. slips: along the plate,
     m/s; none without friction.
+
+    Raises SettingError for a band that begins at speeds with which no step ends in free fall.
     """
+    gained = 0.5 * target.gravity * target.timestep
+    if target.speed_min <= gained:
+        got = f"from {target.speed_min:.3g} m/s"
+        expected = f"above {gained:.3g} m/s, which gravity adds in half a step"
+        raise SettingError("speeds", got, expected, "Take a smaller step, or faster impacts")
     if not target.friction:
         slips = np.zeros_like(slips)
     launches = []

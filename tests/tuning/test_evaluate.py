@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+import hcbench as hb
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
+from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Impact, Launch, Status
 from hcbench.terms.scene import load_scene
 from hcbench.tuning.evaluate import evaluate_impacts
@@ -46,3 +48,14 @@ def test_a_soft_contact_may_go_half_as_deep_again_as_its_law() -> None:
     assert limit > 2.5 * 0.5 * 1e-4
     assert not is_deep(RUBBER, 1e-4, 0.99 * limit)
     assert is_deep(RUBBER, 1e-4, 1.01 * limit)
+
+
+def test_a_band_that_gravity_alone_reaches_within_half_a_step_is_refused() -> None:
+    with pytest.raises(SettingError, match=r"speeds: from 0.0346 m/s; expected above 0.0394 m/s"):
+        hb.tune(
+            "mujoco",
+            restitution=1.0,
+            timestep="3.176 ms",
+            gravity="24.8 m/s^2",
+            speeds="0.0346:0.1193 m/s",
+        )
