@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -151,3 +152,12 @@ def test_a_setting_for_one_point_says_that_a_flat_box_gains_energy_and_measure_n
     for choice, names_it in ((one_point, True), (exact, False)):
         measured = hb.measure(body_in(choice.text, BOX), "ball,plate", rest=False)
         assert ("promised-corners" in measured.facts.changed) is names_it
+
+
+def test_the_bodies_that_tune_throws_print_no_warning_of_the_plugin(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    hb.tune("mujoco", alpha=0.6, timestep="3.5 ms", speeds="0.1:0.2 m/s", kind="exact")
+    assert capfd.readouterr().err == ""
+    assert not list(tmp_path.iterdir())
