@@ -90,13 +90,14 @@ class Train:
 def likeliest_trains(
     times: Floats, level: Floats, duration: float, shortest: float, most: int = 6
 ) -> list[Train]:
-    """Trains of three clicks or more that share few of them, the likeliest first.
+    """Trains of three clicks or more that share few of them, the likeliest first; empty without
+    any.
 
     times: (n,), s, rising.
     level: (n,), dB.
     duration: of the recording, s.
     shortest: s, of a flight.
-
+    most: trains to return, at most.
     Dynamic programming over flights, each from a click i to a later click j.
     """
     if len(times) < 3:
@@ -228,7 +229,12 @@ class _Search:
 
     @staticmethod
     def _ln_step(e: Floats, e_before: Floats, flight_before: Floats) -> Floats:
-        """ln of the density of a flight's length: e goes on smoothly; the first e may be any."""
+        """ln of the density, 1/s, of a flight's length: e goes on smoothly; the first e may be any.
+
+        e, e_before: that this flight means, and that of the impact before, NaN for none;
+        flight_before: s. All broadcast.
+        Most impacts scatter normally, a share _WILD of them _WILDER times as much.
+        """
         is_first = np.isnan(e_before)
         e_before = np.where(is_first, 0.5, e_before)
         rise = (1.0 - e_before) ** 2
@@ -301,7 +307,7 @@ def _ln_normal(away: Floats, sd: Floats) -> Floats:
 def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
     """ln of the odds of a touch against clutter by the change of level, dB: loudness goes as speed.
 
-    change: of level over the flight, dB; e: that the flight would mean; both of one shape.
+    change: of level over the flight, dB; e: that the flight would mean; both broadcast.
     gap: a touch within the flight is unheard.
     """
     impacts = 1.0
@@ -316,8 +322,10 @@ def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
 
 
 def _ends_in_echo(times: Floats, clicks: Indices) -> bool:
-    """Say whether the last click is an echo: the same delay is seen after touches of the train
-    elsewhere.
+    """Say whether the last click of a train is an echo: clicks elsewhere follow two touches as
+    closely.
+
+    times: of all clicks, s. clicks: (n,), those of the train, 3 or more.
     """
     delay = times[clicks[-1]] - times[clicks[-2]]
     others = np.delete(times, clicks)

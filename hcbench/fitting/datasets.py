@@ -108,11 +108,13 @@ class BounceTrain:
 def bounce_train(
     curve: FittedCurve, ballistics: Ballistics, first: float, latent: Floats, dropped: bool
 ) -> BounceTrain:
-    """Flights with the relative changes `latent` of each e.
+    """Flights with the relative changes `latent` of each e, and their derivatives; all speeds are
+    m/s.
 
-    first: speed (m/s) of the first launch; where `dropped`, of the touch before it.
-
-    latent: shape (impacts,). Speeds are m/s.
+    curve: the law, with q parameters.
+    first: speed of the first launch; where `dropped`, of the touch before it.
+    latent: shape (impacts,): e of each is exp(latent) times the law's.
+    dropped: whether the train begins with a fall; a thrown ball has one launch more than impacts.
     """
     q = curve.count
     impacts = len(latent)
@@ -212,7 +214,10 @@ class TouchTimes(Dataset):
         return 0.5 * self.setup.ballistics.gravity * np.maximum(flights, 1e-4)
 
     def pairs(self) -> tuple[Floats, Floats]:
-        """Rough impact speeds (m/s) and e, without the law."""
+        """Rough impact speeds (m/s) and e, shape (k,) each, without the law.
+
+        An e next to an unheard touch is left out.
+        """
         speed, e = pairs_of_launches(self._launches(), self.setup, self.setup.drop)
         if self.numbers is None:
             return speed, e
@@ -237,9 +242,9 @@ class TouchTimes(Dataset):
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """Linear model of the times of touches about a law, own parameters and changes of e.
 
+        curve: the law with its parameters.
         own: time of the first touch, s, and ln of the first speed, m/s.
         latent: relative change of each e, shape (k,).
-
         The residuals are times, s, one for each touch that was heard.
         """
         ballistics = self.setup.ballistics
@@ -305,9 +310,10 @@ class TouchTimes(Dataset):
 def pairs_of_launches(
     launches: Floats, setup: MeasurementSetup, drop: float | None
 ) -> tuple[Floats, Floats]:
-    """Impact speeds and e of flights with these launch speeds, all m/s.
+    """Impact speeds and e of flights with these launch speeds (n,), all m/s; arrays of shape (k,).
 
-    drop: m, where let go, if known.
+    drop: height where the ball was let go, m; None: not known. Then the first launch has no e, and
+    k is n - 1; with it k is n.
     """
     ballistics = setup.ballistics
     touch = np.array([ballistics.touch(w)[0] for w in launches])[:-1]

@@ -33,11 +33,12 @@ _PAIR = "ball,plate"
 def next_lines(
     result: FitResult, engine: str, given: Sequence[str], scene: tuple[Replay, str] | None = None
 ) -> list[str]:
-    """Make a scene with this contact, and check it; none without an engine.
+    """Commands that make a scene with this contact and check it, as lines; empty without an engine.
 
     engine: "" where none can run.
     given: the words after `hcbench` that led here.
-    scene: a scene that was written, and its path; it is checked then.
+    scene: a scene that was written, and its path; then it is checked, and no other is made.
+    Engines whose scenes are scripts get no line that checks.
     """
     if not engine:
         return []
@@ -96,6 +97,7 @@ _BOUNCE = re.compile(r"bounce (\d+)")
 def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
     """The columns t and y of a Tracker export in metres and seconds; None where it is none.
 
+    lines: number and text of each line of the file.
     Raises UserError for several tracks in one file.
     """
     # Numbers of lines, and their cells.
@@ -138,7 +140,8 @@ def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
 def phyphox_times(path: Path, lines: list[tuple[int, str]]) -> Floats | None:
     """Times of touches of an export of phyphox' "(In)elastic collision", s; None where it is none.
 
-    Touches that were not heard are 0 or NaN there.
+    lines: number and text of each line of the file.
+    Touches that were not heard are 0 or NaN there, and left out here.
     """
     first = lines[0][1].lower()
     if '"bounce 0' not in first and not first.startswith("bounce 0"):

@@ -67,7 +67,10 @@ class Comparison:
 
 
 def compare(one: FitResult, other: FitResult) -> Comparison:
-    """The ratio of their α, or of 1 - e. Raises UserError where a side has neither."""
+    """The ratio of their α, or of 1 - e where one of them has no α.
+
+    Raises UserError where a side has neither, or the two have no number in common.
+    """
     files = tuple(s.name for s in other.sets)
     few = min(len(one.sets), len(other.sets)) < _DROPS_TO_KNOW
     if one.alpha is not None and other.alpha is not None:
@@ -82,10 +85,9 @@ def compare(one: FitResult, other: FitResult) -> Comparison:
 
 
 def _each(result: FitResult, name: str) -> list[Estimate]:
-    """α of each drop, or 1 - e ("restitution"); that of all together
-    where drops have none of their own.
+    """α of each drop, s/m, or 1 - e; that of all together where there is one file.
 
-    name: "alpha" or "restitution". Drops that have no such number are left out.
+    name: "alpha", or "restitution" for 1 - e. Drops that have no such number are left out.
     """
     estimates = []
     for fitted in result.drops or [result]:
@@ -192,7 +194,9 @@ class FitResult(Drawn):
     def scene(self, engine: str, timestep: float) -> Replay:
         """A scene that bounces as the recording did, tuned as `hcbench tune` does.
 
-        timestep: s. Raises UserError without touch times or a law.
+        timestep: s.
+        Raises UserError without touch times or a law and for fewer than 4 touches in a row, and
+        what `replay` raises.
         """
         from hcbench.fitting.replay import recorded_touches, replay, target_of
 
@@ -260,7 +264,10 @@ _BAND_POINTS = 25
 
 
 def with_uncertainty(value: float, uncertainty: float) -> str:
-    """ "0.3127 +- 0.0043": two digits of uncertainty."""
+    """Value and standard uncertainty as text, such as "0.3127 +- 0.0043": two digits of the latter.
+
+    An uncertainty that is not above 0, or not finite, is written as 0.
+    """
     if not uncertainty > 0 or not math.isfinite(uncertainty):
         return f"{value:.6g} +- 0"
     if uncertainty > 1e4:
@@ -343,7 +350,9 @@ def _wider(result: FitResult) -> float:
 
 
 def limit_of(result: FitResult, more: float = 0.0) -> float:
-    """The |e - wanted| up to which a model is within the measurement and `more`, rounded up."""
+    """The |e - wanted| up to which a model is within the measurement and `more`, rounded up; 1 at
+    most.
+    """
     _, e, low, high = band(result)
     off = max(float((high - e).max()), float((e - low).max()), 1e-4) + more
     step = 10.0 ** (math.floor(math.log10(off)) - 1)
@@ -438,7 +447,7 @@ def _heard(result: FitResult) -> list[str]:
 def trains_of(s: TouchTimes) -> list[tuple[str, ...]]:
     """Candidate trains of clicks, a row each: letter, touches, from, to, α, s_e, ln of the odds.
 
-    Trains too short for a fit have neither α nor s_e: "".
+    Trains too short for a fit have neither α nor s_e: "". The letters are those of --touches.
     """
     rows: list[tuple[str, ...]] = []
     for letter, picks in zip("ABCDEF", s.heard, strict=False):
@@ -608,7 +617,11 @@ def material_of(result: FitResult, name: str) -> MaterialPair:
 
 
 def _numbers(result: FitResult, low: float, high: float) -> dict[str, Any]:
-    """α, e or points of a fit, by the keys of a material. low, high: speeds, m/s."""
+    """α, e or points of a fit, by the keys of a material: of the law that describes it, points for
+    any other.
+
+    low, high: speeds, m/s, the first and the last of the points.
+    """
     alpha = result.alpha
     if result.is_plain and alpha is not None:
         return {
