@@ -54,7 +54,9 @@ class BaselineImpact(BaseModel):
 
     @model_validator(mode="after")
     def _require_restitution(self) -> Self:
-        """Refuse an e where none was measured, and none where one was."""
+        """Refuse an e where none was measured, and none where one was; by ValueError, as Pydantic
+        has it.
+        """
         if self.status in (Status.PARTED, Status.RESTED):
             is_right = 0 <= self.restitution < math.inf
         else:
@@ -81,7 +83,7 @@ class Baseline(BaseModel):
 
     @model_validator(mode="after")
     def _require_something_measured(self) -> Self:
-        """Refuse a record without an e, and one whose launches no one request makes."""
+        """Refuse a record without an e, and one whose launches no one request makes; by ValueError."""
         first = self.impacts[0]
         launches = [impact.launch for impact in self.impacts]
         # One request has one height and one spin.
@@ -98,8 +100,9 @@ class Baseline(BaseModel):
         return self
 
     def request(self, base: Request | None = None) -> Request:
-        """`base` with the launches that were made, and others at the
-        phases that only some speeds had.
+        """`base` with the launches that were made; None for a request without other options.
+
+        Each phase of the baseline is launched at each speed, also phases that only some speeds had.
         """
         first = self.impacts[0]
         # A dict keeps each value once, in order.
@@ -134,7 +137,10 @@ def write_baseline(path: Path, measured: Mapping[str, Measurement], force: bool 
 
 
 def _record(measurement: Measurement) -> dict[str, Any]:
-    """A measurement for the file: engine, its version, step in s, and each impact."""
+    """A measurement for the file: engine, its version, step in s, and each impact.
+
+    Raises Pydantic's ValidationError for a measurement without any e.
+    """
     facts = measurement.facts
     impacts = []
     for impact in measurement.impacts:
@@ -196,7 +202,9 @@ def read_pairs(path: Path) -> Pairs:
     """Pairs (v m/s, e) from a file, speeds rising: `speed [in/s],restitution`.
 
     Separators: comma, semicolon or tab; # begins a comment. Columns of uncertainties are left
-    aside. Raises UserError with the file, the line, what it has and what was expected.
+    aside.
+    Raises UserError with the file, the line, what it has and what was expected: for other columns,
+    a speed not above 0 or given twice, an e outside 0 ... 1, and more than MOST pairs.
     """
     from hcbench.fitting.columns import columns_of
     from hcbench.fitting.table import read_lines, read_table

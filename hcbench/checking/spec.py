@@ -159,7 +159,7 @@ class Check:
 
     @property
     def against(self) -> str:
-        """The target that the model is compared with, as a phrase."""
+        """Phrase of the target that the model is compared with."""
         if self.limits:
             return ", ".join(limit.text for limit in self.limits)
         if self.rest is not None and self.wanted is None and self.baseline is None:
@@ -177,7 +177,11 @@ class Check:
 
 
 def plan(spec: CheckSpec) -> Check:
-    """Read names, units and files before anything runs. Raises UserError, and its kinds."""
+    """Read names, units and files of a check before anything runs.
+
+    Raises UserError for several targets, for options that exclude each other and for files that
+    cannot be read; QuantityError for text that is no quantity. The model is not opened.
+    """
     options = spec.options
     name = _name(spec)
     _require_one_target(spec, name)
@@ -236,7 +240,10 @@ def _name(spec: CheckSpec) -> str:
 
 
 def _require_one_target(spec: CheckSpec, name: str) -> None:
-    """Raises UserError for more than one target, and for a reading of α without an α."""
+    """Raise UserError for more than one target, and for a reading of α without an α.
+
+    name: of the check.
+    """
     has_alpha = spec.options["alpha"] is not None or spec.options["material"] is not None
     if spec.options["target"] != "law" and not has_alpha:
         got = f"{spec.options['target']!r} given without an α"
@@ -275,7 +282,11 @@ def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
 
 
 def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) -> Request:
-    """The request with the launches of a baseline. Raises UserError where others are given."""
+    """The request with the launches of a baseline.
+
+    given: the options of launches that the user wrote. Raises UserError where they mean other
+    launches.
+    """
     written = baseline.request(request)
     for name, value in given.items():
         has = getattr(written, name, None)
@@ -294,7 +305,10 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
 
 
 def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> RestLimits | None:
-    """Most of the penetration and vibration at rest; None where neither is limited."""
+    """Most of the penetration, m, and vibration, m/s, at rest; None where neither is limited.
+
+    Text may have units. Raises QuantityError for a value below 0 and for text that is no quantity.
+    """
     if depth is None and vibration is None:
         return None
     deepest = math.inf
@@ -309,7 +323,7 @@ def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> Rest
 def _wanted(options: CheckOptions) -> RestitutionCurve | None:
     """The target e(v) of α, of one e or of a file of pairs; None without any.
 
-    Raises UserError and QuantityError.
+    Raises UserError and QuantityError as `Wanted` and `read_pairs` do.
     """
     if options["pairs"] is not None:
         return MeasuredRestitution(read_pairs(Path(options["pairs"])))

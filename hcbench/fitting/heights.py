@@ -288,8 +288,7 @@ def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:
 
 
 def _logs(each: Sequence[Estimate]) -> tuple[Floats, Floats]:
-    """ln of each drop's value, above 0, and its standard deviation by its interval; (drops,) each.
-    """
+    """ln of each drop's value, above 0, and its standard deviation by its interval; (drops,) each."""
     logs = np.log([e.value for e in each])
     deviations = []
     for e in each:

@@ -205,8 +205,9 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
 
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
-    """Let a worker process import what measuring these files takes, while
-    its parent reads what is asked.
+    """Let a worker process import what measuring these files takes, while its parent reads on.
+
+    engine: name of one, or None. An error is not raised here, but where the model is opened.
     """
     # The error is raised again where the model is needed.
     with suppress(HcbenchError):
@@ -223,8 +224,10 @@ def prepare(name: str) -> None:
 
 
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
-    """Return the paths or text of a model, which can be sent to the worker; None for an object of
-    an engine.
+    """The paths or text of a model, which can be sent to the worker; None for an object of an
+    engine.
+
+    A tuple for several files, and the one for a list of one.
     """
     if isinstance(model, list | tuple) and len(model) == 1:
         # One file is opened by the engine of its kind, not by one that opens several files.
@@ -266,7 +269,10 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
 
 
 def _measured(job: Job) -> Measurement:
-    """Launch the pair, lay it down, and look for causes of what is not as wanted."""
+    """Launch the pair, lay it down, and look for causes of what is not as wanted.
+
+    Raises UserError for a pair that cannot be opened, or that never touched without a cause found.
+    """
     request = job.request
     causes: tuple[Cause, ...] = ()
     remedy = ""
@@ -292,7 +298,7 @@ def _measured(job: Job) -> Measurement:
 
 
 def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:
-    """Raises UserError with what stopped the launches where none arrived."""
+    """Raise UserError with what stopped the launches where none arrived."""
     if any(impact.status is not Status.NO_TOUCH for impact in impacts):
         return
     got = f"{' and '.join(map(sanitized, facts.pair))} never touched: {impacts[0].reason}"
@@ -315,7 +321,11 @@ def _open(job: Job) -> ModelUnderTest:
 
 
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
-    """(engine, model, function that makes the model again, or None)."""
+    """(engine, model, function that makes the model again, or None where it need not be made).
+
+    A function of a Python file is called here, once. Raises UserError or SceneError where no engine
+    opens the model, and what the user's function raises.
+    """
     source = job.source
     rebuild = None
     if isinstance(source, str) and is_python(source):
@@ -355,7 +365,9 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
 
 
 def _model_file_error(source: str | Path) -> SceneError:
-    """The error for a path that no engine opens."""
+    """The error for a path that no engine opens, with advice by its suffix; it is returned, not
+    raised.
+    """
     # A dict keeps each suffix once, in order.
     suffixes: dict[str, None] = {}
     for engine in _openers():

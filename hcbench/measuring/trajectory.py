@@ -42,10 +42,13 @@ def measure_trajectory(
 ) -> TrajectoryTouchdowns:
     """Measure at which speeds the parts of a robot met the floor in a recorded motion.
 
-    model: as `measure` takes it. trajectory: an .npz or JSON file, or a mapping, with qpos (n, nq),
-        qvel (n, nv) and time (n,) of the states; without time, one a time step of the model.
-    pair: the two to read; None: each part that moves, on what does not. limit: as in `measure`.
-    Raises UserError for other arrays.
+    model: as `measure` takes it.
+    trajectory: an .npz or JSON file, or a mapping, with qpos (n, nq), qvel (n, nv) and time (n,),
+    s, of the states; without time, one a time step of the model.
+    pair: the two to read; None: each part that moves, on what does not.
+    engine, limit: as in `measure`.
+    Raises UserError for other arrays, for an engine that reads no recordings, and for a model that
+    cannot be opened; EngineFailed where the worker died or hung.
     """
     job = Job(model, engine, make_request(pair), None, TOLERANCE, diagnose=False)
     return touchdowns_job(job, trajectory, read_limit(limit))
@@ -57,8 +60,9 @@ def touchdowns_job(job: Job, trajectory: Any, limit: float | None = None) -> Tra
 
 
 def _arrays(trajectory: Any) -> dict[str, Floats]:
-    """The arrays qpos, qvel and time of a trajectory, a file's or a mapping's; UserError for
-    anything else.
+    """The arrays qpos, qvel and time of a trajectory, a file's or a mapping's, those that it has.
+
+    Raises UserError for anything else, and for what is no number. Shapes are not checked here.
     """
     if isinstance(trajectory, str | Path):
         trajectory = read_named(Path(trajectory), "trajectory", "qpos and qvel")
@@ -101,7 +105,9 @@ def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
 
 
 def _foot_record(foot: Touchdowns) -> dict[str, Any]:
-    """One foot: times and speeds of its touchdowns as lists, a number a touchdown."""
+    """One foot as JSON: times, s, and speeds, m/s, of its touchdowns as lists, a number a
+    touchdown.
+    """
     return {
         "part": foot.part,
         "other": foot.other,

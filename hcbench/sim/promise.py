@@ -102,7 +102,9 @@ class Promise:
         )
 
     def measured(self, impacts: Sequence[Impact]) -> float:
-        """The largest error of e over the band; 0 where no impact lies in it."""
+        """The largest error of e over the band, 0.1 % wider at both ends; 0 where no impact lies in
+        it.
+        """
         low, high = self.speeds
         return max(
             (
@@ -118,7 +120,7 @@ class Promise:
         return self.measured(impacts) <= _KEPT * self.error + _SLACK
 
     def note(self, impacts: Sequence[Impact]) -> str:
-        """One sentence: what was promised and what was measured."""
+        """One sentence: what was promised and what was measured, as text for people."""
         low, high = self.speeds
         count = {0: "The plug-in", 1: "One pair", 2: "Two pairs"}.get(
             self.rows, f"{self.rows} pairs"
