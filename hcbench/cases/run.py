@@ -47,12 +47,13 @@ def run_engines(
     progress: Callable[[int, int], None] = lambda done, total: None,
     only: Sequence[str] = (),
 ) -> list[Json]:
-    """Run the cases in each engine's variants. names: of engines, with "@" and a version or
-    without.
+    """Run the cases in each engine's variants, and return the results in that order.
 
+    names: of engines, with "@" and a version or without.
+    jobs: engines that run at once. progress: called with (done, in all).
     only: the ids of the cases to run; all where it is empty.
-
-    Raises UserError for an engine without an adapter, EngineMissing, and EngineFailed.
+    Raises UserError for an engine without an adapter and for an unknown case, EngineMissing, and
+    EngineFailed where an adapter makes no engine.
     """
     for name in names:
         if name.partition("@")[0] not in adapters():

@@ -139,7 +139,7 @@ def write_baseline(path: Path, measured: Mapping[str, Measurement], force: bool 
 def _record(measurement: Measurement) -> dict[str, Any]:
     """A measurement for the file: engine, its version, step in s, and each impact.
 
-    Raises Pydantic's ValidationError for a measurement without any e.
+    Raises Pydantic's ValidationError for what no baseline can have, such as no e at all.
     """
     facts = measurement.facts
     impacts = []

@@ -323,8 +323,8 @@ def _open(job: Job) -> ModelUnderTest:
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
     """(engine, model, function that makes the model again, or None where it need not be made).
 
-    A function of a Python file is called here, once. Raises UserError or SceneError where no engine
-    opens the model, and what the user's function raises.
+    A function of a Python file is called here, once. Raises UserError where that fails or no engine
+    opens the model, SceneError for a file that none opens.
     """
     source = job.source
     rebuild = None

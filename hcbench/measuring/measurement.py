@@ -144,6 +144,9 @@ class Measurement(Drawn):
         ]
 
     def _lines(self) -> Iterator[str]:
+        """Yield lines for a terminal: two of the headline, e at up to five speeds, and up to three
+        causes.
+        """
         yield from self.headline[:2]
         if self.failure:
             yield self.failure
@@ -246,7 +249,7 @@ class Measurement(Drawn):
         deep.
 
         None without either: no α was given, and no law describes the measured e. k is 1 where no
-        impact shows a penetration.
+        impact of many steps shows a penetration, or the mass is unknown.
         """
         alpha = self.wanted.alpha if isinstance(self.wanted, Restitution) else self._fitted_alpha
         if math.isnan(alpha):

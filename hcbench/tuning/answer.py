@@ -125,7 +125,7 @@ class Choice:
 
     @property
     def record(self) -> dict[str, Any]:
-        """For JSON. scenes: in which it was tested for a gain of energy, 0 where it gained."""
+        """Record for JSON. scenes: in which it was tested for a gain of energy, 0 where it gained."""
         return {
             "kind": self.kind,
             "setting": self.setting.name,
@@ -173,6 +173,9 @@ class Answer(Drawn):
     left_out: str = ""
 
     def _lines(self) -> Iterator[str]:
+        """Yield lines for a terminal: the best choice, the others, what never to use, and how to
+        get the text.
+        """
         best = self.best
         yield f"{self.engine}, step {time_step(self.target.timestep)} s: {best.line}"
         yield f"largest e {best.max_e:.4f}; {best.energy}"
@@ -226,7 +229,8 @@ class Answer(Drawn):
 
     @property
     def best(self) -> Choice:
-        """The choice of the kind that was asked for, or else of the next kind.
+        """The choice of the kind that was asked for, or else of the next kind; one named by the
+        user first.
 
         Raises SettingError without any, with the reasons.
         """
@@ -255,8 +259,9 @@ class Answer(Drawn):
 
     @property
     def tuned(self) -> Tuned:
-        """The chosen setting, or else another, with what the engine
-        did; a plug-in alone is run now.
+        """The best choice with what the engine did, or else another; a plug-in alone is run now.
+
+        Raises as `best`, and what the engine raises where it is run.
         """
         for choice in (self.best, *self.choices):
             if choice.tuned is not None:
@@ -274,7 +279,9 @@ class Answer(Drawn):
     @property
     def caution(self) -> str:
         """Warning that one e for all speeds would be nearer than the best setting of the engine's
-        own, if the engine kept it; or "".
+        own.
+
+        "" where it would not, for a constant target, and without such a setting.
         """
         native = self._best_native
         if native is None or self.target.is_constant:
