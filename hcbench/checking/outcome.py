@@ -153,7 +153,7 @@ def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
     unit.
 
     of_landing: whether they are on landings; else on the feet of a recorded motion.
-    Raises UserError for a name that has no limit, QuantityError for a value that is no such
+    Raises UserError for a name that has no limit, QuantityError for a value that is not such a
     quantity.
     """
     if of_landing:

@@ -180,7 +180,7 @@ def plan(spec: CheckSpec) -> Check:
     """Read names, units and files of a check before anything runs.
 
     Raises UserError for several targets, for options that exclude each other and for files that
-    cannot be read; QuantityError for text that is no quantity. The model is not opened.
+    cannot be read; QuantityError for text that is not a quantity. The model is not opened.
     """
     options = spec.options
     name = _name(spec)
@@ -307,7 +307,7 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
 def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> RestLimits | None:
     """Most of the penetration, m, and vibration, m/s, at rest; None where neither is limited.
 
-    Text may have units. Raises QuantityError for a value below 0 and for text that is no quantity.
+    Text may have units. Raises QuantityError for a value below 0 and for text that is not a quantity.
     """
     if depth is None and vibration is None:
         return None

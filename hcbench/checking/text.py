@@ -211,7 +211,7 @@ def find_table(path: Path) -> dict[str, Any] | None:
     """The table of a TOML file: [tool.hcbench], or all of a file that has [[check]]; None without
     one.
 
-    Raises UserError for a file that is no TOML, and for a [tool.hcbench] that is no table.
+    Raises UserError for a file that is not TOML, and for a [tool.hcbench] that is not a table.
     """
     content = read_toml(path, UserError, "checks")
     table = (

@@ -140,8 +140,7 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     start_k = _stiffness_for(top, mass, speed, start_n)
 
     def residual(p: Floats) -> Floats:
-        """Difference of the force from the law's over the largest, shape (n,), at these parameters.
-        """
+        """Difference of the force from the law's over the largest, shape (n,), at these parameters."""
         n = setup.exponent or float(p[3])
         law = HuntCrossley(
             math.exp(p[0]), max(dissipation_of(min(p[1], -1e-6)) / (1.5 * speed), 0.0), n

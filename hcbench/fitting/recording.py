@@ -533,7 +533,7 @@ class Picks:
 def rivals(heard: Sequence[Picks]) -> list[Picks]:
     """Trains that may be the ball's as well as the first, and give another α; empty without any.
 
-    heard: one or more, the first the one taken. Trains too short for a fit are no rivals.
+    heard: one or more, the first the one taken. Trains too short for a fit are not rivals.
     """
     best, others = heard[0], []
     for other in heard[1:]:

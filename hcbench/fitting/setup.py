@@ -169,8 +169,8 @@ def read_setup(**given: Unpack[SetupOptions]) -> MeasurementSetup:
 
     given: text with units, SI numbers, or (value, standard uncertainty), SI; None is left out.
     A height without an uncertainty gets HEIGHT_UNCERTAINTY.
-    Raises QuantityError for text that is no such quantity, UserError for values out of bounds, a
-    diameter without a mass, and a g that is said to be unknown.
+    Raises QuantityError for text that is not such a quantity, UserError for values out of bounds, a
+    diameter without a mass, and a g that is given as unknown.
     """
     known: dict[str, Any] = {}
     for name, value in given.items():

@@ -153,7 +153,7 @@ def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
 def _parts(value: Any, slot: str, expected: str, count: int) -> list[str]:
     """The parts of a text between commas, `count` of them, without spaces around each.
 
-    Raises UserError with `slot` for another number of parts and for anything that is no text.
+    Raises UserError with `slot` for another number of parts and for anything but text.
     """
     parts = []
     if isinstance(value, str):

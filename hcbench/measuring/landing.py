@@ -112,7 +112,7 @@ def make_drops(
 ) -> DropPlan:
     """Drops from what a user writes: heights, m, tilts, rad, and a controller; text may have units.
 
-    Raises QuantityError for a height outside 0 ... 100 m and for text that is no quantity,
+    Raises QuantityError for a height outside 0 ... 100 m and for text that is not a quantity,
     UserError for a controller that is neither text nor a function.
     """
     high = tuple(units.parse_values(heights, "length", "heights", above=0).tolist())

@@ -185,8 +185,7 @@ def with_absolute_files(path: Path, packages: Packages) -> str:
     folders = folders_of(path, packages)
 
     def absolute(match: re.Match[str]) -> str:
-        """The attribute with the absolute name of its file; as it is where there is no such file.
-        """
+        """The attribute with the absolute name of its file; as it is where there is no such file."""
         name = match["name"]
         # Folder of the file, None where its package is not known, and its path in there.
         folder: Path | None = path.absolute().parent

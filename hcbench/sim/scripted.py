@@ -53,7 +53,7 @@ def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
     """The law of a setting's option "law" for an engine that takes laws as Python code: eq. (16)
     only.
 
-    Raises SettingError for any other law, and UserError for options that are no law.
+    Raises SettingError for any other law, and UserError for options that do not state a law.
     """
     law = law_of(options)
     if not isinstance(law, PythonLaw):
