@@ -134,9 +134,7 @@ class RestitutionFixture:
         return bounce
 
     def _resolve(self, model: Any) -> Any:
-        """The model with paths from the test's own folder, where there is such a file; else as it
-        is.
-        """
+        """Model with paths from the folder of the test, where there is such a file; else as it is."""
         if isinstance(model, list | tuple):
             return [self._resolve(part) for part in model]
         if isinstance(model, str | Path) and not str(model).lstrip().startswith("<"):

@@ -126,9 +126,10 @@ def _adapter(kind: str) -> TypeAdapter[Any]:
 
 
 def validated(content: Any, kind: Literal["results", "scores"], source: str) -> Any:
-    """The content, if it is of this kind.
+    """The content of a file as it is, if it is of this kind.
 
-    source: its slot in an error. Raises UserError with the first wrong place.
+    kind: "results" of one engine, or "scores" of several.
+    source: the slot in an error. Raises UserError with the first wrong place.
     """
     try:
         return _adapter(kind).validate_python(content)

@@ -54,9 +54,7 @@ class BaselineImpact(BaseModel):
 
     @model_validator(mode="after")
     def _require_restitution(self) -> Self:
-        """Refuse an e where none was measured, and none where one was; by ValueError, as Pydantic
-        has it.
-        """
+        """Refuse an e where none was measured, and none where one was, by ValueError."""
         if self.status in (Status.PARTED, Status.RESTED):
             is_right = 0 <= self.restitution < math.inf
         else:
@@ -157,8 +155,9 @@ def _record(measurement: Measurement) -> dict[str, Any]:
 def read_baseline(path: Path, name: str) -> Baseline:
     """The baseline of one check in a file.
 
-    Raises UserError for a file of another kind or schema, for one that was damaged, and
-    for a check that is not in it.
+    name: of the check; a file with one check has that one under any name.
+    Raises UserError for a file that cannot be read, for one of another kind or schema, for one
+    that was damaged, and for a check that is not among several.
     """
     try:
         content = parse_json(read_text(path))

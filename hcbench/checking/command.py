@@ -135,8 +135,8 @@ def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> 
     """Hold each setting of a study to its own law: of the results in a folder, or of a run now.
 
     path: of a study or of the folder of its report. jobs: worker processes.
-    Raises UserError for options of launches, which the study itself has, and for a path that is no
-    study.
+    Raises UserError for options of launches, which the study itself has, and for a path that is
+    not a study.
     """
     from hcbench.benchmark.results import Results
     from hcbench.benchmark.run import run_study

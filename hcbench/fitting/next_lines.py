@@ -78,11 +78,18 @@ def _inwards(low: float, high: float) -> tuple[float, float]:
     """Both ends rounded inwards to three digits: pairs that were measured hold for no other speeds.
 
     low, high: m/s, above 0.
+    A band that is narrower than that keeps more digits, up to the six that a command has: its ends
+    never change places.
     """
-    # The third digit of each, m/s.
-    of_low = 10.0 ** (math.floor(math.log10(low)) - 2)
-    of_high = 10.0 ** (math.floor(math.log10(high)) - 2)
-    return math.ceil(low / of_low - 1e-9) * of_low, math.floor(high / of_high + 1e-9) * of_high
+    for digits in (3, 4, 5, 6):
+        # The last digit of each, m/s.
+        of_low = 10.0 ** (math.floor(math.log10(low)) - digits + 1)
+        of_high = 10.0 ** (math.floor(math.log10(high)) - digits + 1)
+        inner_low = math.ceil(low / of_low - 1e-9) * of_low
+        inner_high = math.floor(high / of_high + 1e-9) * of_high
+        if inner_low <= inner_high:
+            return inner_low, inner_high
+    return low, high
 
 
 def _reads_xml(engine: str) -> bool:

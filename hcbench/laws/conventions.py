@@ -370,7 +370,7 @@ def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversio
 
 
 def _needed(slot: str, value: float | None, unit: str) -> float:
-    """The value; UserError in the slot's name for None. unit: for the message."""
+    """Value as given; UserError, in the name of its slot, for None. unit: for the message."""
     if value is None:
         raise UserError(
             slot, "none", f"a number in {unit}", "The restitution of this contact depends on it"

@@ -21,8 +21,8 @@ def root(
     R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4: a secant or an
     inverse parabola where it falls well within the bracket, else its middle. The same bits as
     SciPy's brentq.
-    Unlike signs are not checked: with like signs x is one of the ends. After _MOST_STEPS the last guess is
-    returned. Raises what `function` raises.
+    Unlike signs are not checked: with like signs x is one of the ends. After _MOST_STEPS the last
+    guess is returned. Raises what `function` raises.
     """
     before = low
     f_before = function(before)

@@ -62,7 +62,8 @@ def touchdowns_job(job: Job, trajectory: Any, limit: float | None = None) -> Tra
 def _arrays(trajectory: Any) -> dict[str, Floats]:
     """The arrays qpos, qvel and time of a trajectory, a file's or a mapping's, those that it has.
 
-    Raises UserError for anything else, and for values that are not numbers. Shapes are not checked here.
+    Raises UserError for anything else, and for values that are not numbers. Shapes are not checked
+    here.
     """
     if isinstance(trajectory, str | Path):
         trajectory = read_named(Path(trajectory), "trajectory", "qpos and qvel")

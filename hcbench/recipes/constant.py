@@ -138,7 +138,7 @@ def steps_per_contact(target: Target) -> float:
 
 
 def resolvable_law(target: Target, softened_steps: float = STEPS_OF_A_SOFTENED) -> HuntCrossley:
-    """The target's law, softened if its shortest contact lasts less than STEPS_OF_A_LOOP steps.
+    """Law of the target, softened if its shortest contact lasts less than STEPS_OF_A_LOOP steps.
 
     A softened contact lasts `softened_steps` time steps at the speed at which it is shortest.
     """

@@ -274,8 +274,9 @@ class Recipe:
 def first(
     recipes: Iterable[Recipe], role: Role, form: str, steps: float = 0.0, native: bool = True
 ) -> Recipe | None:
-    """The first recipe of a role for a scene's form; None if there is none.
+    """First recipe of a role for a scene of this form; None if there is none.
 
+    recipes: in the order of preference.
     steps: time steps in the law's shortest contact; the recipe must not need more.
     native: true for the engine's own contact, false for a law in its place.
     """

@@ -75,7 +75,8 @@ class Engine(ABC):
         return self.backend.version()
 
     def recipes(self) -> Sequence[Recipe]:
-        """The engine's recipes, the preferred one of each role first; () for an engine without any.
+        """Recipes of the engine, the preferred one of each role first; () for an engine without
+        any.
 
         They are RECIPES of its module, or of `recipes` in its folder. Raises what their import
         raises.

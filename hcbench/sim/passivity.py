@@ -126,7 +126,7 @@ class Bounces:
         return self.max_e <= MOST_E and not self.still_bouncing
 
     def joined(self, other: Bounces) -> Bounces:
-        """The bounces of both."""
+        """The results of both sets of launches together: the larger extremes, and sums of counts."""
         return Bounces(
             max(self.max_e, other.max_e),
             max(self.gains_below, other.gains_below),

@@ -431,7 +431,8 @@ WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])
 
 
 def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind: type) -> Rule:
-    """The rule for launches of a scene's ball, in arrays of type `kind`; `Rule` says what is in it.
+    """Rule for launches of the ball of a scene, in arrays of type `kind`; `Rule` says what is in
+    it.
 
     timestep: s.
     bits: of the engine's numbers, which round-off goes by.

@@ -50,7 +50,7 @@ TIGHT = 1e-8
 
 
 def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
-    """The law of a setting's option "law" for an engine that takes laws as Python code: eq. (16)
+    """Law of the option "law" of a setting, for an engine that takes laws as Python code: eq. (16)
     only.
 
     Raises SettingError for any other law, and UserError for options that do not state a law.

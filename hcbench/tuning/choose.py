@@ -66,7 +66,7 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
 def _choose_for_loop(
     engine: str, recipes: Sequence[Recipe], target: Target, form: str, match: Match, contact: str
 ) -> tuple[Recipe, str]:
-    """The native recipe whose loop is the law's, and what it promises.
+    """Native recipe whose loop is that of the law, and what it promises.
 
     recipes: the engine's. form: of the scene.
     contact: how many steps the law's contact lasts, as a sentence.
