@@ -199,7 +199,7 @@ class ModelBounce:
 
         max_depth: "1 mm", or a number in m.
         max_vibration: rms, "1e-4 m/s", or a number in m/s.
-        None: as the options of the fixture have it.
+        None: as the options of the fixture have it; fails the test where these have neither.
         """
         limits = {"max_depth": max_depth, "max_vibration": max_vibration}
         for name, value in limits.items():

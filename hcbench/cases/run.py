@@ -34,6 +34,8 @@ def adapters() -> dict[str, Path]:
 def _variants(adapter: Path) -> int:
     """Number of engines that an adapter makes, read without running it: it may need another
     environment.
+
+    Raises ValueError or AssertionError for a file without one list ENGINES.
     """
     assigned = [node for node in ast.parse(read_text(adapter)).body if isinstance(node, ast.Assign)]
     (listed,) = [node.value for node in assigned if ast.unparse(node.targets[0]) == "ENGINES"]
@@ -79,6 +81,7 @@ def run_engines(
 def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
     """Results of the cases in one engine of an adapter, from a process of its own.
 
+    name: of the engine, with its version or without. variant: place in the adapter's ENGINES.
     Raises EngineFailed where the adapter makes no engine.
     """
     engine = registry.engine(name)

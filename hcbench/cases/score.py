@@ -318,8 +318,11 @@ def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_CaseBounce]:
 
 
 def regressions(scores: Sequence[EngineScore]) -> list[str]:
-    """A line for each case that passed in a version of an engine and has another verdict in the
-    next one given, or back.
+    """Lines of cases that passed in a version of an engine and have another verdict in the next, or
+    back.
+
+    scores: of each engine in the order of its versions; all of the same cases, or ValueError is
+    raised.
     """
     lines = []
     last = dict[str, EngineScore]()

@@ -76,7 +76,9 @@ def _run(
 ) -> Report:
     """The report on a model, on each check of a TOML file, or on a study or its results.
 
-    Raises UserError for a spec that cannot be planned, before anything runs.
+    measure_only: no check needs a target.
+    Raises UserError for a spec that cannot be planned, before anything runs. Errors of single
+    checks become outcomes.
     """
     models = spec.models or (DEFAULT_FILE,)
     source = Path(models[0])

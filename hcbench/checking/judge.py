@@ -160,9 +160,9 @@ def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]
 
 
 def _wanted_of_baseline(baseline: Baseline, engine: str) -> Callable[[Impact], float]:
-    """e of the same launch in a baseline; NaN for launches that it has not.
+    """Function of an impact: e of the same launch in a baseline; NaN for launches that it has not.
 
-    Raises UserError for a baseline of another engine.
+    engine: that the model runs in. Raises UserError for a baseline of another engine.
     """
     if baseline.engine != engine:
         raise UserError(

@@ -139,8 +139,10 @@ class Limit:
     text: str
 
     def excess(self, value: float) -> float:
-        """By how much a value is beyond it, over the bound's own
-        size; above 0 where it is exceeded.
+        """Share of the bound by which a value is beyond it; above 0 where it is exceeded, inf for
+        NaN.
+
+        value: SI. Of a bound of 0 the excess itself, SI.
         """
         if math.isnan(value):
             return math.inf

@@ -45,8 +45,9 @@ MAX_DRIFT = 1e-4
 
 
 def _no_truth_value(value: Any) -> Any:
-    """Return the value, of NumPy or not. Refuses true and false, which Python would take for 1 and
-    0.
+    """The value, converted from NumPy's types to Python's.
+
+    Refuses true and false, which Python would take for 1 and 0, by the error of a field.
     """
     if hasattr(value, "tolist"):
         value = value.tolist()
@@ -257,7 +258,9 @@ def _require_one_target(spec: CheckSpec, name: str) -> None:
 def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
     """Limits on landings or on a recorded motion, and how to drop the robot for the former.
 
-    Raises UserError for options of a drop or of a motion without limits, and for both together.
+    Without limits () and None; None for how to drop, too, where they are on a motion.
+    Raises UserError for options of a drop or of a motion without limits, and for both together; for
+    limits as `read_limits`, for drops as `make_drops`.
     """
     falls: dict[str, Any] = {name: options[name] for name in ("heights", "tilt", "controller")}
     given = {name: value for name, value in falls.items() if value is not None}

@@ -103,7 +103,7 @@ def _cells(row: CurvePoint, is_oblique: bool) -> tuple[str, ...]:
 
 
 def as_record_of(report: Report) -> dict[str, Any]:
-    """Record of the report for `--json`; NaN for a number that does not apply."""
+    """Record of the report for `--json`, in SI units; NaN for a number that does not apply."""
     return {
         "schema": SCHEMA,
         "kind": "hcbench check",
@@ -138,7 +138,10 @@ def _record(outcome: Outcome) -> dict[str, Any]:
 
 
 def as_markdown(report: Report) -> str:
-    """A Markdown summary for a CI step. Names come from models: nothing in them is taken as markup."""
+    """The report as a Markdown summary for a CI step, with the curve and the causes of what failed.
+
+    Names come from models: nothing in them is taken as markup.
+    """
     lines = ["### Restitution", "", "| | check | against | result |", "|---|---|---|---|"]
     for o in report.outcomes:
         cells = (_MARKS[o.verdict], f"**{_safe(o.name)}**", _safe(o.against), _safe(o.message))

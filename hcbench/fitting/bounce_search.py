@@ -162,7 +162,8 @@ class _Search:
         self.unheard = np.zeros((n, n), dtype=np.int64)
 
     def extend(self, i: int) -> None:
-        """Extend trains by all flights that begin at click i.
+        """Extend trains by all flights that begin at click i; the arrays of the class take the
+        results.
 
         The trains that end at click i have to be known: clicks are taken in the order of time.
         """
@@ -186,12 +187,13 @@ class _Search:
     def _extend_from(
         self, heard: Indices, i: int, to: Indices, flight: Floats, inside: Floats, gap: bool
     ) -> None:
-        """Extend trains that come to click i from clicks `heard` (h,)
-        by flights to clicks `to` (t,).
+        """Extend trains that come to click i from clicks `heard` (h,) by flights to clicks `to`
+        (t,).
 
         flight: (t,), s.
         inside: (t,), the price of clicks within it.
         gap: a touch within it is unheard.
+        A train replaces the one known for a flight where its score is higher.
         """
         last = self.last[heard, i][:, None]
         e_before = self.e[heard, i][:, None]
@@ -263,7 +265,7 @@ class _Search:
     def last_that_counts(self, i: int, j: int) -> tuple[int, int]:
         """The last flight of a train that ends with this one, without last clicks that add little.
 
-        i, j: numbers of the clicks that begin and end the flight.
+        i, j: numbers of the clicks that begin and end the flight; so are the two returned.
         """
         # A click this weak is one of many: as many again are too weak to be seen.
         weak = self.level.min() + _AS_LOUD

@@ -231,7 +231,7 @@ class TouchTimes(Dataset):
         return speed[whole], e[whole]
 
     def start(self) -> Floats:
-        """Own parameters to start from."""
+        """Own parameters to start from: time of the first touch, s, and ln of the first speed, m/s."""
         height = self.setup.height
         if height is None:
             first = float(self._launches()[0])

@@ -139,6 +139,7 @@ def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floa
     in ln e.
 
     reference: speed at which the parameters are defined, m/s.
+    Gauss-Newton steps, eight of limited length: an e outside 1e-3 ... 1 counts as the nearer end.
     """
     # Impacts of all data sets, shape (2, n): speeds, m/s, over e.
     speed, e = np.concatenate([s.pairs() for s in sets], axis=1)
@@ -188,12 +189,13 @@ def _law_step(
 def _posterior(
     law: CandidateLaw, parameters: Floats, move: Floats, hessian: Floats, fine: NoiseLikelihood
 ) -> tuple[Posterior, float, float]:
-    """Compute the posterior over the law's parameters, ln of its integral, and the share that was
-    cut off.
+    """Posterior over the parameters of a law, ln of its integral, and the share that was cut off.
 
     parameters, move: of the law, and the last Newton step, shape (q,).
     hessian: second derivatives of ln of the likelihood, negated, shape (q, q).
     fine: likelihood over the grid of noise.
+    Cut off is the part where e is above 1; where nearly all is, nothing is cut, and the share says
+    so.
     """
     make = _line if law.count == 1 else _shares
     centre = move

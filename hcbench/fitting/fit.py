@@ -402,7 +402,9 @@ def _lost(e: Estimate) -> Estimate:
 
 
 def _odd_one(name: str, off: float) -> str:
-    """Warning of a file whose value is off the others' by so many standard deviations."""
+    """Warning of a file whose value differs from the others' by `off` standard deviations, with its
+    sign.
+    """
     side = "below"
     if off > 0:
         side = "above"
@@ -414,6 +416,8 @@ def _odd_one(name: str, off: float) -> str:
 def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
     """Warnings of impacts that count little, of files left out, and of a scatter beyond what is
     tried.
+
+    whole: all files together. each: the files by themselves.
     """
     warnings = []
     for one in each:

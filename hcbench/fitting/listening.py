@@ -69,7 +69,8 @@ _HALF = 0.5
 def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
     """Find the trains of touches that may be the ball's, the most likely first.
 
-    Raises UserError for fewer than three clicks that can be bounces of one ball.
+    Raises UserError for fewer than three clicks that can be bounces of one ball, and where no law
+    can be fitted to them.
     """
     trains = _trains(recording)
     if not trains:
@@ -122,9 +123,10 @@ def quick_score(recording: Recording) -> float:
 
 
 def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
-    """Trains in all bands, without those that share their clicks with a likelier one.
+    """Trains in all bands, each with its band, the likeliest first; empty without any.
 
-    The likeliest first, and none much less likely than that one.
+    Those that share their clicks with a likelier one are left out, and those much less likely than
+    the first.
     """
     trains = []
     for band in bands(recording):
@@ -347,7 +349,11 @@ class _Heard:
         return replace(self, places=places, numbers=numbers - numbers[0]).fitted()
 
     def picks(self) -> Picks:
-        """Touches of the train: times in s from the start of the file, levels in dB."""
+        """Touches of the train: times in s from the start of the file, levels in dB, and α of its
+        fit.
+
+        Scatter and α are None for a train with too few touches.
+        """
         times = self.timer.times(self.places)
         level = self.band.level[np.searchsorted(self.band.places, self.places)]
         scatter = alpha = None

@@ -195,7 +195,10 @@ class _Wav:
             yield (block - self._middle) / self._top
 
     def _read(self, first: int, last: int) -> NDArray[Any]:
-        """(n, channels); from the file itself, as pages of a map would stay in memory."""
+        """Samples `first` up to `last`, (n, channels), as they are stored.
+
+        They come from the file itself, as pages of a map would stay in memory.
+        """
         if self._file is None:
             return np.asarray(self._samples[first:last])
         path, offset, dtype = self._file
@@ -342,9 +345,7 @@ def bands(recording: Recording) -> Iterator[FrequencyBand]:
 
 
 def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats:
-    """The sound above `lower`, Hz, and below `upper`, if given: shape (n,), without a look
-    ahead.
-    """
+    """Sound above `lower`, Hz, and below `upper`, if given: shape (n,), without a look ahead."""
     if upper is None:
         sections = butter(4, lower, "highpass", fs=recording.rate, output="sos")
     else:
@@ -386,7 +387,7 @@ class Timer:
     """
 
     def __init__(self, band: FrequencyBand, places: Indices) -> None:
-        """Time the clicks of one train in a band.
+        """Make the template of one train's clicks, against which any click of the band is timed.
 
         places: (n,), samples at which the train's clicks are.
         """

@@ -287,8 +287,10 @@ def speeds_over(result: FitResult, count: int) -> Floats:
 def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, Floats, Floats]:
     """Speeds (m/s), e of the law that is chosen or likeliest, and the ends of its 95 % band.
 
-    Each of the four arrays has the shape (count,). The band spans the law with and without e0 if
-    the data leave that open.
+    count: of speeds, even over the range of the data; each of the four arrays has the shape
+    (count,).
+    The band spans the law with and without e0 if the data leave that open. Its upper end is 1 at
+    most.
     """
     speeds = speeds_over(result, count)
     lows = []
@@ -313,7 +315,7 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
 
 
 def _band_of(fit: LawFit, speeds: Floats) -> Floats:
-    """2.5 %, 50 % and 97.5 % of e at each speed: (3, n)."""
+    """2.5 %, 50 % and 97.5 % of e at each speed (n,), m/s, by the posterior of a law: (3, n)."""
     posterior = fit.posterior
     # Draws of little weight do not move the band, and each costs a curve.
     keep = posterior.weight > 1e-4 * posterior.weight.max()
@@ -373,7 +375,9 @@ def as_text(result: FitResult) -> str:
 
 
 def headline(result: FitResult) -> dict[str, str]:
-    """The main numbers of the fit, by name. Where no law is chosen, each says under which it holds."""
+    """The main numbers of the fit as text, by name. Where no law is chosen, each says under which
+    it holds.
+    """
     files = []
     count = 0
     for s in result.sets:
@@ -408,7 +412,7 @@ def headline(result: FitResult) -> dict[str, str]:
 
 
 def _law_row(result: FitResult) -> str:
-    """The law that is chosen, or why none is."""
+    """Name of the law that is chosen, or why none is: doubts first, then a lack of fit, then odds."""
     if result.law and result.asked != "auto":
         return f"{result.law}, as asked for"
     if result.law:
@@ -432,7 +436,7 @@ def _shown(estimate: Estimate, unit: str = "") -> str:
 
 
 def _heard(result: FitResult) -> list[str]:
-    """The touches found in recordings."""
+    """Lines of the touches found in recordings, and of the other trains; empty for other data."""
     lines = []
     for s in result.sets:
         if isinstance(s, TouchTimes) and s.picks is not None:
@@ -468,7 +472,7 @@ TRAIN_COLUMNS = ("train", "touches", "from", "to", "α", "e scatters by", "ln od
 
 
 def _trains(s: TouchTimes) -> list[str]:
-    """The other trains, where there are any, and how to choose one."""
+    """Lines of all trains heard and how to choose one; empty where there is one, or none."""
     if len(s.heard) < 2:
         return []
     return [
@@ -593,7 +597,7 @@ _DIGITS = 6
 def material_of(result: FitResult, name: str) -> MaterialPair:
     """The material that a recording shows: α or one e with its 95 % interval, or points of e(v).
 
-    name: the pair, such as "rubber on concrete".
+    name: the pair, such as "rubber on concrete"; without " on " the second is "floor".
     """
     # Imported here: Pydantic takes long to import, and most fits need none.
     from hcbench.catalogue.material import Citation, MaterialPair

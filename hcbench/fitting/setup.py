@@ -74,7 +74,10 @@ class MeasurementSetup:
     exponent: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise UserError for a quantity out of its bounds, or a diameter without a mass."""
+        """Raise UserError for a quantity out of its bounds, or a diameter without a mass.
+
+        Also for a ball that is lighter than the air it displaces.
+        """
         for slot in ("gravity", "height", "mass", "diameter", "drag_coefficient", "speed"):
             known = getattr(self, slot)
             if known is not None and not _SMALLEST <= known.value <= _LARGEST:

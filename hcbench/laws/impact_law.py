@@ -345,7 +345,7 @@ class ImpactLaws(Drawn):
         return np.array([law.e(speed) for law in self.laws])
 
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
-        """Everything about one impact for each α at each speed, SI."""
+        """Everything about one impact for each α at each speed, SI. Raises as `ImpactLaw.impacts`."""
         return [impact for law in self.laws for impact in law.impacts(speeds)]
 
     def loop(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:

@@ -114,8 +114,9 @@ def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator
 
 
 def _gain(impacts: Sequence[Impact]) -> tuple[float, int]:
-    """(largest e, fewest steps in contact) of the impacts that parted; of a body that slides or
-    spins, e that would change the energy as much.
+    """(largest e, fewest steps in contact) of the impacts that parted; (0, 0) without any.
+
+    Of a body that slides or spins it is the e that would change the energy as much.
     """
     parted = [impact for impact in impacts if impact.status is Status.PARTED]
     largest = 0.0
@@ -350,7 +351,7 @@ def _error(impact: Impact, goal: Goal) -> float:
 
 
 def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
-    """Say whether an impact failed, misses the goal, or gains energy."""
+    """Say whether an impact has no e, misses the goal by more than `tolerance`, or gains energy."""
     for impact in impacts:
         e = impact.restitution
         if math.isnan(e) or e > 1 + NOTABLE_GAIN:

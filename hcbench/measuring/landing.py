@@ -158,7 +158,7 @@ def _landed(drops: DropPlan, job: Job) -> Landings:
 def unresolved(landings: Landings) -> list[str]:
     """Sentences on a step that is too long for the fall or the contact, with the step to take.
 
-    With such a step, no number of the landings holds.
+    Empty where the step is short enough. With a longer one, no number of the landings holds.
     """
     h = landings.timestep
     found = []
@@ -182,7 +182,9 @@ def unresolved(landings: Landings) -> list[str]:
 
 
 def _few_steps(landings: Landings) -> list[str]:
-    """A sentence on drops in which few steps are in contact; none where `unresolved` says more."""
+    """One sentence on drops in which few steps are in contact, in a list; empty where `unresolved`
+    says more.
+    """
     h = landings.timestep
     fewest = min(_steps(drop, h) for drop in landings.drops)
     if unresolved(landings) or fewest > STEPS_BY_CHANCE:
@@ -200,7 +202,7 @@ def _steps(drop: Landing, timestep: float) -> float:
 
 
 def as_record(landings: Landings) -> dict[str, Any]:
-    """The landings as `--json` prints them."""
+    """The landings as `--json` prints them, in SI units."""
     about = {}
     for field in dataclasses.fields(landings):
         if field.name != "drops":

@@ -252,8 +252,10 @@ def _label(source: str | tuple[str, ...]) -> str:
 
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
-    """The answer of a job, within the limit of memory. Raises EngineFailed for any error that is not
-    hcbench's own.
+    """Answer of a job, within the limit of memory.
+
+    Raises EngineFailed for any error that is not hcbench's own, and for a model that needs more
+    memory.
     """
     try:
         with memory_limit(_memory()), beyond_bounds(job.beyond_bounds):
@@ -339,7 +341,9 @@ def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
 def _engine_for(source: Any, name: str | None) -> OpensModels:
     """The engine of that name, or the first that opens such a model.
 
-    Raises UserError for a name of none that opens models, SceneError for a file that none opens.
+    source: paths, text or an object.
+    Raises UserError for a name of none that opens models and for an object that none opens,
+    SceneError for a file that none opens.
     """
     if name is not None:
         if registry.base_name(name) in registry.names():

@@ -55,8 +55,8 @@ def Wanted(
     s/m" has a standard uncertainty.
     restitution: one e for all speeds.
     points: pairs (v m/s, e), straight between, constant beyond.
-
-    Raises UserError and QuantityError.
+    Raises UserError for none or several of the three and for an e outside 0 ... 1, QuantityError
+    for text that is not such a quantity.
     """
     ways: dict[str, Any] = {"alpha": alpha, "restitution": restitution, "points": None}
     if len(points):

@@ -30,7 +30,7 @@ _FAILURES = 3
 
 
 def as_record(measurement: Measurement) -> dict[str, Any]:
-    """The measurement for JSON; NaN for a number that does not apply."""
+    """The measurement for JSON, in SI units; NaN for a number that does not apply."""
     facts = measurement.facts
     score = measurement.score
     is_oblique = measurement.request.is_oblique
@@ -233,7 +233,7 @@ def _shares_note(measurement: Measurement) -> list[str]:
 
 
 def _along_lines(measurement: Measurement) -> list[str]:
-    """Table of the motion along the plate in oblique impacts; empty without any."""
+    """Lines of the table of motion along the plate in oblique impacts; empty without any."""
     if not measurement.request.is_oblique:
         return []
     friction = measurement.facts.friction

@@ -96,7 +96,7 @@ def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
 
 
 def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
-    """The touchdowns as `--json` prints them."""
+    """The touchdowns as `--json` prints them, in SI units."""
     about = {}
     for field in dataclasses.fields(motion):
         if field.name != "feet":
@@ -122,7 +122,9 @@ def _foot_record(foot: Touchdowns) -> dict[str, Any]:
 
 
 def as_text(motion: TrajectoryTouchdowns) -> str:
-    """The touchdowns, as lines for a terminal."""
+    """The touchdowns as lines for a terminal, with advice on a coarse recording and on settings
+    without a band.
+    """
     lines = [
         f"{sanitized(motion.model)}: {motion.states} states, one every {1e3 * motion.interval:.4g} ms",
         f"{motion.engine} {motion.version}",
@@ -150,7 +152,7 @@ def as_text(motion: TrajectoryTouchdowns) -> str:
 
 
 def _row(foot: Touchdowns) -> tuple[str, ...]:
-    """Cells of one foot: speeds in m/s, the last but one in per cent."""
+    """Cells of one foot: speeds in m/s, the share outside the band in per cent, "" without a band."""
     valid = "—"
     outside = ""
     if foot.band is not None:

@@ -159,7 +159,7 @@ def published_law_recipes(
     """
 
     def recipe(family: PublishedLaw) -> Recipe:
-        """The recipe of one law."""
+        """The recipe of one law, which sets it to the best constant e of a target's band."""
 
         def function(target: Target) -> Options:
             e, _ = minimax_constant(target)

@@ -290,9 +290,9 @@ def first(
 def on_a_plane(
     engine: str, name: str, role: Role, function: Callable[..., Mapping[str, Any]], **more: Any
 ) -> Callable[..., Recipe]:
-    """A recipe for scenes of the form "plane", to be called with summary and notes.
+    """Function of summary and notes that makes a recipe for scenes of the form "plane".
 
-    more: of `Recipe`.
+    function: from a target to options, as of `Recipe`; more: other fields of it.
     """
     return lambda summary, *notes: Recipe(
         engine, name, role, function, summary, notes, forms=("plane",), **more

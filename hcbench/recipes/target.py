@@ -151,7 +151,9 @@ class Target:
         return "target", _WORDS[self.reading].partition(",")[0]
 
     def fitting_law(self) -> str:
-        """Advice to take the law that the points lie near; "" where they are one, or near no law."""
+        """Advice to take the law that the points lie near, as a sentence; "" for one e, or near no
+        law.
+        """
         if len(self.points) < 2:
             return ""
         measured = MeasuredRestitution(self.points)

@@ -121,7 +121,8 @@ class Engine(ABC):
     ) -> Trajectory:
         """Every step of `duration` s after release, however often the body bounces.
 
-        Raises EngineFailed where an engine knows single impacts only.
+        Raises EngineFailed where an engine knows single impacts only, SettingError and SceneError
+        as `impacts` does.
         """
         raise EngineFailed(
             self.name, "knows single impacts only", "an engine that can go on after one"

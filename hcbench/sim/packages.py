@@ -27,9 +27,9 @@ _LISTED = 12
 def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, Id]:
     """(kind, id) of the part that a user names.
 
-    parts: (kind, name, id) of each, such as ("geom", "plate", 0). Of several with the same name the first is
-        meant.
-    request: a name, or "KIND:NAME" or "KIND:ID" to say which.
+    parts: (kind, name, id) of each, such as ("geom", "plate", 0). Of several with the same name the
+    first is meant.
+    request: a name, or "KIND:NAME" or "KIND:ID" to say which; a name goes before these.
     Raises UserError with the names there are.
     """
     by_id: dict[str, tuple[str, Id]] = {}

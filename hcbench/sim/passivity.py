@@ -271,7 +271,7 @@ class DropReader:
         self._steps += penetration.shape[1]
 
     def _judge(self, speed_in: float, speed_out: float) -> None:
-        """Take in one bounce, speeds in m/s; one without a speed in does not count."""
+        """Take in one bounce, speeds in m/s; one without a speed in does not count, nor one of NaN."""
         if not speed_in > 0.0:
             return
         e = float(speed_out / speed_in)
@@ -290,8 +290,10 @@ class DropReader:
 def allowed_rebounds(
     train: LongestTrain | None, heights: Sequence[float], gravity: float
 ) -> Floats:
-    """Rebound speeds, m/s, that are allowed in the last second of
-    drops of LASTS; 0 without a target.
+    """Rebound speeds, m/s, that are allowed in the last second of drops of LASTS, one for each
+    height.
+
+    heights: m. gravity: m/s², above 0. Without a train all are 0: the body has to rest.
     """
     if train is None:
         return np.zeros(len(heights))

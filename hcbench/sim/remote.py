@@ -172,7 +172,11 @@ class RemoteEngine(Wrapped):
     def trajectory(
         self, scene: Scene, setting: Setting, launch: Launch, duration: float
     ) -> Trajectory:
-        """Simulate one launch for `duration`, s, in the engine's environment."""
+        """Simulate one launch for `duration`, s, in the engine's environment; arguments as of
+        `Engine.trajectory`.
+
+        Raises what the engine raises there, and the error of a worker that died or hung.
+        """
         steps = duration / setting.timestep
         path: Trajectory = self._call(
             "trajectory", scene, setting, launch, duration, launches=1, steps=steps

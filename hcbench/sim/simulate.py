@@ -274,7 +274,8 @@ def _read(
 def _steps_to_part(last: Floats, timestep: float) -> float:
     """Upper bound of the steps until bodies part that are on their way out.
 
-    last: penetration and rate, shape (2, b). Infinite where one is not on its way out.
+    last: penetration, m, and rate, m/s, shape (2, b). timestep: s.
+    Infinite where one is not on its way out.
     """
     x, v = last
     if not ((x > 0.0) & (v < 0.0)).all():

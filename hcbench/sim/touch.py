@@ -78,7 +78,10 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
 
 
 def _bisected(touches: Callable[[float], bool], low: float, high: float) -> float:
-    """The least travel that makes a contact, between one without (low) and one with (high)."""
+    """The least travel that makes a contact, between one without (low) and one with (high).
+
+    touches: moves to a travel and says whether the two touch there.
+    """
     for _ in range(_ROUNDS):
         middle = 0.5 * (low + high)
         if touches(middle):
@@ -225,7 +228,7 @@ class TrajectoryTouchdowns(Shown):
             yield f"{foot.part} on {foot.other}: {len(foot.time)} touchdowns {most}"
 
     def _rows(self) -> Iterator[dict[str, object]]:
-        """A row for each touchdown, SI."""
+        """Yield a row for each touchdown, foot by foot, SI."""
         for foot in self.feet:
             for time, speed, slide in zip(foot.time, foot.speed, foot.slide, strict=True):
                 yield {

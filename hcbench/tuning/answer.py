@@ -89,8 +89,8 @@ class Choice:
 
     @property
     def energy(self) -> str:
-        """Energy of the choice: the number of launches in which it never grew, or the speeds at
-        which it grows.
+        """Phrase on energy: the number of launches in which it never grew, or the speeds at which
+        it grows.
         """
         if self.passivity is None:
             return "energy was not measured"
@@ -189,7 +189,7 @@ class Answer(Drawn):
         yield f"to paste: .text, {len(self.text.splitlines())} lines"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
-        """Columns of the choices as a table; speeds in m/s."""
+        """Yield a row for each choice; speeds in m/s."""
         for choice in self.choices:
             yield {
                 "kind": choice.kind,
@@ -299,7 +299,7 @@ class Answer(Drawn):
 
     @property
     def record(self) -> dict[str, Any]:
-        """For JSON."""
+        """Record for JSON of the choices, of settings never to use, and of warnings."""
         return {
             "choices": [choice.record for choice in self.choices],
             "never": [asdict(never) for never in self.never],

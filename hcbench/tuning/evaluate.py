@@ -304,6 +304,8 @@ MOTIONS = (
 def oblique_launches(target: Target) -> list[Launch]:
     """Launches over the target's band, of speeds at touch: each speed and phase with each of
     MOTIONS.
+
+    Their speed is that along the normal, m/s.
     """
     speeds = np.geomspace(target.speed_min, target.speed_max, SPEEDS).tolist()
     launches = []

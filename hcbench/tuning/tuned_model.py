@@ -158,7 +158,9 @@ class TunedModel(Shown):
 
     @property
     def flat(self) -> bool | None:
-        """True if a body that meets on faces never gains energy; None without such a body."""
+        """True if a body that meets on faces never gains energy in a launch; None without such a
+        body.
+        """
         highest = []
         for pair in self.pairs:
             if pair.attitude or pair.facts.settings.get(_POINTS, 1) > 1:

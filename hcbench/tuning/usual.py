@@ -40,7 +40,7 @@ class Question(NamedTuple):
     alpha: float
 
     def answered(self) -> Answer:
-        """The answer of `hcbench tune` to the question."""
+        """The answer of `hcbench tune` to the question, by a search; raises as `find_answer`."""
         scene, target = make_target(
             timestep=self.timestep,
             alpha=self.alpha,
