@@ -152,12 +152,14 @@ def bounce_train(
 def drop_prior(setup: MeasurementSetup, own: float) -> tuple[float, float]:
     """(offset, standard deviation) of ln of the touch speed `own` as the drop height gives it.
 
-    own: ln of a speed, m/s. Without a drop height the prior is flat: (0, inf).
+    own: ln of a speed, m/s. The offset is that of the height's speed from it.
+    Without a drop height the prior is flat: (0, inf).
     """
     height: Known | None = setup.height
     if height is None:
         return 0.0, math.inf
     speed, slope = setup.ballistics.dropped(height.value)
+    # A height without uncertainty would have an infinite weight.
     return math.log(speed) - own, max(slope * height.uncertainty / speed, 1e-7)
 
 

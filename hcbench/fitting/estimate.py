@@ -227,6 +227,8 @@ def _line(
     """An even grid over the one parameter of a law: points (g, 1), ln of the cell's width, and a
     mask (g,).
 
+    parameters, centre, spread: shape (1,); points are relative to `parameters`.
+    fine: not used; `_shares` is called with the same arguments.
     The mask is true where e is at most 1. The grid is centred on `centre` and as wide as `spread`;
     without a spread it is twice as wide as the curvature of the likelihood suggests.
     """
@@ -251,12 +253,13 @@ def _shares(
     """A grid over ψ = ln e at the reference speed and the share f of it that goes with α, even in
     both.
 
+    parameters, centre, spread: shape (2,); without a spread the grid has all shares. hessian: (2,
+    2).
+    fine: not used; `_line` is called with the same arguments.
+    Returned are points relative to `parameters`, shape (g, 2), ln of the cells' areas, (g,), and a
+    mask of the points where e is at most 1.
     The density is flat in ψ, as it is for the other laws, and in f: so this law has no arbitrary
-    constant. Returned are points relative to `parameters`, shape (g, 2), ln of the cells' areas,
-    and a mask of the points where e is at most 1.
-
-    parameters, centre, spread: shape (2,).
-    hessian: shape (2, 2).
+    constant.
     """
     low, high = 0.0, 1.0
     # The largest variance of ψ that the spreads of both parameters allow.

@@ -249,6 +249,7 @@ def adhesion(fit: LawFit, s: Dataset) -> float:
     s: the data set that the law was fitted to.
     """
     speed = fit.models[0].speed
+    # ln of the factor is -(v_s/v)²/2: its coefficient, in units of the slowest speed, is to be found.
     change = _Change(fit, s, -((speed.min() / speed) ** 2)[:, None])
     # Only the one coefficient of this change.
     used = range(1)

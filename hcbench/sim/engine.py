@@ -105,10 +105,10 @@ class Engine(ABC):
 
     @final
     def device_of(self, setting: Setting) -> str:
-        """The device that a setting names, where impacts are read while they are stepped; "" for
-        none.
+        """Device that a setting names for an engine that reads impacts while stepping; "" for none.
 
-        Such impacts have no loops. Raises SettingError for a device that the engine does not have.
+        Such impacts have no loops. An engine without `devices` has none, whatever the setting says.
+        Raises SettingError for a device that the engine does not have.
         """
         device = str(setting.options.get("device", "")) if self.devices else ""
         if device and device not in self.devices:

@@ -120,7 +120,8 @@ class JointBeyondLimit:
 
 
 def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> None:
-    """Raise UserError for a pose with joints beyond their limits; none passes.
+    """Raise UserError for a pose with joints beyond their limits, and return where `joints` is
+    empty.
 
     start: what to start from instead, before the pose that cures it.
     """
