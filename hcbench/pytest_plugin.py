@@ -64,7 +64,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The markers, for --strict-markers and --markers."""
+    """Declare the markers, for --strict-markers and --markers."""
     config.addinivalue_line("markers", _MARKER)
     # pytest-xdist declares this marker itself; `hcbench.testing` sets it for its tests.
     if not config.pluginmanager.hasplugin("xdist"):
@@ -75,8 +75,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture
 def restitution(request: pytest.FixtureRequest) -> Iterator[RestitutionFixture]:
-    """Measures a model: `restitution(model, pair=...)`, then
-    `.matches(e)`, `.follows(alpha=...)`, ....
+    """Fixture that measures a model: `restitution(model, pair=...)`, then `.matches(e)`, ....
+
+    Fails the test for unknown options of the marker, and at its end for a model that was named and
+    not measured.
     """
     defaults: dict[str, Any] = {}
     for name in _INI:
@@ -117,12 +119,13 @@ class RestitutionFixture:
     def __call__(
         self, model: ModelSource, pair: BodyPair | None = None, **options: Unpack[FixtureOptions]
     ) -> ModelBounce:
-        """A model to be held against something.
+        """A model to be held against something; it is measured then.
 
-        model: a path (looked for in the test's own folder first), two paths,
-        or an engine's own model object.
+        model: a path (looked for in the test's own folder first), two paths, or an engine's own
+        model object.
         pair: names, the body that moves first. options: those of launches
         (`hcbench.terms.options`), engine, max_error, timeout.
+        Fails the test for an unknown option.
         """
         __tracebackhide__ = True
         _require_known("restitution()", options)
@@ -131,7 +134,7 @@ class RestitutionFixture:
         return bounce
 
     def _resolve(self, model: Any) -> Any:
-        """Paths from the test's own folder, where there is such a file."""
+        """Model with paths from the folder of the test, where there is such a file; else as it is."""
         if isinstance(model, list | tuple):
             return [self._resolve(part) for part in model]
         if isinstance(model, str | Path) and not str(model).lstrip().startswith("<"):
@@ -173,8 +176,11 @@ class ModelBounce:
         target: Literal["law", "linear"] = "law",
         max_error: float | None = None,
     ) -> Measurement:
-        """Assert the law of eq. (16) with α ("0.008 s/in"; target
-        "linear": 1 - α v), a CSV of (v, e), or a pair of materials, "rubber on concrete".
+        """Assert the law of eq. (16) with α, a CSV of (v, e), or a pair of materials.
+
+        alpha: such as "0.008 s/in", or a number in s/m. material: such as "rubber on concrete".
+        target: "linear" for e = 1 - α v.
+        max_error: of e; None: as the options of the fixture have it.
         """
         self._require_target("follows", alpha, pairs, material)
         return self._hold(
@@ -193,7 +199,7 @@ class ModelBounce:
 
         max_depth: "1 mm", or a number in m.
         max_vibration: rms, "1e-4 m/s", or a number in m/s.
-        None: as the options of the fixture have it.
+        None: as the options of the fixture have it; fails the test where these have neither.
         """
         limits = {"max_depth": max_depth, "max_vibration": max_vibration}
         for name, value in limits.items():
@@ -217,7 +223,11 @@ class ModelBounce:
             )
 
     def _hold(self, max_error: float | None = None, **against: Any) -> Measurement:
-        """Measure, and fail the test where a limit is passed or nothing could be measured."""
+        """Measure, and fail the test where a limit is passed or nothing could be measured.
+
+        max_error: of e; None: as the options of the fixture have it. against: the target, by
+        options of a check.
+        """
         __tracebackhide__ = True
         self.is_measured = True
         outcome = self._check(max_error, against)
@@ -232,7 +242,7 @@ class ModelBounce:
     def _check(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
         """Measure with the options of the fixture and those of this call.
 
-        Fails the test for options that are refused.
+        max_error, against: as of `_hold`. Fails the test for options that are refused.
         """
         from hcbench.checking import CheckSpec, plan, run_check
         from hcbench.system.errors import HcbenchError, UserError
@@ -254,7 +264,7 @@ class ModelBounce:
 
 
 def _require_known(slot: str, options: Mapping[str, Any]) -> None:
-    """Fail a test with an option that the fixture does not have."""
+    """Fail a test with an option that the fixture does not have. slot: where it was given."""
     __tracebackhide__ = True
     unknown = sorted(set(options) - set(_KEYS))
     if unknown:
@@ -263,7 +273,7 @@ def _require_known(slot: str, options: Mapping[str, Any]) -> None:
 
 
 def _name(model: Any) -> str:
-    """Names of a model's files, of an object its type."""
+    """Names of a model's files, joined by " + "; of an object its type."""
     parts = model if isinstance(model, list | tuple) else [model]
     names = []
     for part in parts:

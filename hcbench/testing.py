@@ -59,7 +59,9 @@ def _scene(name: str) -> Scene:
 
 
 def target_for(recipe: Recipe, scene: Scene) -> Target:
-    """The law at α = 0.008 s/in, at the step that a recipe's claims are checked at."""
+    """The law at α = 0.008 s/in, at the step that a recipe's claims are checked at, from 1 to 20
+    in/s.
+    """
     if recipe.role is Role.STOCK or recipe.one_step:
         timestep = 1e-3
     elif registry.engine(recipe.engine).bits == 32:
@@ -88,7 +90,11 @@ Applies = Callable[["type[EngineConformance]", Recipe, Scene], bool]
 
 
 def _claim(*conditions: Applies) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A test of the recipes and scenes that meet all conditions, given the class that tests them."""
+    """Decorator of a test for the recipes and scenes that meet all conditions.
+
+    conditions: functions of the class that tests, a recipe and a scene. The test is skipped where
+    what it needs is not installed.
+    """
 
     def marked(test: Callable[..., None]) -> Callable[..., None]:
         claimed = _skip_where_missing()(test)
@@ -138,7 +144,10 @@ class EngineConformance:
     scenes: ClassVar[Sequence[str]] = tuple(scene_names())
 
     def __init_subclass__(cls, **more: object) -> None:
-        """Without the tests of claims that none of the engine's recipes makes."""
+        """Remove the tests of claims that none of the engine's recipes makes.
+
+        Raises UserError for an engine of no such name.
+        """
         super().__init_subclass__(**more)
         for name, test in vars(EngineConformance).items():
             if hasattr(test, "conditions") and not cls._cases(test):
@@ -146,8 +155,8 @@ class EngineConformance:
 
     @classmethod
     def pytest_generate_tests(cls, metafunc: pytest.Metafunc) -> None:
-        """Parametrize each test with the recipes and scenes of its claim; the tests of one pair
-        share their impacts.
+        """Parametrize a test with the recipes and scenes of its claim; tests of one pair share
+        their impacts.
 
         If the engine is not installed, the class is one skip.
         """
@@ -171,7 +180,7 @@ class EngineConformance:
     def test_a_form_of_scene_that_the_recipe_is_not_for_is_refused(
         self, recipe: str, scene: str
     ) -> None:
-        """The error names the form."""
+        """SettingError names the form of a scene that the recipe is not for."""
         forms = registry.recipe(recipe).forms
         suited = next(name for name in scene_names() if _scene(name).form in forms)
         engine = registry.engine(self.engine)
@@ -228,8 +237,8 @@ class EngineConformance:
 
     @_claim(_bounces, _is_set)
     def test_restitution_hardly_depends_on_the_phase(self, recipe: str, scene: str) -> None:
-        """e changes by less than 0.005, or the recipe's own tolerance, with the phase at which the
-        contact starts.
+        """e changes by less than 0.005, or twice the recipe's tolerance, with the phase of the
+        touch.
         """
         if max(i.samples for i in impacts_for(recipe, scene)) in range(6, 16):
             pytest.skip("a contact of a few steps scatters a little: `tune` says by how much")
@@ -260,7 +269,9 @@ class EngineConformance:
     def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(
         self, recipe: str, scene: str
     ) -> None:
-        """v² = 2 g h: exactly at the touch plane, else to what a step adds."""
+        """v² = 2 g h: exactly where speeds are read at the touch plane, else up to what two steps
+        of fall add.
+        """
         setting = setting_for(recipe, scene)
         engine = registry.engine(setting.engine)
         with_gravity = dataclasses.replace(_scene(scene), gravity=GRAVITY)
@@ -324,8 +335,10 @@ def rounding(recipe: str) -> float:
 
 
 def _run_where(engine: Engine, function: Callable[..., Answer], *args: Any) -> Answer:
-    """Call `function(*args)` in the process or environment of the engine's simulations and return
-    its result.
+    """Call `function(*args)` where the engine's simulations run, and return its result.
+
+    That is this process, a worker, or its environment. Raises what the function raises, and the
+    error of a worker that died or took _LIMIT_S.
     """
     where = interpreter_of(engine)
     if getattr(adapter_of(engine), "own_process", False) or where is not None:
@@ -342,7 +355,11 @@ def _reading_of(scene: Scene, setting: Setting, fastest: float) -> SpeedReading:
 def _record_in(
     scene: Scene, setting: Setting, launches: Sequence[Launch], fastest: float, parts: Sequence[int]
 ) -> Floats:
-    """Penetration, rate and force of launches, advanced in parts of so many steps, shape (3, b, n)."""
+    """Penetration, rate and force of launches, advanced in parts of so many steps, shape (3, b, n).
+
+    fastest: speed at touch, m/s. parts: steps of each part.
+    Launches share a world where it has places for several.
+    """
     of_groups = []
     with _load_world(scene, setting, fastest) as world:
         size = len(launches)

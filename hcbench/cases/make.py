@@ -38,7 +38,10 @@ ALUMINA = (
 
 
 def ball(position: Sequence[float], velocity: Sequence[float] = (0, 0, 0), **more: Any) -> Json:
-    """A solid ball."""
+    """A solid ball of 1 kg and RADIUS at a position, m, with a velocity, m/s, and without spin.
+
+    more: other keys of the body, such as mass, or others in place of these.
+    """
     body = {
         "shape": "sphere",
         "radius": RADIUS,
@@ -55,7 +58,10 @@ def box(
     velocity: Sequence[float] = (0, 0, 0),
     **more: Any,
 ) -> Json:
-    """A solid box of the density of water, its edges along the axes."""
+    """A solid box of the density of water, its edges along the axes, without spin.
+
+    half: half edges, m. position: of its centre, m. velocity: m/s. more: other keys of the body.
+    """
     mass = 8000.0 * math.prod(half)
     body = {
         "shape": "box",
@@ -74,7 +80,11 @@ def world(
     gravity: Sequence[float] | float = 0.0,
     **more: Any,
 ) -> Json:
-    """Bodies over a floor, the half-space z < 0. e and friction are those of every pair."""
+    """Bodies over a floor, the half-space z < 0. e and friction are those of every pair.
+
+    timestep: s. gravity: m/s², a vector, or a number that acts downwards.
+    more: other keys, or others in place of these; friction is 0 by default.
+    """
     pull = [0.0, 0.0, -gravity] if isinstance(gravity, float) else [*gravity]
     common = {
         "timestep": timestep,
@@ -87,7 +97,10 @@ def world(
 
 
 def run(world: Json, record: Sequence[Sequence[int]], **expected: Any) -> Json:
-    """One simulation. record: spans of steps after which the state is kept; it ends with the last."""
+    """One simulation, with the true values that are expected of it, by quantity.
+
+    record: spans of steps after which the state is kept; it ends with the last.
+    """
     return {
         "world": world,
         "record": list(map(list, record)),
@@ -96,7 +109,11 @@ def run(world: Json, record: Sequence[Sequence[int]], **expected: Any) -> Json:
 
 
 def launch(h: float, v: float, phase: float, e: float, **more: Any) -> Json:
-    """A ball without gravity that meets the floor at v. phase: share of a step before the touch."""
+    """A ball without gravity that meets the floor at v, with the e expected of it.
+
+    h: time step, s. v: m/s. phase: share of a step before the touch.
+    more: other keys of the world; `body` has those of the ball.
+    """
     start = ball((0, 0, RADIUS + (CLEAR + phase) * v * h), (0, 0, -v), **more.pop("body", {}))
     last = 3 + max(40, round(AFTER / h))
     return run(world(h, [start], e, **more), [(0, 2), (last - 2, last)], restitution=e)
@@ -121,6 +138,7 @@ def case(
     """
 
     def register(runs: Callable[[], Iterator[Json]]) -> Callable[[], Iterator[Json]]:
+        """Add the case to the set, by the next id, and return the function as it is."""
         title = (runs.__doc__ or "").rstrip(".")
         about = {
             "id": f"C{len(_CASES) + 1:02d}",
@@ -136,8 +154,10 @@ def case(
 
 
 def fall(h: float, v: float, phase: float, e: float) -> Json:
-    """A ball under gravity that meets the floor at v, by the positions
-    of semi-implicit Euler's steps.
+    """A ball under gravity that meets the floor at v, with the e expected of it.
+
+    h: time step, s. v: at the touch, m/s. phase: share of a step before the touch.
+    The height is by the positions of semi-implicit Euler's steps.
     """
     time = (CLEAR + phase) * h
     gap = v * time - GRAVITY * time**2 / 2 + GRAVITY * h * time / 2
@@ -204,11 +224,13 @@ def rest_on_a_slope() -> Iterator[Json]:
 def after_sliding_or_sticking(
     v: Sequence[float], rim: float, e: float, friction: float
 ) -> tuple[list[float], list[float]]:
-    """Velocity and surface speed by spin after a rigid ball's impact
-    on a floor, Coulomb's friction.
+    """Velocity and surface speed by spin, m/s, after a rigid ball's impact on a floor with
+    friction.
 
-    v: of its centre, (x, 0, z < 0). rim: surface speed by spin about y. Friction's impulse is μ
-    times the normal one, or 2/7 of the slip, which it then stops (Walton 1993, eqs. 4 ... 6).
+    v: of its centre, (x, 0, z < 0), m/s. rim: surface speed by spin about y, m/s. friction:
+    Coulomb's μ.
+    Friction's impulse is μ times the normal one, or 2/7 of the slip, which it then stops (Walton
+    1993, eqs. 4 ... 6).
     """
     x, _, z = v
     slip = x - rim
@@ -413,7 +435,10 @@ def depth_in_an_impact() -> Iterator[Json]:
 
 
 def mesh(half: Sequence[float], position: Sequence[float], **more: Any) -> Json:
-    """A solid box as a mesh of 12 triangles, its edges along the axes; of the density of water."""
+    """A solid box as a mesh of 12 triangles, its edges along the axes; of the density of water.
+
+    half: half edges, m. position: of its centre, m. more: other keys of the body.
+    """
     corners = [[x, y, z] for x, y, z in product(*((-side, side) for side in half))]
     # Of each face two triangles, counter-clockwise from outside. A corner's number is 4x + 2y + z.
     faces = (
@@ -445,9 +470,9 @@ def mesh_on_mesh() -> Iterator[Json]:
 
 
 def text(only: Sequence[str] = ()) -> str:
-    """Return the content of the file: a run a line, what all runs of a case share before them.
+    """Content of the file: a run a line, what all runs of a case share before them.
 
-    only: ids of the cases; all where it is empty.
+    only: ids of the cases; all where it is empty, and unknown ones are passed over.
     """
     cases = []
     for about, make_runs in _CASES:

@@ -34,6 +34,8 @@ def adapters() -> dict[str, Path]:
 def _variants(adapter: Path) -> int:
     """Number of engines that an adapter makes, read without running it: it may need another
     environment.
+
+    Raises ValueError or AssertionError for a file without one list ENGINES.
     """
     assigned = [node for node in ast.parse(read_text(adapter)).body if isinstance(node, ast.Assign)]
     (listed,) = [node.value for node in assigned if ast.unparse(node.targets[0]) == "ENGINES"]
@@ -47,12 +49,13 @@ def run_engines(
     progress: Callable[[int, int], None] = lambda done, total: None,
     only: Sequence[str] = (),
 ) -> list[Json]:
-    """Run the cases in each engine's variants. names: of engines, with "@" and a version or
-    without.
+    """Run the cases in each engine's variants, and return the results in that order.
 
+    names: of engines, with "@" and a version or without.
+    jobs: engines that run at once. progress: called with (done, in all).
     only: the ids of the cases to run; all where it is empty.
-
-    Raises UserError for an engine without an adapter, EngineMissing, and EngineFailed.
+    Raises UserError for an engine without an adapter and for an unknown case, EngineMissing, and
+    EngineFailed where an adapter makes no engine.
     """
     for name in names:
         if name.partition("@")[0] not in adapters():
@@ -78,6 +81,7 @@ def run_engines(
 def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
     """Results of the cases in one engine of an adapter, from a process of its own.
 
+    name: of the engine, with its version or without. variant: place in the adapter's ENGINES.
     Raises EngineFailed where the adapter makes no engine.
     """
     engine = registry.engine(name)

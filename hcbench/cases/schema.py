@@ -126,9 +126,10 @@ def _adapter(kind: str) -> TypeAdapter[Any]:
 
 
 def validated(content: Any, kind: Literal["results", "scores"], source: str) -> Any:
-    """The content, if it is of this kind.
+    """The content of a file as it is, if it is of this kind.
 
-    Raises UserError with the first wrong place; source is its slot.
+    kind: "results" of one engine, or "scores" of several.
+    source: the slot in an error. Raises UserError with the first wrong place.
     """
     try:
         return _adapter(kind).validate_python(content)
@@ -159,7 +160,10 @@ def fields() -> Iterator[tuple[str, str, str, str, str]]:
 
 
 def type_name(each: dict[str, Any], named: Callable[[str], str] = str) -> str:
-    """The type of a field of a JSON Schema, in words. named: writes the name of a record."""
+    """The type of a field of a JSON Schema, in words such as "list of number".
+
+    named: writes the name of a record that the field refers to.
+    """
     if "anyOf" in each:
         return " or ".join(type_name(one, named) for one in each["anyOf"])
     if "enum" in each or "const" in each:

@@ -30,7 +30,10 @@ _ALIKE = 0.02
 
 
 def the_cases(only: Sequence[str] = ()) -> Json:
-    """The set, or the cases of these ids. Raises UserError for an id that it has not."""
+    """The set of cases, or those of these ids, in the order of the set; all where `only` is empty.
+
+    Raises UserError for an id that it has not.
+    """
     whole = load(CASES)
     ids = [case["id"] for case in whole["cases"]]
     for name in only:
@@ -85,7 +88,8 @@ class EngineScore:
 def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> EngineScore:
     """Judge the results of one engine, in all cases or in `only` these.
 
-    Raises UserError, with source as the slot, for anything else than results.
+    source: slot of errors. Raises UserError for anything else than results of these cases, and for
+    an unknown case.
     """
     cases = the_cases(only)
     validated(results, "results", source)
@@ -131,8 +135,10 @@ def _require_runs(case: Json, done: Sequence[Json], source: str) -> None:
 
 
 def _require_states(each: Json, states: Sequence[Sequence[Any]], slot: str) -> None:
-    """Raise UserError for states after other steps, or of more or
-    fewer bodies, than a run asks for.
+    """Raise UserError for states after other steps, or of more or fewer bodies, than a run asks
+    for.
+
+    slot: of the error. states: of each step [step, state of a body, ...].
     """
     wanted: list[int] = []
     for first, last in each["record"]:
@@ -147,9 +153,11 @@ def _require_states(each: Json, states: Sequence[Sequence[Any]], slot: str) -> N
 
 
 def read_scores(path: Path, only: Sequence[str] = ()) -> list[EngineScore]:
-    """Score a file of results, which holds one object or a list, in all cases or in `only` these.
+    """Scores of a file of results, which holds one object or a list, in all cases or in `only`
+    these.
 
-    Raises UserError.
+    Raises UserError for a file that cannot be read, for anything but results, and for an unknown
+    case.
     """
     try:
         content = parse_json(read_text(path))
@@ -184,10 +192,11 @@ def measured() -> list[EngineScore]:
 
 
 def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
-    """A row of words for each engine: name, version, a verdict by the id
-    of each case, how many passed.
+    """A row of words for each engine: name, version, a verdict by the id of each case, how many
+    passed.
 
-    scores: those of `measured` where None. restitution, gravity: of EngineScore, or "".
+    scores: those of `measured` where None. "restitution" and "gravity" of a row are those of
+    EngineScore, or "".
     """
     if scores is None:
         scores = measured()
@@ -206,8 +215,9 @@ def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
 def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience | None, float]:
     """Obedience to the restitution asked for, and the speed, m/s, up to which nothing bounces.
 
-    By the first two cases: normal impacts without gravity, then slow ones under it. None where they
-    were not run, or have no numbers.
+    By the first two cases: normal impacts without gravity, then slow ones under it. None and 0
+    where they were not run, or have no numbers.
+    Raises ValueError or ArithmeticError for states of a ball that does not move before an impact.
     """
     ids = [case["id"] for case in cases["cases"]]
     if ids[:2] != ["C01", "C02"]:
@@ -236,9 +246,11 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
 
 
 def _rebound_under_gravity(runs: Json, cases: Json) -> Rebound | None:
-    """Speed that the engine multiplies by e: that at the start of the step, or at its end.
+    """Speed that the engine multiplies by e: that at the start of the step, or at its end; None for
+    neither.
 
-    By the velocities before and after the step that turns the ball, in all runs of the slow impacts.
+    By the velocities before and after the step that turns the ball, in all runs of the slow
+    impacts.
     """
     by_start: list[float] = []
     by_end: list[float] = []
@@ -291,7 +303,7 @@ class _CaseBounce(NamedTuple):
 
 
 def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_CaseBounce]:
-    """The impacts of the runs that have states."""
+    """Yield the impact of each run that has states; runs that were not supported have none."""
     for each, result in zip(case["runs"], results, strict=False):
         if "states" not in result:
             continue
@@ -306,8 +318,11 @@ def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_CaseBounce]:
 
 
 def regressions(scores: Sequence[EngineScore]) -> list[str]:
-    """A line for each case that passed in a version of an engine and has another verdict in the
-    next one given, or back.
+    """Lines of cases that passed in a version of an engine and have another verdict in the next, or
+    back.
+
+    scores: of each engine in the order of its versions; all of the same cases, or ValueError is
+    raised.
     """
     lines = []
     last = dict[str, EngineScore]()

@@ -37,8 +37,10 @@ ENGINES = [Engine]
 def vendor(folder: Path, only: Sequence[str] = (), force: bool = False) -> list[Path]:
     """Write a folder that needs nothing but Python's standard library, and return its files.
 
-    only: ids of the cases; all where it is empty. An adapter that is there already stays. Raises
-    UserError for an unknown case, and OutputError for a file that is there, unless force is set.
+    only: ids of the cases; all where it is empty. An adapter that is there already stays.
+    force: replace files that are there.
+    Raises UserError for an unknown case, for a `folder` that is a file, and for a file that is
+    there, unless force is set; OutputError for one that cannot be written.
     """
     chosen = [case["id"] for case in the_cases(only)["cases"]]
     if folder.exists() and not folder.is_dir():

@@ -54,7 +54,7 @@ class BaselineImpact(BaseModel):
 
     @model_validator(mode="after")
     def _require_restitution(self) -> Self:
-        """Refuse an e where none was measured, and none where one was."""
+        """Refuse an e where none was measured, and none where one was, by ValueError."""
         if self.status in (Status.PARTED, Status.RESTED):
             is_right = 0 <= self.restitution < math.inf
         else:
@@ -81,7 +81,7 @@ class Baseline(BaseModel):
 
     @model_validator(mode="after")
     def _require_something_measured(self) -> Self:
-        """Refuse a record without an e, and one whose launches no one request makes."""
+        """Refuse a record without an e, and one whose launches no one request makes; by ValueError."""
         first = self.impacts[0]
         launches = [impact.launch for impact in self.impacts]
         # One request has one height and one spin.
@@ -98,8 +98,9 @@ class Baseline(BaseModel):
         return self
 
     def request(self, base: Request | None = None) -> Request:
-        """`base` with the launches that were made, and others at the
-        phases that only some speeds had.
+        """`base` with the launches that were made; None for a request without other options.
+
+        Each phase of the baseline is launched at each speed, also phases that only some speeds had.
         """
         first = self.impacts[0]
         # A dict keeps each value once, in order.
@@ -134,7 +135,10 @@ def write_baseline(path: Path, measured: Mapping[str, Measurement], force: bool 
 
 
 def _record(measurement: Measurement) -> dict[str, Any]:
-    """A measurement for the file: engine, its version, step in s, and each impact."""
+    """A measurement for the file: engine, its version, step in s, and each impact.
+
+    Raises Pydantic's ValidationError for what no baseline can have, such as no e at all.
+    """
     facts = measurement.facts
     impacts = []
     for impact in measurement.impacts:
@@ -151,8 +155,9 @@ def _record(measurement: Measurement) -> dict[str, Any]:
 def read_baseline(path: Path, name: str) -> Baseline:
     """The baseline of one check in a file.
 
-    Raises UserError for a file of another kind or schema, for one that was damaged, and
-    for a check that is not in it.
+    name: of the check; a file with one check has that one under any name.
+    Raises UserError for a file that cannot be read, for one of another kind or schema, for one
+    that was damaged, and for a check that is not among several.
     """
     try:
         content = parse_json(read_text(path))
@@ -196,7 +201,9 @@ def read_pairs(path: Path) -> Pairs:
     """Pairs (v m/s, e) from a file, speeds rising: `speed [in/s],restitution`.
 
     Separators: comma, semicolon or tab; # begins a comment. Columns of uncertainties are left
-    aside. Raises UserError with the file, the line, what it has and what was expected.
+    aside.
+    Raises UserError with the file, the line, what it has and what was expected: for other columns,
+    a speed not above 0 or given twice, an e outside 0 ... 1, and more than MOST pairs.
     """
     from hcbench.fitting.columns import columns_of
     from hcbench.fitting.table import read_lines, read_table

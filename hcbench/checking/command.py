@@ -76,7 +76,9 @@ def _run(
 ) -> Report:
     """The report on a model, on each check of a TOML file, or on a study or its results.
 
-    Raises UserError for a spec that cannot be planned, before anything runs.
+    measure_only: no check needs a target.
+    Raises UserError for a spec that cannot be planned, before anything runs. Errors of single
+    checks become outcomes.
     """
     models = spec.models or (DEFAULT_FILE,)
     source = Path(models[0])
@@ -94,7 +96,11 @@ def _run(
 
 
 def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
-    """The checks. Raises UserError for one that has no target, and so could never fail."""
+    """The checks, as they are. Raises UserError for one that has no target, and so could never
+    fail.
+
+    measure_only: no check needs a target.
+    """
     for check in checks:
         if not measure_only and not check.has_target:
             options = "--restitution, --alpha, --pairs, --baseline, --require, --max-depth or --max-vibration"
@@ -104,7 +110,10 @@ def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
 
 
 def _listed(path: Path, spec: CheckSpec) -> list[Check]:
-    """The checks of a file; a limit or baseline given with the file holds for all of them."""
+    """The checks of a file; a limit or baseline given with the file holds for all of them.
+
+    Raises UserError for other options given with it, and for a file that cannot be read as checks.
+    """
     _require_only(
         spec,
         {"baseline", "max_error", "limit"},
@@ -127,7 +136,9 @@ def _listed(path: Path, spec: CheckSpec) -> list[Check]:
 def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> Report:
     """Hold each setting of a study to its own law: of the results in a folder, or of a run now.
 
-    Raises UserError for options of launches, which the study itself has.
+    path: of a study or of the folder of its report. jobs: worker processes.
+    Raises UserError for options of launches, which the study itself has, and for a path that is
+    not a study.
     """
     from hcbench.benchmark.results import Results
     from hcbench.benchmark.run import run_study
@@ -153,8 +164,8 @@ def _require_only(spec: CheckSpec, used: set[str], got: str, expected: str) -> N
 def _write(report: Report, outputs: Outputs) -> None:
     """Write the output files, each completely or not at all.
 
-    A baseline is written only when everything in it was measured; else
-    OutputError says what was not.
+    A baseline is written only when everything in it was measured; else UserError or OutputError
+    says what was not. OutputError is raised, too, for a file that cannot be written.
     """
     if outputs.junit is not None:
         write_output(outputs.junit, as_junit(report), "--junit", outputs.force)
@@ -171,7 +182,11 @@ def _write(report: Report, outputs: Outputs) -> None:
 
 
 def _measurements(report: Report) -> dict[str, Measurement]:
-    """Measurement of each check by its name; UserError or OutputError for the first that has none."""
+    """Measurement of each check by its name.
+
+    Raises UserError for the first that is a mistake, OutputError for the first that has none
+    otherwise, and UserError where no check is listed.
+    """
     outcomes = report.outcomes or (Outcome("anything", Verdict.MISTAKE, "no check is listed"),)
     measurements = {}
     for outcome in outcomes:

@@ -18,7 +18,10 @@ from hcbench.system.text import sanitized
 
 
 def errors_png(report: Report) -> bytes:
-    """e less what is wanted, over approach speed: a panel a check."""
+    """Plot of e less what is wanted, over approach speed: a panel a check; the PNG's bytes.
+
+    Checks without points are left out; without any, it says so.
+    """
     outcomes = [outcome for outcome in report.outcomes if outcome.rows]
     with figure_defaults():
         figure = new_figure(6.4, max(1, len(outcomes)) * 2.6)

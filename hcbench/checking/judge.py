@@ -37,9 +37,9 @@ _REST_UNITS = {"penetration": (1e-3, "mm"), "vibration": (1.0, "m/s")}
 def run_checks(
     checks: Sequence[Check], progress: Callable[[int, int], None] | None = None
 ) -> Report:
-    """Run all checks; the others still run after one fails.
+    """Run all checks, one after the other; the others still run after one fails.
 
-    progress: called with (done, in all).
+    progress: called with (done, in all). Errors become outcomes; only an interruption is raised.
     """
     outcomes = []
     for i, check in enumerate(checks, 1):
@@ -50,7 +50,9 @@ def run_checks(
 
 
 def run_check(check: Check) -> Outcome:
-    """One check; errors come back as outcomes."""
+    """Run one check. Errors come back as outcomes: UserError as a mistake, all others as could not
+    run.
+    """
     try:
         return _judge_limits(check) if check.limits else judge(check, _measure(check))
     except UserError as error:
@@ -66,7 +68,11 @@ def run_check(check: Check) -> Outcome:
 
 
 def _judge_limits(check: Check) -> Outcome:
-    """A robot's landings, or its recorded motion, held to limits."""
+    """Verdict on a robot's landings, or on its recorded motion, held to limits.
+
+    A step that does not resolve the landing fails, whatever the limits. Raises UserError and
+    EngineFailed as `land_job` and `touchdowns_job` do.
+    """
     job = Job(check.source, check.engine, check.request, None, TOLERANCE, diagnose=False)
     if check.drops is not None:
         landings = land_job(job, check.drops, check.limit)
@@ -104,8 +110,9 @@ def _measure(check: Check) -> Measurement:
 
 
 def judge(check: Check, measurement: Measurement) -> Outcome:
-    """Hold a measurement against what the check says. Raises UserError
-    for a baseline of another engine.
+    """Hold a measurement against what the check says: e over speed, then the pair at rest.
+
+    Raises UserError for a baseline of another engine.
     """
     wanted = _wanted(check, measurement)
     rows = curve_of(measurement.impacts, wanted)
@@ -140,7 +147,10 @@ def _against(check: Check, rows: Sequence[CurvePoint]) -> str:
 
 
 def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]:
-    """e wanted of an impact; NaN where it is held against nothing."""
+    """e wanted of an impact, as a function; NaN where it is held against nothing.
+
+    Raises UserError for a baseline of another engine.
+    """
     if check.baseline is not None:
         return _wanted_of_baseline(check.baseline, measurement.facts.engine)
     curve = check.wanted
@@ -150,9 +160,9 @@ def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]
 
 
 def _wanted_of_baseline(baseline: Baseline, engine: str) -> Callable[[Impact], float]:
-    """e of the same launch in a baseline; NaN for launches that it has not.
+    """Function of an impact: e of the same launch in a baseline; NaN for launches that it has not.
 
-    Raises UserError for a baseline of another engine.
+    engine: that the model runs in. Raises UserError for a baseline of another engine.
     """
     if baseline.engine != engine:
         raise UserError(
@@ -173,7 +183,10 @@ def _wanted_of_baseline(baseline: Baseline, engine: str) -> Callable[[Impact], f
 def _verdict(
     check: Check, measurement: Measurement, rows: Sequence[CurvePoint]
 ) -> tuple[Verdict, str]:
-    """The verdict on the bounce alone, and the sentence that says why."""
+    """The verdict on the bounce alone, and the sentence that says why.
+
+    rows: points of the measured curve. Impacts without an e decide first, then the worst error.
+    """
     endless = [impact for impact in measurement.failed if impact.status in _NO_END]
     if endless and not measurement.measured:
         return Verdict.COULD_NOT_RUN, f"no impact ended: {sanitized(endless[0].reason)}"
@@ -198,7 +211,10 @@ def _verdict(
 def _with_rest(
     check: Check, measurement: Measurement, verdict: Verdict, message: str
 ) -> tuple[Verdict, str]:
-    """A verdict on the bounce, and on the pair at rest where that has limits."""
+    """The verdict on the bounce joined with that on the pair at rest, where that has limits.
+
+    verdict, message: on the bounce; MEASURED becomes PASSED where only the rest has limits.
+    """
     if check.rest is None or verdict is Verdict.COULD_NOT_RUN:
         return verdict, message
     sentences = []
@@ -234,7 +250,9 @@ def _newly_failed(check: Check, measurement: Measurement) -> list[Impact]:
 
 
 def _changes(check: Check, measurement: Measurement) -> str:
-    """Sentences on what has changed since the baseline, apart from the bounce."""
+    """Words on what has changed since the baseline, apart from the bounce, in brackets; "" for
+    nothing.
+    """
     baseline = check.baseline
     if baseline is None:
         return ""
@@ -254,6 +272,7 @@ def _changes(check: Check, measurement: Measurement) -> str:
 def judge_results(results: Results, max_error: float, reading: Reading = "law") -> Report:
     """Hold what a study found to a limit: each setting, α and step against its own law.
 
+    max_error: of e, at any phase.
     reading: "law" for e of eq. (16), "linear" for 1 - α v.
     """
     keys = results.table.folded
@@ -275,7 +294,8 @@ def _conditions(run: Mapping[str, Any]) -> str:
 def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
     """The verdict on one setting, α and step of a study.
 
-    key: values of RUN_KEY.
+    key: values of RUN_KEY. impacts: a row each.
+    Impacts without an e fail it.
     """
     run = dict(zip(RUN_KEY, key, strict=True))
     alpha = run["alpha_s_per_m"]
@@ -294,7 +314,10 @@ def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Readi
 
 
 def _rows(impacts: pd.DataFrame, reading: Reading) -> Curve:
-    """One point for each speed and angle of a study's impacts, in their order."""
+    """One point for each speed and angle of a study's impacts, in their order.
+
+    impacts: with the columns of a study's table, SI. reading: which law's e is the target.
+    """
     place = ["speed_m_per_s"]
     angle = np.zeros(len(impacts))
     # Only studies with oblique launches have this column.

@@ -92,8 +92,10 @@ class Report(Shown):
                 yield about | row.record(outcome.is_oblique)
 
     def raise_if_failed(self) -> None:
-        """Raises LimitPassed where a limit was exceeded, UserError for a
-        mistake, CannotRun for the rest.
+        """Raise the error of the first outcome with the report's exit code; nothing if that is 0.
+
+        It is LimitPassed where a limit was exceeded, UserError for a mistake, CannotRun for the
+        rest.
         """
         for outcome in self.outcomes:
             if outcome.exit_code == self.exit_code != 0:
@@ -137,8 +139,10 @@ class Limit:
     text: str
 
     def excess(self, value: float) -> float:
-        """By how much a value is beyond it, over the bound's own
-        size; above 0 where it is exceeded.
+        """Share of the bound by which a value is beyond it; above 0 where it is exceeded, inf for
+        NaN.
+
+        value: SI. Of a bound of 0 the excess itself, SI.
         """
         if math.isnan(value):
             return math.inf
@@ -147,7 +151,13 @@ class Limit:
 
 
 def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
-    """Limits, separated by commas. Raises UserError and QuantityError."""
+    """Limits of a text such as "e < 0.3, slip < 5 mm", separated by commas; values in SI or with a
+    unit.
+
+    of_landing: whether they are on landings; else on the feet of a recorded motion.
+    Raises UserError for a name that has no limit, QuantityError for a value that is not such a
+    quantity.
+    """
     if of_landing:
         quantities = {name: quantity for name, (_, quantity) in LANDING.items()}
         example = "e < 0.3, slip < 5 mm"
@@ -171,7 +181,10 @@ def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
 
 
 def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict, str]:
-    """Compare each limit with each drop; the message names the worst."""
+    """The verdict on all limits in each drop, and a message that names the worst.
+
+    A number that is NaN exceeds any limit.
+    """
     values = []
     for limit in limits:
         attribute, _ = LANDING[limit.name]
@@ -182,7 +195,10 @@ def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict
 
 
 def judge_touchdowns(motion: TrajectoryTouchdowns, limits: Sequence[Limit]) -> tuple[Verdict, str]:
-    """Compare each limit with each foot; the message names the worst."""
+    """The verdict on all limits in each foot, and a message that names the worst.
+
+    FAILED where no foot touched down. Without a band, a limit on "outside" is exceeded.
+    """
     values = []
     count = 0
     for foot in motion.feet:
@@ -202,9 +218,9 @@ def _tilt(tilt: float) -> str:
 
 
 def _judge(values: Sequence[tuple[Limit, float, str]], count: str) -> tuple[Verdict, str]:
-    """The verdict, and the worst value in words.
+    """The verdict, and the worst value in words; FAILED without any value.
 
-    values: (limit, value in SI, where it was found).
+    values: (limit, value in SI, where it was found). count: of what was looked at, in words.
     """
     if not values:
         return Verdict.FAILED, f"nothing that a limit could hold of: {count}"

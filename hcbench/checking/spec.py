@@ -45,8 +45,9 @@ MAX_DRIFT = 1e-4
 
 
 def _no_truth_value(value: Any) -> Any:
-    """Return the value, of NumPy or not. Refuses true and false, which Python would take for 1 and
-    0.
+    """The value, converted from NumPy's types to Python's.
+
+    Refuses true and false, which Python would take for 1 and 0, by the error of a field.
     """
     if hasattr(value, "tolist"):
         value = value.tolist()
@@ -159,7 +160,7 @@ class Check:
 
     @property
     def against(self) -> str:
-        """The target that the model is compared with, as a phrase."""
+        """Phrase of the target that the model is compared with."""
         if self.limits:
             return ", ".join(limit.text for limit in self.limits)
         if self.rest is not None and self.wanted is None and self.baseline is None:
@@ -177,7 +178,11 @@ class Check:
 
 
 def plan(spec: CheckSpec) -> Check:
-    """Read names, units and files before anything runs. Raises UserError, and its kinds."""
+    """Read names, units and files of a check before anything runs.
+
+    Raises UserError for several targets, for options that exclude each other and for files that
+    cannot be read; QuantityError for text that is not a quantity. The model is not opened.
+    """
     options = spec.options
     name = _name(spec)
     _require_one_target(spec, name)
@@ -236,7 +241,10 @@ def _name(spec: CheckSpec) -> str:
 
 
 def _require_one_target(spec: CheckSpec, name: str) -> None:
-    """Raises UserError for more than one target, and for a reading of α without an α."""
+    """Raise UserError for more than one target, and for a reading of α without an α.
+
+    name: of the check.
+    """
     has_alpha = spec.options["alpha"] is not None or spec.options["material"] is not None
     if spec.options["target"] != "law" and not has_alpha:
         got = f"{spec.options['target']!r} given without an α"
@@ -250,7 +258,9 @@ def _require_one_target(spec: CheckSpec, name: str) -> None:
 def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
     """Limits on landings or on a recorded motion, and how to drop the robot for the former.
 
-    Raises UserError for options of a drop or of a motion without limits, and for both together.
+    Without limits () and None; None for how to drop, too, where they are on a motion.
+    Raises UserError for options of a drop or of a motion without limits, and for both together; for
+    limits as `read_limits`, for drops as `make_drops`.
     """
     falls: dict[str, Any] = {name: options[name] for name in ("heights", "tilt", "controller")}
     given = {name: value for name, value in falls.items() if value is not None}
@@ -275,7 +285,11 @@ def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
 
 
 def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) -> Request:
-    """The request with the launches of a baseline. Raises UserError where others are given."""
+    """The request with the launches of a baseline.
+
+    given: the options of launches that the user wrote. Raises UserError where they mean other
+    launches.
+    """
     written = baseline.request(request)
     for name, value in given.items():
         has = getattr(written, name, None)
@@ -294,7 +308,11 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
 
 
 def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> RestLimits | None:
-    """Most of the penetration and vibration at rest; None where neither is limited."""
+    """Most of the penetration, m, and vibration, m/s, at rest; None where neither is limited.
+
+    Text may have units. Raises QuantityError for a value below 0 and for text that is not a
+    quantity.
+    """
     if depth is None and vibration is None:
         return None
     deepest = math.inf
@@ -309,7 +327,7 @@ def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> Rest
 def _wanted(options: CheckOptions) -> RestitutionCurve | None:
     """The target e(v) of α, of one e or of a file of pairs; None without any.
 
-    Raises UserError and QuantityError.
+    Raises UserError and QuantityError as `Wanted` and `read_pairs` do.
     """
     if options["pairs"] is not None:
         return MeasuredRestitution(read_pairs(Path(options["pairs"])))

@@ -55,7 +55,9 @@ def as_text(report: Report) -> str:
 
 
 def outcome_text(outcome: Outcome) -> str:
-    """One check: what was measured, the curve, the verdict, and the causes where it failed."""
+    """One check as lines: what was measured, the curve, the verdict, and the causes where it
+    failed.
+    """
     lines = []
     if outcome.measurement is not None:
         lines += outcome.measurement.headline
@@ -101,7 +103,7 @@ def _cells(row: CurvePoint, is_oblique: bool) -> tuple[str, ...]:
 
 
 def as_record_of(report: Report) -> dict[str, Any]:
-    """Record of the report for `--json`; NaN for a number that does not apply."""
+    """Record of the report for `--json`, in SI units; NaN for a number that does not apply."""
     return {
         "schema": SCHEMA,
         "kind": "hcbench check",
@@ -111,8 +113,9 @@ def as_record_of(report: Report) -> dict[str, Any]:
 
 
 def _record(outcome: Outcome) -> dict[str, Any]:
-    """Record of one check, its numbers in SI; None for a worst point or a measurement that it has
-    not.
+    """Record of one check for JSON, its numbers in SI; NaN for a number that does not apply.
+
+    None stands for a worst point or a measurement that it has not.
     """
     is_oblique = outcome.is_oblique
     worst = None
@@ -135,7 +138,10 @@ def _record(outcome: Outcome) -> dict[str, Any]:
 
 
 def as_markdown(report: Report) -> str:
-    """A Markdown summary for a CI step. Names come from models: nothing in them is taken as markup."""
+    """The report as a Markdown summary for a CI step, with the curve and the causes of what failed.
+
+    Names come from models: nothing in them is taken as markup.
+    """
     lines = ["### Restitution", "", "| | check | against | result |", "|---|---|---|---|"]
     for o in report.outcomes:
         cells = (_MARKS[o.verdict], f"**{_safe(o.name)}**", _safe(o.against), _safe(o.message))
@@ -161,7 +167,10 @@ def as_markdown(report: Report) -> str:
 
 
 def as_junit(report: Report) -> str:
-    """One test suite, a test case a check. Times are left out: the same run gives the same bytes."""
+    """The report as JUnit XML: one test suite, a test case a check, with its text.
+
+    Times are left out: the same run gives the same bytes.
+    """
     outcomes = report.outcomes
     failures = sum(o.verdict is Verdict.FAILED for o in outcomes)
     errors = sum(o.verdict in (Verdict.MISTAKE, Verdict.COULD_NOT_RUN) for o in outcomes)
@@ -202,8 +211,10 @@ class CheckTable(SharedSpec):
 
 
 def find_table(path: Path) -> dict[str, Any] | None:
-    """The table of a TOML file: [tool.hcbench], or all of a file that
-    has [[check]]; None without one.
+    """The table of a TOML file: [tool.hcbench], or all of a file that has [[check]]; None without
+    one.
+
+    Raises UserError for a file that is not TOML, and for a [tool.hcbench] that is not a table.
     """
     content = read_toml(path, UserError, "checks")
     table = (
@@ -218,9 +229,11 @@ def find_table(path: Path) -> dict[str, Any] | None:
 
 
 def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
-    """The checks a file lists; UserError names the entry and key that cannot be used.
+    """The checks that a file lists, planned; the models are not opened.
 
     baseline: a file to hold all of them against, instead of what they say.
+    Raises UserError that names the entry and key that cannot be used, for a file without a table,
+    and for two checks of one name.
     """
     content = find_table(path)
     if content is None:
@@ -242,8 +255,9 @@ def _complete(
 ) -> CheckSpec:
     """An entry with what the table says for all of them, and with paths from its folder.
 
-    baseline: a file that takes the place of the entry's own target. Raises UserError for an entry
-    without a model.
+    folder: of the file that lists the checks.
+    baseline: a file that takes the place of the entry's own target.
+    Raises UserError for an entry without a model.
     """
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")

@@ -90,13 +90,14 @@ class Train:
 def likeliest_trains(
     times: Floats, level: Floats, duration: float, shortest: float, most: int = 6
 ) -> list[Train]:
-    """Trains of three clicks or more that share few of them, the likeliest first.
+    """Trains of three clicks or more that share few of them, the likeliest first; empty without
+    any.
 
     times: (n,), s, rising.
     level: (n,), dB.
     duration: of the recording, s.
     shortest: s, of a flight.
-
+    most: trains to return, at most.
     Dynamic programming over flights, each from a click i to a later click j.
     """
     if len(times) < 3:
@@ -161,7 +162,8 @@ class _Search:
         self.unheard = np.zeros((n, n), dtype=np.int64)
 
     def extend(self, i: int) -> None:
-        """Extend trains by all flights that begin at click i.
+        """Extend trains by all flights that begin at click i; the arrays of the class take the
+        results.
 
         The trains that end at click i have to be known: clicks are taken in the order of time.
         """
@@ -185,12 +187,13 @@ class _Search:
     def _extend_from(
         self, heard: Indices, i: int, to: Indices, flight: Floats, inside: Floats, gap: bool
     ) -> None:
-        """Extend trains that come to click i from clicks `heard` (h,)
-        by flights to clicks `to` (t,).
+        """Extend trains that come to click i from clicks `heard` (h,) by flights to clicks `to`
+        (t,).
 
         flight: (t,), s.
         inside: (t,), the price of clicks within it.
         gap: a touch within it is unheard.
+        A train replaces the one known for a flight where its score is higher.
         """
         last = self.last[heard, i][:, None]
         e_before = self.e[heard, i][:, None]
@@ -228,7 +231,12 @@ class _Search:
 
     @staticmethod
     def _ln_step(e: Floats, e_before: Floats, flight_before: Floats) -> Floats:
-        """ln of the density of a flight's length: e goes on smoothly; the first e may be any."""
+        """ln of the density, 1/s, of a flight's length: e goes on smoothly; the first e may be any.
+
+        e, e_before: that this flight means, and that of the impact before, NaN for none;
+        flight_before: s. All broadcast.
+        Most impacts scatter normally, a share _WILD of them _WILDER times as much.
+        """
         is_first = np.isnan(e_before)
         e_before = np.where(is_first, 0.5, e_before)
         rise = (1.0 - e_before) ** 2
@@ -257,7 +265,7 @@ class _Search:
     def last_that_counts(self, i: int, j: int) -> tuple[int, int]:
         """The last flight of a train that ends with this one, without last clicks that add little.
 
-        i, j: numbers of the clicks that begin and end the flight.
+        i, j: numbers of the clicks that begin and end the flight; so are the two returned.
         """
         # A click this weak is one of many: as many again are too weak to be seen.
         weak = self.level.min() + _AS_LOUD
@@ -301,7 +309,7 @@ def _ln_normal(away: Floats, sd: Floats) -> Floats:
 def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
     """ln of the odds of a touch against clutter by the change of level, dB: loudness goes as speed.
 
-    change: of level over the flight, dB; e: that the flight would mean; both of one shape.
+    change: of level over the flight, dB; e: that the flight would mean; both broadcast.
     gap: a touch within the flight is unheard.
     """
     impacts = 1.0
@@ -316,8 +324,10 @@ def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
 
 
 def _ends_in_echo(times: Floats, clicks: Indices) -> bool:
-    """Say whether the last click is an echo: the same delay is seen after touches of the train
-    elsewhere.
+    """Say whether the last click of a train is an echo: clicks elsewhere follow two touches as
+    closely.
+
+    times: of all clicks, s. clicks: (n,), those of the train, 3 or more.
     """
     delay = times[clicks[-1]] - times[clicks[-2]]
     others = np.delete(times, clicks)

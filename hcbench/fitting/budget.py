@@ -61,6 +61,8 @@ def error_budget(fit: LawFit, sets: Sequence[Dataset]) -> Budget:
     """Compute the budget of a law's first named parameter: α, s/m, or e of a constant.
 
     sets: those that the law was fitted to, in the order of the fit; all have one setup.
+    Inputs count where speeds come from flights; each is moved by its standard uncertainty, one at a
+    time. Touch times without a contact time also tell what one of 0.1 ms would change.
     """
     name = next(iter(fit.law.describe(tuple(fit.parameters), fit.reference)))
     setup = sets[0].setup
@@ -93,6 +95,8 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
     """δ of the law's parameters when the setup changes to each of `setups`: shape (c, q).
 
     sets: in the order of the fit; their setups are what changes.
+    One Newton step from the fit, without a new fit: the changes of the residuals are solved for as
+    further right-hand sides.
     """
     q = len(fit.parameters)
     total = np.zeros((q, q + 1 + len(setups)))
@@ -116,10 +120,11 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
 
 
 def _noise_rows(fit: LawFit, name: str) -> list[BudgetRow]:
-    """Rows of the scatter of e and of the noise of measuring: the posterior's spread,
-    divided as their variances divide it.
+    """Rows of the scatter of e and of the noise of measuring, in this order.
 
-    name: of the parameter, whose unit the spread has.
+    name: of the parameter, whose unit the share of each row has.
+    The posterior's spread is divided as the variances of both divide it. The second row's
+    uncertainty is the noise s_m of the first data set.
     """
     posterior = fit.posterior
     values = fit.values(name)

@@ -108,11 +108,13 @@ class BounceTrain:
 def bounce_train(
     curve: FittedCurve, ballistics: Ballistics, first: float, latent: Floats, dropped: bool
 ) -> BounceTrain:
-    """Flights with the relative changes `latent` of each e.
+    """Flights with the relative changes `latent` of each e, and their derivatives; all speeds are
+    m/s.
 
-    first: speed (m/s) of the first launch; where `dropped`, of the touch before it.
-
-    latent: shape (impacts,). Speeds are m/s.
+    curve: the law, with q parameters.
+    first: speed of the first launch; where `dropped`, of the touch before it.
+    latent: shape (impacts,): e of each is exp(latent) times the law's.
+    dropped: whether the train begins with a fall; a thrown ball has one launch more than impacts.
     """
     q = curve.count
     impacts = len(latent)
@@ -150,12 +152,14 @@ def bounce_train(
 def drop_prior(setup: MeasurementSetup, own: float) -> tuple[float, float]:
     """(offset, standard deviation) of ln of the touch speed `own` as the drop height gives it.
 
-    own: ln of a speed, m/s. Without a drop height the prior is flat: (0, inf).
+    own: ln of a speed, m/s. The offset is that of the height's speed from it.
+    Without a drop height the prior is flat: (0, inf).
     """
     height: Known | None = setup.height
     if height is None:
         return 0.0, math.inf
     speed, slope = setup.ballistics.dropped(height.value)
+    # A height without uncertainty would have an infinite weight.
     return math.log(speed) - own, max(slope * height.uncertainty / speed, 1e-7)
 
 
@@ -212,7 +216,10 @@ class TouchTimes(Dataset):
         return 0.5 * self.setup.ballistics.gravity * np.maximum(flights, 1e-4)
 
     def pairs(self) -> tuple[Floats, Floats]:
-        """Rough impact speeds (m/s) and e, without the law."""
+        """Rough impact speeds (m/s) and e, shape (k,) each, without the law.
+
+        An e next to an unheard touch is left out.
+        """
         speed, e = pairs_of_launches(self._launches(), self.setup, self.setup.drop)
         if self.numbers is None:
             return speed, e
@@ -226,7 +233,7 @@ class TouchTimes(Dataset):
         return speed[whole], e[whole]
 
     def start(self) -> Floats:
-        """Own parameters to start from."""
+        """Own parameters to start from: time of the first touch, s, and ln of the first speed, m/s."""
         height = self.setup.height
         if height is None:
             first = float(self._launches()[0])
@@ -237,9 +244,9 @@ class TouchTimes(Dataset):
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """Linear model of the times of touches about a law, own parameters and changes of e.
 
+        curve: the law with its parameters.
         own: time of the first touch, s, and ln of the first speed, m/s.
         latent: relative change of each e, shape (k,).
-
         The residuals are times, s, one for each touch that was heard.
         """
         ballistics = self.setup.ballistics
@@ -305,9 +312,10 @@ class TouchTimes(Dataset):
 def pairs_of_launches(
     launches: Floats, setup: MeasurementSetup, drop: float | None
 ) -> tuple[Floats, Floats]:
-    """Impact speeds and e of flights with these launch speeds, all m/s.
+    """Impact speeds and e of flights with these launch speeds (n,), all m/s; arrays of shape (k,).
 
-    drop: m, where let go, if known.
+    drop: height where the ball was let go, m; None: not known. Then the first launch has no e, and
+    k is n - 1; with it k is n.
     """
     ballistics = setup.ballistics
     touch = np.array([ballistics.touch(w)[0] for w in launches])[:-1]

@@ -56,11 +56,11 @@ def fit_law(
 ) -> LawFit:
     """Fit one law by Newton steps, and the noise by a grid between them.
 
-    reference: m/s, middle of the data.
-
-    width: per data set (m,), how much wider than s_e each e scatters; None: all alike.
-
     sets: data sets that share the law's parameters, each with its own noise s_m.
+    reference: m/s, middle of the data.
+    width: per data set (m,), how much wider than s_e each e scatters; None: all alike.
+    Ends where a step promises no more gain, or after _STEPS steps. Raises FloatingPointError where
+    no noise is likely, NumPy's LinAlgError where a matrix is singular.
     """
     parameters = _start(law, sets, reference)
     # One entry a data set: own parameters, relative changes of e, and s_m.
@@ -122,7 +122,11 @@ def fit_law(
 
 
 def _share_of_step(move: Floats, own_moves: Sequence[Floats]) -> float:
-    """Share of a Newton step to take: no parameter moves by more than `_LONGEST_STEP`."""
+    """Share, up to 1, of a Newton step to take: no logarithm moves by more than `_LONGEST_STEP`.
+
+    move: of the law's parameters, (q,). own_moves: of each data set's own, (p,); the last is a
+    logarithm.
+    """
     longest = float(np.abs(move).max())
     for own_move in own_moves:
         # Only the last of a data set's own parameters is a logarithm.
@@ -135,6 +139,7 @@ def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floa
     in ln e.
 
     reference: speed at which the parameters are defined, m/s.
+    Gauss-Newton steps, eight of limited length: an e outside 1e-3 ... 1 counts as the nearer end.
     """
     # Impacts of all data sets, shape (2, n): speeds, m/s, over e.
     speed, e = np.concatenate([s.pairs() for s in sets], axis=1)
@@ -157,10 +162,12 @@ def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floa
 def _law_step(
     reduced: Sequence[Reduced], scatter: float, noise: Sequence[float], room: Floats
 ) -> tuple[Floats, Floats]:
-    """δ of the law's parameters where the likelihood is largest, and
-    its second derivatives, negated.
+    """δ of the law's parameters where the likelihood is largest, (q,), and its negated Hessian, (q,
+    q).
 
-    room: (q,), how far each may rise.
+    reduced, noise: of each data set, its model and s_m. scatter: s_e.
+    room: (q,), how far each parameter may rise; one that would rise further stays there, and the
+    others are solved again.
     """
     q = reduced[0].law
     total = sum(
@@ -182,12 +189,13 @@ def _law_step(
 def _posterior(
     law: CandidateLaw, parameters: Floats, move: Floats, hessian: Floats, fine: NoiseLikelihood
 ) -> tuple[Posterior, float, float]:
-    """Compute the posterior over the law's parameters, ln of its integral, and the share that was
-    cut off.
+    """Posterior over the parameters of a law, ln of its integral, and the share that was cut off.
 
     parameters, move: of the law, and the last Newton step, shape (q,).
     hessian: second derivatives of ln of the likelihood, negated, shape (q, q).
     fine: likelihood over the grid of noise.
+    Cut off is the part where e is above 1; where nearly all is, nothing is cut, and the share says
+    so.
     """
     make = _line if law.count == 1 else _shares
     centre = move
@@ -219,6 +227,8 @@ def _line(
     """An even grid over the one parameter of a law: points (g, 1), ln of the cell's width, and a
     mask (g,).
 
+    parameters, centre, spread: shape (1,); points are relative to `parameters`.
+    fine: not used; `_shares` is called with the same arguments.
     The mask is true where e is at most 1. The grid is centred on `centre` and as wide as `spread`;
     without a spread it is twice as wide as the curvature of the likelihood suggests.
     """
@@ -243,12 +253,13 @@ def _shares(
     """A grid over ψ = ln e at the reference speed and the share f of it that goes with α, even in
     both.
 
+    parameters, centre, spread: shape (2,); without a spread the grid has all shares. hessian: (2,
+    2).
+    fine: not used; `_line` is called with the same arguments.
+    Returned are points relative to `parameters`, shape (g, 2), ln of the cells' areas, (g,), and a
+    mask of the points where e is at most 1.
     The density is flat in ψ, as it is for the other laws, and in f: so this law has no arbitrary
-    constant. Returned are points relative to `parameters`, shape (g, 2), ln of the cells' areas,
-    and a mask of the points where e is at most 1.
-
-    parameters, centre, spread: shape (2,).
-    hessian: shape (2, 2).
+    constant.
     """
     low, high = 0.0, 1.0
     # The largest variance of ψ that the spreads of both parameters allow.
@@ -307,13 +318,13 @@ def alpha_of(
 ) -> Estimate:
     """α of eq. (16), s/m, where a constant loss e0 may be present.
 
-    The interval reaches from the lower to the upper end of both laws' 95 % intervals, as long as
-    the odds
-    between them lie within 25 : 1, or what is given. An average by odds is too narrow: at e0 = 0.99
-    the law without e0 is favoured for having one parameter less, and the average contains the true
-    value 84 % of the time.
-
+    plain, lossy: the fits without and with e0.
     inputs: standard uncertainty of α, s/m, from what was given, such as g.
+    odds: at which one of the two laws is ruled out; then the other's α is returned.
+    The interval reaches from the lower to the upper end of both laws' 95 % intervals, as long as
+    the odds between them lie within 25 : 1, or what is given. An average by odds is too narrow: at
+    e0 = 0.99 the law without e0 is favoured for having one parameter less, and the average contains
+    the true value 84 % of the time.
     """
     kept = in_question(plain, lossy, odds)
     if len(kept) == 1:
@@ -336,7 +347,7 @@ def alpha_of(
 
 
 def in_question(plain: LawFit, lossy: LawFit, odds: float) -> list[LawFit]:
-    """The fits of the two laws that the other does not rule out at these odds."""
+    """The fits of the two laws that the other does not rule out at these odds: one or both."""
     lead = plain.log_evidence - lossy.log_evidence
     limit = math.log(odds)
     kept = []

@@ -45,10 +45,12 @@ _GAINS = 0.999
 
 
 def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:
-    """Fit data sets of one pair of bodies: the law is common to all, and α
-    scatters from one set to the next.
+    """Fit data sets of one pair of bodies: the law is common to all, and α scatters from set to
+    set.
 
-    law: a name in LAWS, or "auto" to try all. Raises UserError where the data cannot be right.
+    law: a name in LAWS, or "auto" to try all.
+    Raises UserError for another law, for no sets, where no law comes near the data or no finite
+    number comes out, and where the bounces gain energy.
     """
     if not isinstance(law, str) or law not in ("auto", *LAWS):
         raise UserError("law", f"{law!r:.80}", f"one of: auto, {', '.join(LAWS)}")
@@ -81,10 +83,10 @@ class _Fitted:
 
 
 def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
-    """Normal scatter first; where an impact stands out, that of a t distribution.
+    """Fits of all laws: with normal scatter; where an impact stands out, with that of a t
+    distribution.
 
     reference: m/s, at which the laws' parameters are defined.
-
     Raises UserError where no law comes near the data.
     """
     fits = {name: fit_law(law, sets, reference) for name, law in LAWS.items()}
@@ -111,8 +113,8 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     """Fit of some data sets.
 
     law: a law's name, or "auto" for the one that the evidence chooses.
-
-    Raises UserError where no law comes near the data, or where they show no loss.
+    Where there are doubts or no law fits, and none was asked for, the result has no numbers.
+    Raises UserError where no law comes near the data, or where the bounces gain energy.
     """
     speeds = np.concatenate([s.pairs()[0] for s in sets])
     reference = float(np.exp(np.log(speeds).mean()))
@@ -169,9 +171,9 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
 
 
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
-    """The curve of all files at once; evidence: the product over files, each with its parameters.
+    """Fits of all files at once; evidence: the product over files, each with parameters of its own.
 
-    reference: m/s. Flags and outliers are those of the single files.
+    each: the files by themselves. reference: m/s. Flags and outliers are those of the single files.
     """
     widths: list[Floats] = []
     for one in each:
@@ -194,8 +196,8 @@ def _require_loss(sets: Sequence[Dataset], whole: _Fitted) -> None:
 
 
 def _lack(each: Sequence[_Fitted]) -> LackOfFit:
-    """Lack of fit of all files: the product of their odds, and the
-    shape of the one that fits worst.
+    """Lack of fit of all files: the product of their odds, and the shape of the one that fits
+    worst.
     """
     lacks = [_lack_of_one(one) for one in each]
     odds = _product([lack.odds for lack in lacks])
@@ -210,11 +212,11 @@ def _product(odds: Sequence[float]) -> float:
 
 
 def _lack_of_one(one: _Fitted) -> LackOfFit:
-    """Against the law that lacks least of those that are left, and of
-    adhesion against the likeliest.
+    """Lack of fit of one file: against the law that lacks least of those left; of adhesion against
+    the likeliest.
 
-    The law with e0 counts only where it is the likeliest: its linear form
-    would bend upwards, the law cannot.
+    The law with e0 counts only where it is the likeliest: its linear form would bend upwards, the
+    law cannot.
     """
     (s,) = one.sets
     best = one.likeliest
@@ -242,7 +244,10 @@ def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
 
 
 def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
-    """The fit of one file by itself."""
+    """The fit of one file by itself: α, and e if it is constant; None for both where it has doubts.
+
+    evidence: ln of the evidence of each law, of all files together.
+    """
     (s,) = one.sets
     doubts = tuple(s.doubts(one.likeliest))
     if doubts:
@@ -261,10 +266,11 @@ def _may_stick(evidence: dict[str, float], lack: LackOfFit) -> bool:
 def _own_alpha(
     one: _Fitted, chosen: str | None, evidence: dict[str, float], odds: float, inputs: float = 0.0
 ) -> Estimate:
-    """α of one file, by the law chosen, or by those with and without e0
-    that all files together leave.
+    """α of one file, s/m, by the law chosen, or by those with and without e0 that all files leave.
 
+    chosen: a law's name, or None. evidence: ln of each law's, of all files together.
     odds: at which one of the two is ruled out.
+    inputs: standard uncertainty of α from what was given, s/m.
     """
     left = laws_left({name: evidence[name] for name in (PLAIN, WITH_E0)}, odds)
     if chosen in (PLAIN, WITH_E0):
@@ -291,6 +297,7 @@ def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
 def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) -> FitResult:
     """The result with α, e0 and e of the law that is chosen, or of those left where none is.
 
+    whole: all files together.
     each: the files by themselves; only those without doubts give a common α.
     """
     if result.law is not None:
@@ -338,8 +345,9 @@ class _OverDrops:
 def _alpha_of_drops(
     result: FitResult, whole: _Fitted, each: Sequence[_Fitted], used: Sequence[_Fitted]
 ) -> _OverDrops:
-    """α, s/m, with what g, height and the like add to its interval.
+    """α, s/m, with what g, height and the like add to its interval, and how drops differ in it.
 
+    whole, each: all files together, and by themselves; a file alone has no `between`.
     used: the drops without doubts.
     """
     chosen = result.law
@@ -373,10 +381,11 @@ def _odd_files(used: Sequence[_Fitted], values: Sequence[Estimate]) -> list[tupl
 def _constant(
     whole: _Fitted, used: Sequence[_Fitted]
 ) -> tuple[Estimate, float | None, list[tuple[str, float]]]:
-    """e of a constant, by which share of 1 - e the files differ, and those
-    that do not go with the others.
+    """e of a constant, by which share of 1 - e the files differ, and those that do not go along.
 
-    used: the drops without doubts. One file alone has no such share: None.
+    whole: all files together. used: the drops without doubts.
+    The last are pairs of a file's name and the standard deviations by which it is off. One file
+    alone has no share: None.
     """
     inputs = error_budget(whole.fits["constant"], whole.sets).of_inputs
     if len(whole.sets) == 1:
@@ -393,7 +402,9 @@ def _lost(e: Estimate) -> Estimate:
 
 
 def _odd_one(name: str, off: float) -> str:
-    """Warning of a file whose value is off the others' by so many standard deviations."""
+    """Warning of a file whose value differs from the others' by `off` standard deviations, with its
+    sign.
+    """
     side = "below"
     if off > 0:
         side = "above"
@@ -405,6 +416,8 @@ def _odd_one(name: str, off: float) -> str:
 def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
     """Warnings of impacts that count little, of files left out, and of a scatter beyond what is
     tried.
+
+    whole: all files together. each: the files by themselves.
     """
     warnings = []
     for one in each:

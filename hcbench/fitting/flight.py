@@ -67,7 +67,9 @@ class Ballistics:
         """A flight at times since its launch, s, shape (n,).
 
         launch: speed upwards, m/s.
-        Returns heights, m; their derivatives by the launch speed, s; velocities upwards, m/s.
+        Returns heights over the launch, m; their derivatives by the launch speed, s; velocities
+        upwards, m/s; of shape (n,) each. Nothing stops the ball: after the touch heights are below
+        0.
         """
         g = self.gravity
         if not self.drag:
@@ -86,11 +88,11 @@ class Ballistics:
         return height, v / g * (u + slope) / (1.0 + u * u), -v * slope
 
     def fall(self, touch: float, before: Floats) -> tuple[Floats, Floats, Floats]:
-        """A fall from rest at times before its touch, s, shape (n,).
+        """A fall from rest at times before its touch, s, shape (n,); times below 0 are after it.
 
         touch: speed at the touch, m/s.
-        Returns heights, m; their derivatives by that speed, s; velocities upwards, m/s. Before its
-        release the ball is at rest with drag; without drag the parabola goes on.
+        Returns heights over the touch, m; their derivatives by that speed, s; velocities upwards,
+        m/s. Before its release the ball is at rest with drag; without drag the parabola goes on.
         """
         g = self.gravity
         if not self.drag:
@@ -106,7 +108,8 @@ class Ballistics:
 def in_air(gravity: float, mass: float, diameter: float, drag_coefficient: float) -> Ballistics:
     """Flight of a ball of this mass (kg) and diameter (m) in air, under `gravity` (m/s²).
 
-    Buoyancy takes off the weight of the air displaced; half its mass is accelerated along.
+    Buoyancy takes off the weight of the air displaced; half its mass is accelerated along. A ball
+    lighter than that air is not refused here: its drag is below 0.
     """
     displaced = AIR_DENSITY * math.pi / 6.0 * diameter**3
     pull = gravity * (mass - displaced) / (mass + 0.5 * displaced)

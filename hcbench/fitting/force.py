@@ -106,12 +106,14 @@ class ForceFit(Shown):
 
 
 def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -> ForceFit:
-    """Fit one impact, force over time. The impulse gives e without k and n; the pulse's shape then
-    gives those.
+    """Fit one impact, force over time. The impulse gives e without k and n; the shape then gives
+    those.
 
-    Raises UserError without mass and speed (or drop height), and unless the force is a single push.
-
-    time, force: s and N, shape (n,), rising times.
+    name: of the file, for messages.
+    setup: with the mass, and the speed or the drop height; n too, where it is known.
+    time, force: s and N, shape (n,), rising times; either sign of the force.
+    Raises UserError without mass and speed (or drop height), for an impulse that means no e in 0
+    ... 1, and unless the force is a single push.
     """
     mass, u_mass, speed, u_speed = _approach(name, setup)
     inside, force = _pulse(name, time, force)
@@ -138,6 +140,7 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     start_k = _stiffness_for(top, mass, speed, start_n)
 
     def residual(p: Floats) -> Floats:
+        """Difference of the force from the law's over the largest, shape (n,), at these parameters."""
         n = setup.exponent or float(p[3])
         law = HuntCrossley(
             math.exp(p[0]), max(dissipation_of(min(p[1], -1e-6)) / (1.5 * speed), 0.0), n
@@ -199,11 +202,10 @@ def _approach(name: str, setup: MeasurementSetup) -> tuple[float, float, float, 
 
 
 def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]:
-    """The impulse from one pulse length before the push to one after it, and
-    its standard uncertainty, N s.
+    """The impulse, N s, from one pulse length before the push to one after it, and its uncertainty.
 
-    The noise, and the drift of the zero from before the push to after it, make it uncertain.
-
+    The noise, and the drift of the zero from before the push to after it, make it uncertain; the
+    uncertainty is standard.
     time, force: s and N, shape (n,), the force as `_pulse` returns it: upwards, its zero removed.
     inside: mask of the push, shape (n,), not empty.
     """
@@ -268,11 +270,13 @@ def _stiffness_for(top: float, mass: float, speed: float, n: float) -> float:
 def fit_loop(
     name: str, penetration: Floats, rate: Floats, force: Floats, exponent: float | None
 ) -> ForceFit:
-    """F = k x^n (1 + (3/2) α ẋ) through points of any number of
-    impacts. Raises UserError for too few.
+    """F = k x^n (1 + (3/2) α ẋ) through points of any number of impacts.
 
-    penetration, rate, force: shape (n,), m, m/s (above 0 on approach) and N.
+    penetration, rate, force: shape (n,), m, m/s (above 0 on approach) and N. Points out of contact,
+    at a penetration of 0 or less, are left out.
     exponent: n where it is known.
+    Raises UserError for fewer than 20 points in contact, for points of approach or of rebound
+    alone, and for a force that is surely larger on rebound.
     """
     used = penetration > 0.0
     x = penetration[used]
@@ -326,8 +330,11 @@ def fit_loop(
 
 
 def _covariance(done: object, order: list[int | None]) -> Floats:
-    """Covariance of the parameters in this order, from the scatter
-    about the fit; 0 for a given one.
+    """Covariance of three parameters, (3, 3), from the scatter about the fit.
+
+    done: the result of SciPy's `least_squares`.
+    order: places of the three among the fitted parameters; None for one that is given, whose row
+    and column are 0.
     """
     jacobian, fun = done.jac, done.fun  # type: ignore[attr-defined]
     degrees = max(len(fun) - jacobian.shape[1], 1)
@@ -344,8 +351,10 @@ def _covariance(done: object, order: list[int | None]) -> Floats:
 
 
 def as_record(force_fit: ForceFit) -> dict[str, object]:
-    """The fit of forces as `--json` prints it; None for a law that the pulse contradicts, and for
-    an e that the shape does not give.
+    """The fit of forces as `--json` prints it, in SI units.
+
+    None for a law that the pulse contradicts, and for an e that the shape does not give; NaN for
+    the e of a loop.
     """
     low, high = force_fit.alpha_interval
     law = None
@@ -419,9 +428,10 @@ def lines_of(force_fit: ForceFit, describe: Callable[[float, float], str]) -> li
 
 
 def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine: str) -> str:
-    """The fit for a terminal, and the command to go on with.
+    """The fit for a terminal, and the command to go on with; no command where the law does not fit.
 
     describe: as of `lines_of`.
+    engine: the name that the command has.
     """
     lines = lines_of(force_fit, describe)
     if not force_fit.is_law:

@@ -82,8 +82,7 @@ class SpeedPairs(Dataset):
         curve: the law with its parameters.
         own, latent: unused, since the model has no own parameters and is linear in the changes of
         e.
-
-        Each row is weighted by the relative uncertainties of the speed and of e.
+        The noise of each row has the relative uncertainties of the speed and of e.
         """
         n = len(self.speed)
         # Of the law at each speed: ln e, its slope over ln v, its derivatives by the parameters.
@@ -170,12 +169,13 @@ class Heights(Dataset):
         return np.log([self.setup.ballistics.dropped(height.value)[0]])
 
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
-        """The linear model about a law, own parameters and relative
-        changes of each e, `latent` (m,).
+        """Linear model of the heights about a law, own parameters and relative changes of each e.
 
-        Its residual is that at no changes: what the ones given do is added back to first order.
-
-        own: ln of the first speed, m/s. The residuals are heights, m, one for each bounce.
+        curve: the law with its parameters.
+        own: ln of the first speed, m/s.
+        latent: relative change of each e, shape (m,). The residual is that at no changes: what the
+        ones given do is added back to first order.
+        The residuals are heights, m, one for each bounce.
         """
         dropped = self.setup.height is not None
         ballistics = self.setup.ballistics
@@ -233,7 +233,7 @@ class Drops:
         return float(self.share @ _BETWEEN)
 
     def estimate(self, inputs: float = 0.0) -> Estimate:
-        """The shared value.
+        """The shared value, with its 95 % interval.
 
         inputs: relative standard uncertainty that all drops have in common.
         """
@@ -251,8 +251,11 @@ def shared_value(each: Sequence[Estimate]) -> Drops:
 
 
 def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
-    """Drops that do not go with the others: their place, and how many
-    standard deviations they are off.
+    """The drop that goes least with the others: its place, and by how many standard deviations; or
+    none.
+
+    each: values above 0. Every drop is compared with the others alone, which have to be two or
+    more. The list has one pair at most; the sign tells whether the value is above or below.
     """
     x, s = _logs(each)
     doubtful = []
@@ -272,8 +275,9 @@ def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
 
 
 def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:
-    """The ratio of two materials' values, each from its drops; both have
-    the same scatter between drops.
+    """The ratio of two materials' values, each from its drops; both scatter alike between drops.
+
+    one, other: values above 0, with their intervals. The ratio has its 95 % interval.
     """
     (log_one, mean_one, sd_one), (log_other, mean_other, sd_other) = (
         _over_between(*_logs(each)) for each in (one, other)
@@ -284,7 +288,7 @@ def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:
 
 
 def _logs(each: Sequence[Estimate]) -> tuple[Floats, Floats]:
-    """ln of each drop's value and its standard deviation, from the value and its interval."""
+    """ln of each drop's value, above 0, and its standard deviation by its interval; (drops,) each."""
     logs = np.log([e.value for e in each])
     deviations = []
     for e in each:

@@ -72,8 +72,9 @@ class Reduced:
     count: int
 
     def grams(self, scatter: Floats, noise: Floats) -> tuple[Floats, Floats]:
-        """Normal matrices (..., p+q+c, p+q+c) and ln det of the covariance
-        (...), over s_e and s_m (...).
+        """Normal matrices (..., p+q+c, p+q+c) and ln det of the covariance (...).
+
+        scatter, noise: s_e and s_m, of any one shape (...); the noise above 0.
         """
         variance = scatter[..., None] ** 2 * self.size**2 + noise[..., None] ** 2
         normal = self.columns.T @ (self.columns / variance[..., None])
@@ -132,7 +133,10 @@ class Reduced:
         return np.asarray(scatter**2 * (1.0 - known @ self.turn**2))
 
     def own_step(self, scatter: float, noise: float, law_step: Floats) -> Floats:
-        """δ_own that goes with δ_law, both where the likelihood is largest: shape (p,)."""
+        """δ_own that goes with δ_law, both where the likelihood is largest: shape (p,).
+
+        scatter, noise: s_e and s_m. law_step: δ_law, shape (q,).
+        """
         p, q = self.own, self.law
         if not p:
             return np.zeros(0)
@@ -146,8 +150,9 @@ def reduce(
 ) -> Reduced:
     """The model along the eigenvectors of D Dᵀ.
 
-    more: (n, c), further right-hand sides; offsets: (c, p), what they
-    do to the offsets of the prior.
+    more: (n, c), further right-hand sides; offsets: (c, p), what they do to the offsets of the
+    prior.
+    Each row is divided by its `shape`, so that the noise of measuring is alike in all.
     """
     p = model.by_own.shape[1]
     q = model.by_law.shape[1]
@@ -178,8 +183,9 @@ def reduce(
 
 
 def _directions(by_scatter: Floats) -> tuple[Floats, Floats, Floats]:
-    """The singular value decomposition; impacts measured one by one have a
-    diagonal matrix, and need none.
+    """Singular value decomposition of D, (n, m): vectors (n, k), sizes (k,) and turn (k, m).
+
+    Impacts measured one by one have a diagonal matrix, and need none.
     """
     n, m = by_scatter.shape
     size = np.diagonal(by_scatter)
@@ -250,6 +256,7 @@ class NoiseGrid:
     def weights(self, sets: Sequence[NoisyData]) -> tuple[Floats, list[Floats]]:
         """ln of prior mass of each value: of s_e, and of s_m a data set.
 
+        sets: the data sets of the grid, in its order.
         Shapes (k,) and, a data set, (l,). A known s_m is one point with all the mass.
         """
         each = []
@@ -304,8 +311,9 @@ class NoiseLikelihood:
         ]
 
     def log_posterior(self, deltas: Floats) -> tuple[Floats, Floats]:
-        """ln of the likelihood at δ (g, q), noise integrated out:
-        (g,), and its parts by s_e: (k, g).
+        """ln of prior times likelihood at δ (g, q), noise integrated out: (g,), and by s_e: (k, g).
+
+        The prior is that of the noise; that of the parameters is flat.
         """
         z = np.concatenate([-deltas, np.ones((len(deltas), 1))], axis=1)
         total = np.tile(self.prior_scatter[:, None], (1, len(deltas)))
@@ -324,7 +332,11 @@ class NoiseLikelihood:
 def surface(
     reduced: Sequence[Reduced], sets: Sequence[NoisyData], grid: NoiseGrid
 ) -> NoiseLikelihood:
-    """The likelihood over a grid; right-hand sides after the residual are left out."""
+    """The likelihood of a law over a grid of noise.
+
+    reduced: the model of each data set; right-hand sides after the residual are left out.
+    sets: in the same order; they tell the priors of the noise.
+    """
     outer, offset = [], []
     for one, log_noise in zip(reduced, grid.log_noise, strict=True):
         scatter, noise = np.meshgrid(np.exp(grid.log_scatter), np.exp(log_noise), indexing="ij")
@@ -358,7 +370,7 @@ def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[NoisyData]) -
 
 
 def _zoomed(grid: Floats, log_weight: Floats) -> Floats:
-    """A finer grid over the part of a grid (n,) whose ln of weight is not negligible.
+    """A finer grid over the part of a grid (n,) whose ln of weight is not negligible: _FINE points.
 
     Raises FloatingPointError where no weight is a number.
     """
@@ -373,6 +385,7 @@ def _zoomed(grid: Floats, log_weight: Floats) -> Floats:
 def best_noise(surface: NoiseLikelihood, delta: Floats) -> tuple[float, list[float]]:
     """The most likely s_e, and s_m for each data set, in its SI unit.
 
+    surface: likelihood over the grid of noise.
     delta: change of the law's parameters, shape (q,).
     """
     per_set = surface.over_noise(delta)

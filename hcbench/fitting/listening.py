@@ -69,7 +69,8 @@ _HALF = 0.5
 def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
     """Find the trains of touches that may be the ball's, the most likely first.
 
-    Raises UserError for fewer than three clicks that can be bounces of one ball.
+    Raises UserError for fewer than three clicks that can be bounces of one ball, and where no law
+    can be fitted to them.
     """
     trains = _trains(recording)
     if not trains:
@@ -87,9 +88,10 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
 
 
 def _ranked(heard: list[_Heard]) -> list[Picks]:
-    """The trains, the one to take first.
+    """The trains, the one to take first, as `Picks`.
 
-    heard: the likeliest first. A train that is nearly as likely and smoother takes its place.
+    heard: one or more, the likeliest first. A train that is nearly as likely and smoother takes the
+    first place.
     """
     best = heard[0].improved()
     others = []
@@ -121,9 +123,10 @@ def quick_score(recording: Recording) -> float:
 
 
 def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
-    """Trains in all bands, without those that share their clicks with a likelier one.
+    """Trains in all bands, each with its band, the likeliest first; empty without any.
 
-    The likeliest first, and none much less likely than that one.
+    Those that share their clicks with a likelier one are left out, and those much less likely than
+    the first.
     """
     trains = []
     for band in bands(recording):
@@ -221,8 +224,10 @@ class _Heard:
         return self.fit.scatter
 
     def improved(self) -> _Heard:
-        """Reflections that were taken for touches exchanged for them; a
-        touch that spoils all left out.
+        """The train with reflections that were taken for touches exchanged; a touch that spoils all
+        left out.
+
+        The train itself where it has too few touches for a fit.
         """
         if self.fit is None:
             return self
@@ -239,8 +244,10 @@ class _Heard:
         return now.without_knocks()
 
     def without_knocks(self) -> _Heard:
-        """Without first clicks that make the others scatter; e0 bends to
-        them: the law without it judges.
+        """The train without first clicks that make the others scatter, two at most; itself where
+        none does.
+
+        The law without e0 judges, because e0 bends to such clicks.
         """
         rough = self.plain().scatter
         for count in range(1, _KNOCKS + 1):
@@ -260,8 +267,9 @@ class _Heard:
         return fit_law(LAWS[PLAIN], [self.data()], self.reference)
 
     def suspects(self) -> list[int]:
-        """Places in the train of the first two touches and of the two
-        that go least with the others.
+        """Places in the train of the first two touches, of the flagged ones and of the two worst.
+
+        Each is named once. The train has to have a fit.
         """
         assert self.fit is not None
         data = self.data()
@@ -274,7 +282,11 @@ class _Heard:
         return list(dict.fromkeys([0, 1, *flagged, *worst]))
 
     def swapped(self) -> _Heard | None:
-        """The train with one suspect exchanged for a click near it, if that makes it likelier."""
+        """The train with one suspect exchanged for a click near it, if that makes it likelier; else
+        None.
+
+        The train has to have a fit.
+        """
         assert self.fit is not None
         data = self.data()
         touches = []
@@ -304,8 +316,10 @@ class _Heard:
     def _clicks_near(self, k: int) -> Iterator[tuple[int, bool]]:
         """Clicks that may be touch k in place of the one taken, and True for those likely to be.
 
-        An echo comes after its touch: so a click before, not much
-        quieter, is likely to be the touch.
+        k: place in the train. A click is given by its sample; none passes the touches before and
+        after.
+        An echo comes after its touch: so a click before, not much quieter, is likely to be the
+        touch.
         """
         clicks = self.band.places
         level = self.band.level
@@ -335,7 +349,11 @@ class _Heard:
         return replace(self, places=places, numbers=numbers - numbers[0]).fitted()
 
     def picks(self) -> Picks:
-        """Touches of the train: times in s from the start of the file, levels in dB."""
+        """Touches of the train: times in s from the start of the file, levels in dB, and α of its
+        fit.
+
+        Scatter and α are None for a train with too few touches.
+        """
         times = self.timer.times(self.places)
         level = self.band.level[np.searchsorted(self.band.places, self.places)]
         scatter = alpha = None

@@ -73,7 +73,12 @@ def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
 
 
 def _gains(fit: LawFit, i: int, directions: Floats) -> tuple[Floats, Floats]:
-    """Twice the gain in ln likelihood by a parameter along each direction (n, c), and its value."""
+    """Twice the gain in ln likelihood by a parameter along each direction, and its value, (c,)
+    each.
+
+    i: number of the data set.
+    directions: (n, c), what a unit of each parameter does to the residual.
+    """
     model = fit.models[i]
     grid = fit.surface.grid
     left, offset = _without_law(reduce(model, directions), grid.log_scatter, grid.log_noise[i])
@@ -92,8 +97,11 @@ def _gains(fit: LawFit, i: int, directions: Floats) -> tuple[Floats, Floats]:
 
 
 def _without_law(reduced: Reduced, log_scatter: Floats, log_noise: Floats) -> tuple[Floats, Floats]:
-    """Eliminate the law's parameters: matrices of the right-hand sides over s_e and s_m, and
-    offsets.
+    """Eliminate the law's parameters: matrices (k, l, 1+c, 1+c) of right-hand sides, and offsets
+    (k, l).
+
+    log_scatter, log_noise: ln s_e, (k,), and ln s_m, (l,). The first right-hand side is the
+    residual.
     """
     scatter, noise = np.meshgrid(np.exp(log_scatter), np.exp(log_noise), indexing="ij")
     matrix, offset = reduced.profile(scatter, noise)
@@ -110,8 +118,8 @@ def _without_law(reduced: Reduced, log_scatter: Floats, log_noise: Floats) -> tu
 def gains_by_moving(fit: LawFit, s: Dataset, rows: Sequence[int], moves: Floats) -> Floats:
     """The gain in ln evidence where one reading each is another, to first order: shape (c,).
 
-    rows: which reading, moves: (c,), by how much.
-    s: the one data set that was fitted, its noise not given.
+    fit: of one data set, s, whose noise is not given.
+    rows: which reading. moves: (c,), by how much, in the unit of the data.
     """
     (model,) = fit.models
     moved = np.repeat(model.residual[:, None], len(moves), axis=1)
@@ -219,9 +227,9 @@ class LackOfFit:
 
 
 def smooth_change(fit: LawFit, s: Dataset) -> tuple[float, str]:
-    """ln of the odds of a smooth change of ln e besides a law fitted to one
-    data set, and its shape in words.
+    """ln of the odds of a smooth change of ln e besides a law, and its shape in words.
 
+    fit: to the one data set s.
     The change is a sum of Legendre polynomials of ln v, of degrees 1 to 1, 2 or 3, with normal
     coefficients; scatter and noise are integrated out on both sides.
     """
@@ -233,15 +241,15 @@ def smooth_change(fit: LawFit, s: Dataset) -> tuple[float, str]:
 
 
 def adhesion(fit: LawFit, s: Dataset) -> float:
-    """ln of the odds of the law times sqrt(1 - (v_s/v)²) against the law
-    alone; -inf where it is not less.
+    """ln of the odds of the law times sqrt(1 - (v_s/v)²) against the law alone.
 
-    v_s: speed below which the bodies stick, whose kinetic energy is what parting them
-    takes; to first order in (v_s/v)².
-
+    -inf where e at low speeds is not less than the law says.
+    v_s: speed below which the bodies stick, whose kinetic energy is what parting them takes; to
+    first order in (v_s/v)².
     s: the data set that the law was fitted to.
     """
     speed = fit.models[0].speed
+    # ln of the factor is -(v_s/v)²/2: its coefficient, in units of the slowest speed, is to be found.
     change = _Change(fit, s, -((speed.min() / speed) ** 2)[:, None])
     # Only the one coefficient of this change.
     used = range(1)
@@ -310,7 +318,7 @@ class _Change:
 
 
 def _shape(change: Floats) -> str:
-    """Describe how e departs from the law.
+    """Words for how e departs from the law.
 
     change: change of ln e at a slow, a middle and a fast impact, shape (3,).
     """

@@ -33,11 +33,12 @@ _PAIR = "ball,plate"
 def next_lines(
     result: FitResult, engine: str, given: Sequence[str], scene: tuple[Replay, str] | None = None
 ) -> list[str]:
-    """Make a scene with this contact, and check it; none without an engine.
+    """Commands that make a scene with this contact and check it, as lines; empty without an engine.
 
     engine: "" where none can run.
     given: the words after `hcbench` that led here.
-    scene: a scene that was written, and its path; it is checked then.
+    scene: a scene that was written, and its path; then it is checked, and no other is made.
+    Engines whose scenes are scripts get no line that checks.
     """
     if not engine:
         return []
@@ -77,11 +78,18 @@ def _inwards(low: float, high: float) -> tuple[float, float]:
     """Both ends rounded inwards to three digits: pairs that were measured hold for no other speeds.
 
     low, high: m/s, above 0.
+    A band that is narrower than that keeps more digits, up to the six that a command has: its ends
+    never change places.
     """
-    # The third digit of each, m/s.
-    of_low = 10.0 ** (math.floor(math.log10(low)) - 2)
-    of_high = 10.0 ** (math.floor(math.log10(high)) - 2)
-    return math.ceil(low / of_low - 1e-9) * of_low, math.floor(high / of_high + 1e-9) * of_high
+    for digits in (3, 4, 5, 6):
+        # The last digit of each, m/s.
+        of_low = 10.0 ** (math.floor(math.log10(low)) - digits + 1)
+        of_high = 10.0 ** (math.floor(math.log10(high)) - digits + 1)
+        inner_low = math.ceil(low / of_low - 1e-9) * of_low
+        inner_high = math.floor(high / of_high + 1e-9) * of_high
+        if inner_low <= inner_high:
+            return inner_low, inner_high
+    return low, high
 
 
 def _reads_xml(engine: str) -> bool:
@@ -96,6 +104,7 @@ _BOUNCE = re.compile(r"bounce (\d+)")
 def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
     """The columns t and y of a Tracker export in metres and seconds; None where it is none.
 
+    lines: number and text of each line of the file.
     Raises UserError for several tracks in one file.
     """
     # Numbers of lines, and their cells.
@@ -138,7 +147,8 @@ def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
 def phyphox_times(path: Path, lines: list[tuple[int, str]]) -> Floats | None:
     """Times of touches of an export of phyphox' "(In)elastic collision", s; None where it is none.
 
-    Touches that were not heard are 0 or NaN there.
+    lines: number and text of each line of the file.
+    Touches that were not heard are 0 or NaN there, and left out here.
     """
     first = lines[0][1].lower()
     if '"bounce 0' not in first and not first.startswith("bounce 0"):

@@ -56,7 +56,10 @@ class Recording:
 
 
 def is_sound(path: Path) -> bool:
-    """Say whether a file begins like a WAV file, or has a suffix of phone recordings."""
+    """Say whether a file begins like a WAV file, or has a suffix of phone recordings.
+
+    False for a pipe, and for a file that cannot be read.
+    """
     try:
         if not path.is_file():
             # A pipe can be read once; a recording is read in parts.
@@ -76,14 +79,14 @@ def _is_of_phone(path: Path) -> bool:
 def read_recording(
     path: Path, score: Callable[[Recording], float], begin: float = 0.0, end: float | None = None
 ) -> Recording:
-    """Read WAV (integers of 8 to 32 bits or floats) or a phone's format; of several channels the
-    loudest.
+    """Read WAV (integers of 8 to 32 bits or floats) or a phone's format; the loudest channel of
+    several.
 
     score: how likely a part holds bounces.
-    begin, end: s, the part to read. Of more than 24 s the 20 s with the best score; no more than
-    that is held in memory.
-
-    Raises UserError for other files and for files without a sound.
+    begin, end: s, the part to read; None: to the end. Of more than 24 s the 20 s with the best
+    score; no more than that is held in memory.
+    Raises UserError for other files, for a rate below 8000 Hz, an `end` before `begin`, less than
+    0.2 s, silence, and samples that are not finite.
     """
     name = sanitized(path.name)
     if path.exists() and not path.is_file():
@@ -131,7 +134,10 @@ def read_recording(
 
 
 def _one_channel(source: _Wav | _Compressed, name: str, sound: Floats, at: int) -> Recording:
-    """The loudest channel of sound (channels, samples) that begins with sample `at` of a file."""
+    """The loudest channel of sound (channels, samples) that begins with sample `at` of a file.
+
+    Its mean is taken out. Raises UserError for silence, unless the part begins later in the file.
+    """
     loudest = sound[0]
     if len(sound) > 1:
         loudest = sound[int(np.argmax([channel.std() for channel in sound]))]
@@ -189,7 +195,10 @@ class _Wav:
             yield (block - self._middle) / self._top
 
     def _read(self, first: int, last: int) -> NDArray[Any]:
-        """(n, channels); from the file itself, as pages of a map would stay in memory."""
+        """Samples `first` up to `last`, (n, channels), as they are stored.
+
+        They come from the file itself, as pages of a map would stay in memory.
+        """
         if self._file is None:
             return np.asarray(self._samples[first:last])
         path, offset, dtype = self._file
@@ -205,6 +214,11 @@ class _Compressed:
     step = 0.0
 
     def __init__(self, path: Path) -> None:
+        """Open the file, and read its rate, samples a second.
+
+        Raises UserError where PyAV is missing, and for a file that it cannot read or that has no
+        sound.
+        """
         self._path = path
         self.name = sanitized(path.name)
         try:
@@ -224,7 +238,10 @@ class _Compressed:
             self.rate = int(file.streams.audio[0].codec_context.sample_rate)
 
     def blocks(self, first: int, last: float) -> Iterator[Floats]:
-        """(channels, n), from one sample to another."""
+        """Sound of shape (channels, n) each, from sample `first` up to `last`, which may be inf.
+
+        Raises UserError where the file is damaged.
+        """
         at = 0
         held = []
         waiting = 0
@@ -251,7 +268,10 @@ class _Compressed:
 
 @contextmanager
 def _reading(path: Path, kind: str, expected: str) -> Iterator[None]:
-    """Damaged files raise what they like."""
+    """Raise UserError for any error within the block: damaged files raise what they like.
+
+    kind, expected: words for the message. UserError itself passes.
+    """
     try:
         yield
     except (UserError, GeneratorExit):
@@ -315,7 +335,7 @@ class FrequencyBand:
 
 
 def bands(recording: Recording) -> Iterator[FrequencyBand]:
-    """The recording above each frequency that its rate allows."""
+    """The recording in each band of frequencies that its rate allows, the first of _BANDS first."""
     for frequency, upper in _BANDS:
         if (upper or frequency) > 0.4 * recording.rate:
             continue
@@ -325,9 +345,7 @@ def bands(recording: Recording) -> Iterator[FrequencyBand]:
 
 
 def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats:
-    """The sound above `lower`, Hz, and below `upper`, if given: shape (n,), without a look
-    ahead.
-    """
+    """Sound above `lower`, Hz, and below `upper`, if given: shape (n,), without a look ahead."""
     if upper is None:
         sections = butter(4, lower, "highpass", fs=recording.rate, output="sos")
     else:
@@ -336,8 +354,11 @@ def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats
 
 
 def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
-    """Samples at which something begins that is louder than before, and how
-    loud it is, dB over the noise.
+    """Samples at which something begins that is louder than before, and its level, dB over the
+    noise.
+
+    sound: (n,), filtered. rate: Hz. step: between two values that a sample can have.
+    Returns two arrays of shape (m,), in order of time: the loudest _MOST_CLICKS.
     """
     ahead = max(4, round(_NEXT * rate))
     back = round(_LAST * rate)
@@ -366,7 +387,7 @@ class Timer:
     """
 
     def __init__(self, band: FrequencyBand, places: Indices) -> None:
-        """Time the clicks of one train in a band.
+        """Make the template of one train's clicks, against which any click of the band is timed.
 
         places: (n,), samples at which the train's clicks are.
         """
@@ -511,7 +532,10 @@ class Picks:
 
 
 def rivals(heard: Sequence[Picks]) -> list[Picks]:
-    """Trains that may be the ball's as well as the first, and give another α."""
+    """Trains that may be the ball's as well as the first, and give another α; empty without any.
+
+    heard: one or more, the first the one taken. Trains too short for a fit are not rivals.
+    """
     best, others = heard[0], []
     for other in heard[1:]:
         if best.alpha is None or other.alpha is None or other.scatter is None:
@@ -541,6 +565,7 @@ def doubts_of(
 
     scatter: of e, 1.
     fastest: impact speed, m/s.
+    height_given: whether the user gave the drop height, which allows a fast first impact.
     """
     best, reasons = heard[0], []
     if best.score < _LEAST_SCORE:

@@ -90,9 +90,10 @@ class Replay:
 def replay(touches: TouchTimes, target: Target, engine: str, recipe: str = "auto") -> Replay:
     """Tune an engine to a fit, as `hcbench tune` does, and simulate the recorded drop.
 
-    target: the fitted law, by `target_of`. Where the setting that `tune` chooses is more
-    than 60 ms off, the recipes with a contact plug-in are tried, and the nearest is taken. Raises
-    UserError for fewer than 4 touches in a row.
+    target: the fitted law, by `target_of`.
+    recipe: name of one, or "auto". Where the setting that "auto" chooses is more than 60 ms off,
+    the recipes with a contact plug-in are tried, and the nearest is taken.
+    Raises UserError for fewer than 4 touches in a row, and what `tune` and the engine raise.
     """
     recorded = recorded_touches(touches)
     names = [recipe]
@@ -118,11 +119,13 @@ def replay(touches: TouchTimes, target: Target, engine: str, recipe: str = "auto
 
 
 def _made_up(scene: Replay, touches: TouchTimes) -> Replay:
-    """A scene with the α at which touches are as often early as late, by a
-    few steps of the secant method.
+    """The scene with the α at which touches are as often early as late, by steps of the secant
+    method.
 
     A contact of a plug-in lasts about a step, and the ball's hardly any time: at the α of the fit
     each flight begins late. A larger α shortens the flights by as much.
+    The scene itself where its target is not an α, where it has bounces missing, and where no step
+    is better.
     """
     tuned = scene.tuned
     if tuned.target.reading != "law" or not math.isfinite(scene.error):
@@ -195,11 +198,13 @@ def target_of(
 
 
 def _simulated(scene: Scene, setting: Setting, recording: TouchTimes, recorded: Floats) -> Floats:
-    """Times of touches in the simulated scene, s from the first of them; at most as many as were
+    """Times of touches in the simulated scene, s from the first of them; at most as many as
     recorded.
 
+    recording: its gravity and first flight tell the speed of the first simulated touch.
     recorded: times of the recorded touches from the second on, s, shape (n,). The body is dropped
     so that it touches at the speed that the first recorded flight shows.
+    Raises what the engine raises.
     """
     gravity = recording.setup.gravity.value
     speed = 0.5 * gravity * float(recording.times[1] - recording.times[0])
@@ -215,7 +220,8 @@ def _simulated(scene: Scene, setting: Setting, recording: TouchTimes, recorded: 
 def touches_of(path: Trajectory) -> Floats:
     """Times at which the surfaces met before each turn of the body, s.
 
-    Shape (n,); a turn without contact before it counts at its own time.
+    Shape (n,); a turn without contact before it counts at its own time. Empty for a body that never
+    turns.
     """
     turns = np.flatnonzero((path.rate[:-1] > 0) & (path.rate[1:] <= 0))
     touches = []
@@ -238,8 +244,10 @@ def touches_of(path: Trajectory) -> Floats:
 
 
 def _crossing(path: Trajectory, step: int) -> float:
-    """Time at which the penetration passed 0 before a step, s; that of
-    the step before if it did not.
+    """Time at which the penetration passed 0 before a step, s; that of the step before if it did
+    not.
+
+    step: 1 or more.
     """
     x0 = path.penetration[step - 1]
     x1 = path.penetration[step]
@@ -252,7 +260,9 @@ def _crossing(path: Trajectory, step: int) -> float:
 
 
 def replay_text(scene: Replay) -> str:
-    """Both trains and the largest error, for a terminal."""
+    """Both trains and the largest error, for a terminal, with advice where the scene lags or lacks
+    touches.
+    """
     count = len(scene.simulated)
     missing = len(scene.recorded) - len(scene.simulated)
     rows = []

@@ -67,7 +67,10 @@ class Comparison:
 
 
 def compare(one: FitResult, other: FitResult) -> Comparison:
-    """The ratio of their α, or of 1 - e. Raises UserError where a side has neither."""
+    """The ratio of their α, or of 1 - e where one of them has no α.
+
+    Raises UserError where a side has neither, or the two have no number in common.
+    """
     files = tuple(s.name for s in other.sets)
     few = min(len(one.sets), len(other.sets)) < _DROPS_TO_KNOW
     if one.alpha is not None and other.alpha is not None:
@@ -82,10 +85,9 @@ def compare(one: FitResult, other: FitResult) -> Comparison:
 
 
 def _each(result: FitResult, name: str) -> list[Estimate]:
-    """α of each drop, or 1 - e ("restitution"); that of all together
-    where drops have none of their own.
+    """α of each drop, s/m, or 1 - e; that of all together where there is one file.
 
-    name: "alpha" or "restitution". Drops that have no such number are left out.
+    name: "alpha", or "restitution" for 1 - e. Drops that have no such number are left out.
     """
     estimates = []
     for fitted in result.drops or [result]:
@@ -192,7 +194,9 @@ class FitResult(Drawn):
     def scene(self, engine: str, timestep: float) -> Replay:
         """A scene that bounces as the recording did, tuned as `hcbench tune` does.
 
-        timestep: s. Raises UserError without touch times or a law.
+        timestep: s.
+        Raises UserError without touch times or a law and for fewer than 4 touches in a row, and
+        what `replay` raises.
         """
         from hcbench.fitting.replay import recorded_touches, replay, target_of
 
@@ -260,7 +264,10 @@ _BAND_POINTS = 25
 
 
 def with_uncertainty(value: float, uncertainty: float) -> str:
-    """ "0.3127 +- 0.0043": two digits of uncertainty."""
+    """Value and standard uncertainty as text, such as "0.3127 +- 0.0043": two digits of the latter.
+
+    An uncertainty that is not above 0, or not finite, is written as 0.
+    """
     if not uncertainty > 0 or not math.isfinite(uncertainty):
         return f"{value:.6g} +- 0"
     if uncertainty > 1e4:
@@ -280,8 +287,10 @@ def speeds_over(result: FitResult, count: int) -> Floats:
 def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, Floats, Floats]:
     """Speeds (m/s), e of the law that is chosen or likeliest, and the ends of its 95 % band.
 
-    Each of the four arrays has the shape (count,). The band spans the law with and without e0 if
-    the data leave that open.
+    count: of speeds, even over the range of the data; each of the four arrays has the shape
+    (count,).
+    The band spans the law with and without e0 if the data leave that open. Its upper end is 1 at
+    most.
     """
     speeds = speeds_over(result, count)
     lows = []
@@ -306,7 +315,7 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
 
 
 def _band_of(fit: LawFit, speeds: Floats) -> Floats:
-    """2.5 %, 50 % and 97.5 % of e at each speed: (3, n)."""
+    """2.5 %, 50 % and 97.5 % of e at each speed (n,), m/s, by the posterior of a law: (3, n)."""
     posterior = fit.posterior
     # Draws of little weight do not move the band, and each costs a curve.
     keep = posterior.weight > 1e-4 * posterior.weight.max()
@@ -343,7 +352,9 @@ def _wider(result: FitResult) -> float:
 
 
 def limit_of(result: FitResult, more: float = 0.0) -> float:
-    """The |e - wanted| up to which a model is within the measurement and `more`, rounded up."""
+    """The |e - wanted| up to which a model is within the measurement and `more`, rounded up; 1 at
+    most.
+    """
     _, e, low, high = band(result)
     off = max(float((high - e).max()), float((e - low).max()), 1e-4) + more
     step = 10.0 ** (math.floor(math.log10(off)) - 1)
@@ -364,7 +375,9 @@ def as_text(result: FitResult) -> str:
 
 
 def headline(result: FitResult) -> dict[str, str]:
-    """The main numbers of the fit, by name. Where no law is chosen, each says under which it holds."""
+    """The main numbers of the fit as text, by name. Where no law is chosen, each says under which
+    it holds.
+    """
     files = []
     count = 0
     for s in result.sets:
@@ -399,7 +412,7 @@ def headline(result: FitResult) -> dict[str, str]:
 
 
 def _law_row(result: FitResult) -> str:
-    """The law that is chosen, or why none is."""
+    """Name of the law that is chosen, or why none is: doubts first, then a lack of fit, then odds."""
     if result.law and result.asked != "auto":
         return f"{result.law}, as asked for"
     if result.law:
@@ -423,7 +436,7 @@ def _shown(estimate: Estimate, unit: str = "") -> str:
 
 
 def _heard(result: FitResult) -> list[str]:
-    """The touches found in recordings."""
+    """Lines of the touches found in recordings, and of the other trains; empty for other data."""
     lines = []
     for s in result.sets:
         if isinstance(s, TouchTimes) and s.picks is not None:
@@ -438,7 +451,7 @@ def _heard(result: FitResult) -> list[str]:
 def trains_of(s: TouchTimes) -> list[tuple[str, ...]]:
     """Candidate trains of clicks, a row each: letter, touches, from, to, α, s_e, ln of the odds.
 
-    Trains too short for a fit have neither α nor s_e: "".
+    Trains too short for a fit have neither α nor s_e: "". The letters are those of --touches.
     """
     rows: list[tuple[str, ...]] = []
     for letter, picks in zip("ABCDEF", s.heard, strict=False):
@@ -459,7 +472,7 @@ TRAIN_COLUMNS = ("train", "touches", "from", "to", "α", "e scatters by", "ln od
 
 
 def _trains(s: TouchTimes) -> list[str]:
-    """The other trains, where there are any, and how to choose one."""
+    """Lines of all trains heard and how to choose one; empty where there is one, or none."""
     if len(s.heard) < 2:
         return []
     return [
@@ -584,7 +597,7 @@ _DIGITS = 6
 def material_of(result: FitResult, name: str) -> MaterialPair:
     """The material that a recording shows: α or one e with its 95 % interval, or points of e(v).
 
-    name: the pair, such as "rubber on concrete".
+    name: the pair, such as "rubber on concrete"; without " on " the second is "floor".
     """
     # Imported here: Pydantic takes long to import, and most fits need none.
     from hcbench.catalogue.material import Citation, MaterialPair
@@ -608,7 +621,11 @@ def material_of(result: FitResult, name: str) -> MaterialPair:
 
 
 def _numbers(result: FitResult, low: float, high: float) -> dict[str, Any]:
-    """α, e or points of a fit, by the keys of a material. low, high: speeds, m/s."""
+    """α, e or points of a fit, by the keys of a material: of the law that describes it, points for
+    any other.
+
+    low, high: speeds, m/s, the first and the last of the points.
+    """
     alpha = result.alpha
     if result.is_plain and alpha is not None:
         return {

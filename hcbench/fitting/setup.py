@@ -74,7 +74,10 @@ class MeasurementSetup:
     exponent: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise UserError for a quantity out of its bounds, or a diameter without a mass."""
+        """Raise UserError for a quantity out of its bounds, or a diameter without a mass.
+
+        Also for a ball that is lighter than the air it displaces.
+        """
         for slot in ("gravity", "height", "mass", "diameter", "drag_coefficient", "speed"):
             known = getattr(self, slot)
             if known is not None and not _SMALLEST <= known.value <= _LARGEST:
@@ -165,9 +168,12 @@ _QUANTITY = {
 
 
 def read_setup(**given: Unpack[SetupOptions]) -> MeasurementSetup:
-    """The setup of what a user writes. Raises UserError and QuantityError.
+    """The setup of what a user writes.
 
     given: text with units, SI numbers, or (value, standard uncertainty), SI; None is left out.
+    A height without an uncertainty gets HEIGHT_UNCERTAINTY.
+    Raises QuantityError for text that is not such a quantity, UserError for values out of bounds, a
+    diameter without a mass, and a g that is given as unknown.
     """
     known: dict[str, Any] = {}
     for name, value in given.items():
@@ -209,8 +215,10 @@ _HEIGHT_E = (0.33, 1.05)
 
 
 def require_a_ball(name: str, setup: MeasurementSetup, times: Floats) -> None:
-    """Look at times of touches, s. Raises UserError where they shrink by less than any ball's, and
-    where the height of the drop contradicts the first flight.
+    """Raise UserError for times of touches that cannot be a ball's: flights that hardly shrink.
+
+    times: of successive touches, s, three or more. name: of the file.
+    Where the setup has a drop height, also raised where it contradicts the first flight.
     """
     flights = np.diff(times)
     ratio = float(np.median(flights[1:] / flights[:-1]))
@@ -232,9 +240,9 @@ def require_a_ball(name: str, setup: MeasurementSetup, times: Floats) -> None:
 
 
 def require_different(files: tuple[Path, ...]) -> None:
-    """Raises UserError for a file that is given twice, or whose content is.
+    """Raise UserError for a file that is given twice, or whose content is.
 
-    files: paths. Those that cannot be read are passed over here.
+    files: paths. Pipes and files that cannot be read are passed over here.
     """
     from hcbench.system.files import is_file, read_bytes
 

@@ -101,9 +101,9 @@ class Track(Dataset):
     def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """Linear model of the heights about a law, own parameters and changes of e.
 
+        curve: the law with its parameters.
         own: height of the floor, m; time of the first touch, s; ln of the first speed, m/s.
         latent: relative change of each e, shape (k,).
-
         The residuals are heights, m, one for each frame. The drop height is known only where the
         setup has it: other own parameters have a flat prior.
         """
@@ -163,11 +163,11 @@ def upright(times: Floats, heights: Floats, setup: MeasurementSetup) -> Floats:
 
 
 def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats) -> Track:
-    """A track with its touches found. Raises UserError where there are too few.
+    """A track with its touches found.
 
     times, heights: (n,), s and m, rising times; of any point of the ball over any level.
-
     The track begins with the free fall, where there is one, else after the first touch.
+    Raises UserError where there are too few touches, and where flights fall with quite another g.
     """
     # The third difference has 20 times the variance of white noise, and is 0 for free flight.
     noise = float(np.median(np.abs(np.diff(heights, 3)))) / (0.6745 * math.sqrt(20.0))
@@ -256,12 +256,12 @@ def _require_scale(
 def _of_flights(
     lows: Indices, times: Floats, raised: Floats, frame: float, gravity: float
 ) -> Indices:
-    """The lowest frames up to the first that no free flight of its
-    height leads to: the rest is noise.
+    """The lowest frames up to the first that no free flight of its height leads to: the rest is
+    noise.
 
-    lows: (k,), frames.
+    lows: (k,), frames, rising.
     times, raised: (n,), s and m over the floor.
-    frame: s.
+    frame: time between two frames, s.
     gravity: m/s².
     """
     for i, (a, b) in enumerate(itertools.pairwise(lows)):

@@ -28,9 +28,9 @@ def chosen_law(evidence: Mapping[str, float]) -> str | None:
     """Choose the law by ln of each law's evidence; None if several are left.
 
     Eq. (16) with and without e0 are one family: a law outside it must be 25 times less likely than
-    the better of the two, and 25 : 1 between the two then decide on e0. A constant e is a case of
-    the law with e0, which therefore does not count against it where it is behind; the others need
-    less of a lead over that law, for it can bend towards any of them.
+    the better of the two, and 25 : 1 between the two then decide on e0; EITHER where they do not. A
+    constant e is a case of the law with e0, which therefore does not count against it where it is
+    behind; the others need less of a lead over that law, for it can bend towards any of them.
     """
     names = sorted(evidence, key=lambda name: -evidence[name])
     best = names[0]
@@ -59,7 +59,10 @@ def laws_left(evidence: Mapping[str, float], odds: float = ODDS_TO_TELL) -> set[
 
 
 def odds_of(evidence: Mapping[str, float]) -> dict[str, float]:
-    """Odds of each law against the likeliest of the others."""
+    """Odds of each law against the likeliest of the others, within exp(-700) ... exp(700).
+
+    evidence: ln of each law's, two laws or more.
+    """
     odds = {}
     for name, one in evidence.items():
         best_of_others = max(e for other, e in evidence.items() if other != name)
@@ -131,6 +134,9 @@ class _PowerCurve(FittedCurve):
     def local(self, speed: float) -> Local:
         """ln e at a speed, m/s, its slope over ln v, and its derivative by ln e at the reference
         speed.
+
+        Both slopes are 0 where the law is cut off: at an e of _LEAST_E, and at an e of 1 of a
+        plastic impact.
         """
         moving = self.factor * speed**self.power
         e = self.level + moving
@@ -157,7 +163,7 @@ class ConstantLaw(CandidateLaw):
         return _PowerCurve(0.0, min(math.exp(parameters[0]), 1.0), 0.0, reference)
 
     def describe(self, parameters: tuple[float, ...], reference: float) -> dict[str, float]:
-        """α in s/m, e0, e, or C in its own unit."""
+        """e, by the name "restitution"."""
         return {"restitution": math.exp(parameters[0])}
 
 
@@ -175,7 +181,7 @@ class ViscoelasticLaw(CandidateLaw):
         return _PowerCurve(1.0, factor, VISCOELASTIC_POWER, reference)
 
     def describe(self, parameters: tuple[float, ...], reference: float) -> dict[str, float]:
-        """α in s/m, e0, e, or C in its own unit."""
+        """C of 1 - C v^(1/5), (s/m)^(1/5), by the name "coefficient"."""
         return {"coefficient": -math.expm1(parameters[0]) / reference**VISCOELASTIC_POWER}
 
 
@@ -191,13 +197,14 @@ class PlasticLaw(CandidateLaw):
         return _PowerCurve(0.0, factor, PLASTIC_POWER, reference)
 
     def describe(self, parameters: tuple[float, ...], reference: float) -> dict[str, float]:
-        """α in s/m, e0, e, or C in its own unit."""
+        """C of C v^(-1/4), (m/s)^(1/4), by the name "coefficient"."""
         return {"coefficient": math.exp(parameters[0]) / reference**PLASTIC_POWER}
 
 
 def hunt_crossley(d: float) -> tuple[float, float]:
-    """ln e of eq. (16) and its slope over ln d, at d = (3/2) α v; odd in
-    d, so that searches may cross 0.
+    """ln e of eq. (16) and its slope over ln d, at d = (3/2) α v.
+
+    Odd in d, so that searches may cross 0: for d below 0 both have the other sign.
     """
     size = abs(d)
     if size < _TINY:
@@ -215,7 +222,10 @@ def hunt_crossley(d: float) -> tuple[float, float]:
 # The points of one posterior are described many times.
 @lru_cache(maxsize=4096)
 def dissipation_of(log_e: float) -> float:
-    """d = (3/2) α v at which ln e of eq. (16) is this, by Newton's iteration over ln d."""
+    """d = (3/2) α v at which ln e of eq. (16) is this, by Newton's method over ln d.
+
+    Odd in ln e: above 0, a gain, d is below 0.
+    """
     if abs(log_e) < 1e-6:
         return -1.5 * log_e
     wanted = -abs(log_e)
@@ -271,7 +281,7 @@ class HuntCrossleyLaw(CandidateLaw):
         return _HuntCrossleyCurve(dissipation_of(parameters[0]) / reference, reference, None)
 
     def describe(self, parameters: tuple[float, ...], reference: float) -> dict[str, float]:
-        """α in s/m, e0, e, or C in its own unit."""
+        """α, s/m, by the name "alpha"."""
         return {"alpha": dissipation_of(parameters[0]) / (1.5 * reference)}
 
 
@@ -292,7 +302,7 @@ class LossyHuntCrossleyLaw(CandidateLaw):
         )
 
     def describe(self, parameters: tuple[float, ...], reference: float) -> dict[str, float]:
-        """α in s/m, e0, e, or C in its own unit."""
+        """α, s/m, and e0, by the names "alpha" and "e0"."""
         alpha = dissipation_of(parameters[0]) / (1.5 * reference)
         return {"alpha": alpha, "e0": math.exp(parameters[1])}
 

@@ -133,7 +133,10 @@ def restitution_of(d: Floats) -> Floats:
 
 
 def restitution_of_one(d: float) -> float:
-    """Restitution of one number d <= TOP as a float: without arrays a hundred times as fast."""
+    """e of one number, 0 <= d <= TOP, as a float: without arrays a hundred times as fast.
+
+    The range is not checked. The sum is Clenshaw's recurrence over the Chebyshev series S.
+    """
     top, series = (LOW, LOW_SERIES) if d <= LOW else (TOP, SERIES)
     x2 = 4.0 * (SHIFT + top) / top * d / (SHIFT + d) - 2.0
     b1 = b2 = 0.0
@@ -148,15 +151,18 @@ def one_minus_restitution(d: Floats) -> Floats:
 
 
 def inverse_restitution(e: Floats) -> Floats:
-    """d over 0 < e <= 1, same shape: Newton on whichever of e and 1 - e has the digits."""
+    """d over 0 < e <= 1, same shape: Newton's method on whichever of e and 1 - e has the digits.
+
+    The range is not checked: callers do. Beyond TOP e is 1/d, so that d is 1/e.
+    """
     shortfall = 1.0 - e
     start = np.polynomial.polynomial.polyval(e, _START)
     d: Floats = shortfall / e * start
     for _ in range(4):
         now = restitution_of(d)
         error = np.where(e >= 0.5, shortfall - one_minus_restitution(d), now - e)
-        # With u = d e: du/dd = d (1 - u) / ((1 + d) u). Its difference
-        # to e loses digits at small d.
+        # With u = d e: du/dd = d (1 - u) / ((1 + d) u), and de/dd = (du/dd - e) / d. The difference
+        # loses digits at small d, where de/dd = -2/3 + 8/9 d ... has them.
         u_rate = (1.0 - d * now) / ((1.0 + d) * now)
         slope = np.where(
             d < 1e-3, -2.0 / 3.0 + 8.0 / 9.0 * d, (u_rate - now) / np.maximum(d, 1e-300)

@@ -41,7 +41,7 @@ from hcbench.terms.impact import Floats, Loop
 def gauss_jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
     """Nodes and weights of Gauss quadrature for the weight (1 - x)^a (1 + x)^b on -1 ... 1.
 
-    Both have the shape (count,); the nodes rise. a and b have to be above -1.
+    Both have the shape (count,); the nodes rise. a and b have to be above -1, which is not checked.
     """
     k = np.arange(count, dtype=np.float64)
     total = 2.0 * k + a + b
@@ -81,7 +81,11 @@ _SERIES_FROM = -2.0
 
 
 def g_ratio(y: Floats) -> Floats:
-    """G(y) = 2 g(y) / y², same shape; 1 at 0. With r = y/(2 + y), ln(1 + y) = 2 atanh r."""
+    """G(y) = 2 g(y) / y² with g(y) = y - ln(1 + y), over y > -1; same shape, 1 at 0.
+
+    With r = y/(2 + y), ln(1 + y) = 2 atanh r: the series of atanh cancels nothing near 0. Beyond
+    -0.5 ... 1 the logarithm itself has the digits.
+    """
     moderate = np.clip(y, -0.5, 1.0)
     r = moderate / (2.0 + moderate)
     z = r * r
@@ -98,16 +102,22 @@ def g_ratio(y: Floats) -> Floats:
 
 
 def rate_ratio(q: Floats) -> Floats:
-    """y/q over any q, same shape; 1 at 0. The inverse of q = ±sqrt(2 g(y)), by Newton."""
+    """y/q over any q, same shape; 1 at 0. The inverse of q = ±sqrt(2 g(y)) with g(y) = y - ln(1 +
+    y).
+
+    Newton's method for q above _SERIES_FROM, `_low_rate` below. NaN stays NaN.
+    """
     near = np.maximum(q, _SERIES_FROM)
     p = near * near / 2.0
     # Reversed series up to 2 (y = q + q²/3 + q³/36 - q⁴/270 ...), y = p + ln(1 + y) beyond.
     series = 1.0 + near / 3.0 + near**2 / 36.0 - near**3 / 270.0
     far = (p + np.log1p(p + np.log1p(p))) / np.where(near > 2.0, near, 1.0)
     ratio = np.where(near > 2.0, far, series)
+    # Four steps bring both starting values to the last digits.
     for _ in range(4):
         y = near * ratio
-        # The root that Newton's method seeks makes this 1.
+        # |q| of this y over the q given: the ratio that is sought makes it 1. Its derivative by the
+        # ratio is ratio/((1 + y) root).
         root = ratio * np.sqrt(g_ratio(y))
         ratio = ratio - (root - 1.0) * root * (1.0 + y) / ratio
     low = q < _SERIES_FROM
@@ -117,7 +127,10 @@ def rate_ratio(q: Floats) -> Floats:
 
 
 def _low_rate(q: Floats) -> Floats:
-    """y for q <= -2, from ℓ + exp(-ℓ) = 1 + q²/2 with 1 + y = exp(-ℓ)."""
+    """y for q <= -2, where q = -sqrt(2 g(y)); same shape.
+
+    With 1 + y = exp(-ℓ), q²/2 = g(y) is ℓ + exp(-ℓ) = 1 + q²/2: Newton's method, from ℓ = 1 + q²/2.
+    """
     wanted = 1.0 + q * q / 2.0
     ell = wanted
     for _ in range(4):
@@ -128,7 +141,10 @@ def _low_rate(q: Floats) -> Floats:
 def largest_force_rate(d: Floats, exponent: float) -> Floats:
     """y/d² where F is largest on the path that starts at y = d; same shape, (n + 1)/(2n) at d = 0.
 
-    Root Y of n Y + (n + 1) g(d² Y)/d² = (n + 1) g(d)/d²: convex, so Newton comes down from above.
+    d: (3/2) α v_i, 0 or more.
+    exponent: n.
+    It is the root Y of n Y + (n + 1) g(d² Y)/d² = (n + 1) g(d)/d², with g(y) = y - ln(1 + y):
+    convex, so Newton's method comes down from above.
     """
     n = exponent
     wanted = (n + 1.0) / 2.0 * g_ratio(d)
@@ -158,7 +174,9 @@ def _positive(slot: str, value: Floats | float, unit: str) -> Floats:
 def _refuse(
     slot: str, values: Floats, wrong: NDArray[np.bool_], unit: str, expected: str
 ) -> Floats:
-    """The values; UserError with the first of those that are wrong."""
+    """The values; UserError with the first of those where `wrong`, a mask of the same shape, is
+    true.
+    """
     if wrong.any():
         first = float(values[wrong].flat[0])
         raise UserError(slot, f"{first!r} {unit}", expected)
@@ -166,7 +184,11 @@ def _refuse(
 
 
 def _quadrature_width(law: HuntCrossley, speed: Floats) -> Floats:
-    """Q = d sqrt(G); UserError where α v is beyond what a quadrature is for."""
+    """Q = d sqrt(G) with d = (3/2) α v_i, same shape as `speed` (m/s): the q of the path at the
+    touch.
+
+    Raises UserError for an α v that is not up to MOST_ALPHA_SPEED.
+    """
     share = law.alpha * speed
     expected = f"up to {MOST_ALPHA_SPEED:g}, beyond which nothing bounces"
     _refuse("α v", share, ~(share <= MOST_ALPHA_SPEED), "", expected)
@@ -175,7 +197,10 @@ def _quadrature_width(law: HuntCrossley, speed: Floats) -> Floats:
 
 
 def restitution(alpha: Floats | float, speed: Floats | float) -> Floats:
-    """e of (16); alpha in s/m and speed in m/s broadcast. Relative error below 4e-15; 1 at d = 0."""
+    """e of (16); alpha in s/m and speed in m/s broadcast. Relative error below 4e-15; 1 at d = 0.
+
+    Raises UserError for an alpha or a speed below 0.
+    """
     a = 1.5 * _not_negative("alpha", alpha, "s/m")
     return restitution_of(np.asarray(a * _not_negative("speed", speed, "m/s")))
 
@@ -204,7 +229,11 @@ def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
 
 
 def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
-    """ΔE = ½ m v_i² (1 - e²) in J, the area of the loop; no digits are lost as e nears 1."""
+    """ΔE = ½ m v_i² (1 - e²) in J, the area of the loop; no digits are lost as e nears 1.
+
+    mass: kg. speed: v_i, m/s; the result has its shape.
+    Raises UserError for a mass that is not above 0 and for a speed below 0.
+    """
     m = _positive("mass", mass, "kg")
     v = _not_negative("speed", speed, "m/s")
     lost = one_minus_restitution(np.asarray(law.dissipation * v))
@@ -212,7 +241,10 @@ def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats
 
 
 def penetration_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
-    """x_m in m, where v = 0; shape of `speed` (m/s)."""
+    """x_m in m, where v = 0; shape of `speed` (v_i, m/s). mass: kg.
+
+    Raises UserError for a mass that is not above 0 and for a speed below 0.
+    """
     m = _positive("mass", mass, "kg")
     v = _not_negative("speed", speed, "m/s")
     n = law.exponent
@@ -221,9 +253,11 @@ def penetration_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Fl
 
 
 def force_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
-    """Largest F over the loop in N, on the way in before x_m; shape of `speed` (m/s).
+    """Largest F over the loop in N, on the way in before x_m; shape of `speed` (v_i, m/s). mass:
+    kg.
 
     dF/dt = 0 is n m v = a k x^(n+1), which on the path is n y + (n + 1) g(y) = (n + 1) g(a v_i).
+    Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     m = _positive("mass", mass, "kg")
     v = _not_negative("speed", speed, "m/s")
@@ -245,6 +279,7 @@ def rate_at(
     """v in m/s at penetrations (m) on the way in (> 0) or out (< 0), same shape; NaN beyond x_m.
 
     mass: kg, above 0. speed: v_i, m/s; at 0 there is no motion, and all is NaN.
+    Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     x = np.asarray(penetration, dtype=np.float64)
     left = 1.0 - (x / penetration_max(law, mass, speed)) ** (law.exponent + 1.0)
@@ -270,11 +305,12 @@ def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floa
 
 
 def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
-    """Time of contact in s, touch to parting; shape of `speed` (m/s). α v <= 1000.
+    """Time of contact in s, touch to parting; shape of `speed` (v_i, m/s). mass: kg.
 
-    Relative error below 1e-13 for α v <= 2 and 5e-10 for α v <= 1000, as n goes
-    from 1 to 10. Gauss-Jacobi over cos θ with the ends' weight
-    (1 - cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos θ.
+    Relative error below 1e-13 for α v <= 2 and 5e-10 for α v <= 1000, as n goes from 1 to 10.
+    Gauss-Jacobi over cos θ with the ends' weight (1 - cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos
+    θ.
+    Raises UserError for a mass or speed that is not above 0 and for an α v above 1000.
     """
     v = _positive("speed", speed, "m/s")
     width = _quadrature_width(law, v)
@@ -288,8 +324,11 @@ def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
 
 
 def elastic_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:
-    """Time of contact in s where nothing is lost, k in N/m^n: it goes by
-    v^((1-n)/(1+n)), as eq. (8) says.
+    """Time of contact in s where nothing is lost: it goes by v^((1-n)/(1+n)), as eq. (8) says.
+
+    stiffness: k, N/m^n. exponent: n. mass: kg. speed: v_i, m/s.
+    Raises UserError for a mass or speed that is not above 0, and for a k or n that `HuntCrossley`
+    refuses.
     """
     v = float(_positive("speed", speed, "m/s"))
     slowing = (1.0 - exponent) / (1.0 + exponent)
@@ -302,7 +341,9 @@ def _elastic_at_one(stiffness: float, exponent: float, mass: float) -> float:
 
 
 def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:
-    """T0 = 2 x_m / ((n + 1) v_i sqrt(G)), s."""
+    """T0 = 2 x_m / ((n + 1) v_i sqrt(G)), s, by which times along the path are scaled; shape of
+    `speed`.
+    """
     root = np.sqrt(g_ratio(np.asarray(law.dissipation * speed)))
     return np.asarray(
         2.0 * penetration_max(law, mass, speed) / ((law.exponent + 1.0) * speed * root)
@@ -313,8 +354,8 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
     """One loop from touch to parting: arrays of shape (count,), nearly even in time, dense in x.
 
     An odd count has the turning point x_m in its middle. Times are from touch. SI throughout.
-
-    Raises UserError for a mass or speed that is not above 0, and for fewer than 3 points.
+    Raises UserError for a mass or speed that is not above 0, for an α v above 1000, and for fewer
+    than 3 points.
     """
     v = _positive("speed", speed, "m/s")
     if count < 3:
@@ -335,11 +376,12 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
 
 
 def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
-    """∫ sin(θ)^-p (q/y) dθ from 0 to each of `count` even θ in 0 ... π, p
-    = (n-1)/(n+1); shape (count,).
+    """Time from touch over T0, at each of `count` even θ in 0 ... π; shape (count,). speed: v_i,
+    m/s.
 
-    Gauss-Legendre panel by panel; the first and the last panel take the
-    end's θ^-p as a Jacobi weight.
+    It is ∫ sin(θ)^-p (q/y) dθ from 0, p = (n-1)/(n+1). Gauss-Legendre panel by panel; the first and
+    the last panel take the end's θ^-p as a Jacobi weight.
+    Raises UserError for an α v above 1000.
     """
     p = (law.exponent - 1.0) / (law.exponent + 1.0)
     width = float(_quadrature_width(law, np.asarray(speed)))

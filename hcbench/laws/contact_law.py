@@ -46,6 +46,9 @@ class Friction:
     slip_speed: float = 1e-3
 
     def __post_init__(self) -> None:
+        """Take `static` for both where `dynamic` is not given; SettingError for numbers without
+        meaning.
+        """
         if self.dynamic == _AS_STATIC:
             object.__setattr__(self, "dynamic", self.static)
         require("dynamic friction", self.dynamic, 0 <= self.dynamic < math.inf, "0 or more")
@@ -60,7 +63,9 @@ class Friction:
         )
 
     def coefficient(self, slip: float) -> float:
-        """μ at a slip speed in m/s."""
+        """μ at a slip speed in m/s, 0 or more: 0 at rest, `static` at `slip_speed`, `dynamic` from
+        3 times it.
+        """
         s = slip / self.slip_speed
         if s >= 3.0:
             return self.dynamic
@@ -97,14 +102,14 @@ def require_law(law: object) -> None:
 
 
 def law_of(options: Mapping[str, Any]) -> Law:
-    """Build the law named in a setting's options under "law". UserError names the key that is
-    wrong.
+    """Build the law named in a setting's options under "law".
 
     {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and {"kind": "restitution",
     "alpha": s/m, "reading": "law"} are eq. (16); {"kind": "restitution", "restitution": e} is one e
     for all speeds; {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n,
     "exponent": 1.5} and {"kind": "restitution", "law": "flores", "restitution": e} a law of
     `laws.published`, asked for e.
+    Raises UserError that names the key that is missing, unknown or wrong; `options` stays as it is.
     """
     require(
         "option 'law'", options, hasattr(options, "items"), 'a table such as {"kind": "force", ...}'
@@ -125,8 +130,12 @@ def law_of(options: Mapping[str, Any]) -> Law:
 
 
 def _published_law(kind: str, given: dict[str, Any]) -> Law:
-    """A law of `laws.published` by its name; as a restitution: the e that
-    it delivers for the e asked for.
+    """A law of `laws.published` by its name under "law"; as a restitution, the e that it delivers.
+
+    kind: "force" or "restitution".
+    given: the options but "kind"; the name is taken out of it. Its "restitution" is the e asked
+    for.
+    Raises UserError for a name that no law has and for a number that is missing, unknown or wrong.
     """
     name = given.pop("law")
     if kind == "force":
@@ -151,8 +160,10 @@ def contact_time(law: PluginForceLaw, mass: float, speed: float) -> float:
 
 
 def require_resolved(law: Law, mass: float, speed: float, timestep: float) -> None:
-    """Raise SettingError for a step that cannot resolve a force law's
-    contact at effective mass and speed.
+    """Raise SettingError for a step that cannot resolve a force law's contact; other laws pass.
+
+    mass: effective, kg. speed: of approach, m/s. timestep: s.
+    The contact has to last STEPS_OF_A_LAW steps or more.
     """
     if not is_force(law):
         return

@@ -52,6 +52,9 @@ class AdamsImpact:
     depth: float
 
     def __post_init__(self) -> None:
+        """Raise UserError for an exponent outside 1 ... 10, a damping below 0, a k or d not above
+        0.
+        """
         positive("stiffness", self.stiffness, "N/m^n")
         require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
         require(
@@ -63,14 +66,17 @@ class AdamsImpact:
         positive("depth", self.depth, "m")
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
-        """F(x, v) in N."""
+        """F(x, v) in N; x >= 0 in m and v in m/s, > 0 on approach, broadcast. It never pulls."""
         share = np.clip(np.asarray(x) / self.depth, 0.0, 1.0)
         damping = self.damping * share**2 * (3.0 - 2.0 * share)
         force = self.stiffness * np.power(x, self.exponent) + damping * np.asarray(v)
         return np.asarray(np.maximum(force, 0.0))
 
     def restitution(self, mass: float, speed: float) -> float:
-        """e of an effective mass (kg) at an impact speed (m/s), by integration over time."""
+        """e of an effective mass (kg) at an impact speed (m/s), by integration over time.
+
+        0 where the body does not part. Raises UserError for a mass or speed that is not above 0.
+        """
         # SciPy's integrators are slow to import.
         from hcbench.laws import ode
 
@@ -115,10 +121,11 @@ class NewtonSpring:
 
 
 def one_way_restitution(zeta: float) -> float:
-    """e of a damper that acts on the way in only, over the damping ratio ζ: exp(-ζ acos ζ/√(1-ζ²)).
+    """e of a damper that acts on the way in only, over its damping ratio ζ: exp(-ζ acos ζ/√(1-ζ²)).
 
-    The way in is a damped oscillator's from touch to its first standstill, at ω X/v
-    = e; the spring returns it all.
+    zeta: 0 or more; from 1 on acosh and √(ζ²-1) go on smoothly, and at 1 e is 1/e = 0.368.
+    The way in is a damped oscillator's from touch to its first standstill, at ω X/v = e; the spring
+    returns it all.
     """
     if abs(zeta - 1.0) < 1e-8:
         return math.exp(-1.0)
@@ -236,7 +243,7 @@ class Conversion(Shown):
         return (asdict(row) | {"value": row.text} for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
-        """The contact as JSON; units are in the keys."""
+        """The contact as JSON; units are in the keys, and None stands for what has no value."""
         return {
             "alpha_s_per_m": self.alpha,
             "speed_m_per_s": self.speed,
@@ -273,8 +280,9 @@ def contact_of(
     setting at `timestep`.
     adams, newton: of an effective mass in kg; MuJoCo's solver in Newton needs none. The rest as in
     `OneContact`.
-
-    Raises UserError for numbers without meaning and for none or several of the first seven.
+    Raises UserError for numbers without meaning, for none or several of the first seven, and where
+    mass, speed or step is missing that the one given needs: all but alpha, drake and simbody need
+    `speed`.
     """
     dissipations = {"alpha": alpha, "drake": drake, "simbody": simbody}
     given = {
@@ -325,8 +333,12 @@ def contact_of(
 
 
 def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversion:
-    """A contact in the paper's words, in those of libraries without an
-    engine here, and of `engines`.
+    """A contact in the paper's words, in those of libraries without an engine here, and of
+    `engines`.
+
+    engines: the contact as each engine writes it; None for an engine that has no words for it.
+    Restitutions and solref are in `missing` of the result where the contact has no speed, or no e
+    above 0 there.
     """
     e = None
     linear = None
@@ -358,7 +370,7 @@ def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversio
 
 
 def _needed(slot: str, value: float | None, unit: str) -> float:
-    """The value; UserError for None."""
+    """Value as given; UserError, in the name of its slot, for None. unit: for the message."""
     if value is None:
         raise UserError(
             slot, "none", f"a number in {unit}", "The restitution of this contact depends on it"
@@ -381,11 +393,13 @@ def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
 
 
 def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) -> float:
-    """e of MuJoCo's contact, which ends at F = 0 as it cannot pull; constant impedance, small steps.
+    """e of MuJoCo's contact, which ends at F = 0 as it cannot pull; constant impedance, small
+    steps.
 
-    timestep: s, for the form "0 -D" of one step.
-
-    Raises UserError for numbers in none of MuJoCo's forms, and for that form without its step.
+    solref: "timeconst dampratio" (s and a ratio), "-stiffness -damping" (per unit mass, 1/s² and
+    1/s), or "0 -D" of one step, D in 1/s.
+    timestep: s, for the form "0 -D".
+    Raises UserError for numbers in none of MuJoCo's forms, and for the last form without its step.
     """
     first, second = solref
     require("solref", solref, all(map(math.isfinite, solref)), "two finite numbers")
@@ -405,7 +419,9 @@ def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) 
 
 
 def _others(contact: OneContact) -> Iterator[SystemValue]:
-    """Values for the paper, and for libraries that hcbench does not run."""
+    """Values for the paper, and for libraries that hcbench does not run; those without e alone if
+    it has none.
+    """
     alpha = contact.alpha
     e = contact.restitution
     yield SystemValue("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v")
@@ -434,12 +450,12 @@ def _others(contact: OneContact) -> Iterator[SystemValue]:
 
 
 def _smc_delivers(asked: float) -> float:
-    """e of Chrono's SMC contact, Hooke or Hertz, asked for `asked`: it
-    ends at F = 0, before the surface.
+    """e that Chrono's SMC contact, Hooke or Hertz, has where it is set to `asked` (above 0, up to
+    1).
 
-    ζ = -ln e/sqrt(π² + ln² e) would give e at the surface. The Hertz model's damping,
-    √5 ζ √(m k) x^(1/4) v, makes it the linear one over x^(5/4) and ∫x^(1/4) dt, so
-    both end alike (see `_old_tsuji`).
+    Its contact ends at F = 0, before the surface; ζ = -ln e/sqrt(π² + ln² e) would give e at the
+    surface. The Hertz model's damping, √5 ζ √(m k) x^(1/4) v, makes it the linear one over x^(5/4)
+    and ∫x^(1/4) dt, so both end alike (see `_old_tsuji`).
     """
     log = math.log(asked)
     return float(kv.restitution(-log / math.hypot(math.pi, log), kv.Ending.FORCE))

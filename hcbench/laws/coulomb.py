@@ -24,10 +24,12 @@ Pair = tuple[float, float]
 
 
 def friction_impulse(slip: Sequence[float], normal_impulse: float, scene: Scene) -> Pair:
-    """Impulse of friction on the ball, N s.
+    """Impulse of friction on the ball along the plate, x and y, N s; against the slip, 0 without
+    slip.
 
-    slip: velocity of its contact point, m/s.
-    normal_impulse: N s.
+    slip: velocity of its contact point along the plate, x and y, m/s.
+    normal_impulse: N s, 0 or more.
+    scene: its mass, radius, inertia and friction coefficient count.
     """
     sticking = 1.0 / (1.0 / scene.mass + scene.touch_radius**2 / scene.inertia)
     speed = math.hypot(*slip)
@@ -46,6 +48,8 @@ def coulomb_ratio(along: Tangential, scene: Scene) -> float:
 def tangential(impact: Impact, launch: Launch, scene: Scene) -> Tangential:
     """Motion along the plate by Coulomb's law, for an impact whose normal direction is known.
 
+    impact: its speeds in and out and its duration count: with gravity they give the normal impulse.
+    launch: its slip, the centre's velocity along the plate, m/s, and its spin, rad/s.
     The plate's frame: x and y along it, z up. A sphere turning at (p, q, r) has (-R q, R p) there.
     """
     m = scene.mass

@@ -76,6 +76,7 @@ class KelvinVoigt:
     damping: float
 
     def __post_init__(self) -> None:
+        """Raise UserError for a k that is not above 0 and for a c below 0."""
         positive("stiffness", self.stiffness, "N/m")
         require(
             "damping",

@@ -94,8 +94,10 @@ def compliance(material: Material) -> float:
 
 
 def relative_radius(radius_1: float, radius_2: float) -> float:
-    """R = 1/(1/R1 + 1/R2) in m. Raises UserError for surfaces that do
-    not touch at a point, 1/R <= 0.
+    """R = 1/(1/R1 + 1/R2) in m, from two radii in m: negative when hollow, inf when flat.
+
+    Raises UserError for a radius of 0 or NaN, and for surfaces that do not touch at a point, 1/R <=
+    0.
     """
     for slot, radius in (("radius 1", radius_1), ("radius 2", radius_2)):
         require(

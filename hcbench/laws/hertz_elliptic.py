@@ -47,6 +47,7 @@ class Surface:
     material: Material
 
     def __post_init__(self) -> None:
+        """Raise UserError for a radius of 0 or NaN and for a material that cannot exist."""
         for slot, radius in (("first", self.first), ("second", self.second)):
             require(
                 slot,
@@ -99,7 +100,7 @@ class EllipticContact:
         return float((force / self.stiffness) ** (2.0 / 3.0))
 
     def semi_axes(self, force: float) -> tuple[float, float]:
-        """a >= b of the ellipse of contact."""
+        """a >= b of the ellipse of contact, m, under a force in N."""
         big_e = float(ellipe(1.0 - self.axis_ratio**2))
         curvature = self.long_curvature + self.short_curvature
         b = (
@@ -131,9 +132,9 @@ class EllipticContact:
 def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
     """The contact of two surfaces whose first principal planes enclose `angle` (rad).
 
-    Raises UserError for surfaces that would touch along a line or beyond it (A <= 0): the
-    approach of a line contact is not a matter of the two surfaces alone, and section 1.11 takes
-    an exponent between 1 and 3/2.
+    Raises UserError for surfaces that would touch along a line or beyond it (A <= 0): the approach
+    of a line contact is not a matter of the two surfaces alone, and section 1.11 takes an exponent
+    between 1 and 3/2. Also for an angle that is not finite and for a material that cannot exist.
     """
     require("angle", angle, math.isfinite(angle), "a finite angle in rad")
     radii = (one.first, one.second, two.first, two.second)
@@ -164,10 +165,10 @@ def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
 
 
 def axis_ratio(curvature_ratio: float) -> float:
-    """κ = b/a of the ellipse for A/B in (0, 1].
+    """κ = b/a of the ellipse for A/B in (0, 1]. Raises UserError outside it.
 
-    Hertz's B/A = (E/κ² - K) / (K - E) is R_D(0, 1, κ²) / R_D(0, κ², 1), which is
-    1/1 for the circle and not 0/0.
+    Hertz's B/A = (E/κ² - K) / (K - E) is R_D(0, 1, κ²) / R_D(0, κ², 1), which is 1/1 for the circle
+    and not 0/0.
     """
     require(
         "curvature_ratio", curvature_ratio, 0.0 < curvature_ratio <= 1.0, "A/B above 0 and up to 1"
@@ -189,13 +190,12 @@ def axis_ratio(curvature_ratio: float) -> float:
 def axis_stresses(
     kappa: float, poisson_ratio: float, depth: Floats | float
 ) -> tuple[Floats, Floats, Floats]:
-    """σ_x, σ_y, σ_z over p0 on the axis below the middle, at depths over b, same shape; tension >
-    0.
+    """σ_x, σ_y, σ_z over p0 on the axis below the middle; shape of `depth` each, tension > 0.
 
-    x along the long axis. A. Sackfield, D. A. Hills, "Some useful results in the classical Hertz
-    contact problem", J. Strain Analysis 18, 1983, 101-105, doi 10.1243/03093247V182101, after H. R.
-    Thomas and V. A. Hoersch, 1930. Here with e² divided out by hand, so that the circle needs no
-    branch.
+    kappa: b/a of the ellipse, up to 1. depth: over b, 0 at the surface. x along the long axis.
+    A. Sackfield, D. A. Hills, "Some useful results in the classical Hertz contact problem", J.
+    Strain Analysis 18, 1983, 101-105, doi 10.1243/03093247V182101, after H. R. Thomas and V. A.
+    Hoersch, 1930. Here with e² divided out by hand, so that the circle needs no branch.
     """
     # Depth over the half axis: z / a.
     zeta = np.asarray(depth, dtype=float) * kappa
@@ -219,8 +219,11 @@ def axis_stresses(
 
 
 def largest_shear(kappa: float, poisson_ratio: float) -> tuple[float, float]:
-    """Largest shear stress on the axis over p0, and its depth over b; a
-    circle with ν = 0.3: 0.310, 0.48.
+    """Largest shear stress on the axis over p0, and its depth over b.
+
+    kappa: b/a of the ellipse; a circle, 1, with ν = 0.3 gives 0.310 and 0.48.
+    It is half the difference of the largest and the smallest principal stress, down to a depth of 2
+    b.
     """
 
     def shear(depth: float) -> float:

@@ -58,7 +58,11 @@ class ImpactSummary:
 def summarize(
     law: HuntCrossley, mass: float, speed: float, relative_radius: float
 ) -> ImpactSummary:
-    """Everything about one impact: mass kg, speed v_i m/s, relative radius R m. Raises UserError."""
+    """Everything about one impact: mass kg, speed v_i m/s, relative radius R m.
+
+    The radius counts for the shear stress alone, which is None for an exponent other than 1.5.
+    Raises UserError for a mass, speed or radius that is not above 0, and for an α v above 1000.
+    """
     force = float(closed_form.force_max(law, mass, speed))
     shear = None
     if law.exponent == 1.5:
@@ -114,7 +118,10 @@ Newton = str | NewtonSpring
 
 
 def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
-    """IMPACT of "k, e, cmax, d", SI or with units, or one that was read. Raises UserError."""
+    """IMPACT of "k, e, cmax, d", SI or with units (k N/m^e, cmax N s/m, d m), or one that was read.
+
+    Raises UserError for text of other parts, and for numbers that IMPACT does not take.
+    """
     if isinstance(given, AdamsImpact):
         return given
     k, e, c, d = _parts(
@@ -128,7 +135,11 @@ def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
 
 
 def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
-    """The contact of "SOLVER, ke, kd", or one that was read. Raises UserError."""
+    """The contact of "SOLVER, ke, kd", or one that was read. ke and kd as in `NewtonSpring`.
+
+    Raises UserError for text of other parts, for an unknown solver, and for numbers without
+    meaning.
+    """
     if isinstance(given, NewtonSpring):
         return given
     solver, ke, kd = _parts(given, slot, "a solver, ke, kd, such as 'semi-implicit, 1e4, 20'", 3)
@@ -140,7 +151,10 @@ def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
 
 
 def _parts(value: Any, slot: str, expected: str, count: int) -> list[str]:
-    """The parts of a text between commas, `count` of them; UserError with `slot` for anything else."""
+    """The parts of a text between commas, `count` of them, without spaces around each.
+
+    Raises UserError with `slot` for another number of parts and for anything but text.
+    """
     parts = []
     if isinstance(value, str):
         parts = [part.strip() for part in value.split(",")]
@@ -218,8 +232,10 @@ class ImpactLaw(Drawn):
         return e.reshape(np.shape(given))
 
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
-        """Everything about one impact at each speed: e, penetration,
-        force, duration, energy lost, SI.
+        """Everything about one impact at each speed: e, penetration, force, duration, energy lost,
+        SI.
+
+        Raises QuantityError for a speed that is not above 0, UserError for an α v above 1000.
         """
         values = units.parse_values(speeds, "speed", "speeds", above=0)
         return [summarize(self.force, self.mass, v, PAPER_RELATIVE_RADIUS) for v in values.tolist()]
@@ -329,7 +345,7 @@ class ImpactLaws(Drawn):
         return np.array([law.e(speed) for law in self.laws])
 
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
-        """Everything about one impact for each α at each speed, SI."""
+        """Everything about one impact for each α at each speed, SI. Raises as `ImpactLaw.impacts`."""
         return [impact for law in self.laws for impact in law.impacts(speeds)]
 
     def loop(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:

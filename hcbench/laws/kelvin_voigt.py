@@ -41,7 +41,10 @@ def damping_ratio(law: KelvinVoigt, mass: float) -> float:
 
 
 def restitution(zeta: Floats | float, ending: Ending) -> Floats:
-    """e for damping ratios ζ >= 0, same shape, at any impact speed; 0 where the body never parts."""
+    """e for damping ratios ζ >= 0, same shape, at any impact speed; 0 where the body never parts.
+
+    Raises UserError for a ζ below 0 or NaN.
+    """
     z = within("zeta", zeta, 0.0, np.inf, "a damping ratio of 0 or more")
     if ending is Ending.FORCE:
         return np.asarray(np.exp(-2.0 * z * _g(z)))
@@ -75,7 +78,10 @@ def damping_ratio_for(e: float, ending: Ending) -> float:
 
 
 def matched(e: float, duration: float, mass: float, ending: Ending) -> KelvinVoigt:
-    """The spring and damper that give restitution e and contact time `duration` (s) to `mass` (kg)."""
+    """The spring and damper that give restitution e and contact time `duration` (s) to `mass` (kg).
+
+    Raises UserError for an e outside 0 < e <= 1 and for a duration or mass that is not above 0.
+    """
     positive("duration", duration, "s")
     positive("mass", mass, "kg")
     zeta = damping_ratio_for(e, ending)
@@ -109,6 +115,8 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Kelvi
     With ζ = sin β and θ = ω √(1-ζ²) t: F = m ω v_i e^(-θ tan β) sin(θ + 2β) / cos β. It is largest
     at θ = π/2 - 3β (at touch once ζ >= 1/2) and smallest at θ = 3π/2 - 3β, where it is -m ω v_i
     e^(-3 ζ g(ζ)), or at x = 0, whichever comes first.
+    Raises UserError for a mass or speed that is not above 0. A contact that never ends has e = 0
+    and an infinite duration.
     """
     positive("speed", speed, "m/s")
     zeta = damping_ratio(law, mass)
@@ -141,7 +149,10 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Kelvi
 def state(
     law: KelvinVoigt, mass: float, speed: float, time: Floats | float
 ) -> tuple[Floats, Floats]:
-    """x (m) and v (m/s) at times since touch (s), as if the two never parted; shapes of `time`."""
+    """x (m) and v (m/s) at times since touch (s), as if the two never parted; shapes of `time`.
+
+    mass: kg. speed: v_i, m/s. v > 0 on approach. Raises UserError for a mass that is not above 0.
+    """
     zeta = damping_ratio(law, mass)
     omega = np.sqrt(law.stiffness / mass)
     tau = omega * np.asarray(time, dtype=float)
@@ -153,11 +164,12 @@ def state(
 
 
 def loop(law: KelvinVoigt, mass: float, speed: float, ending: Ending, count: int = 401) -> Loop:
-    """Force, N, over penetration, m: `count` points of one contact, even in time, Fig. 1(a).
+    """Loop of one contact: `count` points even in time of x, m, v, m/s, and F, N; Fig. 1(a).
 
     mass: kg.
     speed: impact speed, m/s.
-    Raises UserError for a contact that never ends: x = 0 needs a damping ratio below 1.
+    Raises UserError for a mass or speed that is not above 0, and for a contact that never ends: x =
+    0 needs a damping ratio below 1.
     """
     end = bounce(law, mass, speed, ending).duration
     within(

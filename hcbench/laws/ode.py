@@ -56,9 +56,10 @@ def impact(
     count: points of the loop, even in time.
     tolerance: relative error of a step; the absolute one is a tenth of it, in units of v_i and X.
     step_max: largest step in units of X/v_i; the fixed step where the tolerance is inf.
-
     A body that turns back towards the plate before it has parted lacks the energy for it: RESTED.
-    Raises UserError for mass or speed that are not above 0, gravity below 0, fewer than 3 points.
+    So is one that stays in contact for LONGEST.
+    Raises UserError for mass or speed that are not above 0, gravity below 0, fewer than 3 points,
+    and for a law that does not push back at rest; EngineFailed where the integrator gives up.
     """
     positive("mass", mass, "kg")
     positive("speed", speed, "m/s")
@@ -130,7 +131,7 @@ def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
 
 
 def _force_over_units(law: ForceLaw, depth: float, speed: float) -> Force:
-    """F in N over x/X and v/v_i; X, v_i in m and m/s."""
+    """The force in N as a function of x/X and v/v_i. depth: X, m. speed: v_i, m/s."""
 
     def force(xi: Floats | float, eta: Floats | float) -> Floats:
         """F, N, over penetration and rate in units of the depth scale and of the impact speed."""
@@ -151,7 +152,11 @@ def _solve(
 ) -> Any:
     """Solve dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1), in units of depth and impact speed.
 
-    Events: x = 0, F = 0, turning, turning back. Raises EngineFailed where SciPy gives up.
+    force: F in N over ξ and η.
+    inertia: X/(m v_i²), 1/N; weight: g X/v_i², without unit.
+    tolerance, step_max: as of `impact`.
+    Returns SciPy's solution; its events are, in this order: x = 0, F = 0, turning, turning back.
+    Raises EngineFailed where SciPy gives up.
     """
 
     def rates(_: float, state: Floats) -> list[float]:
@@ -197,7 +202,11 @@ def _solve(
 
 
 def _largest(force: Callable[[float], float], tau: Floats, sampled: Floats) -> float:
-    """Largest force: that of the samples, improved between the neighbours of its sample."""
+    """Largest force, N: that of the samples, improved between the neighbours of its sample.
+
+    force: N, over the time τ without unit. tau, sampled: times and forces of the samples, shape
+    (n,).
+    """
     top = int(sampled.argmax())
     low = tau[max(top - 1, 0)]
     high = tau[min(top + 1, len(tau) - 1)]

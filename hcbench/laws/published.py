@@ -60,7 +60,7 @@ class PublishedLaw:
     def chi_of(self, e: Floats | float) -> Floats:
         """χ over restitutions asked for, same shape.
 
-        UserError outside 0 ... 1, and at 0 where χ is infinite.
+        Raises UserError outside 0 ... 1, and at 0 where χ is infinite.
         """
         values = np.asarray(e, dtype=float)
         slot = f"restitution of {self.name}"
@@ -196,7 +196,9 @@ LAWS = {
 
 
 def law_named(name: str) -> PublishedLaw:
-    """The law called `name`, in full or by its slug, any case; UserError lists what there is."""
+    """The law called `name`, in full or by its slug, any case; UserError for another lists what
+    there is.
+    """
     for law in LAWS.values():
         if str(name).casefold() in (law.name.casefold(), law.slug):
             return law

@@ -71,8 +71,10 @@ class QuadraticDamping:
 def restitution(
     alpha: Floats | float, speed: Floats | float, ending: Ending = Ending.SURFACE
 ) -> Floats:
-    """e of the q = 2 variant; alpha in s/m and speed in m/s broadcast. See
-    `Ending` for the two readings.
+    """e of the q = 2 variant; alpha in s/m and speed in m/s broadcast.
+
+    ending: where contact ends: at x = 0, or, of a contact that cannot pull, at F = 0.
+    Raises UserError for an α v below 0 or NaN.
     """
     u = np.asarray(alpha, dtype=float) * np.asarray(speed, dtype=float)
     within("alpha * speed", u, 0.0, np.inf, "α v_i of 0 or more")
@@ -86,7 +88,10 @@ def restitution(
 
 
 def turning_point(u: Floats | float) -> Floats:
-    """z of f(z) = (9/8) u² over u = α v_i, same shape; 1.5 u where u is small."""
+    """z of f(z) = (9/8) u² over u = α v_i, same shape; 1.5 u where u is small.
+
+    f(z) = 1 + (z - 1) e^z. u: 0 or more, not checked.
+    """
     s = 1.125 * np.asarray(u, dtype=float) ** 2
     wanted = np.sqrt(2.0 * s)
     z = np.where(wanted < 1.0, wanted, np.log1p(s))

@@ -22,7 +22,9 @@ def require(
     *,
     error: type[UserError] = UserError,
 ) -> None:
-    """Raise `error` unless `good`."""
+    """Raise `error` in the name of `slot` unless `good`; the message has value, what is expected,
+    advice.
+    """
     if not good:
         shown = f"{value:.6g}" if isinstance(value, float) else f"{value!r}"
         raise error(slot, shown, expected, advice)
@@ -35,7 +37,10 @@ def positive(slot: str, value: float, unit: str) -> None:
 
 
 def within(slot: str, values: Floats | float, low: float, high: float, meaning: str) -> Floats:
-    """The values as an array of floats; raises UserError unless low <= every value <= high."""
+    """The values as an array of floats; raises UserError unless low <= every value <= high.
+
+    slot: what they are called. meaning: what is expected, in words. NaN is outside.
+    """
     array = np.asarray(values, dtype=float)
     bad = array[~((array >= low) & (array <= high))]
     if bad.size:

@@ -76,11 +76,15 @@ class Restitution(RestitutionCurve):
     def rebound(
         self, penetration: Floats | float, rate: Floats | float, timestep: float, gravity: float
     ) -> Floats:
-        """Speed, m/s, at which a body leaves a semi-implicit step that reverses it, so that e is at
-        the touch plane; 0 for one too slow to leave. Same shape as the arguments.
+        """Speed, m/s, at which a body leaves a semi-implicit step that reverses it, so that e holds
+        at touch.
 
-        penetration: m, and rate: m/s, at the step's start. Free flight keeps U² = (v + g h/2)² - 2
-        g x, U the speed at the plane; after a step of h the body is at x - h s, with a rate of -s.
+        penetration: m, at the step's start.
+        rate: m/s, above 0 on approach, at the step's start.
+        timestep: h, s. gravity: g towards the plate, m/s².
+        Free flight keeps U² = (v + g h/2)² - 2 g x, U the speed at the touch plane; after a step of
+        h the body is at x - h s, with a rate of -s. Returned is s; 0 for a body too slow to leave.
+        Same shape as penetration and rate.
         """
         half = gravity * timestep / 2
         sunk = 2.0 * gravity * np.asarray(penetration)
@@ -99,7 +103,9 @@ class Restitution(RestitutionCurve):
         return f"α = {self.alpha:.4g}{by} s/m by {reading}"
 
     def margin(self, speeds: Floats | float) -> float:
-        """Largest uncertainty of e at these speeds (m/s), with 95 % confidence, from that of α."""
+        """Largest uncertainty of e at these speeds (m/s), with 95 % confidence, from that of α; 0
+        of none.
+        """
         off = SIGMAS_95 * self.uncertainty
         e = self.at(speeds)
         low = Restitution(self.alpha + off, self.reading).at(speeds)

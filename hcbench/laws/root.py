@@ -15,12 +15,14 @@ def root(
     absolute: float,
     relative: float = 2.0**-50,
 ) -> float:
-    """x between `low` and `high`, where `function` has unlike signs,
-    within `absolute` + `relative` |x|.
+    """x between `low` and `high`, where `function` has unlike signs, within `absolute` + `relative`
+    |x|.
 
-    R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4: a
-    secant or an inverse parabola where it falls well within the bracket, else its middle.
-    The same bits as SciPy's brentq.
+    R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4: a secant or an
+    inverse parabola where it falls well within the bracket, else its middle. The same bits as
+    SciPy's brentq.
+    Unlike signs are not checked: with like signs x is one of the ends. After _MOST_STEPS the last
+    guess is returned. Raises what `function` raises.
     """
     before = low
     f_before = function(before)
@@ -72,8 +74,11 @@ def root(
 
 
 def _guess(a: float, b: float, c: float, f_a: float, f_b: float, f_c: float) -> float:
-    """From b to the root of the secant through a and b, or of the
-    inverse parabola through all three.
+    """Step from b to the root of the secant through a and b, or of the inverse parabola through all
+    three.
+
+    f_a, f_b, f_c: values of the function there. With a == c it is the secant. Returns inf where the
+    product of the slopes underflows.
     """
     if a == c:
         return -f_b * (b - a) / (f_b - f_a)

@@ -126,7 +126,8 @@ class Curve(Columns[CurvePoint]):
 def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None = None) -> Curve:
     """One point for each launch speed and angle, in the order of the launches.
 
-    wanted: e that an impact should have; NaN for an impact that is held against nothing.
+    wanted: e that an impact should have; NaN for an impact that is held against nothing. It is
+    called for impacts with an e alone; None: no target.
     The points hold speeds in m/s, angles in rad, and e over the phases: mean, lowest, highest.
     """
     every = list(impacts)
@@ -182,7 +183,8 @@ def curve_of_columns(
     after_force: Floats | None = None,
     along: Floats | None = None,
 ) -> Curve:
-    """One point for each group of impacts that are given as columns, shape (n,).
+    """One point for each group of impacts that are given as columns, shape (n,), in the order of
+    groups.
 
     group: number of the point that an impact belongs to, each of 0 to k - 1 at least once.
     speed: at launch, m/s; angle: from the normal, rad; phase: share of a step; each impact of a
@@ -193,6 +195,7 @@ def curve_of_columns(
     samples: steps in contact.
     after_force: as `Impact.restitution_after_force`.
     along: shape (n, 6).
+    Where some impacts of a group have a target, only those count for its means.
     """
     first_of_group = np.unique(group, return_index=True)[1]
     count = len(first_of_group)
@@ -252,12 +255,12 @@ def curve_of_columns(
 
 
 def step_shares(phases: Floats, starts: Whole) -> Floats:
-    """The share of a step that each phase stands for: half of the gaps on
-    both sides; a group's add up to 1.
+    """The share of a step that each phase stands for, shape (n,); a group's add up to 1.
 
-    phases: shape (n,), rising within each group.
-    starts: where each group begins. `measure` launches at more phases where e differs between
-    neighbours, so the phases are not even.
+    phases: shape (n,), parts of a step, rising within each group.
+    starts: where each group begins, (k,).
+    It is half of the gaps to both neighbours, around the step. `measure` launches at more phases
+    where e differs between neighbours, so the phases are not even.
     """
     ends = np.append(starts[1:], len(phases))[: len(starts)] - 1
     following = np.roll(phases, -1)
@@ -280,11 +283,12 @@ _PHASES_MAX = 32
 
 
 def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """Impacts, one for each launch of the request, in order; without given
-    phases, the phases that matter.
+    """Impacts of a request's launches, by speed, angle and phase; without given phases, those that
+    matter.
 
     A long contact is launched at one phase, others at those of the request. Where few steps decide,
     the gap between two neighbours that differ is halved until the scatter of e is found.
+    Raises what the model raises at a launch.
     """
     if not request.adapt_phases:
         return simulate.impacts_in(model, request.launches())
@@ -316,12 +320,11 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
 
 
 def _between(impacts: Sequence[Impact]) -> list[Launch]:
-    """Launches at phases half-way between neighbours whose e differ, the most different first; none
-    once all is known, or where many steps decide.
+    """Launches at phases half-way between neighbours whose e differ, the most different first.
 
-    impacts: in the order of their phases.
-
-    The step after the last phase is that of the first again.
+    impacts: of one speed and angle, in the order of their phases.
+    None once all is known, or where many steps decide. The step after the last phase is that of the
+    first again.
     """
     room = _PHASES_MAX - len(impacts)
     if room <= 0 or min(impact.samples for impact in impacts) > STEPS_BY_CHANCE:

@@ -64,9 +64,9 @@ def speeds_of(impacts: Sequence[Impact]) -> list[float]:
 
 
 def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> float | None:
-    """The one e for a fix that is constant in speed; None without a target.
+    """The one e for a fix that is constant in speed, within 0 ... 1; None without a target.
 
-    It is the mean of the target at the lowest and at the highest speed, m/s, within 0 ... 1.
+    It is the mean of the target at the lowest and at the highest speed of the impacts.
     """
     if wanted is None:
         return None
@@ -76,7 +76,11 @@ def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> fl
 
 
 def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
-    """The body leaves faster than it came."""
+    """Yield the suspect of a step that does not resolve the contact, where a body leaves faster
+    than it came.
+
+    step: the engine's way to set a step; the fix takes a twentieth of it or less.
+    """
     gain, samples = _gain(impacts)
     if gain <= 1 + NOTABLE_GAIN:
         return
@@ -91,9 +95,10 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
 
 
 def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator[Suspect]:
-    """Too few steps in contact, without a gain of energy.
+    """Yield the suspect of too few steps in contact, where no energy is gained.
 
-    softer: what else would help.
+    step: the engine's way to set a step.
+    softer: what else would help, as text to paste.
     """
     gain, samples = _gain(impacts)
     if gain > 1 + NOTABLE_GAIN or not 0 < samples <= STEPS_BY_CHANCE:
@@ -109,8 +114,9 @@ def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator
 
 
 def _gain(impacts: Sequence[Impact]) -> tuple[float, int]:
-    """(largest e, fewest steps in contact) of the impacts that parted; of a body that slides or
-    spins, e that would change the energy as much.
+    """(largest e, fewest steps in contact) of the impacts that parted; (0, 0) without any.
+
+    Of a body that slides or spins it is the e that would change the energy as much.
     """
     parted = [impact for impact in impacts if impact.status is Status.PARTED]
     largest = 0.0
@@ -130,11 +136,11 @@ def gravity(
     fix: Callable[[float], str],
     apply: Callable[[Any], None],
 ) -> Iterator[Suspect]:
-    """Gravity does more than its part during a step or a contact.
+    """Yield the suspect of gravity, where it changes the speed much within a step or a contact.
 
-    acceleration: vector, m/s^2.
+    acceleration: vector, m/s^2. timestep: s.
     fix: what to write, of the longest contact (s) that gravity leaves alone.
-    apply: takes gravity away.
+    apply: takes gravity away in a model.
     """
     g = float(np.linalg.norm(acceleration))
     slowest = min((i.speed_in for i in impacts if math.isfinite(i.speed_in)), default=0.0)
@@ -151,9 +157,10 @@ def gravity(
 
 
 def other_contacts(names: Iterable[str]) -> Iterator[Suspect]:
-    """Other things touch the pair during the impact.
+    """Yield the suspect of other things that touch the pair during the impact; nothing without
+    names.
 
-    names: theirs.
+    names: theirs. The suspect has no fix to try, and is reported in any case.
     """
     if others := ", ".join(names):
         yield Suspect(
@@ -197,8 +204,11 @@ _FLAT = 0.1
 def goal_of(
     asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None
 ) -> Goal:
-    """e that a bounce at an approach speed (m/s) should have: what is wanted, or else what the
-    model asks for at `speeds`; NaN without a target.
+    """e that a bounce at an approach speed (m/s) should have, as a function; NaN without a target.
+
+    asked: e that the model asks for at `speeds`, m/s, which counts where nothing is wanted; () for
+    none.
+    wanted: the user's target, or None.
     """
     if wanted is not None:
         return lambda speed: float(wanted.at(speed))
@@ -220,7 +230,12 @@ def diagnose(
 ) -> tuple[tuple[Cause, ...], str]:
     """(causes, the strongest first; one sentence on what is left when all of them are fixed).
 
+    impacts: of the model as it is.
     goal: e over approach speed that the bounce should have.
+    wanted: the user's target, or None.
+    tolerance: |e - goal| up to which a bounce is as it should be.
+    Without an error there are only causes that are always reported, and "". A copy that cannot be
+    measured counts as an error of 1; other errors of the engine are raised.
     """
     touched = [impact for impact in impacts if impact.status is not Status.NO_TOUCH]
     impacts = touched or impacts
@@ -302,7 +317,9 @@ class _Trials:
         self._impacts: dict[frozenset[str], list[Impact]] = {}
 
     def impacts(self, fixes: Sequence[Suspect]) -> list[Impact]:
-        """One for each launch; none where the fixes make the pair unmeasurable."""
+        """One impact for each launch with these fixes made; none where the pair cannot be measured
+        then.
+        """
         key = _codes(fixes)
         if key not in self._impacts:
             try:
@@ -319,7 +336,10 @@ class _Trials:
 
 
 def _error(impact: Impact, goal: Goal) -> float:
-    """|e - goal|; 1 for an impact without an e; without a goal the part of e that is above 1."""
+    """|e - goal|; 1 for an impact without an e; without a goal the part of e that is above 1.
+
+    goal: e over approach speed, m/s; NaN for none.
+    """
     e = impact.restitution
     if math.isnan(e):
         return 1.0
@@ -331,7 +351,7 @@ def _error(impact: Impact, goal: Goal) -> float:
 
 
 def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
-    """Say whether an impact failed, misses the goal, or gains energy."""
+    """Say whether an impact has no e, misses the goal by more than `tolerance`, or gains energy."""
     for impact in impacts:
         e = impact.restitution
         if math.isnan(e) or e > 1 + NOTABLE_GAIN:
@@ -345,8 +365,7 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
     """Launches to try fixes on: some phases of the worst speed, the lowest and the highest.
 
     Of the worst speed alone where all take too many steps.
-
-    step_cost: see `ModelUnderTest`.
+    step_cost: cost of a step over that of a ball on a plane.
     """
 
     def badness(impact: Impact) -> tuple[bool, float]:
@@ -369,8 +388,10 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
 
 
 def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
-    """Evenly chosen launches of one speed; one only where steps cost much
-    and all phases have the same e.
+    """Evenly chosen launches of one speed, four at most.
+
+    One only where steps cost much and all phases have the same e. impacts: of that speed, one or
+    more.
     """
     e = [impact.restitution for impact in impacts]
     # False where one of them is NaN.
@@ -384,7 +405,9 @@ def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
 def _hidden_suspects(
     suspects: Sequence[Suspect], trials: _Trials, wanted: RestitutionCurve | None, tolerance: float
 ) -> list[Suspect]:
-    """Suspects that show only where the others are fixed, if that does not cure the pair."""
+    """Suspects that show only where the others are fixed, if that does not cure the pair; else
+    none.
+    """
     fixes = _fixable(suspects)
     impacts = trials.impacts(fixes)
     if not fixes or not impacts or trials.max_error(fixes) <= tolerance:
@@ -396,8 +419,11 @@ def _hidden_suspects(
 
 
 def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> list[Cause]:
-    """The fewest fixes that cure as well as all of them do, the strongest first; or, where all
-    together cure nothing, those that help alone. Those that are always reported are among them.
+    """The fewest fixes that cure as well as all of them do, the strongest first.
+
+    Where all together cure nothing, those that help alone. Those that are always reported are among
+    them.
+    fixes: suspects that can be tried, the likeliest first. tolerance: of e.
     """
     before = trials.max_error([])
     after = trials.max_error(fixes)
@@ -427,7 +453,7 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
 
 
 def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) -> list[Suspect]:
-    """The fixes that keep the error within `allowed`, the least likely left out first."""
+    """The fixes that keep the largest error of e within `allowed`, the least likely left out first."""
     needed = list(fixes)
     for suspect in reversed(fixes):
         others = _without(needed, suspect)
@@ -441,7 +467,9 @@ def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan)
 
 
 def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str:
-    """A sentence on what remains with all causes fixed."""
+    """A sentence on what remains with all causes fixed: the mean e and the error, or that it is
+    unexplained.
+    """
     before = trials.max_error([])
     after = trials.max_error(fixes)
     e = [impact.restitution for impact in trials.impacts(fixes)]

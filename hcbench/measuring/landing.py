@@ -110,7 +110,11 @@ def land(
 def make_drops(
     heights: Quantities = HEIGHTS, tilt: Quantities = 0.0, controller: Controller = "pd"
 ) -> DropPlan:
-    """Drops from what a user writes. Raises QuantityError and UserError."""
+    """Drops from what a user writes: heights, m, tilts, rad, and a controller; text may have units.
+
+    Raises QuantityError for a height outside 0 ... 100 m and for text that is not a quantity,
+    UserError for a controller that is neither text nor a function.
+    """
     high = tuple(units.parse_values(heights, "length", "heights", above=0).tolist())
     if max(high) > _HIGHEST:
         raise QuantityError("heights", f"{max(high):g} m", f"up to {_HIGHEST:g} m")
@@ -123,8 +127,11 @@ def make_drops(
 
 
 def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
-    """The drops of one robot: of a file, in a worker, unless a
-    function of this process controls it.
+    """The drops of one robot: of a file, in a worker, unless a function of this process controls
+    it.
+
+    limit: s, after which a worker counts as hung; None: the default of `run_job`.
+    Raises UserError for what cannot be dropped, EngineFailed where the worker died or hung.
     """
     work = partial(_landed, drops)
     return work(job) if callable(drops.controller) else run_job(work, job, limit)
@@ -133,7 +140,8 @@ def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
 def _landed(drops: DropPlan, job: Job) -> Landings:
     """Drop the robot of a job, with notes on a step that is too long.
 
-    Raises UserError for an engine in which hcbench drops no robots.
+    Raises UserError for an engine in which hcbench drops no robots, and for a controller in a file
+    that cannot be used.
     """
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, LandsRobots):
@@ -150,7 +158,7 @@ def _landed(drops: DropPlan, job: Job) -> Landings:
 def unresolved(landings: Landings) -> list[str]:
     """Sentences on a step that is too long for the fall or the contact, with the step to take.
 
-    With such a step, no number of the landings holds.
+    Empty where the step is short enough. With a longer one, no number of the landings holds.
     """
     h = landings.timestep
     found = []
@@ -174,7 +182,9 @@ def unresolved(landings: Landings) -> list[str]:
 
 
 def _few_steps(landings: Landings) -> list[str]:
-    """A sentence on drops in which few steps are in contact; none where `unresolved` says more."""
+    """One sentence on drops in which few steps are in contact, in a list; empty where `unresolved`
+    says more.
+    """
     h = landings.timestep
     fewest = min(_steps(drop, h) for drop in landings.drops)
     if unresolved(landings) or fewest > STEPS_BY_CHANCE:
@@ -192,7 +202,7 @@ def _steps(drop: Landing, timestep: float) -> float:
 
 
 def as_record(landings: Landings) -> dict[str, Any]:
-    """The landings as `--json` prints them."""
+    """The landings as `--json` prints them, in SI units."""
     about = {}
     for field in dataclasses.fields(landings):
         if field.name != "drops":
@@ -215,7 +225,7 @@ def _drop_record(drop: Landing) -> dict[str, Any]:
 def as_text(robots: Sequence[Landings]) -> str:
     """The robots, one after the other in each drop, as lines for a terminal.
 
-    All have the same drops; ValueError for others.
+    All have the same drops; raises ValueError for another number of them.
     """
     lines = []
     for landings in robots:
@@ -248,7 +258,7 @@ def headline(landings: Landings) -> list[str]:
 
 
 def labels(robots: Sequence[Landings]) -> list[str]:
-    """A name for each: of its file, with a number where two have the same."""
+    """A name for each robot: that of its model's file, with a number where two have the same."""
     names = [sanitized(landings.model, 40) for landings in robots]
     unique = []
     for i, name in enumerate(names, 1):
@@ -266,7 +276,10 @@ def by_drop(robots: Sequence[Landings], names: Sequence[str]) -> Iterator[tuple[
 
 
 def _row(drop: Landing, name: str) -> tuple[str, ...]:
-    """Cells of one landing: times in ms, slip and penetration in mm, tilt in degrees."""
+    """Cells of one landing: height in m, times in ms, slip and penetration in mm, tilt in degrees.
+
+    name: of the robot. "" stands for the impulse where the engine has forces.
+    """
     impulse = ""
     if not math.isnan(drop.impulse):
         impulse = f"{drop.impulse:.4g}"
@@ -290,7 +303,10 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
 
 
 def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
-    """Cells of each foot of one landing: times in ms, slip and penetration in mm, forces in N."""
+    """Cells of each foot of one landing: times in ms, slip and penetration in mm, forces in N.
+
+    is_tilted: whether any drop is; else the cell of the tilt is "".
+    """
     rows: list[tuple[str, ...]] = []
     tilt = ""
     if is_tilted:
@@ -319,7 +335,7 @@ def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
 def _without_model(
     header: tuple[str, ...], rows: list[tuple[str, ...]], several: bool
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Without the column of the model where there is one robot."""
+    """Header and rows without the column of the model where there is one robot; else as they are."""
     if several:
         return header, rows
     at = header.index("model")

@@ -205,8 +205,9 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
 
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
-    """Let a worker process import what measuring these files takes, while
-    its parent reads what is asked.
+    """Let a worker process import what measuring these files takes, while its parent reads on.
+
+    engine: name of one, or None. An error is not raised here, but where the model is opened.
     """
     # The error is raised again where the model is needed.
     with suppress(HcbenchError):
@@ -223,8 +224,10 @@ def prepare(name: str) -> None:
 
 
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
-    """Return the paths or text of a model, which can be sent to the worker; None for an object of
-    an engine.
+    """The paths or text of a model, which can be sent to the worker; None for an object of an
+    engine.
+
+    A tuple for several files, and the one for a list of one.
     """
     if isinstance(model, list | tuple) and len(model) == 1:
         # One file is opened by the engine of its kind, not by one that opens several files.
@@ -249,8 +252,10 @@ def _label(source: str | tuple[str, ...]) -> str:
 
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
-    """The answer of a job, within the limit of memory. Raises EngineFailed for any error that is not
-    hcbench's own.
+    """Answer of a job, within the limit of memory.
+
+    Raises EngineFailed for any error that is not hcbench's own, and for a model that needs more
+    memory.
     """
     try:
         with memory_limit(_memory()), beyond_bounds(job.beyond_bounds):
@@ -266,7 +271,10 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
 
 
 def _measured(job: Job) -> Measurement:
-    """Launch the pair, lay it down, and look for causes of what is not as wanted."""
+    """Launch the pair, lay it down, and look for causes of what is not as wanted.
+
+    Raises UserError for a pair that cannot be opened, or that never touched without a cause found.
+    """
     request = job.request
     causes: tuple[Cause, ...] = ()
     remedy = ""
@@ -292,7 +300,7 @@ def _measured(job: Job) -> Measurement:
 
 
 def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:
-    """Raises UserError with what stopped the launches where none arrived."""
+    """Raise UserError with what stopped the launches where none arrived."""
     if any(impact.status is not Status.NO_TOUCH for impact in impacts):
         return
     got = f"{' and '.join(map(sanitized, facts.pair))} never touched: {impacts[0].reason}"
@@ -315,7 +323,11 @@ def _open(job: Job) -> ModelUnderTest:
 
 
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
-    """(engine, model, function that makes the model again, or None)."""
+    """(engine, model, function that makes the model again, or None where it need not be made).
+
+    A function of a Python file is called here, once. Raises UserError where that fails or no engine
+    opens the model, SceneError for a file that none opens.
+    """
     source = job.source
     rebuild = None
     if isinstance(source, str) and is_python(source):
@@ -329,7 +341,9 @@ def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
 def _engine_for(source: Any, name: str | None) -> OpensModels:
     """The engine of that name, or the first that opens such a model.
 
-    Raises UserError for a name of none that opens models, SceneError for a file that none opens.
+    source: paths, text or an object.
+    Raises UserError for a name of none that opens models and for an object that none opens,
+    SceneError for a file that none opens.
     """
     if name is not None:
         if registry.base_name(name) in registry.names():
@@ -355,7 +369,9 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
 
 
 def _model_file_error(source: str | Path) -> SceneError:
-    """The error for a path that no engine opens."""
+    """The error for a path that no engine opens, with advice by its suffix; it is returned, not
+    raised.
+    """
     # A dict keeps each suffix once, in order.
     suffixes: dict[str, None] = {}
     for engine in _openers():

@@ -55,8 +55,8 @@ def Wanted(
     s/m" has a standard uncertainty.
     restitution: one e for all speeds.
     points: pairs (v m/s, e), straight between, constant beyond.
-
-    Raises UserError and QuantityError.
+    Raises UserError for none or several of the three and for an e outside 0 ... 1, QuantityError
+    for text that is not such a quantity.
     """
     ways: dict[str, Any] = {"alpha": alpha, "restitution": restitution, "points": None}
     if len(points):
@@ -75,7 +75,10 @@ def Wanted(
 
 
 def read_points(points: Any) -> tuple[tuple[float, float], ...]:
-    """Pairs of v, m/s, and e as floats. Raises UserError and QuantityError."""
+    """Pairs of v, m/s, and e as floats.
+
+    Raises QuantityError for a speed that is none, UserError for anything but pairs.
+    """
     try:
         return tuple((units.parse(v, "speed", "points"), float(e)) for v, e in points)
     except (TypeError, ValueError, OverflowError):
@@ -126,7 +129,7 @@ class Measurement(Drawn):
 
     @property
     def headline(self) -> list[str]:
-        """Model, pair, engine and conditions of the measurement, in four lines.
+        """Lines of model, pair, engine and conditions of the measurement, four in all.
 
         The step is in s, gravity in m/s², the effective mass in kg.
         """
@@ -141,6 +144,9 @@ class Measurement(Drawn):
         ]
 
     def _lines(self) -> Iterator[str]:
+        """Yield lines for a terminal: two of the headline, e at up to five speeds, and up to three
+        causes.
+        """
         yield from self.headline[:2]
         if self.failure:
             yield self.failure
@@ -158,7 +164,9 @@ class Measurement(Drawn):
 
     @property
     def failure(self) -> str:
-        """The reason why launches that touched have no e, none of them; "" where one has."""
+        """Sentence on why no launch that touched has an e; "" where one has, and where none
+        touched.
+        """
         touched = [impact for impact in self.impacts if impact.status is not Status.NO_TOUCH]
         if not touched or self.measured:
             return ""
@@ -179,9 +187,7 @@ class Measurement(Drawn):
 
     @property
     def loops(self) -> list[Impact]:
-        """One impact a speed, of those whose contact took steps enough
-        to show force over penetration.
-        """
+        """One impact a launch speed, of those whose contact took steps enough to show its force."""
         loops: dict[float, Impact] = {}
         for impact in self.impacts:
             if (
@@ -209,7 +215,9 @@ class Measurement(Drawn):
 
     @property
     def effective_mass(self) -> float:
-        """Effective mass of the model, kg, or else by the momentum of the first impact with a loop."""
+        """Effective mass, kg: the model's, or else by the momentum of the first impact with a loop;
+        or NaN.
+        """
         if math.isfinite(self.facts.effective_mass):
             return self.facts.effective_mass
         for impact in self.impacts:
@@ -220,9 +228,10 @@ class Measurement(Drawn):
 
     @property
     def _fitted_alpha(self) -> float:
-        """α of the law that describes e over speed, s/m; NaN where none does: where nothing
-        bounces, or it is wrong by more than TOLERANCE (rms), or by more than half of what
-        one e for all speeds would be.
+        """α of the law that describes e over speed, s/m; NaN where none does.
+
+        None does where nothing bounces or there is one speed, and where the law is wrong by more
+        than TOLERANCE (rms), or by more than half of what one e for all speeds would be.
         """
         speeds = np.array([i.speed_in for i in self.measured])
         e = np.array([i.restitution for i in self.measured])
@@ -239,7 +248,8 @@ class Measurement(Drawn):
         """Law for comparison: the target's α, or the fitted; k such that the hardest impact goes as
         deep.
 
-        None without either: no α was given, and no law describes the measured e.
+        None without either: no α was given, and no law describes the measured e. k is 1 where no
+        impact of many steps shows a penetration, or the mass is unknown.
         """
         alpha = self.wanted.alpha if isinstance(self.wanted, Restitution) else self._fitted_alpha
         if math.isnan(alpha):

@@ -50,7 +50,11 @@ class RestLimits:
         return f"at most a {' and a '.join(phrases)} at rest"
 
     def beyond(self, rest: Rest | None) -> dict[str, tuple[float, float]]:
-        """(value, limit) of what is above its limit, by name; NaN is above any."""
+        """(value, limit) of what is above its limit, by name, SI; NaN is above any.
+
+        rest: None where the two do not rest: then both are NaN. A vibration that dies away counts
+        only for limits of the user's.
+        """
         calms = rest is not None and rest.dies_away and not self.of_user
         names = ("penetration",) if calms else ("penetration", "vibration")
         beyond = {}
@@ -68,7 +72,11 @@ ANY_REST = RestLimits(math.inf, math.inf)
 def at_rest(
     model: ModelUnderTest, limits: RestLimits | None, impacts: Sequence[Impact]
 ) -> tuple[Rest | None, list[Suspect]]:
-    """The pair at rest, and what can be tried to bring it within the limits, likeliest first."""
+    """The pair at rest, and what can be tried to bring it within the limits, likeliest first.
+
+    limits: None: nothing is measured, and the pair at rest is None.
+    impacts: of the same model, by which it names suspects.
+    """
     if limits is None:
         return None, []
     rest = model.at_rest()
@@ -81,8 +89,10 @@ def at_rest(
 def rest_causes(
     model: ModelUnderTest, rest: Rest | None, limits: RestLimits | None, suspects: Sequence[Suspect]
 ) -> tuple[Cause, ...]:
-    """Find causes that keep the pair from resting within the limits: fixes that alone halve an
-    excess, best first.
+    """Causes that keep the pair from resting within the limits: fixes that alone halve an excess,
+    best first.
+
+    rest, suspects: as `at_rest` returns them. limits: None for no causes.
     """
     if limits is None:
         return ()

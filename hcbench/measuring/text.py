@@ -30,7 +30,7 @@ _FAILURES = 3
 
 
 def as_record(measurement: Measurement) -> dict[str, Any]:
-    """The measurement for JSON; NaN for a number that does not apply."""
+    """The measurement for JSON, in SI units; NaN for a number that does not apply."""
     facts = measurement.facts
     score = measurement.score
     is_oblique = measurement.request.is_oblique
@@ -76,7 +76,7 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
 
 
 def _law(measurement: Measurement) -> dict[str, Any] | None:
-    """The law for comparison, SI; None without one."""
+    """The law for comparison as JSON, SI; None without one."""
     law = measurement.law
     if law is None:
         return None
@@ -106,7 +106,7 @@ def _loop(impact: Impact) -> dict[str, Any]:
 
 
 def as_text(measurement: Measurement) -> str:
-    """The measurement as lines for a terminal."""
+    """The measurement as lines for a terminal: conditions, notes, e over speed, score and causes."""
     facts = measurement.facts
     lines = list(measurement.headline)
     for name, value in facts.settings.items():
@@ -131,7 +131,7 @@ def as_text(measurement: Measurement) -> str:
 
 
 def _curve_lines(measurement: Measurement) -> list[str]:
-    """Table of e over speed, without the columns that say nothing."""
+    """Lines of the table of e over speed, without the columns that say nothing."""
     speeds = measurement.request.speeds
     asked_e = measurement.facts.asked or (math.nan,) * len(speeds)
     asked = dict(zip(speeds, asked_e, strict=True))
@@ -180,7 +180,7 @@ def motion_notes(measurement: Measurement) -> list[str]:
 
 
 def _approach_note(measurement: Measurement) -> list[str]:
-    """Lines that say if gravity, joints or servos changed a launch that was not meant to fall."""
+    """One sentence where joints or servos sped up a launch that was not meant to fall; else none."""
     if measurement.request.height is not None:
         return []
     strange = [p for p in measurement.curve if p.speed > 0 and not p.speed_in < _FASTER * p.speed]
@@ -207,7 +207,7 @@ def _acts_on(measurement: Measurement, point: CurvePoint) -> bool:
 
 
 def _parting_note(measurement: Measurement) -> list[str]:
-    """Lines that say if joints or servos act on until the bodies part."""
+    """One sentence where joints or servos act on until the bodies part; else none."""
     points = [p for p in measurement.curve if _acts_on(measurement, p)]
     if not points:
         return []
@@ -219,8 +219,8 @@ def _parting_note(measurement: Measurement) -> list[str]:
 
 
 def _shares_note(measurement: Measurement) -> list[str]:
-    """One sentence on what changed the speed during the contact,
-    where it was not the contact alone.
+    """One sentence on what else than the contact changed the speed during it; none where little
+    did.
     """
     facts = measurement.facts
     if not facts.more_than_contact >= _NOTABLE_SHARE:
@@ -233,7 +233,7 @@ def _shares_note(measurement: Measurement) -> list[str]:
 
 
 def _along_lines(measurement: Measurement) -> list[str]:
-    """Table of the motion along the plate in oblique impacts; empty without any."""
+    """Lines of the table of motion along the plate in oblique impacts; empty without any."""
     if not measurement.request.is_oblique:
         return []
     friction = measurement.facts.friction
@@ -297,7 +297,10 @@ def _score_lines(measurement: Measurement) -> list[str]:
 
 
 def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
-    """Causes as indented text."""
+    """Causes as indented lines, each with evidence, fix and where to read more; then the remedy.
+
+    remedy: a sentence, or "".
+    """
     lines = []
     for cause in causes:
         lines += [

@@ -42,10 +42,13 @@ def measure_trajectory(
 ) -> TrajectoryTouchdowns:
     """Measure at which speeds the parts of a robot met the floor in a recorded motion.
 
-    model: as `measure` takes it. trajectory: an .npz or JSON file, or a mapping, with qpos (n, nq),
-        qvel (n, nv) and time (n,) of the states; without time, one a time step of the model.
-    pair: the two to read; None: each part that moves, on what does not. limit: as in `measure`.
-    Raises UserError for other arrays.
+    model: as `measure` takes it.
+    trajectory: an .npz or JSON file, or a mapping, with qpos (n, nq), qvel (n, nv) and time (n,),
+    s, of the states; without time, one a time step of the model.
+    pair: the two to read; None: each part that moves, on what does not.
+    engine, limit: as in `measure`.
+    Raises UserError for other arrays, for an engine that reads no recordings, and for a model that
+    cannot be opened; EngineFailed where the worker died or hung.
     """
     job = Job(model, engine, make_request(pair), None, TOLERANCE, diagnose=False)
     return touchdowns_job(job, trajectory, read_limit(limit))
@@ -57,8 +60,10 @@ def touchdowns_job(job: Job, trajectory: Any, limit: float | None = None) -> Tra
 
 
 def _arrays(trajectory: Any) -> dict[str, Floats]:
-    """The arrays qpos, qvel and time of a trajectory, a file's or a mapping's; UserError for
-    anything else.
+    """The arrays qpos, qvel and time of a trajectory, a file's or a mapping's, those that it has.
+
+    Raises UserError for anything else, and for values that are not numbers. Shapes are not checked
+    here.
     """
     if isinstance(trajectory, str | Path):
         trajectory = read_named(Path(trajectory), "trajectory", "qpos and qvel")
@@ -91,7 +96,7 @@ def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
 
 
 def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
-    """The touchdowns as `--json` prints them."""
+    """The touchdowns as `--json` prints them, in SI units."""
     about = {}
     for field in dataclasses.fields(motion):
         if field.name != "feet":
@@ -101,7 +106,9 @@ def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
 
 
 def _foot_record(foot: Touchdowns) -> dict[str, Any]:
-    """One foot: times and speeds of its touchdowns as lists, a number a touchdown."""
+    """One foot as JSON: times, s, and speeds, m/s, of its touchdowns as lists, a number a
+    touchdown.
+    """
     return {
         "part": foot.part,
         "other": foot.other,
@@ -115,7 +122,9 @@ def _foot_record(foot: Touchdowns) -> dict[str, Any]:
 
 
 def as_text(motion: TrajectoryTouchdowns) -> str:
-    """The touchdowns, as lines for a terminal."""
+    """The touchdowns as lines for a terminal, with advice on a coarse recording and on settings
+    without a band.
+    """
     lines = [
         f"{sanitized(motion.model)}: {motion.states} states, one every {1e3 * motion.interval:.4g} ms",
         f"{motion.engine} {motion.version}",
@@ -143,7 +152,7 @@ def as_text(motion: TrajectoryTouchdowns) -> str:
 
 
 def _row(foot: Touchdowns) -> tuple[str, ...]:
-    """Cells of one foot: speeds in m/s, the last but one in per cent."""
+    """Cells of one foot: speeds in m/s, the share outside the band in per cent, "" without a band."""
     valid = "—"
     outside = ""
     if foot.band is not None:

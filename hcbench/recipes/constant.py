@@ -27,8 +27,8 @@ LOWEST_UNDERDAMPED = math.exp(-2.0)
 def minimax_constant(target: Target) -> tuple[float, float]:
     """The constant e with the least largest error over the band, and that error.
 
-    e falls with v, so the error is largest at both ends of the band and
-    the best constant is halfway.
+    e falls with v, so the error is largest at both ends of the band and the best constant is
+    halfway.
     """
     ends = target.restitution(np.array([target.speed_min, target.speed_max]))
     high = float(ends.max())
@@ -37,11 +37,11 @@ def minimax_constant(target: Target) -> tuple[float, float]:
 
 
 def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
-    """Contact time of the spring-damper that replaces the law, s: the
-    law's at the geometric mean speed.
+    """Contact time, s, of the spring-damper that replaces the law: the law's at the geometric mean
+    speed.
 
-    At least `steps` time steps, so that a coarse step still sees a contact; the
-    spring is then softer than the law.
+    At least `steps` time steps, so that a coarse step still sees a contact; the spring is then
+    softer than the law.
     """
     speed = math.sqrt(target.speed_min * target.speed_max)
     duration = float(closed_form.duration(target.law, target.mass, speed))
@@ -49,12 +49,15 @@ def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
 
 
 def implicit_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
-    """k, N/m, and c, N s/m, of F = k (x + h v') + c v', v' the rate after a
-    step, for the best constant e.
+    """k, N/m, and c, N s/m, of F = k (x + h v') + c v', v' the rate after a step, for the best
+    constant e.
 
+    duration: of the contact, s. instead: recipe to name in an error.
     Those whose steps have the poles exp((-β ± i ω) h) of `spring_damper`'s contact exactly: m exp(2
     β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h. Where c would be below
-    0 the contact is made slower until it is not. SettingError for e = 1: such a step always damps.
+    0 the contact is made slower until it is not.
+    Raises SettingError for e = 1, since such a step always damps, and for an e that only an
+    overdamped contact has.
     """
     e, _ = minimax_constant(target)
     h = target.timestep
@@ -77,9 +80,11 @@ def implicit_spring_damper(target: Target, duration: float, instead: str) -> tup
 def spring_damper(restitution: float, duration: float, instead: str) -> tuple[float, float]:
     """β and ω, 1/s, of the contact x'' + 2 β x' + (ω² + β²) x = 0 that has this e and duration (s).
 
+    instead: recipe to name in an error.
     The contact pushes only, so it ends where the force is 0, before x is: with the damping ratio
-    sin ψ at ω t = π - 2 ψ, with β = ω tan ψ. Raises SettingError for an e that only an overdamped
-    contact has, with the recipe to use `instead`.
+    sin ψ at ω t = π - 2 ψ, with β = ω tan ψ.
+    Raises SettingError for an e outside exp(-2) < e <= 1, which only an overdamped contact has, or
+    none.
     """
     if not LOWEST_UNDERDAMPED < restitution <= 1.0:
         raise SettingError(
@@ -94,12 +99,12 @@ def spring_damper(restitution: float, duration: float, instead: str) -> tuple[fl
 
 
 def one_way_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
-    """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the
-    way out, for the best constant e.
+    """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the way out, for the best e.
 
-    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω²
-    = k/m: the way in is a damped oscillator's from touch to its first standstill.
-    SettingError for e below e^-1.
+    duration: of the contact, s. instead: recipe to name in an error.
+    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω² = k/m:
+    the way in is a damped oscillator's from touch to its first standstill.
+    Raises SettingError for an e of exp(-0.99) = 0.372 or less, and for one above 1.
     """
     e, _ = minimax_constant(target)
 
@@ -115,7 +120,9 @@ def one_way_spring_damper(target: Target, duration: float, instead: str) -> tupl
 
 
 def require_end(target: Target) -> None:
-    """Raise SettingError for a step so short that an evaluation would not end."""
+    """Raise SettingError for a step so short that an evaluation would not end: STEPS_MOST in a
+    contact.
+    """
     steps = steps_per_contact(target)
     if steps > STEPS_MOST:
         got = f"{target.timestep:g} s, of which {steps:.2g} are the law's shortest contact"
@@ -131,7 +138,7 @@ def steps_per_contact(target: Target) -> float:
 
 
 def resolvable_law(target: Target, softened_steps: float = STEPS_OF_A_SOFTENED) -> HuntCrossley:
-    """Return the target's law, softened if its shortest contact lasts less than STEPS_OF_A_LOOP.
+    """Law of the target, softened if its shortest contact lasts less than STEPS_OF_A_LOOP steps.
 
     A softened contact lasts `softened_steps` time steps at the speed at which it is shortest.
     """

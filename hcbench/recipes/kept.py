@@ -36,12 +36,11 @@ _OLD_S = 90 * 86400.0
 
 
 def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Path | None:
-    """The file in which the setting for a target is kept.
+    """The file in which the setting for a target is kept; it need not exist.
 
     versions: of the engine and of what computes.
-
-    None for a recipe that is not of its engine's folder in this package: it
-    depends on more than is known.
+    None for a recipe that is not of its engine's folder in this package, because it depends on more
+    than is known, and where there is no cache folder.
     """
     folder = recipe.engine.replace("-", "_")
     if not f"{recipe.function.__module__}.".startswith(f"hcbench.engines.{folder}."):
@@ -60,7 +59,9 @@ def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Pat
 
 
 def kept(recipe: Recipe, target: Target, place: Path | None) -> Setting | None:
-    """The setting that `make` keeps in a place; None for none."""
+    """The setting that `make` keeps in a place; None for none, and for a file that is old or not
+    whole.
+    """
     with suppress(OSError, ValueError):
         if (
             place is not None
@@ -77,7 +78,8 @@ def kept(recipe: Recipe, target: Target, place: Path | None) -> Setting | None:
 def make(recipe: Recipe, target: Target, place: Path | None) -> Setting:
     """The setting that a recipe makes of a target, kept in a place if it took a search.
 
-    Raises as it.
+    place: None: not kept. Where the file cannot be written nothing is kept, and nothing said.
+    Raises what the recipe raises.
     """
     began = time.process_time()
     setting = recipe(target)
@@ -107,7 +109,10 @@ def _code() -> str:
 
 
 def _files(folder: str) -> Iterator[tuple[str, int, int]]:
-    """(path, time of change in ns, size in bytes) of every file of code below a folder."""
+    """Yield (path, time of change in ns, size in bytes) of every file of code below a folder.
+
+    Raises OSError for a folder that cannot be read.
+    """
     with os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir():

@@ -43,11 +43,13 @@ _DELIVERED = "The delivered e follows from χ. It differs from the target, excep
 def plug_in_recipes(
     engine: str, native: Sequence[Recipe], common: Options, exact_above: Callable[[float], float]
 ) -> tuple[Recipe, ...]:
-    """Recipes for an engine into which hcbench.contact plugs a law.
+    """Recipes for an engine into which hcbench.contact plugs a law: by force, by restitution,
+    published.
 
     native: recipes of its own contact, which messages name where a law cannot be had.
     common: options of each setting, beside "law".
     exact_above: e to the impact speed over g h from which the law at any step is exact.
+    The recipes raise SettingError for a step that does not resolve the contact of a force.
     """
     constant = first(native, Role.CONSTANT_E, "plane")
     at_any_step = [constant.name] if constant else []
@@ -147,16 +149,17 @@ def published_law_recipes(
     note: str,
     steps_min: float = 0.0,
 ) -> tuple[Recipe, ...]:
-    """F = k x^n (1 + χ(e) v/v_i), a recipe for each law: v_i the speed of
-    each impact, one e for all speeds.
+    """Recipes of F = k x^n (1 + χ(e) v/v_i), one for each law of LAWS: one e for all speeds.
 
-    options: a setting's, for a target and a law that is asked for the best
-    constant restitution of its band.
+    v_i is the speed of each impact at touch.
+    options: a setting's, for a target and a law that is asked for the best constant restitution of
+    its band.
     note: how the engine runs the law.
+    steps_min: steps in the shortest contact that the engine needs.
     """
 
     def recipe(family: PublishedLaw) -> Recipe:
-        """The recipe of one law."""
+        """The recipe of one law, which sets it to the best constant e of a target's band."""
 
         def function(target: Target) -> Options:
             e, _ = minimax_constant(target)
@@ -197,7 +200,9 @@ def _any_of(names: Sequence[str]) -> str:
 
 
 def _require_resolved(target: Target, law: HuntCrossley, advice: str) -> None:
-    """Refuse a step that does not resolve the shortest contact of the band: SettingError."""
+    """Raise SettingError, with `advice`, for a step that does not resolve the shortest contact of
+    the band.
+    """
     steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
     if steps < STEPS_OF_A_LAW:
         raise SettingError(

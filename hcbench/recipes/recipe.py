@@ -56,7 +56,10 @@ class SearchInterrupted(KeyboardInterrupt):
 
 @contextmanager
 def report_progress(progress: Progress | None) -> Iterator[None]:
-    """Searches in the block call `progress(done, budget)`: evaluations so far, and at most."""
+    """Let searches in the block call `progress(done, budget)`: evaluations so far, and at most.
+
+    None: no reports.
+    """
     token = _progress.set(progress)
     try:
         yield
@@ -89,7 +92,7 @@ class Search:
             progress(min(self._done, self._budget), self._budget)
 
     def record(self, parameters: Floats, errors: Floats) -> None:
-        """Count evaluations: errors of e, shape (n,), at parameters of shape (n, k).
+        """Count evaluations and remember the best: errors of e, shape (n,), at parameters (n, k).
 
         NaN is the worst.
         """
@@ -100,7 +103,11 @@ class Search:
         self.add(len(errors))
 
     def recorded(self, errors: Errors) -> LimitedErrors:
-        """The same function, of parameters (n, k), whose evaluations are counted and remembered."""
+        """Function of parameters (n, k) and limits, of these errors, (n,), whose evaluations are
+        counted.
+
+        The limits are not used; the best is remembered.
+        """
 
         def evaluate(parameters: Floats, _: Floats) -> Floats:
             off = errors(parameters)
@@ -111,7 +118,10 @@ class Search:
 
     @contextmanager
     def interrupt_with_best(self) -> Iterator[None]:
-        """Turn a KeyboardInterrupt in the block into SearchInterrupted, once there is a best."""
+        """Turn a KeyboardInterrupt in the block into SearchInterrupted, once there is a best.
+
+        Its best are parameters, shape (k,).
+        """
         try:
             yield
         except KeyboardInterrupt:
@@ -132,13 +142,13 @@ def evolve(
 ) -> Floats:
     """Members, shape (n, k), after so many generations, the one with the least error first.
 
-    Differential evolution (Storn & Price 1997), binomial crossing, a whole generation in one call
-    of `errors`, (n, k) to (n,): SciPy's takes longer to import than this to search. `errors` has
-    limits (n,) too, above which any number will do.
-
+    errors: of members, (n, k), and limits, (n,), above which any number will do; gives (n,).
+    members: the first generation.
     bounds: lowest and highest, (k,).
     towards_best: mutants differ from the best member, which is faster and finds less; else from
     their own.
+    Differential evolution (Storn & Price 1997), binomial crossing, a whole generation in one call
+    of `errors`: SciPy's takes longer to import than this to search. Raises what `errors` raises.
     """
     worst = errors(members, np.full(len(members), np.inf))
     count, size = members.shape
@@ -233,10 +243,11 @@ class Recipe:
     exact_above: Callable[[float], float] | None = None
 
     def __call__(self, target: Target, integrator: str | None = None) -> Setting:
-        """The setting; integrator: one of `integrators`, None for the first.
+        """Make the setting for a target.
 
-        Raises SettingError where the recipe cannot serve the target; SearchInterrupted with the
-        best setting so far where an interrupt ends its search.
+        integrator: one of `integrators`, None for the first.
+        Raises SettingError where the recipe cannot serve the target or the integrator;
+        SearchInterrupted with the best setting so far where an interrupt ends its search.
         """
         if integrator is not None:
             self._require_integrator(integrator)
@@ -263,10 +274,11 @@ class Recipe:
 def first(
     recipes: Iterable[Recipe], role: Role, form: str, steps: float = 0.0, native: bool = True
 ) -> Recipe | None:
-    """Return the first recipe of a role for a scene's form; None if there is none.
+    """First recipe of a role for a scene of this form; None if there is none.
 
+    recipes: in the order of preference.
     steps: time steps in the law's shortest contact; the recipe must not need more.
-    native: without a plug-in.
+    native: true for the engine's own contact, false for a law in its place.
     """
     for recipe in recipes:
         fits = form in recipe.forms and recipe.steps_min <= steps
@@ -278,9 +290,9 @@ def first(
 def on_a_plane(
     engine: str, name: str, role: Role, function: Callable[..., Mapping[str, Any]], **more: Any
 ) -> Callable[..., Recipe]:
-    """A recipe for scenes of the form "plane", to be called with summary and notes.
+    """Function of summary and notes that makes a recipe for scenes of the form "plane".
 
-    more: of `Recipe`.
+    function: from a target to options, as of `Recipe`; more: other fields of it.
     """
     return lambda summary, *notes: Recipe(
         engine, name, role, function, summary, notes, forms=("plane",), **more

@@ -89,6 +89,7 @@ class Target:
     material: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
+        """Raise SettingError for numbers without meaning, and for points whose e rises with speed."""
         for slot, value, unit in (
             ("mass", self.mass, "kg"),
             ("timestep", self.timestep, "s"),
@@ -150,7 +151,9 @@ class Target:
         return "target", _WORDS[self.reading].partition(",")[0]
 
     def fitting_law(self) -> str:
-        """Advice to take the law that the points lie near; "" where they are one, or near no law."""
+        """Advice to take the law that the points lie near, as a sentence; "" for one e, or near no
+        law.
+        """
         if len(self.points) < 2:
             return ""
         measured = MeasuredRestitution(self.points)
@@ -163,7 +166,7 @@ class Target:
 
 
 def _require_falling(measured: MeasuredRestitution) -> None:
-    """Refuse points whose speeds do not rise, or whose e does: SettingError with the first two."""
+    """Raise SettingError, with the first two, for points whose speeds do not rise, or whose e does."""
     speeds = measured.speeds
     values = measured.values
     rises = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
@@ -176,8 +179,9 @@ def _require_falling(measured: MeasuredRestitution) -> None:
 
 
 def require_kind(target: Target, recipe: str, kinds: Sequence[TargetKind], instead: str) -> None:
-    """Refuse a target of a kind that a recipe does not serve:
-    SettingError, with those to use `instead`.
+    """Raise SettingError for a target of a kind that a recipe does not serve.
+
+    recipe: its name. kinds: those that it serves. instead: recipes for the others, as words; or "".
     """
     if target.kind in kinds or target.reading in kinds:
         return

@@ -63,8 +63,9 @@ class Backend:
         raise self._missing("not installed", "its wheel")
 
     def module(self, name: str = "") -> Any:
-        """Import the package's module `name`; by default the module named like the
-        package. Raises EngineMissing.
+        """Import the package's module `name`; by default the module named like the package.
+
+        Raises EngineMissing where it cannot be imported.
         """
         try:
             return import_module(name or self.package)
@@ -76,8 +77,8 @@ class Backend:
         return EngineMissing(f"engine {self.engine!r}", got, expected, advice)
 
     def untried(self, version: str) -> str:
-        """Return a warning that hcbench was not tested with `version`; "" if the
-        version is within the tested ones.
+        """Warning that hcbench was not tested with `version`; "" if the version is within the
+        tested ones.
         """
         oldest = _numbers(self.oldest)
         newest = _numbers(self.newest)
@@ -89,7 +90,10 @@ class Backend:
 
     def explained_errors(self) -> AbstractContextManager[None]:
         """Turn errors that an untested version raises inside the block into EngineFailed, in one
-        line. Errors of a tested version pass unchanged: they are hcbench's own faults.
+        line.
+
+        Errors of a tested version pass unchanged: they are hcbench's own faults. Raises
+        EngineMissing, before the block, where the package is not installed.
         """
         untried = self.untried(self.version())
         if not untried:

@@ -61,7 +61,7 @@ def as_records(pairs: Sequence[CandidatePair]) -> list[dict[str, Any]]:
 
 
 def as_table(pairs: Sequence[CandidatePair], longest: int = 40) -> str:
-    """The pairs as a table, those that touch first, then the nearest.
+    """The pairs as a table, in the order given, with notes on poses and contact settings below it.
 
     longest: rows at most. Distances are m, masses kg.
     """
@@ -119,9 +119,9 @@ def in_order(pairs: Sequence[CandidatePair]) -> list[CandidatePair]:
 
 
 def choice_error(pairs: Sequence[CandidatePair]) -> UserError:
-    """No pair was named, and the model leaves a choice, or none.
+    """The error for a request that names no pair, where the model leaves a choice, or none.
 
-    pairs: those that can meet, those that touch first.
+    pairs: those that can meet, those that touch first. The error is returned, not raised.
     """
     if not pairs:
         got = "none given, and no two parts of the model can meet"

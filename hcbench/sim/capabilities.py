@@ -148,9 +148,10 @@ class TunesModels(OpensModels):
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
-        """Settings for pairs in a user's own model, each meant to have the e
-        of `goal` there; simplest first.
+        """Settings for pairs in a user's own model, each meant to have the e of `goal` there;
+        simplest first.
 
+        source, rebuild: as in `open`.
         requests: alike but for pairs and attitudes; their speeds span the band.
         was: the model at rest as it is.
         version: of the engine that has to load what is written; () for the installed one.
@@ -182,8 +183,9 @@ class LandsRobots(OpensModels):
         drops: DropPlan,
         rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
-        """A robot in the pose of the request, dropped.
+        """A robot in the pose of the request, dropped: a landing for each drop of the plan.
 
+        source, rebuild: as in `open`.
         Raises UserError where nothing can fall or be met.
         """
 

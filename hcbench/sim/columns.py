@@ -45,7 +45,9 @@ class Columns(Sequence[One]):
         return self.take(index) if isinstance(index, slice) else next(iter(self.take([index])))
 
     def take(self, which: Any) -> Self:
-        """The rows that an index array, a mask or a slice names, in its order."""
+        """The rows that an index array, a mask or a slice names, in its order; as many columns as
+        before.
+        """
         taken = []
         for column in self._values():
             if isinstance(column, Columns):
@@ -87,7 +89,7 @@ class Launches(Columns[Launch]):
 
     @classmethod
     def of(cls, launches: Sequence[Launch]) -> Launches:
-        """The columns of launches."""
+        """The columns of launches; the launches themselves where they are columns already."""
         if isinstance(launches, Launches):
             return launches
         rows = []
@@ -120,7 +122,7 @@ class Launches(Columns[Launch]):
 
         speed, phase, slip: (n,), m/s, parts of a step, m/s; the slip along the way of the bodies.
         timestep: s.
-        gravity: m/s², into the plate.
+        gravity: m/s², into the plate; without it the launches start at these speeds, at no height.
         spin: (3,), rad/s.
         steps_most: of free fall before the touch.
         share: of g h, where steps h keep (v + share g h)² + 2 g z in free flight.
@@ -180,7 +182,10 @@ class Launches(Columns[Launch]):
         return np.asarray(np.sqrt(np.maximum(0.0, self.speed * self.speed + gained)))
 
     def flight_time(self, timestep: float, gravity: float) -> Floats:
-        """Flight time of each launch to its touch, as `Launch.flight_time`, s, shape (n,)."""
+        """Flight time of each launch to its touch, as `Launch.flight_time`, s, shape (n,).
+
+        inf for one that never arrives, at no speed and without gravity. timestep: s. gravity: m/s².
+        """
         clearance = self.clearance(timestep)
         both = self.speed + self.touch_speed(timestep, gravity)
         times = np.full(len(self), np.inf)
@@ -244,7 +249,7 @@ class Impacts(Columns[Impact]):
 
     @classmethod
     def of(cls, impacts: Sequence[Impact]) -> Impacts:
-        """The columns of impacts."""
+        """The columns of impacts; the impacts themselves where they are columns already."""
         if isinstance(impacts, Impacts):
             return impacts
         columns: dict[str, Any] = {
@@ -273,7 +278,11 @@ class Impacts(Columns[Impact]):
         return self.objects(self.launches)
 
     def objects(self, launches: Iterable[Launch]) -> Iterator[Impact]:
-        """An object of each, with its launch among these, which are in the same order."""
+        """An `Impact` of each row, with its launch from `launches`, which are as many and in the
+        same order.
+
+        Raises ValueError for more or fewer launches.
+        """
         columns = zip(
             launches,
             _listed(self.status),
@@ -308,8 +317,8 @@ class Impacts(Columns[Impact]):
 
     @property
     def restitution(self) -> Floats:
-        """e of each impact, shape (n,): speed out over speed in; 0 if it
-        came to rest, NaN if it has none.
+        """e of each impact, shape (n,): speed out over speed in; 0 if it came to rest, NaN if it
+        has none.
         """
         e = np.full(len(self), np.nan)
         parted = (self.status == _PARTED) & (self.speed_in > 0.0)

@@ -118,10 +118,11 @@ def convert(
 def _of_material(
     known: MaterialPair, speed: Quantity | None
 ) -> tuple[float | None, float | None, float | None]:
-    """α, s/m, or e at a speed, m/s: those of a material.
+    """(α, s/m, None, speed) or (None, e at the speed, speed) of a material; speeds are m/s.
 
-    speed: as the user gave it, or None. Raises UserError for a material without an α where neither
-    the user nor the source states a speed.
+    speed: as the user gave it, or None: then that of the source, which an α does not need.
+    Warns of a speed outside the material's range. Raises QuantityError for a speed that is none,
+    and UserError for a material without an α where neither the user nor the source states a speed.
     """
     v = None if speed is None else units.parse(speed, "speed", "speed", above=0.0)
     if v is None and known.speeds is not None and known.target.alpha is None:
@@ -137,7 +138,7 @@ def _of_material(
 
 
 def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | None:
-    """The two numbers of a solref, from text or a sequence.
+    """The two numbers of a solref, from text or a sequence; None for None.
 
     Raises UserError for anything else.
     """

@@ -75,8 +75,11 @@ class Engine(ABC):
         return self.backend.version()
 
     def recipes(self) -> Sequence[Recipe]:
-        """Return the engine's recipes, the preferred one of each role first: RECIPES of its module,
-        or of `recipes` in its folder.
+        """Recipes of the engine, the preferred one of each role first; () for an engine without
+        any.
+
+        They are RECIPES of its module, or of `recipes` in its folder. Raises what their import
+        raises.
         """
         module: Any = import_module(type(self).__module__)
         if not hasattr(module, "RECIPES"):
@@ -90,11 +93,11 @@ class Engine(ABC):
     def impacts(
         self, scene: Scene, setting: Setting, launches: Sequence[Launch]
     ) -> Sequence[Impact]:
-        """One impact for each launch, in order. An impact that went
-        wrong is a record with a status.
+        """One impact for each launch, in order. An impact that went wrong is a record with a
+        status.
 
-        Raises SettingError for options the engine does not have,
-        SceneError for a scene it cannot load.
+        Raises SettingError for options the engine does not have, SceneError for a scene it cannot
+        load.
         """
 
     def require_device(self, device: str) -> None:  # noqa: B027 - most have no choice
@@ -102,8 +105,10 @@ class Engine(ABC):
 
     @final
     def device_of(self, setting: Setting) -> str:
-        """The device that a setting names, where its impacts are read while they are stepped, and
-        have no loops; "" for none. Raises SettingError for one that the engine does not have.
+        """Device that a setting names for an engine that reads impacts while stepping; "" for none.
+
+        Such impacts have no loops. An engine without `devices` has none, whatever the setting says.
+        Raises SettingError for a device that the engine does not have.
         """
         device = str(setting.options.get("device", "")) if self.devices else ""
         if device and device not in self.devices:
@@ -116,15 +121,15 @@ class Engine(ABC):
     ) -> Trajectory:
         """Every step of `duration` s after release, however often the body bounces.
 
-        Raises EngineFailed where an engine knows single impacts only.
+        Raises EngineFailed where an engine knows single impacts only, SettingError and SceneError
+        as `impacts` does.
         """
         raise EngineFailed(
             self.name, "knows single impacts only", "an engine that can go on after one"
         )
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """Return the text of a setting to paste into a user's model or
-        script; "" if nothing is set.
+        """Text of a setting to paste into a user's model or script; "" if nothing is set.
 
         form: the scene's, "plane" or "cup".
         pair: names of the two in the user's model, the first moves.
@@ -153,12 +158,12 @@ class Engine(ABC):
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test, for about a second, whether a setting ever adds energy to a
-        body, and how a body rests on it.
+        """Test, for about a second, whether a setting ever adds energy, and how a body rests on it.
 
         speeds: the band, m/s.
         whole: run the long test instead, with drops of half a minute.
-        train: the longest train of bounces that the target allows after a drop.
+        train: the longest train of bounces that the target allows after a drop; None: it must rest.
+        Raises what `run` raises.
         """
         return passivity_of(self, scene, setting, speeds, whole, train)
 
@@ -173,7 +178,11 @@ class Engine(ABC):
 
     @final
     def run(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
-        """Check the request, run it, and hand back one impact for each launch, in order."""
+        """Check the request, run it, and hand back one impact for each launch, in order.
+
+        Raises SettingError for launches without meaning, for oblique ones where the engine has
+        none, and as `run_columns` does.
+        """
         if not isinstance(launches, list | tuple):
             raise SettingError("launches", f"{launches!r:.80}", "a list of Launch")
         for launch in launches:
@@ -184,7 +193,8 @@ class Engine(ABC):
     def run_columns(self, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
         """Run launches by the thousand, without an object for each impact.
 
-        Raises SettingError for a setting of another engine, and for a step that is not above 0.
+        Raises SettingError for a scene, a setting or a step without meaning and for a setting of
+        another engine, and what `impacts` raises.
         """
         _require_types(scene, setting)
         if setting.engine != self.name:
@@ -244,8 +254,10 @@ def _require_types(scene: object, setting: object) -> None:
 
 
 def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
-    """Raises SettingError for a launch without meaning; oblique:
-    whether the engine has such launches.
+    """Raise SettingError for a launch without meaning.
+
+    Its numbers have to be finite, and a launch without speed has to have a height.
+    oblique: whether the engine has oblique launches; else one is refused.
     """
     try:
         height = launch.height or 0.0
@@ -267,7 +279,10 @@ def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
 
 
 def module_of(engine: Engine, name: str) -> Any:
-    """A module of the engine's folder, imported when first asked for; None where there is none."""
+    """A module of the engine's folder, imported when first asked for; None where there is none.
+
+    name: may have dots, as "model.under_test". Raises what the import raises.
+    """
     path = type(engine).__module__.rpartition(".")[0]
     # One folder at a time: `find_spec` imports those above, and raises where there is none.
     for part in name.split("."):

@@ -46,8 +46,8 @@ def adopt(values: Mapping[str, str]) -> None:
 
 @cache
 def adapter(name: str) -> Engine:
-    """Return the adapter registered under `name`, whether the engine is
-    installed or not, without a version.
+    """The adapter registered under `name`, without a version, whether the engine is installed or
+    not.
 
     Raises UserError for an unknown name, EngineFailed for an entry point that holds no such engine.
     """
@@ -68,7 +68,11 @@ def adapter(name: str) -> Engine:
 
 @cache
 def here(name: str) -> Engine:
-    """The engine of this process under a name that may state a version, such as "myengine@1.2"."""
+    """The engine of this process under a name that may state a version, such as "myengine@1.2".
+
+    Under a version it is a copy with that name and title; the version is not compared with what is
+    installed. Raises as `adapter`.
+    """
     own = adapter(base_name(name))
     if name == own.name:
         return own
@@ -89,7 +93,11 @@ def versioned_title(adapter: Engine, name: str) -> str:
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
-    """The error for a name that is not registered."""
+    """The error for a name that is not registered, with the nearest name; it is returned, not
+    raised.
+
+    kind: what the name is of, such as "engine".
+    """
     from difflib import get_close_matches
 
     names = list(known)

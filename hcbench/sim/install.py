@@ -36,14 +36,13 @@ def add(
     python: str | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Environment:
-    """Install an engine into an environment of its own, or return the one
-    installed that fits the request.
+    """Install an engine into an environment of its own, or return one installed that fits the
+    request.
 
     name: "myengine", for the newest version, or "myengine@1.2".
     python: a version or path of an interpreter; None for that of this process, or the newest that
     the engine has wheels for.
     progress: called with (steps done, steps in all).
-
     Raises UserError for what is not to be had, CannotRun for what does not run, OutputError.
     """
     base, at, version = name.partition("@")
@@ -91,8 +90,10 @@ def names() -> list[str]:
 
 
 def files_of(name: str) -> tuple[int, str]:
-    """(bytes, folder) of the package of an engine that is installed
-    beside hcbench; (0, "") for none.
+    """(bytes, folder) of the package of an engine that is installed beside hcbench; (0, "") for
+    none.
+
+    Raises UserError for an unknown engine.
     """
     backend = registry.engine(name).backend
     if backend is None:
@@ -117,8 +118,11 @@ def _backend(name: str) -> Backend:
 
 
 def requirements(name: str, backend: Backend, version: str) -> list[str]:
-    """Requirements of an engine's environment: its package in a version ("":
-    any), and the packages it needs.
+    """Requirements of an engine's environment, lines for pip: the worker's, the adapter's, the
+    package.
+
+    name: of the engine. version: of its package, which is the last line; "": any from the oldest
+    tried on.
     """
     adapter = entry_points.entry_point(name).dist
     # An adapter that is in no package declares nothing.
@@ -149,7 +153,10 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
 
 
 def _try(made: Environment) -> None:
-    """Let a ball bounce there in every recipe. Raises CannotRun where that fails."""
+    """Let a ball bounce in a new environment in every recipe.
+
+    Raises CannotRun where that fails, whatever the reason.
+    """
     there = interpreter(made)
     try:
         reason = call(_failed_bounce, made.engine, limit=_TRIAL_S, at=there)
@@ -166,9 +173,10 @@ def _try(made: Environment) -> None:
 def _failed_bounce(name: str) -> str:
     """Bounce a ball with each recipe; return the first failure as text, or "" if all recipes work.
 
-    All recipes are tried because a version may lack a feature that only some of them
-    use. A refusal by hcbench, such as a step too long for a recipe or a plug-in
-    without a compiler, does not count.
+    name: of the engine, which is that of this process.
+    All recipes are tried because a version may lack a feature that only some of them use. A refusal
+    by hcbench, such as a step too long for a recipe or a plug-in without a compiler, does not
+    count. Raises EngineFailed, and what an engine that hcbench does not know raises.
     """
     scene = load_scene("steel-plane")
     law = HuntCrossley(scene.stiffness, 0.3, scene.exponent)

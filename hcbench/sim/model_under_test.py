@@ -162,7 +162,7 @@ class Facts:
 
     @property
     def meeting(self) -> str:
-        """Describe the contact point and the side from which the moving body approaches."""
+        """Phrase of the contact point, m, and of the side from which the moving body approaches."""
         along_z = max(range(3), key=lambda axis: abs(self.normal[axis])) == 2
         side = "from the side"
         if along_z:

@@ -27,9 +27,9 @@ _LISTED = 12
 def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, Id]:
     """(kind, id) of the part that a user names.
 
-    parts: (kind, name, id) of each, such as ("geom", "plate", 0). Of several with the same name the first is
-        meant.
-    request: a name, or "KIND:NAME" or "KIND:ID" to say which.
+    parts: (kind, name, id) of each, such as ("geom", "plate", 0). Of several with the same name the
+    first is meant.
+    request: a name, or "KIND:NAME" or "KIND:ID" to say which; a name goes before these.
     Raises UserError with the names there are.
     """
     by_id: dict[str, tuple[str, Id]] = {}
@@ -49,8 +49,9 @@ def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, 
 
 
 def suggest_names(request: str, names: Iterable[str]) -> tuple[str, str]:
-    """For a name that is not among `names`: (the names expected, a sentence with
-    the nearest one), for an error.
+    """Words for the error about a name that is not among `names`: (names expected, sentence).
+
+    The sentence names the nearest one; "" where none is near.
     """
     known = list(dict.fromkeys(filter(None, names)))
     listed = known[:_LISTED]
@@ -72,7 +73,8 @@ _FILE = re.compile(r"(?P<before>filename\s*=\s*)(?P<quote>[\"'])(?P<name>.*?)(?P
 
 def read_packages(given: str | Mapping[str, str]) -> Packages:
     """Parse "NAME=DIR, NAME=DIR", or a mapping, to (name, absolute folder).
-    UserError unless each folder exists.
+
+    Raises UserError unless each name has a folder that exists.
     """
     packages = named_folders(given)
     for name, folder in packages:
@@ -85,7 +87,10 @@ def read_packages(given: str | Mapping[str, str]) -> Packages:
 
 
 def named_folders(given: str | Mapping[str, str]) -> Packages:
-    """(name, folder) of each package, from a mapping or "NAME=FOLDER,..."; "" for what is missing."""
+    """(name, folder) of each package, from a mapping or "NAME=FOLDER,..."; "" for what is missing.
+
+    Folders need not exist.
+    """
     if not isinstance(given, str):
         return tuple((str(name), str(folder)) for name, folder in given.items())
     pairs = []
@@ -98,7 +103,7 @@ def named_folders(given: str | Mapping[str, str]) -> Packages:
 def read_xml(path: Path) -> str:
     """The text of a model file, in the encoding that the file states; UTF-8 where it states none.
 
-    Raises SceneError for other bytes.
+    Raises SceneError for other bytes, and OSError for a file that cannot be read.
     """
     content = read_bytes(path)
     encoding = "utf-8-sig"
@@ -135,8 +140,10 @@ def require_expanded(path: Path, text: str) -> None:
 
 
 def require_packages(path: Path, packages: Packages) -> None:
-    """Raise SceneError for the first package of a URDF whose folder
-    is not known, or lacks the file.
+    """Raise SceneError for the first package of a URDF whose folder is not known, or lacks the
+    file.
+
+    packages: (name, folder) of those that the user gave.
     """
     folders = folders_of(path, packages)
     for match in _NAMED.finditer(read_xml(path)):
@@ -150,9 +157,10 @@ def require_packages(path: Path, packages: Packages) -> None:
 
 
 def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
-    """Folder of each package that a model file names after package:// or model://: as given, else
-    the nearest above the file that has what is named. Packages that are in neither are left out.
+    """Folder of each package that a model file names after package:// or model://.
 
+    It is the one given in `packages`, else the nearest above the file that has what is named.
+    Packages that are in neither are left out.
     Raises SceneError for a file that is not text.
     """
     given = dict(packages)
@@ -170,10 +178,14 @@ def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
 
 
 def with_absolute_files(path: Path, packages: Packages) -> str:
-    """The text of a URDF with absolute names of all files that exist."""
+    """The text of a URDF with absolute names of all files that exist; other names stay.
+
+    Raises SceneError for a file that is not text.
+    """
     folders = folders_of(path, packages)
 
     def absolute(match: re.Match[str]) -> str:
+        """The attribute with the absolute name of its file; as it is where there is no such file."""
         name = match["name"]
         # Folder of the file, None where its package is not known, and its path in there.
         folder: Path | None = path.absolute().parent

@@ -85,8 +85,8 @@ class LongestTrain:
         return np.asarray(e + np.minimum(self.error, (1.0 - e) / 2.0))
 
     def rebounds_after(self, heights: Sequence[float], gravity: float, seconds: float) -> Floats:
-        """Speeds, m/s, of the bounces under way `seconds` after drops from
-        `heights`, m; 0 where they ended.
+        """Speeds, m/s, of the bounces under way `seconds` after drops from `heights`, m; 0 where
+        they ended.
 
         gravity: m/s², above 0. The result has the shape of `heights`.
         """
@@ -126,7 +126,7 @@ class Bounces:
         return self.max_e <= MOST_E and not self.still_bouncing
 
     def joined(self, other: Bounces) -> Bounces:
-        """The bounces of both."""
+        """The results of both sets of launches together: the larger extremes, and sums of counts."""
         return Bounces(
             max(self.max_e, other.max_e),
             max(self.gains_below, other.gains_below),
@@ -242,7 +242,12 @@ class DropReader:
     _steps: int = 0
 
     def add(self, penetration: Floats, rate: Floats) -> None:
-        """The next steps of each drop, shape (d, n), m and m/s."""
+        """Read the next steps of each drop; penetration and rate at their starts, (d, n), m and
+        m/s.
+
+        The first call says how many drops there are. An impact is judged in the step in which its
+        body parts; a chunk may end within it.
+        """
         here = np.stack([penetration, rate])
         if self._last is None:
             self._last = here[..., :1]
@@ -266,7 +271,7 @@ class DropReader:
         self._steps += penetration.shape[1]
 
     def _judge(self, speed_in: float, speed_out: float) -> None:
-        """Take in one bounce, speeds in m/s; one without a speed in does not count."""
+        """Take in one bounce, speeds in m/s; one without a speed in does not count, nor one of NaN."""
         if not speed_in > 0.0:
             return
         e = float(speed_out / speed_in)
@@ -285,8 +290,10 @@ class DropReader:
 def allowed_rebounds(
     train: LongestTrain | None, heights: Sequence[float], gravity: float
 ) -> Floats:
-    """Rebound speeds, m/s, that are allowed in the last second of
-    drops of LASTS; 0 without a target.
+    """Rebound speeds, m/s, that are allowed in the last second of drops of LASTS, one for each
+    height.
+
+    heights: m. gravity: m/s², above 0. Without a train all are 0: the body has to rest.
     """
     if train is None:
         return np.zeros(len(heights))
@@ -301,10 +308,12 @@ def passivity_of(
     whole: bool,
     train: LongestTrain | None = None,
 ) -> Passivity:
-    """Test a setting for energy by impacts below and above a band, m/s; whole: by drops, too.
+    """Test a setting for energy by impacts below and above a band; whole: by drops, too.
 
-    train: the longest train of bounces that its target allows; None for a
-    setting that must rest in LASTS.
+    speeds: the band, m/s.
+    train: the longest train of bounces that its target allows; None for a setting that must rest in
+    LASTS.
+    An engine without time steps has no drops. Raises what `Engine.run` raises.
     """
     low, high = speeds
     # An engine in an environment of its own answers by its adapter.
@@ -349,7 +358,11 @@ def drops_in(
     heights: Sequence[float] = HEIGHTS,
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Drops of LASTS in an engine, by its own steps, under the scene's gravity or the standard one."""
+    """Drops of LASTS in an engine, by its own steps, under the scene's gravity or the standard one.
+
+    heights: m. train: as of `passivity_of`.
+    Raises what `load` raises, and the error of a worker process that died or hung.
+    """
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     if not engine.own_process:
         return _drops_here(engine.name, with_gravity, setting, heights, train)
@@ -363,7 +376,8 @@ def _drops_here(
 ) -> Bounces:
     """The drops of `drops_in` in this process.
 
-    heights: m.
+    name: of the engine.
+    heights: m, the highest last.
     """
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     launches = [Launch(0.0, height=height) for height in heights]

@@ -7,9 +7,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from hcbench.laws.restitution import ConstantRestitution, Restitution, RestitutionCurve
+from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Impact
 
 _NUMBER = r"([0-9.eE+-]+)"
@@ -81,10 +83,21 @@ class Promise:
 
     @classmethod
     def read(cls, text: str) -> Promise | None:
-        """Read a promise from such a text; None for any other text."""
+        """Read a promise from such a text as `text` gives; None for any other text.
+
+        So is a text of that form with numbers that no promise has, such as an e of 2.
+        """
         match = _TEXT.fullmatch(text)
         if match is None:
             return None
+        # A user may have edited the text in the model.
+        with suppress(ValueError, SettingError):
+            return cls._of(match)
+        return None
+
+    @classmethod
+    def _of(cls, match: re.Match[str]) -> Promise:
+        """The promise of a text. Raises ValueError and SettingError for numbers without meaning."""
         value = float(match["value"])
         goal: RestitutionCurve
         if match["goal"] == "restitution":
@@ -108,7 +121,9 @@ class Promise:
         )
 
     def measured(self, impacts: Sequence[Impact]) -> float:
-        """The largest error of e over the band; 0 where no impact lies in it."""
+        """The largest error of e over the band, 0.1 % wider at both ends; 0 where no impact lies in
+        it.
+        """
         low, high = self.speeds
         return max(
             (
@@ -124,7 +139,7 @@ class Promise:
         return self.measured(impacts) <= _KEPT * self.error + _SLACK
 
     def note(self, impacts: Sequence[Impact]) -> str:
-        """One sentence: what was promised and what was measured."""
+        """One sentence: what was promised and what was measured, as text for people."""
         low, high = self.speeds
         count = {0: "The plug-in", 1: "One pair", 2: "Two pairs"}.get(
             self.rows, f"{self.rows} pairs"

@@ -95,12 +95,12 @@ class SpeedReading(StrEnum):
     def speeds(
         self, before: States, after: States, fall: float, gravity: float
     ) -> tuple[Floats, Floats]:
-        """Speed in and out, m/s, shape (n,).
+        """Speeds in and out, m/s, shape (n,) each; for the readings at the touch plane alone.
 
         before, after: (penetration m, rate m/s), (n,) each, of the last free state before the
         contact and the first after it.
         fall: g h, m/s.
-        gravity: g, m/s².
+        gravity: g, m/s², into the plate.
         """
         (x_in, v_in), (x_out, v_out) = before, after
         if gravity == 0.0:
@@ -115,8 +115,11 @@ class SpeedReading(StrEnum):
 
 
 def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
-    """Speed, m/s, shape (b,), at which x, m, shape (b, n), passes 0 near a step: of the parabola
-    through this state and the ones before and after it. No contact force may act between the three.
+    """Speed, m/s, shape (b,), at which penetrations pass 0 near a step.
+
+    x: penetration, m, shape (b, n). at: the step, (b,). h: s.
+    It is that of the parabola through this state and the ones before and after it. No contact force
+    may act between the three.
     """
     each = np.arange(len(x))
     middle = np.clip(at, 1, max(1, x.shape[1] - 2))
@@ -127,8 +130,10 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
 
 
 def _early_crossing_speed(states: Floats, h: float) -> Floats:
-    """Speed where a path crosses the touch plane, m/s, by the two states
-    before: (2, b, 2) of `States`.
+    """Speed where a path crosses the touch plane, m/s, (b,), by the first two states.
+
+    states: penetration, m, and rate, m/s, of both, (2, b, 2); of one state alone it is that rate.
+    h: step between them, s. The path is a parabola with the mean acceleration of the two.
     """
     if states.shape[2] < 2 or h == 0.0:
         return np.asarray(states[1, :, 0])
@@ -140,7 +145,10 @@ def _early_crossing_speed(states: Floats, h: float) -> Floats:
 
 
 def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
-    """Read one impact off a trajectory without gravity; `impacts_of` says how."""
+    """Read one impact off a trajectory without gravity, in even steps; `impacts_of` says how.
+
+    A path that ends in contact gives UNFINISHED, and one without a contact force NO_TOUCH.
+    """
     time = trajectory.time
     states = np.stack([trajectory.penetration, trajectory.rate, trajectory.force])[:, None]
     step = 1.0
@@ -171,10 +179,11 @@ def impacts_of(
     b, n); the first `counts` steps count.
     ends: why they end (`End`), (b,).
     gravity: into the plate, m/s².
+    reading: how speeds are read off the states.
     diverged: the reason to give for NOT_FINITE.
-
     Contact is the run of steps in which the force acts. Speeds are read, by `reading`, off the last
-    state that no contact force has touched and the first after the force has ceased for good.
+    state that no contact force has touched and the first after the force has ceased for good. An
+    impact that went wrong has a status and a reason; nothing is raised.
     """
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)
@@ -229,12 +238,15 @@ class EndedContacts:
         diverged: str,
         record: Recorded | None = None,
     ) -> Impacts:
-        """The impacts.
+        """The impacts, one for each launch; NaN in what was not measured, with the status and the
+        reason.
 
+        launches: in the order of the contacts.
         speeds: in, out and, where it is another, after the force, m/s; that out of a rested launch
-        is set to 0.
+        is set to 0, in place.
         h: the step, s.
-        record: has the loops.
+        diverged: the reason to give for NOT_FINITE.
+        record: has the loops; None for impacts without any.
         """
         ends = self.ends
         count = len(ends)
@@ -296,7 +308,8 @@ def _crossing_speeds(
     """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the
     plane.
 
-    last: the middle one of three free states after the contact.
+    states: penetration, rate and force, (3, b, n). h: the step, s.
+    last: the middle one of three free states after the contact, (b,).
     """
     x = states[0]
     is_deep = x > 0.0
@@ -315,8 +328,8 @@ def _crossing_speeds(
 def _contact(
     states: Floats, counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """First step in which the force acts, the one after the last,
-    deepest, m, and hardest, N; (b,) each.
+    """First step in which the force acts, the one after the last, deepest, m, and hardest, N; (b,)
+    each.
 
     states: (3, b, n) of penetration, rate, force.
     counts: (b,), steps that count. A launch without force gets 0, n, and the extremes of its whole
@@ -418,9 +431,11 @@ WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])
 
 
 def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind: type) -> Rule:
-    """Return the rule for launches of a scene's ball.
+    """Rule for launches of the ball of a scene, in arrays of type `kind`; `Rule` says what is in
+    it.
 
-    bits: of the engine's numbers.
+    timestep: s.
+    bits: of the engine's numbers, which round-off goes by.
     kind: NumPy type of the reading.
     """
     rule = StopRule.for_launches(launches, timestep, scene.normal_gravity, scene.touch_radius)
@@ -443,9 +458,10 @@ def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind:
 
 
 def begun(heights: Floats, rising: Floats, kind: type) -> Reading:
-    """The reading before the first step.
+    """The reading before the first step: nothing has touched or ended.
 
     heights, m, rising, m/s: of the bodies as the engine has them, shape (b,).
+    kind: NumPy type of its floats.
     """
     none = np.full(len(heights), -1)
     zero = np.zeros(len(heights))
@@ -463,9 +479,10 @@ def _typed(numbers: Any, kind: type) -> list[Any]:
 
 
 def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
-    """The function that adds a step to a reading: (height, rising, *rule,
-    *reading) -> the next reading.
+    """The function that adds a step to a reading: (height, rising, *rule, *reading) -> the next
+    reading.
 
+    xp: an array library, as NumPy.
     height, rising: of each body's centre after the step, m and m/s, (b,). The fields of `Rule` and
     `Reading` follow in their order. The contact's force is what the step does to the momentum.
     """
@@ -542,9 +559,9 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
 
 
 def contacts_of(reading: Reading) -> EndedContacts:
-    """Return the contacts of launches that have ended.
+    """The contacts of launches that have ended, in 64 bits.
 
-    reading: NumPy arrays.
+    reading: NumPy arrays, or what converts to them; every launch of it has ended.
     """
     seen = Reading(*(np.asarray(column) for column in reading))
     # A launch without a touch has -1 for its first and last step in contact.

@@ -28,10 +28,13 @@ base_name = entry_points.base_name
 
 @checked
 def engine(name: str) -> Engine:
-    """The engine registered under `name`, its backend not imported yet;
-    UserError for an unknown name.
+    """The engine registered under `name`, its backend not imported yet.
 
     name: with "@" and a version for one of several, which may be in an environment of its own.
+    Without a version it is the engine beside hcbench, else the newest in an environment, else one
+    whose `version` raises EngineMissing.
+    Raises UserError for an unknown name, EngineFailed for an entry point that holds no engine. A
+    version that is not installed gives an engine that raises EngineMissing at each use.
     """
     base, at, version = name.partition("@")
     own = adapter(base)

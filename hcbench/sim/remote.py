@@ -52,6 +52,7 @@ class Wrapped(HasPlugin, TunesModels):
     """An engine under a name that states a version: its adapter answers what needs no backend."""
 
     def __init__(self, adapter: Engine, name: str) -> None:
+        """Take over what the adapter says of itself, under this name, which may have a version."""
         self.adapter = adapter
         self.name = name
         self.title = versioned_title(adapter, name)
@@ -121,9 +122,9 @@ class RemoteEngine(Wrapped):
         self._hangs: bool = getattr(adapter, "own_process", False)
 
     def version(self) -> str:
-        """The installed one.
+        """Version of the engine in its environment, as installed.
 
-        Raises EngineMissing where this hcbench needs what its environment lacks.
+        Raises EngineMissing where this hcbench needs what that environment lacks.
         """
         if lacking := set(worker_requirements()) - set(self.environment.requirements):
             got = f"its environment is of another hcbench, without {', '.join(sorted(lacking))}"
@@ -171,7 +172,11 @@ class RemoteEngine(Wrapped):
     def trajectory(
         self, scene: Scene, setting: Setting, launch: Launch, duration: float
     ) -> Trajectory:
-        """Simulate one launch for `duration`, s, in the engine's environment."""
+        """Simulate one launch for `duration`, s, in the engine's environment; arguments as of
+        `Engine.trajectory`.
+
+        Raises what the engine raises there, and the error of a worker that died or hung.
+        """
         steps = duration / setting.timestep
         path: Trajectory = self._call(
             "trajectory", scene, setting, launch, duration, launches=1, steps=steps
@@ -186,7 +191,9 @@ class RemoteEngine(Wrapped):
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test a setting for energy in the engine's environment."""
+        """Test a setting for energy in the engine's environment; arguments and errors as
+        `Engine.passivity`.
+        """
         passivity: Passivity = self._call("passivity", scene, setting, speeds, whole, train)
         return passivity
 
@@ -258,10 +265,10 @@ def interpreter_of(engine: Engine) -> Interpreter | None:
 
 
 def interpreter(environment: Environment) -> Interpreter:
-    """Return the interpreter for worker processes of an environment.
+    """The interpreter for worker processes of an environment.
 
-    It knows the engine of that environment and hcbench's own engines, as their
-    modules are made importable there.
+    It knows the engine of that environment and hcbench's own engines, as their modules are made
+    importable there. The modules have to be imported here before.
     """
     values: dict[str, str] = {}
     tops: dict[str, str] = {}

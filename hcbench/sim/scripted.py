@@ -50,10 +50,10 @@ TIGHT = 1e-8
 
 
 def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
-    """Return the law of a setting's option "law" for an engine that takes laws
-    as Python code: eq. (16) only.
+    """Law of the option "law" of a setting, for an engine that takes laws as Python code: eq. (16)
+    only.
 
-    Raises SettingError for any other law.
+    Raises SettingError for any other law, and UserError for options that do not state a law.
     """
     law = law_of(options)
     if not isinstance(law, PythonLaw):
@@ -129,7 +129,8 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
     def script(self, scene: Scene, setting: Setting) -> str:
         """The script, which prints restitution against speed when run.
 
-        Raises SettingError for a scene that the script cannot have.
+        Raises SettingError for a scene that the script cannot have, and for options that the engine
+        does not have.
         """
         if scene.form not in self.forms(setting) or scene.off_axis:
             got = "off its axis" if scene.off_axis else f"the form {scene.form!r}"
@@ -175,6 +176,10 @@ class ScriptWorld(World):
     def __init__(
         self, engine: ScriptedEngine[Any], scene: Scene, setting: Setting, script: str
     ) -> None:
+        """Run the script, which defines the world's functions in names of its own.
+
+        Raises EngineMissing where the engine's package does not import, and what the script raises.
+        """
         assert engine.backend is not None
         self.timestep = setting.timestep
         self.gravity = scene.normal_gravity
@@ -206,7 +211,12 @@ class BallSimulation(Simulation):
         self.state: tuple[float, float] = world.names["place"](height, velocity)
 
     def advance(self, steps: int) -> Record:
-        """`steps` steps."""
+        """Take exactly `steps` steps, and record the state at the start of each, (1, steps).
+
+        The force is what the script reports, else that of the law, else what the step does to the
+        momentum. From where the script raises RuntimeError all is NaN, and `world.diverged` is its
+        text.
+        """
         world = self.world
         step: Any = world.names["step"]
         force = world.names.get("force")
@@ -305,7 +315,11 @@ def unit_in_last_place(coordinate: float, bits: int) -> float:
 
 
 def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: int) -> None:
-    """Require that numbers of so many bits resolve the motion of a body at this coordinate, m."""
+    """Raise SettingError for a step so short that numbers of so many bits do not resolve the
+    motion.
+
+    coordinate: of the body, m. timestep: s. fastest: highest speed, m/s.
+    """
     place = unit_in_last_place(coordinate, bits)
     if fastest * timestep < _FEWEST * place:
         got = f"{timestep:g} s in float{bits}: at {fastest:.3g} m/s the ball moves {fastest * timestep:.1g} m"
@@ -318,8 +332,8 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
 def law_text(law: PythonLaw | None, force: str, each: str) -> str:
     """A law's numbers in an engine's own lines; "" for none.
 
-    force: lines with {k}, {n} and {a}, of eq. (16).
-    each: with two gaps, for α and the reading of e(v).
+    force: lines with {k}, {n} and {a}, of eq. (16): N/m^n, 1 and s/m, a = (3/2) α.
+    each: with two gaps, for α, s/m, and the reading of e(v).
     """
     if law is None:
         return ""
@@ -357,7 +371,7 @@ class BatchWorld(World):
         """
 
     def release(self, launches: Sequence[Launch]) -> BatchSimulation:
-        """A ball for each launch."""
+        """A ball for each launch, up to `places` of them, one at least."""
         # The batch has a size that was compiled: places left over have the last launch again.
         spare = self.places - len(launches)
         padded = [*launches, *[launches[-1]] * spare]
@@ -402,7 +416,10 @@ class ScriptedWorldsEngine(ScriptedEngine[Options]):
     together = 64
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:  # type: ignore[override]
-        """The worlds of the script. Raises SettingError for a step too short for float32."""
+        """The worlds of the script.
+
+        Raises SettingError for a step too short for float32, and as `script` does.
+        """
         require_motion(scene, setting.timestep, fastest, self.bits)
         script = self.script(scene, setting).replace("worlds = 1", f"worlds = {self.together}")
         return ScriptedWorlds(
@@ -420,7 +437,12 @@ class BatchSimulation(Simulation):
         self._which = np.arange(launches)
 
     def advance(self, steps: int) -> Record:
-        """Up to `steps` steps; the force is what each did to the momentum."""
+        """Take up to `steps` steps, as many as the world takes at once; only launches that are kept
+        count.
+
+        The force, N, is what each step did to the momentum. Shapes are (b, n), b launches and n
+        steps.
+        """
         world = self._world
         path = np.concatenate([self._state[None], world.step(steps)], dtype=np.float64)
         self._state = path[-1]
@@ -436,8 +458,10 @@ class BatchSimulation(Simulation):
 
 
 def run_lines(lines: str, names: dict[str, Any]) -> dict[str, Any]:
-    """Run Python lines whose functions keep their source, which
-    compilers of kernels read; the names.
+    """Run Python lines in these names, and return the names.
+
+    The functions keep their source in `linecache`, because compilers of kernels read it. Raises
+    what the lines raise.
     """
     file = f"<hcbench lines {hash(lines)}>"
     linecache.cache[file] = len(lines), None, lines.splitlines(keepends=True), file

@@ -108,6 +108,10 @@ class CopiesWorld(BatchWorld):
     def __init__(
         self, scene: Scene, timestep: float, copies: Copies, rest: Floats, reading: SpeedReading
     ) -> None:
+        """Copies of a scene's ball, all at rest.
+
+        timestep: s. rest: state of the ball at rest, shape (n,). reading: how speeds are read.
+        """
         super().__init__(scene, timestep)
         self._copies = copies
         self._rest = rest
@@ -124,8 +128,10 @@ class CopiesWorld(BatchWorld):
         return self._copies.place(states)[:, self._at].T
 
     def read(self, launches: Launches) -> Impacts:
-        """Read launches together until few have not ended; those few begin
-        again in a batch of their own.
+        """The impacts of launches, in order, read while they are stepped together until few have
+        not ended.
+
+        Those few begin again in a batch of their own.
         """
         left = np.arange(len(launches))
         parts: list[Impacts] = []
@@ -147,8 +153,10 @@ class CopiesWorld(BatchWorld):
         return Impacts.joined(parts).take(np.argsort(np.concatenate(order)))
 
     def _read(self, launches: Launches) -> Reading:
-        """Step a copy for each launch, and more of the last, to a batch
-        size that was compiled before.
+        """The reading of each launch, shape (b,); up to 1 in 8 of many launches may not have ended.
+
+        Steps a copy for each launch, and more of the last, to a batch size that was compiled
+        before.
         """
         count = len(launches)
         unit = max(_WIDTH, 2 ** (len(launches).bit_length() - 4))
@@ -230,7 +238,8 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
         """A scene under a setting.
 
-        Raises SettingError for what it would do otherwise than `model_engine`.
+        Raises SettingError for what it would do otherwise than `model_engine`, for a step too short
+        for its numbers and for options that it does not have, and as `copies` does.
         """
         bits = self.bits_of(setting)
         law = self.law(setting)
@@ -257,7 +266,11 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     def open(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> ModelUnderTest:
-        """The model of `model_engine`, stepped by this engine."""
+        """The model of `model_engine`, stepped by this engine.
+
+        Raises EngineFailed where that engine's model cannot be stepped by another, and as
+        `OpensModels.open` does.
+        """
         opened = self._opener().open(source, request, rebuild)
         if not isinstance(opened, LendsSteps):
             got = f"cannot step a {type(opened).__name__}"
@@ -274,8 +287,10 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         return opener(registry.engine(self.model_engine))
 
     def _shared(self, setting: Setting) -> Setting:
-        """Return the part of a setting that `model_engine` reads; e(v) needs a
-        contact whose solref a step can set.
+        """Part of a setting that `model_engine` reads, as a setting of that engine.
+
+        For e(v) it has a contact that answers in one step, D = 1/h: the law's lines then set its
+        solref.
         """
         options = {word: value for word, value in setting.options.items() if word not in self.own}
         if isinstance(self.law(setting), Restitution):
@@ -313,9 +328,11 @@ class SharedModelEngine(OpensModels, SteppedEngine):
 def shared_recipes(
     engine: str, model_engine: str, changes: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Recipe, ...]:
-    """Copy another engine's recipes for this one.
+    """Copies of another engine's recipes for this one, on planes alone unless a change says
+    otherwise.
 
     changes: name of each recipe -> the fields that differ.
+    Raises UserError for a name that the other engine does not have.
     """
     return tuple(
         replace(
@@ -332,6 +349,7 @@ def changed(
 ) -> Callable[..., Mapping[str, Any]]:
     """A recipe's function with its options changed, in what an interrupted search hands out too.
 
+    recipe: "engine.name". change: from the options to those to return.
     more: further arguments of the function.
     """
 

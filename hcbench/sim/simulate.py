@@ -64,7 +64,11 @@ def _explained_errors(engine: SteppedEngine) -> AbstractContextManager[None]:
 
 
 def impacts(engine: SteppedEngine, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
-    """One impact for each launch, in order; one that the engine's process dies on is CRASHED."""
+    """One impact for each launch, in order; one that the engine's process dies on is CRASHED.
+
+    Raises EngineMissing where the engine is not installed, and what its `load` raises; EngineFailed
+    for errors of a version that was never tried.
+    """
     require_installed(engine.name)
     # Alike together: they take equally long.
     order = np.lexsort((launches.speed, np.nan_to_num(launches.height)))
@@ -92,7 +96,11 @@ def impacts(engine: SteppedEngine, scene: Scene, setting: Setting, launches: Lau
 def trajectory(
     engine: SteppedEngine, scene: Scene, setting: Setting, launch: Launch, duration: float
 ) -> Trajectory:
-    """Every step of `duration` s after one launch, NaN from where the engine gave up."""
+    """Every step of `duration` s after one launch, NaN from where the engine gave up.
+
+    At least one step. Raises EngineMissing, what `load` raises, and the error of a process that
+    died or hung.
+    """
     require_installed(engine.name)
     steps = max(1, round(duration / setting.timestep))
     if not engine.own_process:
@@ -117,8 +125,8 @@ def run_launches(
     places: at most so many together, 0 for as many as the world carries.
     expected: steps of the first, after which each group tells the next; 0 where they have nothing
     in common.
-
-    Raises SettingError for a launch that cannot arrive.
+    Groups come in the order of the launches. Raises SettingError, with the first group, for a
+    launch that cannot arrive.
     """
     _require_arrival(world, launches)
     most = places or world.places
@@ -160,10 +168,12 @@ def _read_while_stepping(world: World, launches: Launches) -> Iterator[Impacts]:
 
 
 def _run_group(world: World, launches: Launches, first: int, expected: int) -> tuple[Impacts, int]:
-    """The impacts of launches that are simulated side by side, and how many steps that took.
+    """The impacts of launches that are simulated together, and how many steps that took.
 
-    first, expected: steps to take before anything is looked at, and
-    probably in all; 0 where unknown.
+    first, expected: steps to take before anything is looked at, and probably in all; 0 where
+    unknown.
+    Launches that disturbed each other are simulated again, each alone; the steps are then
+    `expected`.
     """
     try:
         with closing(world.release(launches)) as simulation:
@@ -184,6 +194,7 @@ def _until_ended(
 
     first, expected: steps to take before anything is looked at, and probably in all; 0 where
     unknown. Launches that have ended are read and no longer looked at.
+    Raises CannotShareError where launches have disturbed each other.
     """
     after = world.speed_reading.steps_after
     rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest, after)
@@ -235,9 +246,11 @@ def _read(
     counts: NDArray[np.int64],
     ends: NDArray[np.int64],
 ) -> Impacts:
-    """The impacts of launches that have ended.
+    """The impacts of launches that have ended, with the motion along the plate where it was
+    recorded.
 
     rows: of `Record.rows`, shape (3 or 11, b, n).
+    counts, ends: steps of each launch, and why it ended, (b,).
     """
     time = np.arange(rows.shape[2], dtype=np.float64) * world.timestep
     read = impacts_of(
@@ -261,7 +274,8 @@ def _read(
 def _steps_to_part(last: Floats, timestep: float) -> float:
     """Upper bound of the steps until bodies part that are on their way out.
 
-    last: penetration and rate, shape (2, b). Infinite where one is not on its way out.
+    last: penetration, m, and rate, m/s, shape (2, b). timestep: s.
+    Infinite where one is not on its way out.
     """
     x, v = last
     if not ((x > 0.0) & (v < 0.0)).all():
@@ -271,10 +285,10 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
 
 
 def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]) -> None:
-    """Say what was in the way of those that went wrong.
+    """Add to the reason of impacts that went wrong what other forces acted, in place.
 
-    counts: the steps of each launch under way that has ended, which the impacts are of, else 0.
-
+    counts: (b,), the steps of each launch under way that has ended, which the impacts are of, else
+    0.
     Each launch is asked: a simulation of a user's model keeps what acted, for the causes.
     """
     wrong = np.isin(impacts.status, _WRONG)
@@ -296,7 +310,12 @@ def _together(launches: Launches, name: str, scene: Scene, setting: Setting) -> 
 
 
 def _groups(launches: Launches, name: str, scene: Scene, setting: Setting) -> Iterator[Impacts]:
-    """The impacts of launches, in order, as many at a time as the engine simulates together."""
+    """The impacts of launches, in order, as many at a time as the engine simulates together.
+
+    name: of the engine, in this process.
+    Raises what its `load` raises, SettingError for a launch that cannot arrive, and EngineFailed
+    for errors of a version that was never tried.
+    """
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     fastest = float(launches.touch_speed(setting.timestep, scene.gravity).max(initial=_SLOWEST))
     quiet = redirect_output if engine.own_process else nullcontext
@@ -320,8 +339,10 @@ def _groups(launches: Launches, name: str, scene: Scene, setting: Setting) -> It
 
 
 def _expected_steps(scene: Scene, timestep: float, launches: Launches) -> int:
-    """About how many steps the first launch takes: flight, and elastic
-    contact of the scene's stiffness.
+    """About how many steps the first launch takes: flight, and elastic contact of the scene's
+    stiffness.
+
+    timestep: s. 0 where there is no launch, and for one that never arrives.
     """
     if not len(launches):
         return 0
@@ -334,7 +355,10 @@ def _expected_steps(scene: Scene, timestep: float, launches: Launches) -> int:
 
 
 def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: int) -> Trajectory:
-    """The path of `trajectory` in this process: so many steps, NaN from where the engine gave up."""
+    """The path of `trajectory` in this process: so many steps, NaN from where the engine gave up.
+
+    name: of the engine. Raises what its `load` raises.
+    """
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     fastest = max(_SLOWEST, launch.touch_speed(setting.timestep, scene.gravity))
     path = np.full((3, steps), np.nan)

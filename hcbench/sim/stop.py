@@ -80,9 +80,10 @@ class QuietRun:
     last_broken: Whole
 
     def long_enough(self, met: Flags, touch: Whole, start: int) -> Flags:
-        """Steps from `start` on at which the run is long enough; met: (b, n).
+        """Mask, (b, n), of the steps from `start` on at which the run is long enough.
 
-        touch: its step, (b,).
+        met: (b, n), where the condition is met. touch: the step of the touch, (b,).
+        Calls have to follow one another: the last broken step is remembered.
         """
         step = np.arange(start, start + met.shape[1])
         # Nearly always no step is quiet.
@@ -137,9 +138,11 @@ class StopRule:
         deepest: float = math.inf,
         after: int = 0,
     ) -> StopRule:
-        """A rule that has seen no step yet.
+        """A rule for launches that has seen no step yet.
 
+        timestep: s.
         gravity: into the plate, m/s².
+        deepest: m, penetration beyond which a launch is TOO_DEEP.
         after: steps to see once apart.
         """
         sent = Launches.of(launches)
@@ -176,10 +179,10 @@ class StopRule:
         )
 
     def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, Whole]:
-        """Look at one more chunk of penetration, rate and force, shape (b, n).
+        """Look at one more chunk of penetration, m, rate, m/s, and force, N, shape (b, n).
 
-        How many of all steps belong to each launch, 0 where it has not
-        ended, and why it has (`End`).
+        Returns how many of all steps belong to each launch, (b,), 0 where it has not ended, and why
+        it has (`End`), (b,).
         """
         start = self.steps
         end = start + x.shape[1]
@@ -217,6 +220,8 @@ class StopRule:
         """The first step at rest of each launch, (b,); beyond every step for one that is not.
 
         x: penetration, m, v: rate, m/s, acting: where the force acts; the coming steps, (b, n).
+        A launch rests where one of the four runs of quiet steps is long enough; two of them need
+        gravity.
         """
         speed = np.abs(v)
         idle_speed = IDLE_SHARE / REST_SHARE * self.rest_speed

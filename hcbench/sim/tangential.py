@@ -40,11 +40,10 @@ def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
 
 
 def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
-    """The `frame` of one unit vector, (3, 3).
+    """The `frame` of one unit vector, (3, 3): rows along, across and away from the plate.
 
     deeper: into the plate, (3,).
-    along: None for x, or y where the plate is across x.
-
+    along: the way, of any length; None for x, or y where the plate is across x.
     Raises UserError for a direction that is 0 or normal to the plate.
     """
     if along is None:
@@ -97,7 +96,10 @@ class AlongPlate(NamedTuple):
 
 
 def along_plate(impact: Impact) -> AlongPlate:
-    """Summarize an impact along the plate; slip and spin are 0 for one that is not oblique."""
+    """Summarize an impact along the plate; slip and spin are 0 for one that is not oblique.
+
+    All is NaN for an oblique impact without such a record, and for one that was not measured.
+    """
     motion = impact.tangential
     if motion is not None:
         # Along the way of the launch, and about the axis across it.
@@ -126,6 +128,7 @@ def tangential_of(
     rows: of `Record.rows`, all steps of this launch, shape (11, n).
     samples: steps in which the force acted.
     speeds: in and out, m/s.
+    timestep: s.
     mass: effective, along the normal, kg.
     by_work: the energy after is the one before less what the contact took, where joints and servos
     act, too.

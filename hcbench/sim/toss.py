@@ -1,7 +1,7 @@
 """One body tossed onto a fixed horizontal plate at z = 0: what an engine does
 with a measured motion's start.
 
-An engine that can simulate it has a module `scene.toss` in its package (`registry.submodule`) with
+An engine that can simulate it has a module `toss` in its package (`registry.submodule`) with
 
     SETTINGS: tuple[ContactSetting, ...]
         What can be set of the contact, from nothing to all that the engine has.
@@ -111,7 +111,7 @@ def plugin_law(
 ) -> Restitution | ConstantRestitution | None:
     """The law that a setting gives the plug-in; None where it has none.
 
-    given: values by name.
+    given: values by name, of e or of α, s/m. Raises KeyError where that one is missing.
     """
     if setting.name == PLUGIN_E:
         return ConstantRestitution(given[E.name])
@@ -119,7 +119,7 @@ def plugin_law(
 
 
 class TossModule(Protocol):
-    """Functions that the module `scene.toss` in an engine's folder must have."""
+    """Functions that the module `toss` in an engine's folder must have."""
 
     SETTINGS: tuple[ContactSetting, ...]
     SHAPES: frozenset[Shape]
@@ -132,7 +132,11 @@ class TossModule(Protocol):
         timestep: float,
         tosses: Sequence[Toss],
     ) -> list[Floats]:
-        """Return the states at the ends of the steps, (steps + 1, 13), SI, an array per toss."""
+        """States at the ends of the steps, (steps + 1, 13), SI, an array per toss.
+
+        values: one for each of the setting's parameters. timestep: s.
+        Raises EngineMissing where the backend is missing.
+        """
         ...
 
 
@@ -147,9 +151,10 @@ def engines() -> Iterator[tuple[str, TossModule]]:
 def as_integrated(velocity: Floats, timestep: float) -> Floats:
     """Velocity to give an engine that moves bodies by the new velocity of a step, shape (..., 3).
 
-    It has half a step of gravity more: the engine's positions then lie on the parabola
-    of free flight, at any step. The engine's velocity at a step's end exceeds the body's
-    by the same amount (`as_body`).
+    velocity: of the body, m/s, z up. timestep: s.
+    It has half a step of gravity more: the engine's positions then lie on the parabola of free
+    flight, at any step. The engine's velocity at a step's end exceeds the body's by the same amount
+    (`as_body`).
     """
     given: Floats = velocity + np.array([0.0, 0.0, 0.5 * GRAVITY * timestep])
     return given

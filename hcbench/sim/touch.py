@@ -38,13 +38,14 @@ _CLOSE = 1e-12
 def travel_by_distance(
     distance: Callable[[float], float], size: float, approach: float = 1.0
 ) -> float:
-    """Find the travel at which the two touch or are nearest; converges in one iteration for convex
-    shapes on a straight approach.
+    """Find the travel at which the two touch or are nearest; on a straight way one round does.
 
     distance: moves to a travel and returns the signed distance there, m.
     size: of the smaller of that part and what it would be in, m: a bounding radius or the diagonal
     of a box, as the engine has it.
     approach: how much the distance falls a unit of travel.
+    Convex shapes on a straight approach take one round, others up to _ROUNDS. Where the two pass
+    each other without touching, it is the travel at which they were nearest.
     """
     travel = best = 0.0
     nearest = math.inf
@@ -65,7 +66,9 @@ def travel_by_distance(
 def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) -> float | None:
     """The least travel from `start` to `stop` that makes a contact; None where nothing touches.
 
-    For shapes whose distance is known only roughly: equal steps, then bisection.
+    touches: moves to a travel and says whether the two touch there.
+    For shapes whose distance is known only roughly: equal steps, then bisection. A contact within
+    one step alone is missed, and `start` itself is not looked at.
     """
     travels = np.linspace(start, stop, _SCAN_STEPS + 1).tolist()
     for low, high in itertools.pairwise(travels):
@@ -75,7 +78,10 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
 
 
 def _bisected(touches: Callable[[float], bool], low: float, high: float) -> float:
-    """The least travel that makes a contact, between one without (low) and one with (high)."""
+    """The least travel that makes a contact, between one without (low) and one with (high).
+
+    touches: moves to a travel and says whether the two touch there.
+    """
     for _ in range(_ROUNDS):
         middle = 0.5 * (low + high)
         if touches(middle):
@@ -114,7 +120,8 @@ class JointBeyondLimit:
 
 
 def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> None:
-    """Refuse a pose with such joints.
+    """Raise UserError for a pose with joints beyond their limits, and return where `joints` is
+    empty.
 
     start: what to start from instead, before the pose that cures it.
     """
@@ -138,8 +145,10 @@ def require_apart(
 ) -> None:
     """Raise SceneError for two that start deep in each other.
 
-    distance: signed, m.
+    distance: signed, m, below 0 for an overlap.
+    size: of the smaller one, m.
     first, second: names.
+    advice: the end of the error.
     """
     if distance < -DEEPEST * size:
         got = f"{first!r} starts {-distance:.4g} m inside {second!r}"
@@ -220,7 +229,7 @@ class TrajectoryTouchdowns(Shown):
             yield f"{foot.part} on {foot.other}: {len(foot.time)} touchdowns {most}"
 
     def _rows(self) -> Iterator[dict[str, object]]:
-        """A row for each touchdown, SI."""
+        """Yield a row for each touchdown, foot by foot, SI."""
         for foot in self.feet:
             for time, speed, slide in zip(foot.time, foot.speed, foot.slide, strict=True):
                 yield {

@@ -1,7 +1,7 @@
 """The scene `two-blocks`: a sphere that is free to move along x between two
 fixed planes, without gravity.
 
-An engine that can simulate it has a module `scene.two_blocks` in its
+An engine that can simulate it has a module `two_blocks` in its
 package (`registry.submodule`) with
 
     simulate(blocks, position, velocity, forces) -> (positions, velocities)

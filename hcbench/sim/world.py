@@ -57,8 +57,9 @@ class Record:
 def momentum_force(
     mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64
 ) -> Floats:
-    """Normal force of each step, N; exactly 0 where it did nothing.
+    """Normal force of each step, N; exactly 0 where the contact did nothing.
 
+    mass: kg. timestep: s.
     slowed: speed into the plate that the contact took in the step, m/s.
     speeds: sum of the sizes of what the step added up, m/s, which rounding goes by.
     bits: of the engine's numbers. All of one shape.

@@ -89,8 +89,8 @@ class Choice:
 
     @property
     def energy(self) -> str:
-        """Energy of the choice: the number of launches in which it never grew, or the speeds at
-        which it grows.
+        """Phrase on energy: the number of launches in which it never grew, or the speeds at which
+        it grows.
         """
         if self.passivity is None:
             return "energy was not measured"
@@ -128,7 +128,7 @@ class Choice:
 
     @property
     def record(self) -> dict[str, Any]:
-        """For JSON. scenes: in which it was tested for a gain of energy, 0 where it gained."""
+        """Record for JSON. scenes: in which it was tested for a gain of energy, 0 where it gained."""
         return {
             "kind": self.kind,
             "setting": self.setting.name,
@@ -176,6 +176,9 @@ class Answer(Drawn):
     left_out: str = ""
 
     def _lines(self) -> Iterator[str]:
+        """Yield lines for a terminal: the best choice, the others, what never to use, and how to
+        get the text.
+        """
         best = self.best
         yield f"{self.engine}, step {time_step(self.target.timestep)} s: {best.line}"
         yield f"largest e {best.max_e:.4f}; {best.energy}"
@@ -189,7 +192,7 @@ class Answer(Drawn):
         yield f"to paste: .text, {len(self.text.splitlines())} lines"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
-        """Columns of the choices as a table; speeds in m/s."""
+        """Yield a row for each choice; speeds in m/s."""
         for choice in self.choices:
             yield {
                 "kind": choice.kind,
@@ -229,7 +232,8 @@ class Answer(Drawn):
 
     @property
     def best(self) -> Choice:
-        """The choice of the kind that was asked for, or else of the next kind.
+        """The choice of the kind that was asked for, or else of the next kind; one named by the
+        user first.
 
         Raises SettingError without any, with the reasons.
         """
@@ -258,8 +262,9 @@ class Answer(Drawn):
 
     @property
     def tuned(self) -> Tuned:
-        """The chosen setting, or else another, with what the engine
-        did; a plug-in alone is run now.
+        """The best choice with what the engine did, or else another; a plug-in alone is run now.
+
+        Raises as `best`, and what the engine raises where it is run.
         """
         for choice in (self.best, *self.choices):
             if choice.tuned is not None:
@@ -277,7 +282,9 @@ class Answer(Drawn):
     @property
     def caution(self) -> str:
         """Warning that one e for all speeds would be nearer than the best setting of the engine's
-        own, if the engine kept it; or "".
+        own.
+
+        "" where it would not, for a constant target, and without such a setting.
         """
         native = self._best_native
         if native is None or self.target.is_constant:
@@ -295,7 +302,7 @@ class Answer(Drawn):
 
     @property
     def record(self) -> dict[str, Any]:
-        """For JSON."""
+        """Record for JSON of the choices, of settings never to use, and of warnings."""
         return {
             "choices": [choice.record for choice in self.choices],
             "never": [asdict(never) for never in self.never],

@@ -328,7 +328,7 @@ def tune_model(
 
 
 def is_model(model: ModelSource) -> bool:
-    """Say whether the argument is a model (a file, FILE.py:FUNCTION, text, an object), not an
+    """Say whether an argument is a model (a file, FILE.py:FUNCTION, text, an object), not an
     engine's name.
     """
     if not isinstance(model, str):
@@ -340,7 +340,7 @@ def is_model(model: ModelSource) -> bool:
 
 
 def _listed(pair: BodyPair | Sequence[BodyPair] | None) -> list[BodyPair]:
-    """The pairs of one pair, of a list of pairs, or of None."""
+    """The pairs of one pair, of a list of pairs, or of None, which has none."""
     if pair is None:
         return []
     if not isinstance(pair, list | tuple):
@@ -355,7 +355,8 @@ def _listed(pair: BodyPair | Sequence[BodyPair] | None) -> list[BodyPair]:
 def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
     """The files to write and the version that has to load them.
 
-    version: "ENGINE@3.5". Raises UserError for anything else.
+    model, include: paths, or None. version: "ENGINE@3.5", or None for the installed engine.
+    Raises UserError for another form of the version.
     """
     engine = ""
     numbers: tuple[int, ...] = ()
@@ -384,8 +385,10 @@ def names_of(pair: BodyPair | None) -> Pair:
 def _spring(
     *, adams: Adams | None, newton: Newton | None, **others: object
 ) -> AdamsImpact | NewtonSpring | None:
-    """The contact by stiffness and damping, if that is the one target
-    given. Raises UserError for others.
+    """The contact by stiffness and damping, if that is the target; None for another target.
+
+    others: the other ways to give one, by their options' names.
+    Raises UserError for none or several, and for text that `read_adams` or `read_newton` refuses.
     """
     ways = {**others, "adams": adams, "newton": newton}
     given = [f"--{name}" for name, value in ways.items() if value is not None]
@@ -427,11 +430,12 @@ def make_target(
     can bounce.
     mass, stiffness, exponent: the scene's by default.
     gravity: into the plate, 9.81 m/s² by default.
-    friction: Coulomb's μ; None for `default_friction`, and for none in a cup, which has no friction.
-
+    friction: Coulomb's μ; None for `default_friction`, and for none in a cup, which has no
+    friction.
     Raises UserError for none or several of material, alpha, restitution, points, adams and newton,
     for "linear" with a material that has no α, and for an exponent without its stiffness;
-    QuantityError for numbers and units.
+    QuantityError for numbers and units; SceneError for an unknown scene; SettingError for what
+    `Target` refuses.
     """
     points = read_points(points)
     ways = {"alpha": alpha, "restitution": restitution, "points": points or None}
@@ -497,8 +501,9 @@ def _band_of(
 ) -> tuple[float, float]:
     """The band of impact speeds, m/s: as given, else that of the target, else the default.
 
-    known: the material of the target. timestep: s; gravity: m/s². Warns where the band is outside
-    what was measured of the material.
+    known: the material of the target. points: pairs of v, m/s, and e. timestep: s; gravity: m/s².
+    Warns where the band is outside what was measured of the material. Raises QuantityError for
+    speeds that are none.
     """
     low, high = default_band(timestep, gravity)
     if speeds is not None:
@@ -521,7 +526,9 @@ def _wanted(
 ) -> tuple[RestitutionCurve | AdamsImpact | NewtonSpring, Sequence[float]]:
     """Target of pairs of a model, and the default band of speeds, m/s.
 
-    known: the material of the target; ways: the others, by the names of their options.
+    target: how α is read. known: the material of the target, or None.
+    points: pairs of v, m/s, and e. ways: the other targets, by the names of their options.
+    Raises UserError for none or several of them.
     """
     if known is not None:
         return known.curve(target), known.band or DEFAULT_SPEEDS

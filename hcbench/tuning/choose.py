@@ -25,8 +25,9 @@ Match = Literal["restitution", "loop", "both"]
 def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[tuple[Recipe, str]]:
     """An engine's own recipes that may serve a target, the simplest first, and what each promises.
 
-    One for the loop; for restitution all that "auto" tries in turn. Raises
-    SettingError where there is none.
+    match: what the setting aims at: one recipe for the loop; for restitution all that "auto" tries
+    in turn.
+    Raises SettingError where there is none, UserError for an unknown engine.
     """
     recipes = registry.preferred(engine)
     form = scene.form
@@ -65,10 +66,10 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
 def _choose_for_loop(
     engine: str, recipes: Sequence[Recipe], target: Target, form: str, match: Match, contact: str
 ) -> tuple[Recipe, str]:
-    """The native recipe whose loop is the law's, and what it promises.
+    """Native recipe whose loop is that of the law, and what it promises.
 
+    recipes: the engine's. form: of the scene.
     contact: how many steps the law's contact lasts, as a sentence.
-
     Raises SettingError where the step does not resolve the loop, for a target without α, and for an
     engine without such a recipe.
     """

@@ -91,11 +91,10 @@ class Evaluation:
 
 
 def held_out_launches(target: Target) -> list[Launch]:
-    """Launches that judge a setting: a grid of speeds, each at 8 phases of the step, then random
-    launches.
+    """Launches that judge a setting: 9 speeds, each at 8 phases of the step, then 400 at random.
 
-    Speeds at touch, both ends of the band among them; with friction, slips
-    up to the band's highest speed.
+    Always the same of one target. Speeds are those at touch, both ends of the band among them; with
+    friction, random launches slip up to the band's highest speed.
     """
     inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
     grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
@@ -116,8 +115,10 @@ def _width(target: Target) -> float:
 
 
 def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> list[Launch]:
-    """n launches. speeds: at touch, m/s, shape (n,). phases: shares of a step. slips: along the plate,
-    m/s; none without friction.
+    """Launches that touch at given speeds and phases, n of them.
+
+    speeds: at touch, m/s, shape (n,). phases: shares of a step. slips: along the plate, m/s; none
+    without friction.
 
     Raises SettingError for a band that begins at speeds with which no step ends in free fall.
     """
@@ -139,8 +140,11 @@ _Measure = Callable[[Sequence[Impact], Target, Scene], Floats]
 
 
 def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
-    """Launch at held-out speeds and phases, then ever nearer to the worst, with friction spinning
-    too, and compare with the target.
+    """Errors of a setting at held-out speeds and phases, then ever nearer to the worst of them.
+
+    With friction bodies slide and spin, too. An engine without phases gets each speed of the grid
+    once, and each eighth of the others.
+    Raises what `Engine.run` raises.
     """
     launches = held_out_launches(target)
     if not isinstance(adapter_of(engine), SteppedEngine) or _error_controlled(engine, setting):
@@ -162,10 +166,11 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 
 
 def _near(worst: Impact, target: Target, reach: float, random: np.random.Generator) -> list[Launch]:
-    """Launches at random about the worst impact.
+    """Launches at random about the worst impact, within the band.
 
     reach: half width of the range they are drawn from, as a share of the band, of a step and, for
     the slip, of the highest speed.
+    random: it moves on.
     """
     speed = target.speed_min if math.isnan(worst.speed_in) else worst.speed_in
     speeds = speed + random.uniform(-1, 1, _NEAR) * reach * _width(target)
@@ -259,8 +264,8 @@ def _phase_spread(grid: Sequence[Impact]) -> float:
 
 
 def _loop_rms(impacts: Sequence[Impact], target: Target) -> float:
-    """Largest rms difference of a force loop from the law's, of its
-    largest force; NaN without a loop.
+    """Largest rms difference of a force loop from the law's, over the law's largest force; NaN
+    without a loop.
     """
     differences = []
     for impact in impacts:
@@ -273,7 +278,10 @@ def _loop_rms(impacts: Sequence[Impact], target: Target) -> float:
 def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5.0) -> Rest:
     """Let the body down on the plate under gravity, from almost no height, and see how it stays.
 
-    Without gravity of the scene's own, under standard gravity.
+    seconds: to simulate, within bounds on the number of steps; less for an engine that controls its
+    error.
+    Under the scene's gravity, or the standard one. Raises what `Engine.trajectory` raises, for one
+    EngineFailed of an engine that knows single impacts only.
     """
     if _error_controlled(engine, setting):
         # An engine that controls its error takes thousands of steps for each swing of the spring.
@@ -304,6 +312,8 @@ MOTIONS = (
 def oblique_launches(target: Target) -> list[Launch]:
     """Launches over the target's band, of speeds at touch: each speed and phase with each of
     MOTIONS.
+
+    Their speed is that along the normal, m/s.
     """
     speeds = np.geomspace(target.speed_min, target.speed_max, SPEEDS).tolist()
     launches = []
@@ -314,8 +324,10 @@ def oblique_launches(target: Target) -> list[Launch]:
 
 
 def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:
-    """Largest distance of friction's impulse from Coulomb's law over
-    μ J_n, sliding's; NaN for none.
+    """Largest distance of friction's impulse from Coulomb's law over μ J_n, sliding's; NaN for
+    none.
+
+    impacts: those without a tangential record, or without friction, do not count.
     """
     errors = []
     for impact in impacts:

@@ -114,6 +114,11 @@ class _Finder:
         max_error: float,
         pair: Pair,
     ) -> None:
+        """Prepare the search of one answer; arguments as of `find_answer`, the scene in the
+        target's conditions.
+
+        Raises UserError for an unknown engine.
+        """
         self.engine = engine
         self.target = target
         self.scene = scene
@@ -126,10 +131,10 @@ class _Finder:
         self._adapter = registry.engine(engine)
 
     def named(self, name: str) -> Choice:
-        """The choice by a recipe that the user names.
+        """The choice by a recipe that the user names, whatever its flaws.
 
-        Raises UserError for a name that the engine does not have, and the reason where launches of
-        the setting have no e.
+        Raises UserError for a name that the engine does not have, EngineFailed where launches of
+        the setting have no e, SettingError where the recipe cannot serve the target.
         """
         recipes = registry.recipes(self.engine)
         if name not in recipes:
@@ -150,8 +155,11 @@ class _Finder:
     def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind | None) -> list[Choice]:
         """The best of each kind; the plug-in alone where that was asked for, which needs no search.
 
-        tried: candidates for settings and for one e, the simplest first. Without a C compiler the
-        plug-in is left out, unless it is the kind asked for: then NotCompiled.
+        tried: candidates for settings and for one e, the simplest first.
+        asked: the kind that the user prefers, or None.
+        Without a C compiler the plug-in is left out, unless it is the kind asked for: then
+        NotCompiled. Raises the first refusal or failure where no setting of the engine's own is
+        left, and no plug-in either or an integrator is named.
         """
         exact = self._exact_if_compiled(asked)
         if asked == "exact" and exact is not None:
@@ -180,8 +188,11 @@ class _Finder:
         return chosen
 
     def _best(self, tried: Sequence[tuple[Recipe, str]], enough: float) -> Tuned | None:
-        """The first that may be advised and whose error is small enough,
-        or else the one with the least.
+        """The first that may be advised and whose error is small enough, or else the one with the
+        least.
+
+        None without any. enough: error of e. Settings with flaws go to `never`; a recipe that
+        raises SettingError or EngineMissing is passed over, and the first such error kept.
         """
         usable: list[Tuned] = []
         for recipe, why in tried:
@@ -202,7 +213,10 @@ class _Finder:
         return min(usable, key=lambda tuned: tuned.error, default=None)
 
     def _failure(self, tuned: Tuned) -> EngineFailed:
-        """The error for launches without a restitution, which are never a verdict on a setting."""
+        """The error for launches without a restitution, which are never a verdict on a setting.
+
+        It is returned, not raised.
+        """
         failed = tuned.evaluation
         got = f"{failed.failed} launches gave no restitution: {failed.reason or 'not a number'}"
         advice = "Try other speeds, another step or another --recipe"
@@ -211,7 +225,7 @@ class _Finder:
         )
 
     def choice(self, kind: Kind, tuned: Tuned) -> Choice:
-        """A setting that was evaluated, as a choice."""
+        """A setting that was evaluated, as a choice: with its text, and the promise of its error."""
         setting = tuned.setting
         target = self.target
         band = target.speed_min, target.speed_max
@@ -278,8 +292,10 @@ class _Finder:
         )
 
     def _exact_if_compiled(self, asked: Kind | None) -> Choice | None:
-        """The plug-in; None, and the reason kept, where it cannot be
-        compiled and was not asked for.
+        """The plug-in; None, and the reason kept, where it cannot be compiled and was not asked
+        for.
+
+        Raises NotCompiled where it was asked for.
         """
         try:
             return self._exact()
@@ -296,7 +312,12 @@ class _Finder:
         return first(registry.preferred(self.engine), Role.LAW, self.scene.form, native=False)
 
     def _exact(self) -> Choice | None:
-        """The plug-in, whose e is what its card says at any step; its energy is measured."""
+        """The plug-in, whose e is what its card says at any step; its energy is measured.
+
+        None where the engine has none for such a target, where it is exact nowhere in the band,
+        where a launch gives no e, and where energy grows. Where the engine is missing or fails its
+        energy is not measured. Raises NotCompiled.
+        """
         target = self.target
         recipe = self._law()
         if recipe is None or not {target.kind, target.reading} & set(recipe.kinds):
@@ -349,8 +370,10 @@ class _Finder:
 
 
 def exact_from(recipe: Recipe, target: Target) -> float:
-    """The impact speed, m/s, from which a law in place of the contact is
-    exact in a target's conditions.
+    """The impact speed, m/s, from which a law in place of the contact is exact, within the target's
+    band.
+
+    The band's lowest speed at least; the highest or more where it is exact nowhere in the band.
     """
     low = target.speed_min
     # e at that speed decides how high the speed is: a fixed point.

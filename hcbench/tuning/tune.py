@@ -33,8 +33,7 @@ def tune(
 ) -> Tuned:
     """A setting that matches a target, evaluated under the target's gravity and friction.
 
-    As `find_answer`, whose choice it is.
-
+    Arguments and errors as of `find_answer`, whose choice it is.
     progress: called with the evaluations of a search (done, at most).
     """
     with report_progress(progress):

@@ -80,7 +80,7 @@ class Tuned(Drawn):
 
     @property
     def flaws(self) -> str:
-        """Reasons against the setting, however well it bounces; "" without any."""
+        """Phrases of what speaks against the setting, however well it bounces; "" without any."""
         reasons = [self.passivity.warning, self._gain]
         if self.target.corners > 1 and self.passivity.flat is False:
             reasons.append("a flat face gains energy")
@@ -106,7 +106,11 @@ class Tuned(Drawn):
 def make_tuned(
     recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None
 ) -> Tuned:
-    """A recipe's setting, evaluated in its engine."""
+    """A recipe's setting, evaluated in its engine: errors of e, energy and rest.
+
+    why: it was chosen, as a sentence. integrator: None for the recipe's own.
+    Raises SettingError where the recipe cannot serve the target, and what the engine raises.
+    """
     adapter = registry.engine(recipe.engine)
     setting = recipe(target, integrator)
     # A text need not write what bodies have anyway.
@@ -134,7 +138,7 @@ def _advice(
 ) -> Iterator[str]:
     """Yield sentences that a user of the setting must know.
 
-    recipes: all of its engine's.
+    recipe: the setting's. recipes: all of its engine's.
     """
     depth = evaluation.penetration_max
     radius = scene.relative_radius
@@ -159,7 +163,9 @@ def _advice(
 
 
 def _better(target: Target, scene: Scene, recipes: Sequence[Recipe]) -> str:
-    """Recommend ways to an e that falls with speed, to follow a sentence on the constant e."""
+    """Recommend ways to an e that falls with speed, to follow a sentence on the constant e; "" for
+    none.
+    """
     if target.reading != "points":
         law = first(recipes, Role.LAW, scene.form, native=False)
         return f"; the plug-in `{law.name}` follows the law at any step" if law else ""

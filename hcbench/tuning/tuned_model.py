@@ -88,6 +88,9 @@ class TunedModel(Shown):
     files: tuple[Path, ...] = ()
 
     def _lines(self) -> Iterator[str]:
+        """Yield lines for a terminal: e of each pair, and where the text is, or why nothing is
+        written.
+        """
         yield f"{self.pairs[0].facts.model}: {self.name}"
         for pair in self.pairs[:_SHOWN]:
             low, high = pair.band
@@ -143,7 +146,7 @@ class TunedModel(Shown):
 
     @property
     def no_gain(self) -> str:
-        """Errors of e that leave nothing to write, as a phrase; "" where the setting gains."""
+        """Phrase on the errors of e that leave nothing to write; "" where the setting gains."""
         if self.gains:
             return ""
         if self.name == AS_IT_IS:
@@ -155,7 +158,9 @@ class TunedModel(Shown):
 
     @property
     def flat(self) -> bool | None:
-        """True if a body that meets on faces never gains energy; None without such a body."""
+        """True if a body that meets on faces never gains energy in a launch; None without such a
+        body.
+        """
         highest = []
         for pair in self.pairs:
             if pair.attitude or pair.facts.settings.get(_POINTS, 1) > 1:

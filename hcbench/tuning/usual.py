@@ -40,7 +40,7 @@ class Question(NamedTuple):
     alpha: float
 
     def answered(self) -> Answer:
-        """The answer of `hcbench tune` to the question."""
+        """The answer of `hcbench tune` to the question, by a search; raises as `find_answer`."""
         scene, target = make_target(
             timestep=self.timestep,
             alpha=self.alpha,
@@ -54,8 +54,8 @@ class Question(NamedTuple):
 def usual_answers(study: Mapping[str, Any], versions: Mapping[str, str]) -> list[dict[str, Any]]:
     """Answers to the usual questions for a study's α, of the engines in these versions.
 
-    study: as JSON; none where its ball is another. Each has the keys of
-    `Question` and of `Answer.record`.
+    study: as JSON, with the numbers of its ball and its `alphas`, s/m. versions: by engine.
+    Empty where its ball is another. Each has the keys of `Question` and of `Answer.record`.
     """
     known = file_content()
     for name in _PLACE:
@@ -80,7 +80,10 @@ def record_of(question: Question) -> dict[str, Any]:
 
 
 def write(jobs: int = 2) -> None:
-    """Find them all again, by the installed versions of the file's engines, and write the file."""
+    """Find all answers again, by the installed versions of the file's engines, and write the file.
+
+    jobs: worker processes. Raises EngineMissing where one of the engines is not installed.
+    """
     _, target = make_target(timestep=_STEPS[0], alpha=0.0, scene=_SCENE)
     law = target.law
     with WorkerPool(jobs) as pool:

@@ -78,7 +78,10 @@ class Condition(NamedTuple):
 
 
 def row(condition: Condition, alpha: float) -> Row:
-    """Answer of `hcbench tune` in these conditions for one α."""
+    """Answer of `hcbench tune` in these conditions for one α, s/m: [α, settings, constant].
+
+    The two are [name, largest error of e], or None for no such choice and where no recipe serves.
+    """
     scene, target = _asked(condition, alpha)
     try:
         answer = find_answer(condition.engine, target, scene)
@@ -94,6 +97,8 @@ def row(condition: Condition, alpha: float) -> Row:
 def lows(condition: Condition) -> list[list[float]]:
     """Slowest speeds at which the plug-in is exact: pairs of an α, s/m, and the speed up to this α,
     m/s.
+
+    α of equal speeds are one pair; the list ends where the plug-in is exact nowhere in the band.
     """
     recipe = first(registry.preferred(condition.engine), Role.LAW, "plane", native=False)
     assert recipe is not None
@@ -111,6 +116,7 @@ def lows(condition: Condition) -> list[list[float]]:
 
 
 def _asked(condition: Condition, alpha: float) -> tuple[Scene, Target]:
+    """The scene and the target of a row: one α, s/m, in these conditions."""
     _, timestep, gravity, band = condition
     return make_target(
         timestep=timestep,
@@ -154,7 +160,10 @@ def _alpha(one: Row) -> float:
 
 
 def write(jobs: int = 2) -> None:
-    """Find them all again and write the file."""
+    """Find all rows again and write the file.
+
+    jobs: worker processes. It takes half an hour with `usual.write`.
+    """
     engines = usual.file_content()["versions"]
     conditions = [Condition(*each) for each in product(engines, STEPS, GRAVITIES, BANDS)]
     with WorkerPool(jobs) as pool:
@@ -177,8 +186,8 @@ def errors_of(engines: Collection[str]) -> list[dict[str, Any]]:
 
 
 def _for_page(condition: dict[str, Any]) -> dict[str, Any]:
-    """A condition as the page has it: names of settings once, and rows
-    with the numbers of the names.
+    """A condition as the page has it: names of settings once, and rows with the numbers of the
+    names.
     """
     table = condition["rows"]
     numbers: dict[str, int] = {}
@@ -206,7 +215,10 @@ def file_content() -> list[dict[str, Any]]:
 
 
 def _asked_row(question: tuple[Condition, float]) -> Row:
-    """A row as the file has it: α in nine digits, errors in four."""
+    """A row as the file has it: α in nine digits, errors in four.
+
+    question: the conditions and α, s/m.
+    """
     alpha, *choices = row(*question)
     cells: Row = [float(f"{alpha:.9g}")]
     for choice in choices:

@@ -9,6 +9,7 @@ import pytest
 from measured_bounces import synthesise, times_of, write
 
 from hcbench.cli import run
+from hcbench.fitting import next_lines
 
 
 def typed_next(out: str) -> list[list[str]]:
@@ -71,3 +72,13 @@ def test_a_scene_that_was_written_is_checked_within_what_makes_up_for_its_contac
     assert 'plugin="hcbench.restitution"' in model
     assert comment.startswith("<!--")
     assert "`hcbench plugin mujoco`" in comment
+
+
+@pytest.mark.parametrize(
+    "speeds", [(1.9811, 1.9889), (0.50012, 0.50018), (0.3, 0.3)], ids=["narrow", "narrower", "one"]
+)
+def test_the_band_of_a_narrow_measurement_lies_within_it(speeds: tuple[float, float]) -> None:
+    low, high = next_lines._inwards(*speeds)
+    assert speeds[0] - 1e-9 <= low <= high <= speeds[1] + 1e-9
+    # As printed, with six digits.
+    assert float(f"{low:g}") <= float(f"{high:g}")

@@ -57,6 +57,15 @@ def test_a_promise_reads_back_from_its_text(curve: Restitution | ConstantRestitu
     )
 
 
+@pytest.mark.parametrize(
+    ("was", "edited"), [("restitution 0.7", "restitution 2"), ("error 0.0284", "error 0.0284.1")]
+)
+def test_a_promise_that_was_edited_into_nonsense_is_not_one(was: str, edited: str) -> None:
+    text = Promise("pairs", 2, ConstantRestitution(0.7), 0.0284, (0.1, 3.0)).text
+    assert Promise.read(text) is not None
+    assert Promise.read(text.replace(was, edited)) is None
+
+
 def test_a_promise_keeps_its_gravity_and_friction() -> None:
     curve = Restitution(0.3)
     promise = Promise("compliant", 1, curve, 0.05, (0.1, 2.0), (("cone", "elliptic"),), 9.81, 0.5)
