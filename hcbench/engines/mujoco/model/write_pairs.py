@@ -191,8 +191,8 @@ def spec_of(source: Any) -> Any:
     """A new MjSpec of the user's model, whose assets are found from any folder.
 
     source: an MjSpec, MJCF text, or the path of an MJCF or URDF file. Raises UserError for a source
-    that cannot be written, such as a compiled model; ValueError, by MuJoCo, for a file that does
-    not parse.
+    that cannot be written, such as a compiled model, and for MJCF that is not in UTF-8;
+    ValueError, by MuJoCo, for a file that does not parse.
     """
     mujoco = backend()
     if isinstance(source, mujoco.MjSpec):
@@ -202,6 +202,9 @@ def spec_of(source: Any) -> Any:
     if (path := _path(source)) is None:
         got = str(source) if isinstance(source, str | Path) else f"a {type(source).__name__}"
         raise UserError("model", got, "an MJCF file or an MjSpec, which can be written")
+    # Before any search: a text that cannot be read cannot be written again either.
+    if path.suffix.lower() != ".urdf":
+        _read_utf8(path)
     spec = mujoco.MjSpec.from_file(str(path))
     if _has_assets(spec):
         for name in ("meshdir", "texturedir"):
@@ -219,6 +222,19 @@ def _path(source: Any) -> Path | None:
     if isinstance(source, str | Path) and Path(source).suffix.lower() in _SUFFIXES:
         return Path(source)
     return None
+
+
+def _read_utf8(path: Path) -> str:
+    """Text of a model's file.
+
+    Raises UserError for another encoding: MuJoCo takes any bytes in comments, but its own writer
+    then gives a text that Python cannot read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        got = f"{path.name} has a byte that is not UTF-8"
+        raise UserError("model", got, "a file in UTF-8", "Save it in UTF-8") from None
 
 
 def _has_assets(spec: Any) -> bool:
@@ -244,25 +260,30 @@ def whole_text(spec: Any, folder: Path | None) -> str:
 def own_text(source: Any, folder: Path | None, lines: str) -> str:
     """Return the user's text, comments and includes and all, with more lines at its end.
 
-    source: as the user gave it; "" is returned for one that is no MJCF text, and for text after
-    whose last </mujoco> another stands.
+    source: as the user gave it; "" is returned for one that is no MJCF text.
     folder: of the file that is to be written, from which its paths then lead; None: they stay.
     lines: XML for the end of <mujoco>.
+
+    Raises UserError for a file that is not in UTF-8.
     """
     path = _path(source)
     if path is not None and path.suffix.lower() != ".urdf":
-        text = path.read_text(encoding="utf-8")
+        text = _read_utf8(path)
     elif isinstance(source, str) and source.lstrip().startswith("<mujoco"):
         text = source
     else:
         return ""
-    head, end, tail = text.rpartition(_END)
-    if not end or _END in _COMMENT.sub("", tail):
+    # Comments as blanks of the same length: one after the model may also say </mujoco>.
+    without_comments = _COMMENT.sub(lambda comment: " " * len(comment[0]), text)
+    end = without_comments.rfind(_END)
+    if end < 0:
         return ""
+    head = text[:end]
+    tail = text[end + len(_END) :]
     if path is not None and folder is not None and folder.resolve() != path.parent.resolve():
         head = _moved(head, path, folder)
         lines = f"{_directories(path, folder)}{lines}"
-    return f"{head.rstrip()}\n\n{lines}\n{end}{tail}"
+    return f"{head.rstrip()}\n\n{lines}\n{_END}{tail}"
 
 
 def _moved(text: str, path: Path, folder: Path) -> str:
