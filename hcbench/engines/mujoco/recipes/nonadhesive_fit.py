@@ -307,7 +307,7 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
         root = np.linalg.cholesky(
             normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(parameters))
         )
-        # Non-negative least squares of the Cholesky factor: the damped normal equations with bounds.
+        # Non-negative least squares of the Cholesky factor: damped normal equations with bounds.
         right_side = np.linalg.solve(root, right + damping * parameters / unit)
         trial = nnls(root.T, right_side, maxiter=10_000)[0] * unit
         trial_weights, trial_misfit = problem.evaluate(trial)
