@@ -68,7 +68,11 @@ _MESH = 5
 
 
 def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
-    """Look at the time step, gravity and the two that meet. Raises SceneError and QuantityError."""
+    """Refuse a time step, gravity and parts whose numbers no bouncing body has.
+
+    place: of the two that meet. Raises SceneError for numbers below 0 or NaN, QuantityError for
+    those outside the bounds.
+    """
     parameters = bullet.getPhysicsEngineParameters()
     require_bounds("timestep", [parameters["fixedTimeStep"]], "timestep", "s")
     gravity = [parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"]
@@ -78,9 +82,9 @@ def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
 
 
 def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
-    """Look at the mass, friction, restitution, inertia and shapes of one of the two.
+    """Refuse a mass, friction, restitution, inertia or shape of one of the two that no body has.
 
-    Raises SceneError and QuantityError.
+    Raises SceneError for numbers below 0 or NaN, QuantityError for those outside the bounds.
     """
     info = bullet.getDynamicsInfo(side.body, side.link)
     for quantity, index, unit in _CHECKED:
@@ -112,9 +116,14 @@ _ONE_POINT = (
 
 
 class PybulletModel(ModelUnderTest):
-    """A PyBullet world with a pair in it.
+    """A PyBullet world with a pair in it, opened; `close` restores a live client.
 
     build: makes the world again, for trials; None for a live client, on which nothing is tried.
+    fixes: made in the world before the pair is placed.
+
+    Raises UserError where the request does not fit the world or the two cannot be brought to touch,
+    SceneError and QuantityError for numbers that no body has, EngineFailed where PyBullet dies. A
+    live client then gets back its pose, time step and gravity; one of our own is closed.
     """
 
     diverged = "velocity is not finite"
@@ -126,6 +135,7 @@ class PybulletModel(ModelUnderTest):
         request: Request,
         fixes: Sequence[Suspect] = (),
     ) -> None:
+        """Apply the request and the fixes, and bring the pair to touch; errors are the class's."""
         self.world = world
         self.request = request
         self.build = build
@@ -236,7 +246,7 @@ class PybulletModel(ModelUnderTest):
         )
 
     def facts(self) -> Facts:
-        """Return the properties of the world and of its pair."""
+        """Properties of the world and of its pair, as `measure` prints them."""
         of_pair = restitutions(self.bullet, self.place)
         told: list[float] | str = "not told"
         if not math.isnan(math.prod(of_pair)):
@@ -271,9 +281,9 @@ class PybulletModel(ModelUnderTest):
         )
 
     def _asked(self, first: float, second: float) -> tuple[tuple[float, ...], str]:
-        """The e that the world asks for at each speed, () where it does not
-        say; what asks for it, in words.
+        """(e that the world asks for at each launch speed, what asks for it in words).
 
+        By the plug-in's law, else the product of the restitutions; () where neither says.
         first, second: restitutions of the two, NaN where PyBullet does not report them.
         """
         speeds = self.request.speeds
@@ -290,8 +300,10 @@ class PybulletModel(ModelUnderTest):
         return (e,) * len(speeds), f"restitution {first:g} x {second:g}"
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as
-        `wanted`; none for a plug-in's law.
+        """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
+
+        None for a plug-in's law, which replaces Bullet's contact. Those of a live client have no
+        fix to try.
         """
         if self.law is not None:
             return []
@@ -311,8 +323,9 @@ class PybulletModel(ModelUnderTest):
         return suspects
 
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
-        """The same world made again, with some fixes made; UserError for a live client, which cannot be
-        made again.
+        """The same world made again, with the fixes of `suspects` made before the pair is placed.
+
+        Raises UserError for a live client, which cannot be made again, and the errors of the class.
         """
         if self.build is None:
             raise UserError(
@@ -326,9 +339,10 @@ class PybulletModel(ModelUnderTest):
 
 
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
-    """A world from files (paths), from a `World`, or from a client.
+    """A world from files (paths), from a `World`, or from a client, with the request's pair in it.
 
-    rebuild: makes the `World` or client again, where a function built it.
+    rebuild: makes the `World` or client again, where a function built it; None where none did.
+    Raises SceneError for files that do not load, and the errors of `PybulletModel`.
     """
     return PybulletModel(*_loaded(source, rebuild, request.packages), request)
 
@@ -336,7 +350,12 @@ def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None)
 def list_pairs_of(
     source: Any, request: Request, rebuild: Callable[[], Any] | None
 ) -> list[CandidatePair]:
-    """Pairs of links that can meet, in the pose asked for."""
+    """Pairs of links that can meet, in the request's pose.
+
+    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
+    not load, UserError for a pose that does not fit or one file alone, EngineFailed where PyBullet
+    dies.
+    """
     world, _ = _loaded(source, rebuild, request.packages)
     try:
         return run_aside(world.bullet, lambda: _listed(world, request))
@@ -353,7 +372,11 @@ def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
 def _loaded(
     source: Any, rebuild: Callable[[], Any] | None, packages: Packages
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
-    """(the world, what makes it again)."""
+    """(the world, function that makes it again; None for a live client).
+
+    source: one path or several, a `World`, a client or its id. Raises SceneError for files that do
+    not load, UserError for another source.
+    """
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
         files = [str(path) for path in paths]
@@ -377,10 +400,12 @@ def model_settings(
     goal: RestitutionCurve,
     rebuild: Callable[[], Any] | None,
 ) -> Iterator[ModelSetting]:
-    """Bullet's own restitution for the pairs, without what keeps it from
-    happening; one setting, in lines.
+    """One setting for all pairs, as lines: Bullet's own restitution, and no default that spoils it.
 
-    Raises UserError for a live client, and for a part that would need two restitutions.
+    requests: of the pairs, one or more; their speeds choose the constant e nearest to `goal`.
+
+    Raises UserError for a live client, and for a part that would need two restitutions; also the
+    errors of `open_world`.
     """
     world, build = _loaded(source, rebuild, requests[0].packages)
     if build is None:
