@@ -278,7 +278,7 @@ def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _solver(c: BulletContext) -> Iterator[Suspect]:
-    """Suspect a solver that stops before it has found the impulses; its threshold is not readable."""
+    """Suspect a solver that stops before it has found the impulses; its threshold cannot be had."""
     iterations = int(c.bullet.getPhysicsEngineParameters()["numSolverIterations"])
     yield Suspect(
         "solver",
