@@ -477,8 +477,9 @@ def _touch(
 ) -> Gap | None:
     """Move on until the two touch, and return their gap there.
 
-    context: the plant's; ends at touch. dofs: places in the velocities that may move. None where
-    these do not bring them together. Raises UserError as `LoadedPlant.nearest` does.
+    context: the plant's; ends at touch. pair: the moving part first. dofs: places in the
+    velocities that may move. None where these do not bring them together. Raises UserError as
+    `LoadedPlant.nearest` does.
     """
     for _ in range(_ROUNDS):
         gap = loaded.nearest(context, *pair)

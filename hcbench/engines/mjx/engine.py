@@ -178,7 +178,12 @@ class MjxCopies(Copies):
     places = _PLACES
 
     def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any, read: Any) -> None:
-        """Keep the model and data on the device, and the functions of `_compiled`."""
+        """Keep what `place`, `step` and `read_on` need.
+
+        model, empty: MJX's Model, and Data at the start, both on the device.
+        bits: of their numbers, 32 or 64.
+        place, run, read: the functions of `_compiled`.
+        """
         self.bits = bits
         self._model = model
         self._empty = empty
@@ -232,6 +237,8 @@ def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any, Any]:
         return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
     def read(model: Any, data: Any, rule: Any, reading: Any, fewest: int, most: int) -> Any:
+        """(data, reading) after up to `most` steps, or once at most `fewest` balls go on."""
+
         def goes_on(carry: Any) -> Any:
             _, now = carry
             return ((now.end == 0).sum() > fewest) & (now.steps.max() < most)

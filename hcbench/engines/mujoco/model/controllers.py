@@ -69,6 +69,7 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
             raise UserError("controller", got, "a function of (model, data)") from None
 
     def drive(data: Any) -> None:
+        """Set the controls that the function returns. Raises UserError for ones that do not fit."""
         controls = function(model, data)
         if controls is None:
             return

@@ -229,6 +229,7 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tup
 def _search(coarse: RowFit, fine: RowFit) -> Floats:
     """Parameters (6,) with the least error: by evolution on a coarse grid, then on a fine one.
 
+    coarse, fine: the same goal on few launches and on many. The same goal always gives the same.
     Raises SearchInterrupted with the best so far.
     """
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _BEST * (1 + _POLISH))

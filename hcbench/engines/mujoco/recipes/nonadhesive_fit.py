@@ -98,6 +98,7 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
         v_in = closed_form.rate_at(law, mass, float(v_i), x, "approach")
         v_out = closed_form.rate_at(law, mass, float(v_i), x, "rebound")
         largest = float(closed_form.force_max(law, mass, v_i))
+        # A point counts by the depth that it stands for, so that the squares add up to a mean.
         scale = np.sqrt(dx / (2 * deepest * len(speeds))) / largest * mass / _FORCE_SCALE
         v_o = float(closed_form.restitution(law.alpha, v_i)) * v_i
         # δe as in sensitivity.py, for an error that differs between the branches.

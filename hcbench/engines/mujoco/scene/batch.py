@@ -165,10 +165,11 @@ def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
 
 
 def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
-    """Give balls on slides what MuJoCo computes from a free ball: inverse masses, and more.
+    """Give balls on slides the inverse masses that MuJoCo computes of a free ball.
 
-    model: of balls on slides; changed. free: of one free ball. Where a ball is never in more than
-    one constraint, the solver is one sweep of Gauss and Seidel, which is the same to rounding.
+    model: of balls on slides; changed. free: of one free ball. Also sets the solver, where a ball
+    is
+    never in more than one constraint: to one sweep of Gauss and Seidel, the same to rounding.
     """
     body = int(free.jnt_bodyid[0])
     size = model.njnt

@@ -138,7 +138,8 @@ option "install" once, and every MuJoCo program of this Python loads it. Or load
 def model_xml(scene: Scene, setting: Setting) -> str:
     """The complete MJCF of a scene under a setting, as it is simulated: runs in plain MuJoCo.
 
-    At qpos0 the ball just touches the plate. Raises SceneError and SettingError.
+    At qpos0 the ball just touches the plate. Raises SettingError for options that MuJoCo does not
+    have, and the errors of `scene_tree`.
     """
     head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
     options = read_options(setting.options)

@@ -69,7 +69,10 @@ def check_urdf(path: Path, root: ET.Element) -> None:
 
 
 def _check_tree(path: Path, root: ET.Element) -> None:
-    """Refuse links that are not one tree, each with a name of its own. Raises SceneError."""
+    """Refuse a URDF whose links are not one tree, each with a name of its own. Raises SceneError.
+
+    path: of the file, for errors. root: its <robot>.
+    """
     names = [link.get("name", "") for link in root.iterfind("link")]
     if "" in names:
         raise SceneError(

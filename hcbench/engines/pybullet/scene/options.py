@@ -127,6 +127,9 @@ def read_options(options: Mapping[str, Any]) -> PybulletOptions:
 def _check(keywords: Mapping[str, Any], part: str, types: Mapping[str, type], call: str) -> None:
     """Raise SettingError for the first keyword that a call of PyBullet
     does not take, or would ignore.
+
+    keywords: of the setting's table `part`, "world", "ball" or "plate".
+    types: keywords that PyBullet's function `call` takes, with the type of each.
     """
     for key, value in keywords.items():
         slot = f"pybullet option '{part}.{key}'"
