@@ -23,7 +23,7 @@ class DartBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a world of DART, its bodies at their start.
 
-        world: a case in SI units, as `hcbench_cases` has it. Raises NotImplementedError for a body
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a body
         that is a mesh.
         """
         self.world = dart.simulation.World()

@@ -21,7 +21,7 @@ class DrakeBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a discrete plant, its bodies at their start.
 
-        world: a case in SI units, as `hcbench_cases` has it. Raises NotImplementedError for a
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a
         restitution other than 0 and for meshes.
         """
         if world.get("restitution") != 0.0:

@@ -26,7 +26,7 @@ class ExudynBodies:
         """Build a system of mass points, with a contact of every two balls and of each with the
         floor.
 
-        world: a case in SI units, as `hcbench_cases` has it. Raises NotImplementedError for
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for
         friction, for shapes other than balls and for restitutions of materials.
         """
         self._require(world)

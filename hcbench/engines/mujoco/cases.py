@@ -34,7 +34,7 @@ class MujocoBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Compile a model, its bodies at their start, with a <pair> of every two that can meet.
 
-        world: a case in SI units, as `hcbench_cases` has it. Raises NotImplementedError for
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for
         restitutions of materials, and what `contact` raises.
         """
         if "materials" in world:

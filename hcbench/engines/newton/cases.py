@@ -33,7 +33,7 @@ class NewtonBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Add a world to those that `start` will step.
 
-        world: a case in SI units, as `hcbench_cases` has it. Raises NotImplementedError for an e
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for an e
         above 0 under a solver without restitution.
         """
         self.h, angle = world["timestep"], 1.5

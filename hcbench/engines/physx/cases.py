@@ -31,7 +31,7 @@ class PhysxBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a scene of PhysX, its bodies at their start.
 
-        world: a case in SI units, as `hcbench_cases` has it. Raises NotImplementedError for a mesh.
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a mesh.
         """
         self.configure(world["gravity"])
         self.system = sapien.physx.PhysxCpuSystem()

@@ -43,7 +43,7 @@ class PybulletBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a world in place of the last one, its bodies at their start.
 
-        world: a case in SI units, as `hcbench_cases` has it. Bullet multiplies the restitutions of
+        world: a case in SI units, see `hcbench_cases`. Bullet multiplies the restitutions of
         two bodies, and their frictions.
         """
         pybullet.resetSimulation()

@@ -23,7 +23,7 @@ class RapierBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a world of Rapier, its bodies at their start.
 
-        world: a case in SI units, as `hcbench_cases` has it. Rapier averages the restitutions of
+        world: a case in SI units, see `hcbench_cases`. Rapier averages the restitutions of
         two colliders, and their frictions.
         """
         self.world = rapier.PhysicsWorld(gravity=world["gravity"])

@@ -36,7 +36,7 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
 
     controller: "pd", "pd:KP,KD", "ctrl", or a function of (MjModel, MjData).
 
-    Raises UserError for another one, for gains that are no numbers from 0 up, and for a function of
+    Raises UserError for another one, for gains other than numbers from 0 up, and for a function of
     other arguments; the drive of a function also raises it, for controls that do not fit.
     """
     if callable(controller):

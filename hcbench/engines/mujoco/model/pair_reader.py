@@ -109,7 +109,7 @@ class MujocoAlongPlate:
     def push(self, frame: Floats, wrench: Floats, turned: bool) -> None:
         """Add the friction of one contact.
 
-        frame: its axes as MuJoCo has them: normal, then two tangents; (9,).
+        frame: its axes in MuJoCo's order: normal, then two tangents; (9,).
         wrench: MuJoCo's contact force along these axes, N, and torques; (6,).
         turned: the moving geom is the contact's second.
         """
