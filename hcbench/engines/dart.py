@@ -59,7 +59,7 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     )
 
     def lines(self, options: DartOptions, scene: Scene) -> str:
-        """Skeletons of plate and ball in a World."""
+        """Lines of Python: skeletons of plate and ball in a World, and what a step does first."""
         by_force = isinstance(options.law, HuntCrossley)
         shapes = (
             "ball_shape.createDynamicsAspect()"
@@ -87,7 +87,7 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
 
 
 def _set(options: DartOptions) -> str:
-    """Line that sets e; "" where neither an e nor a law by e is given."""
+    """Lines that set restitutions; "" where neither an e nor a law by e is given."""
     if options.restitution is None and not isinstance(options.law, Restitution):
         return ""
     e = (

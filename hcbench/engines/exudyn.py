@@ -75,7 +75,7 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         return ("plane",) if "law" in setting.options else ("plane", "cup")
 
     def lines(self, options: ExudynOptions, scene: Scene) -> str:
-        """A mass point, its contact or the law, and a solver that takes one step at a time."""
+        """Lines of Python: a mass point, its contact or the law, a solver of one step a call."""
         cup = scene.form == "cup"
         centre = -scene.plate_radius if cup else -_PLATE_RADIUS
         where = {"centre": shortest(centre), "radius": shortest(abs(centre)), "hollow": cup}
@@ -100,7 +100,11 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """e and V of impactModel 1, the law at all speeds up to V: here the one given."""
+        """e and V of impactModel 1, which is the law at all speeds up to V, here the contact's
+        speed.
+
+        Nothing without a speed, or where the law has no bounce there.
+        """
         v = contact.speed
         alpha = contact.alpha
         if v is None or alpha * v >= 1.0:
@@ -181,7 +185,9 @@ def _contact(target: Target, model: int, e: float, **more: float) -> dict[str, A
 
 
 def contact_law(target: Target) -> dict[str, Any]:
-    """Eq. (16) itself; V is twice the band's highest speed, or halfway to 1/α where that is nearer.
+    """Options of a setting: eq. (16) itself, by Exudyn's e at its speed V.
+
+    V is twice the band's highest speed, or halfway to 1/α where that is nearer.
 
     Raises SettingError for speeds from 1/α on.
     """

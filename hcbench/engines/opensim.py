@@ -1,10 +1,12 @@
 """OpenSim behind the contract of an engine: a ball on a half space, by Simbody's contact forces.
 
 Options of a setting (all optional; none means OpenSim's default):
-    stiffness: K of F = K x^1.5 (1 + 1.5 c x'), N/m^1.5, of the pair: HuntCrossleyForce, with one set of
+    stiffness: K of F = K x^1.5 (1 + 1.5 c x'), N/m^1.5, of the pair: HuntCrossleyForce, with one
+    set of
         parameters for both geometries, is given S = 2^1.5 K/((4/3) sqrt(R)). dissipation: c, s/m.
     accuracy: of the Manager's error control (RungeKuttaMerson), looked at once a step.
-    law: {"kind": "force", ...} in place of the contact, as `hcbench.laws.contact_law.law_of` reads it.
+    law: {"kind": "force", ...} in place of the contact, as `hcbench.laws.contact_law.law_of` reads
+    it.
 
 OpenSim logs to stdout and into a file: it is run in a process of its own.
 """
@@ -72,7 +74,7 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
     )
 
     def lines(self, options: OpensimOptions, scene: Scene) -> str:
-        """Model, contact or law, and Manager."""
+        """Lines of Python: model, contact or law, and Manager."""
         contact, integrator = _parts(options)
         return _LINES.format(
             contact=contact,
@@ -98,7 +100,7 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
 
 
 def _parts(options: OpensimOptions) -> tuple[str, str]:
-    """Contact or law, and integrator."""
+    """(lines of the contact or the law, line of the integrator's accuracy, "" for its default)."""
     law = options.law
     if law is None:
         given = (_STIFFNESS, options.stiffness), (_DISSIPATION, options.dissipation)
@@ -189,8 +191,9 @@ _HERTZ = 1.5
 
 
 def stock_accuracy(target: Target) -> dict[str, Any]:
-    """Set the numbers of the law, c = α; SettingError for an exponent that
-    Simbody's contact does not have.
+    """Options of a setting: the numbers of the law, c = α.
+
+    Raises SettingError for an exponent other than 1.5, which Simbody's contact does not have.
     """
     law = target.law
     if law.exponent != _HERTZ:

@@ -3,7 +3,8 @@
 Options of a setting (all optional; none means as SAPIEN makes it):
     bounce_threshold (m/s), enable_tgs: of the scene's configuration, set before the system is made.
     restitution: e of the material of ball and plate, which PhysX averages.
-    law: {"kind": "restitution", ...} for e(v) set before each impact, or {"kind": "force", ...} in place of
+    law: {"kind": "restitution", ...} for e(v) set before each impact, or {"kind": "force", ...} in
+    place of
         the contact, as `hcbench.laws.contact_law.law_of` reads them.
 
 SAPIEN keeps its configuration in globals of the process, so it is stepped in a process of its own.
@@ -68,7 +69,7 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
     )
 
     def lines(self, options: PhysxOptions, scene: Scene) -> str:
-        """Configuration, material or law, and a new scene for each launch.
+        """Lines of Python: configuration, material or law, and a new scene for each launch.
 
         Raises SettingError for a law beside a restitution.
         """
@@ -101,9 +102,7 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
 
 
 def _parts(options: PhysxOptions) -> tuple[str, str, str]:
-    """Lines of the configuration, of the material, "" for none, and the
-    function of a law, "" for none.
-    """
+    """(line of the configuration, of the material, function of a law); "" for none."""
     given = options.model_dump(include={"bounce_threshold", "enable_tgs"}, exclude_none=True)
     config = ", ".join(
         ["gravity=np.array([0, 0, -gravity])", *(f"{k}={v}" for k, v in given.items())]

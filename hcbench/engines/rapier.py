@@ -53,7 +53,7 @@ class RapierEngine(DescribesContact, ScriptedEngine[RapierOptions]):
     )
 
     def lines(self, options: RapierOptions, scene: Scene) -> str:
-        """Bodies and colliders of a PhysicsWorld."""
+        """Lines of Python: bodies and colliders of a PhysicsWorld."""
         hook = _EACH.replace("\n", "\n    ") if options.law else "pass"
         return _LINES.format(e=_set(options) or "pass", hook=hook)
 

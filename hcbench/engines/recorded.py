@@ -46,7 +46,10 @@ class RecordedEngine(Engine):
         return str(hcbench.__version__)
 
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
-        """The recorded impact for each launch, in order; the scene does not enter."""
+        """The recorded impact for each launch, in order; the scene does not enter.
+
+        Raises SettingError for an option other than "file", and for a file that is not a recording.
+        """
         files = _files(setting, len(launches))
         trajectories = {file: read(Path(file)) for file in dict.fromkeys(files)}
         return [
@@ -56,7 +59,10 @@ class RecordedEngine(Engine):
 
 
 def _files(setting: Setting, count: int) -> list[str]:
-    """The file of each of `count` launches. Raises SettingError for any other option or count."""
+    """Path of the file of each of `count` launches; one file stands for all.
+
+    Raises SettingError for any other option, and for another number of files.
+    """
     unknown = [name for name in setting.options if name != "file"]
     if unknown:
         raise SettingError("recorded option", repr(unknown[0]), "'file'")

@@ -127,7 +127,10 @@ class ReferenceEngine(Engine):
     def trajectory(
         self, scene: Scene, setting: Setting, launch: Launch, duration: float
     ) -> Trajectory:
-        """Flights and impacts in turn, sampled at the step."""
+        """Flights and impacts in turn over a duration (s), sampled at the setting's step.
+
+        Raises SettingError for a setting that the reference does not have.
+        """
         law = law_of(setting, scene)
         h = setting.timestep
         times = h * np.arange(max(2, round(duration / h) + 1), dtype=np.float64)
@@ -141,7 +144,10 @@ class ReferenceEngine(Engine):
 
     @staticmethod
     def _one(law: Law, scene: Scene, timestep: float, launch: Launch) -> Impact:
-        """The impact of one launch, at the speed, m/s, that gravity gives it until the touch."""
+        """The impact of one launch, at the speed that gravity gives it until the touch.
+
+        timestep: s. Its status is NO_TOUCH where it never gets there.
+        """
         speed = launch.touch_speed(timestep, scene.gravity)
         if speed == 0.0:
             return Impact(launch, Status.NO_TOUCH, "released at rest and without gravity")
@@ -180,7 +186,9 @@ def _numbers(
 @lru_cache(maxsize=512)
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
     """The impact of a mass, kg, at a speed, m/s, under gravity, m/s², with
-    a loop sampled at a step, s.
+    a loop sampled at a step, s. By closed form where there is one, else by ODE.
+
+    Its arrays are read-only, as all who ask for the same impact share them.
     """
     if isinstance(law, TouchSpeedLaw):
         law = law.at(speed)
@@ -260,7 +268,7 @@ _SAMPLING = "The step only says how densely the loop is sampled."
 
 
 def kelvin_voigt_setting(target: Target) -> dict[str, float]:
-    """Eq. (4) with the best constant restitution of the band and the
+    """Options of a setting: eq. (4) with the best constant restitution of the band and the
     law's contact time in its middle.
 
     k and c from e = exp(-β t) and t = π/ω, contact ending at x = 0.

@@ -19,6 +19,11 @@ class DrakeBodies:
     name, version, combine = "drake", version("drake"), None
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a discrete plant, its bodies at their start.
+
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a
+        restitution other than 0 and for meshes.
+        """
         if world.get("restitution") != 0.0:
             raise NotImplementedError("has no restitution: its loss depends on the speed")
         bodies = world["bodies"]
@@ -56,6 +61,11 @@ class DrakeBodies:
         drake.AddCompliantHydroelasticProperties(resolution, modulus, self.patch)
 
     def _body(self, plant: Any, name: str, body: dict[str, Any]) -> Any:
+        """Add a body with its shape to a plant, and return it.
+
+        name: in the plant. body: of the case, SI. Boxes touch by patches, spheres by a point.
+        Raises NotImplementedError for a mesh.
+        """
         shape: Any
         if body["shape"] == "mesh":
             raise NotImplementedError("has meshes of files alone")

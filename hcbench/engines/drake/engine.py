@@ -67,7 +67,7 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
     )
 
     def lines(self, options: DrakeOptions, scene: Scene) -> str:
-        """Plant, contact or law, and Simulator."""
+        """Lines of Python: plant, contact or law, and Simulator."""
         plant, contact, integrator = _parts(options, "timestep")
         before = ""
         after = ""
@@ -105,7 +105,10 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
 
 
 def _parts(options: DrakeOptions, timestep: str) -> tuple[str, str, str]:
-    """Plant, properties of both bodies, and integrator."""
+    """(lines of the plant, of the properties of both bodies, of the integrator).
+
+    timestep: s, as a Python expression. The last is "" for a discrete plant.
+    """
     properties = "properties = drake.ProximityProperties()  # of both bodies"
     if given := options.model_dump(include={"dissipation", "point_stiffness"}, exclude_none=True):
         friction = "friction=drake.CoulombFriction(0, 0), properties=properties"

@@ -43,7 +43,7 @@ def simulate(
     """States at the ends of steps (s) of each toss, (steps + 1, 13): position, quaternion w x y z,
     velocity and spin in the world, SI.
 
-    values: of the setting's parameters.
+    values: of the setting's parameters, SI, in its order. Raises EngineFailed where Drake fails.
     """
     given = setting.named(values)
     with foreign_errors("drake"):

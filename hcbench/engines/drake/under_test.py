@@ -51,9 +51,11 @@ _FINEST = 30
 
 
 class DrakeModel(ModelUnderTest):
-    """A plant with a pair in it.
+    """A plant of a user's files with a pair in it, measured by Drake's own Simulator.
 
-    changes: what fixes have set.
+    drake: the module pydrake.all. version: of Drake.
+    source: one path or several.
+    changes: what fixes have set, "timestep" (s) and "dissipation" (s/m); {} for the model as it is.
 
     Raises UserError or SceneError with the reason where the pair cannot be measured.
     """
@@ -63,6 +65,7 @@ class DrakeModel(ModelUnderTest):
     def __init__(
         self, drake: Any, version: str, source: Any, request: Request, changes: Mapping[str, Any]
     ) -> None:
+        """Load the files and bring the pair to touch; errors are those of the class."""
         _require_normal_launches(request)
         self._given = drake, version, source, request
         self._version = version
@@ -91,8 +94,9 @@ class DrakeModel(ModelUnderTest):
         return 20.0 + float(self.loaded.plant.num_velocities())
 
     def pair_values(self) -> tuple[float, float]:
-        """Stiffness, N/m, and dissipation, s/m, that Drake's point
-        contact makes of the two shapes'.
+        """(stiffness N/m, dissipation s/m) that Drake's point contact makes of the two shapes'.
+
+        Springs in series; the softer shape's dissipation counts more.
         """
         first, second = self.place.gap.geometries
         k1 = self.loaded.property(first, STIFFNESS)
@@ -106,7 +110,7 @@ class DrakeModel(ModelUnderTest):
         return not all(map(self.loaded.is_hydroelastic, self.place.gap.geometries))
 
     def facts(self) -> Facts:
-        """Return the properties of the model and of its pair."""
+        """Properties of the model and of its pair, as `measure` prints them."""
         config = self.loaded.config
         place = self.place
         stiffness, dissipation = self.pair_values()
@@ -144,7 +148,10 @@ class DrakeModel(ModelUnderTest):
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as `wanted`."""
+        """Return settings that may keep this pair from bouncing as `wanted`.
+
+        wanted: e over speed; None where the user named none.
+        """
         step = diagnose.StepFix(
             self.timestep, "time_step={} of the plant, or --timestep", _set_step
         )
@@ -158,7 +165,9 @@ class DrakeModel(ModelUnderTest):
         return found
 
     def _implicit_step(self) -> Iterator[Suspect]:
-        """Suspect the implicit step of a discrete plant, which damps by itself."""
+        """Suspect the implicit step of a discrete plant, which damps by itself; nothing where that
+        takes little of e.
+        """
         stiffness, _ = self.pair_values()
         omega = math.sqrt(stiffness / self.mass)
         kept = math.exp(-0.5 * math.pi * omega * self.timestep)
@@ -181,7 +190,7 @@ class DrakeModel(ModelUnderTest):
     def _dissipation(
         self, impacts: Sequence[Impact], wanted: RestitutionCurve | None
     ) -> Iterator[Suspect]:
-        """The dissipation gives an e other than the target."""
+        """Suspect a dissipation with an e other than the target, or that is Drake's default."""
         speed = float(np.median(diagnose.speeds_of(impacts)))
         _, dissipation = self.pair_values()
         e = diagnose.constant_e(impacts, wanted)
@@ -222,7 +231,7 @@ class DrakeModel(ModelUnderTest):
 
 
 def _require_normal_launches(request: Request) -> None:
-    """Refuse what chooses the way in which a pair is sent."""
+    """Refuse, by UserError, a request that chooses the way in which a pair is sent."""
     if request.is_oblique:
         slot = "angle"
     elif request.move is not None:
@@ -245,9 +254,10 @@ def _set_dissipation(changes: MutableMapping[str, Any], dissipation: float) -> N
 
 
 class DrakeSimulation(Simulation):
-    """One launch of a placed pair."""
+    """One launch of a placed pair, in a context of its own."""
 
     def __init__(self, model: DrakeModel, launch: Launch) -> None:
+        """Put the pair where the launch begins, at its speed."""
         self._model = model
         self._loaded = model.loaded
         self._place = model.place
@@ -265,7 +275,9 @@ class DrakeSimulation(Simulation):
         self._steps = 0
 
     def advance(self, steps: int) -> Record:
-        """Steps as a user's Simulator takes them; the last is NaN where Drake gave up."""
+        """Take `steps` steps as a user's Simulator does; the record ends earlier, with a step of
+        NaN, where Drake gave up.
+        """
         rows: list[tuple[float, float, float]] = []
         is_finite = True
         while len(rows) < steps and is_finite:
@@ -295,8 +307,10 @@ class DrakeSimulation(Simulation):
         return -gap.distance, rate, force
 
     def _force(self, normal: Any) -> float:
-        """Contact force of the step just taken, along the normal, N: the
-        sampled ports are of that step.
+        """Contact force of the pair in the step just taken, N, above 0 where it parts them.
+
+        normal: from the first to the second. The sampled ports of a discrete plant are of that
+        step.
         """
         results = self._loaded.plant.get_contact_results_output_port().Eval(self._context)
         total = 0.0
@@ -360,7 +374,11 @@ class OpensFiles(OpensModels):
 
 
 def list_pairs(drake: Any, source: Any, request: Request) -> list[CandidatePair]:
-    """Every pair that can meet, the one that moves first; those that touch at the start first."""
+    """Every pair of shapes that can meet, the one that moves first; those that touch come first.
+
+    drake: the module pydrake.all. source: one path or several. Raises SceneError for files that do
+    not load, UserError for a pose that does not fit.
+    """
     loaded = LoadedPlant(drake, source, request, {})
     root = loaded.diagram.CreateDefaultContext()
     context = loaded.plant.GetMyMutableContextFromRoot(root)
@@ -381,8 +399,9 @@ def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
 
 
 def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> CandidatePair:
-    """A pair as a row of the list; mass, kg, and distance, m, are NaN
-    where Drake returns no distance.
+    """A pair of single shapes as a row of the list, in the pose of `context`.
+
+    Mass, kg, and distance, m, are NaN where Drake does not know the distance.
     """
     distance = math.nan
     mass = math.nan

@@ -60,12 +60,18 @@ class Gap(NamedTuple):
 class LoadedPlant:
     """Models from files in a discrete plant with nothing else set.
 
-    ignored: what Drake said that it leaves out. Raises SceneError for what Drake does not load.
+    drake: the module pydrake.all.
+    source: one path or several.
+    changes: what fixes have set, "timestep" (s) and "dissipation" (s/m); they win over the request.
+    ignored: what Drake said that it leaves out.
+
+    Raises SceneError for what is not there or Drake does not load.
     """
 
     def __init__(
         self, drake: Any, source: Any, request: Request, changes: Mapping[str, Any]
     ) -> None:
+        """Load the files, and finish the plant with the request's step and gravity."""
         sources = source if isinstance(source, list | tuple) else [source]
         paths = [Path(path) for path in sources]
         self.drake = drake
@@ -136,10 +142,10 @@ class LoadedPlant:
         return self.plant.GetBodyFromFrameId(self.inspector.GetFrameId(geometry))
 
     def part(self, name: str) -> Part:
-        """Find the body, else the shape, of this name. UserError for
-        neither, or a body without shapes.
+        """Find the body, else the shape, of this name.
 
-        name: as the model has it, or "KIND:NAME" to say which.
+        name: as the model has it, or "body:NAME" or "geom:NAME" to say which. Raises UserError for
+        neither, and for a body without shapes.
         """
         indices = self.plant.GetBodyIndices(self.drake.default_model_instance())
         bodies = list(map(self.plant.get_body, indices))
@@ -162,7 +168,11 @@ class LoadedPlant:
         return str(self.inspector.GetName(geometry).rpartition("::")[2])
 
     def nearest(self, context: Any, first: Part, second: Part) -> Gap:
-        """Find the nearest points of two parts. UserError if Drake filters their contact."""
+        """Find the nearest points of two parts, over all their shapes.
+
+        context: the plant's. Raises UserError if Drake filters their contact or does not know the
+        distance of two shapes.
+        """
         every = itertools.product(first.geometries, second.geometries)
         meet = [shapes for shapes in every if frozenset(shapes) in self.collide]
         if not meet:
@@ -175,7 +185,8 @@ class LoadedPlant:
     def _gap(self, query: Any, a: Any, b: Any) -> Gap:
         """Nearest points of two shapes, by their ids.
 
-        UserError where Drake does not know their distance.
+        query: Drake's QueryObject of the pose. Raises UserError where Drake does not know their
+        distance.
         """
         half_space = self.drake.HalfSpace
         # Drake knows the distance of spheres only from half-spaces.
@@ -198,8 +209,10 @@ class LoadedPlant:
         return Gap(float(near.distance), np.asarray(normal), (end_a + end_b) / 2, (a, b))
 
     def _over_half_space(self, query: Any, shape: Any, ground: Any) -> tuple[float, Floats, Floats]:
-        """(signed distance m, the ground's normal, midpoint) of a shape
-        over a half-space, by their ids.
+        """(signed distance m, the ground's normal, midpoint m) of a shape over a half-space, by
+        their ids.
+
+        Raises UserError for a shape whose farthest point is unknown, as `_farthest` does.
         """
         ground_pose = query.GetPoseInWorld(ground)
         pose = query.GetPoseInWorld(shape)
@@ -313,7 +326,11 @@ class PlacedPair:
 
 
 def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
-    """Put joints where the request says. Raises UserError for what no Drake plant has."""
+    """Put joints where the request says.
+
+    context: the plant's; changed. Raises UserError for a keyframe, which Drake does not read, for
+    unknown joints and for another number of values.
+    """
     plant = loaded.plant
     if request.key is not None:
         raise UserError("key", repr(request.key), "none: Drake reads no keyframes", "Try --qpos")
@@ -337,7 +354,10 @@ def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
 
 
 def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap: Gap) -> Floats:
-    """(nv,) J: the approach rate of the two parts' material points at the contact is J @ v."""
+    """(nv,) J: the approach rate of the two parts' material points at the contact is J @ v.
+
+    context: the plant's. gap: the nearest points, with the normal from the first to the second.
+    """
     plant = loaded.plant
     world = plant.world_frame()
     by_velocity = loaded.drake.JacobianWrtVariable.kV
@@ -356,8 +376,10 @@ def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> Place
     """Bring the two just to touch, by moving the first, or else the
     second, along their common normal.
 
-    context: the plant's, with everything at rest where it starts; it ends at touch. Raises
-    UserError with the reason where that cannot be done.
+    context: the plant's, with everything at rest where it starts; it ends at touch.
+
+    Raises SceneError where the two start deep in each other, UserError for names that the model
+    does not have and where no joint brings the two together.
     """
     names = request.pair or _only_pair(loaded)
     first, second = (loaded.part(name) for name in names)
@@ -379,7 +401,10 @@ def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> Place
 
 
 def _only_pair(loaded: LoadedPlant) -> tuple[str, str]:
-    """The names of the only two shapes that can meet, one that moves first. UserError for a choice."""
+    """Names of the only two shapes that can meet, as "geom:NAME", one that moves first.
+
+    Raises UserError where there is a choice, or nothing.
+    """
     if len(loaded.collide) != 1:
         got = f"none given, and the model leaves a choice of {len(loaded.collide)}"
         advice = "`hcbench pairs` lists all"
@@ -396,8 +421,10 @@ def _size(loaded: LoadedPlant, gap: Gap) -> float:
 
 
 def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
-    """Yield the joints that could move a body: its own free or prismatic joint, those it hangs on,
-    then all. Each with its places in the velocities, and in words.
+    """Yield (places in the velocities, description) of each mover of a body, nearest first.
+
+    Its own free or prismatic joint and those that it hangs on, each alone; then, if some of them
+    turn, all velocities of the plant.
     """
     plant = loaded.plant
     joint_of = {
@@ -424,8 +451,10 @@ def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
 
 
 def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) -> Floats | None:
-    """(nv,), approaches at 1 m/s: the least velocity of translations, of a
+    """Velocity, (nv,), that approaches at 1 m/s: the least one of translations, of a
     robot as a push would move it.
+
+    row: (nv,), Jacobian of the approach rate. dofs: places in the velocities that may move.
 
     None where the degrees of freedom do not lead to the other.
     """
@@ -446,7 +475,12 @@ def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) 
 def _touch(
     loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], dofs: list[int]
 ) -> Gap | None:
-    """Move on until the two touch; None where these degrees of freedom do not bring them together."""
+    """Move on until the two touch, and return their gap there.
+
+    context: the plant's; ends at touch. pair: the moving part first. dofs: places in the
+    velocities that may move. None where these do not bring them together. Raises UserError as
+    `LoadedPlant.nearest` does.
+    """
     for _ in range(_ROUNDS):
         gap = loaded.nearest(context, *pair)
         move = _direction(loaded, context, approach_row(loaded, context, pair, gap), dofs)

@@ -46,6 +46,10 @@ class MjxWorlds:
         self.made.append((self.model, self.data))
 
     def start(self) -> None:
+        """Start all worlds that were added since the last start, as one batch.
+
+        Their models have the same shapes and steps of one length.
+        """
         self.worlds = self.made
         self.made = []
         # Steps still to be taken.

@@ -1,9 +1,11 @@
 """MJX behind the contract of an engine: it steps MJCF models in one vmap.
 
 Options of a setting: those of MuJoCo, and
-    precision: "float32", JAX's own, or "float64", by jax_enable_x64, which is one for a whole process.
+    precision: "float32", JAX's own, or "float64", by jax_enable_x64, which is one for a whole
+    process.
     device: "cpu" or "gpu": all launches are one batch there, and no step leaves it.
-    law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
+    law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place
+    of the
         contact, as `hcbench.laws.contact_law.law_of` reads them.
 
 A user's model is simulated in JAX's own precision, or that of the
@@ -101,10 +103,11 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     ) -> MjxCopies:
         """Copies of a model that one vmap steps together.
 
-        start: MjData of what states leave out.
+        model: MjModel. start: MjData of what states leave out.
         bits: 32 or 64; 0 for JAX's own.
-        law: lines of the step function.
+        law: lines of the step function; "" for MJX's own step.
         radius: of the ball, m.
+        device: "cpu" or "gpu"; "" for JAX's default.
 
         Raises SceneError for what MJX does not have, CannotRun without the device.
         """
@@ -175,6 +178,12 @@ class MjxCopies(Copies):
     places = _PLACES
 
     def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any, read: Any) -> None:
+        """Keep what `place`, `step` and `read_on` need.
+
+        model, empty: MJX's Model, and Data at the start, both on the device.
+        bits: of their numbers, 32 or 64.
+        place, run, read: the functions of `_compiled`.
+        """
         self.bits = bits
         self._model = model
         self._empty = empty
@@ -203,8 +212,10 @@ class MjxCopies(Copies):
 
 @lru_cache(maxsize=16)
 def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any, Any]:
-    """For each law and precision: what places copies, what takes so many steps and records them,
-    and what reads them instead.
+    """(place, run, read): compiled functions that put copies into states, take steps and record
+    them, or take steps and read impacts instead; made once for each law and precision.
+
+    step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64.
     """
     import jax
     import jax.numpy as jnp
@@ -226,6 +237,8 @@ def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any, Any]:
         return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
     def read(model: Any, data: Any, rule: Any, reading: Any, fewest: int, most: int) -> Any:
+        """(data, reading) after up to `most` steps, or once at most `fewest` balls go on."""
+
         def goes_on(carry: Any) -> Any:
             _, now = carry
             return ((now.end == 0).sum() > fewest) & (now.steps.max() < most)

@@ -69,8 +69,10 @@ def require_feature(mujoco: Any, feature: str) -> None:
 
 @contextlib.contextmanager
 def captured_warnings() -> Iterator[list[str]]:
-    """Collect MuJoCo's warnings, which it would print and write to MUJOCO_LOG.TXT; the user's own
-    handler is back afterwards. Raises EngineFailed for a fatal error of MuJoCo's.
+    """Collect MuJoCo's warnings, which it would print and write to MUJOCO_LOG.TXT, in a list.
+
+    The list grows while the block runs; the user's own handler is back afterwards. Raises
+    EngineFailed for a fatal error of MuJoCo's in the block.
     """
     mujoco = backend()
     collected: list[str] = []
@@ -93,7 +95,8 @@ def keep_no_log() -> None:
 def plugin_warnings(warned: Iterable[str]) -> tuple[str, ...]:
     """First warning of each kind that hcbench's plug-ins gave, each a line, in order.
 
-    The plug-in repeats a warning with other numbers for every MjData.
+    warned: all texts that MuJoCo gave; those of others are left out. The plug-in repeats a warning
+    with other numbers for every MjData.
     """
     kinds: dict[str, str] = {}
     for words in warned:

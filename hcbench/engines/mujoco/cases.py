@@ -32,6 +32,11 @@ class MujocoBodies:
         return 'cone="elliptic" impratio="1e6"'
 
     def make(self, world: dict[str, Any]) -> None:
+        """Compile a model, its bodies at their start, with a <pair> of every two that can meet.
+
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for
+        restitutions of materials, and what `contact` raises.
+        """
         if "materials" in world:
             raise NotImplementedError("has no restitution of a material")
         h = world["timestep"]

@@ -3,15 +3,15 @@
 Options of a setting (all optional; none means as authored):
     integrator: "Euler", "implicit", "implicitfast", "RK4" or "discrete".
     rows: contact constraints that take the place of the model's own, each {"solref": [2 numbers],
-        "solimp": [5 numbers], "onset": depth at which it starts, m, "adhesion": force with which it may
-        pull, N, "friction": coefficient, "solreffriction": [2 numbers]}. On a plane each is a <pair>, all of
-        the same two geoms; in a cup each is a tendon's limit.
+        "solimp": [5 numbers], "onset": depth at which it starts, m, "adhesion": force with which
+        it may pull, N, "friction": coefficient, "solreffriction": [2 numbers]}. On a plane each is
+        a <pair>, all of the same two geoms; in a cup each is a tendon's limit.
     cone, impratio: of the <option>, for all contacts.
     friction: μ of a force law, in the text to paste.
     law: a plug-in in the model, in place of MuJoCo's own contact, as
-        `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
-        "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's slug,
-        "restitution": e} in place of alpha.
+        `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness":
+        N/m^n, "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's
+        slug, "restitution": e} in place of alpha.
 """
 
 from __future__ import annotations
@@ -140,7 +140,11 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return vocabulary(contact)
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """Return the MJCF of a setting, to paste."""
+        """Return the MJCF of a setting, to paste: its rows or its law, else its options as text.
+
+        form: "cup" for limits of a tendon, else <pair>s. pair: names of the two geoms. Raises
+        SettingError for an option that MuJoCo does not have.
+        """
         if "law" not in setting.options:
             rows = mjcf.rows_snippet(setting, form, pair) if setting.options.get("rows") else ""
             return rows or setting.options_text
@@ -155,7 +159,11 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return tuple(mjcf.option_attributes(setting).items())
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
-        """The text of a setting with a <custom> section that keeps its promise."""
+        """The text of a setting with a <custom> section that states its promise.
+
+        text: a snippet or a whole model. Returned unchanged where it has neither a <pair> nor a
+        plug-in, or where no text can state the promise's target.
+        """
         from hcbench.engines.mujoco.model.promises import promise_lines
 
         if "<pair" not in text and "<plugin" not in text:
@@ -169,8 +177,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return f"{text}\n{lines}"
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """Return the requirements of a setting: a version of MuJoCo, the
-        plug-in, the elliptic cone.
+        """Return the requirements of a setting, in words: a version of MuJoCo, the
+        plug-in, the elliptic cone. Raises SettingError for an option that MuJoCo does not have.
         """
         options = read_options(setting.options)
         needs = []
@@ -195,8 +203,13 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test for energy in the model of the rows, and boxes and what slides in plain MuJoCo;
-        whole: all in plain MuJoCo.
+        """Test for energy in the model of the rows, and boxes and what slides in plain MuJoCo.
+
+        speeds: lowest and highest of the band, m/s.
+        whole: all in plain MuJoCo, under every option that the setting allows; minutes.
+        train: the longest train of bounces that the target allows; None: none.
+
+        A setting without rows is tested by impacts, as for every engine.
         """
         from hcbench.engines.mujoco.passivity.judge import certified, screened, with_law
 
@@ -209,7 +222,11 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return with_law(scene, setting, passivity)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
-        """Each of its rows, or its force law, with friction, unless it says by itself which has."""
+        """The setting with friction in its force law, or in each of its rows.
+
+        friction: Coulomb's μ. Unchanged where a row already has some, and without rows or such a
+        law. Raises SettingError for an option that MuJoCo does not have.
+        """
         law = read_options(setting.options).law
         if law is not None and is_force(law):
             return replace(setting, options={**setting.options, "friction": friction})
@@ -224,7 +241,12 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return mjcf.model_xml(scene, setting)
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> MujocoWorld:
-        """A scene under a setting, with its plug-in, for impacts at up to `fastest` m/s."""
+        """A scene under a setting, with its plug-in, for impacts at up to `fastest` m/s.
+
+        Raises SceneError for a model that is not what the scene says; SettingError for options that
+        MuJoCo does not have and for a law that the step does not resolve; EngineMissing for a
+        MuJoCo that is too old.
+        """
         options = read_options(setting.options)
         if options.law is None:
             return MujocoWorld(_pool(scene, setting.timestep, options))
@@ -247,8 +269,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return plugin.install() if install else plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """A path of its suffixes, MJCF text, an MjModel, MjSpec or MjData,
-        or an environment that has one.
+        """Say whether MuJoCo opens this: a path of its suffixes, MJCF text, an MjModel, MjSpec or
+        MjData, (MjModel, MjData), or an environment that has both.
         """
         if isinstance(source, str | Path):
             return str(source).lstrip().startswith("<") or super().accepts(source)
@@ -268,7 +290,11 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         request: Request,
         rebuild: Callable[[], Any] | None = None,
     ) -> MujocoModel:
-        """A model from a path, an MjModel, an MjSpec, MJCF text, or a state as it stands."""
+        """A model from a path, an MjModel, an MjSpec, MJCF text, or a state as it stands.
+
+        rebuild: unused, as MuJoCo copies a state. Raises UserError, with SceneError and
+        QuantityError among its kinds, where the model does not open or its pair cannot be measured.
+        """
         from hcbench.engines.mujoco.model.open import load as load_user_model
         from hcbench.engines.mujoco.model.under_test import MujocoModel
 
@@ -302,7 +328,10 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
-        """<pair> elements for the pairs."""
+        """Settings to try, each <pair> elements for all pairs, the simplest first.
+
+        Errors come as they are tried: UserError and SceneError, as of `tune_model.model_settings`.
+        """
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
         return model_settings(_one_file(source), requests, goal, was, version)
@@ -314,7 +343,10 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         drops: DropPlan,
         rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
-        """A robot with a free joint over parts of the world."""
+        """Drop a robot with a free joint over parts of the world, from each height and tilt.
+
+        Raises UserError where the model has no such robot, EngineFailed where it diverges.
+        """
         from hcbench.engines.mujoco.model.landing import land
         from hcbench.engines.mujoco.model.open import load as load_user_model
 
@@ -342,7 +374,10 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
     def standing(
         self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]
     ) -> Standing:
-        """Measure how a user's model stands, in plain steps of the model."""
+        """Measure how a user's model stands, in plain steps of the model.
+
+        setting: that is written into it; None: as it is. requests: of its pairs.
+        """
         from hcbench.engines.mujoco.model.standing import standing
 
         opened: list[Any] = []
@@ -370,7 +405,10 @@ def _one_file(source: Any) -> Any:
 
 
 def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
-    """A scene under a setting, compiled; cached for who asks for the same again."""
+    """The pool of a scene under a setting, compiled, or the one that was made for it before.
+
+    Compiled again if the scene's file has changed or names others. Errors are those of `load`.
+    """
     try:
         written = mjcf.model_path(scene).read_bytes()
     # Loading the model says why it cannot be read.

@@ -48,7 +48,13 @@ def simulate(
     timestep: float,
     tosses: Sequence[Toss],
 ) -> list[Floats]:
-    """States at the ends of steps of Euler's integrator, of each toss."""
+    """States before the first step of Euler's integrator and after each, (steps + 1, 13), of each
+    toss.
+
+    values: of the setting's parameters, SI, in its order. timestep: s.
+    A state is position, quaternion w x y z, velocity and spin, in the world. Raises SettingError
+    for numbers that a plug-in's law does not take, EngineMissing or EngineFailed without MuJoCo.
+    """
     mujoco = backend()
     model = _model(mujoco, body, setting, values, timestep)
     data = mujoco.MjData(model)
@@ -58,9 +64,9 @@ def simulate(
 def _model(
     mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[float], timestep: float
 ) -> Any:
-    """The compiled model of a body over a plate.
+    """The compiled model of a body on a free joint over a plate, under a setting.
 
-    values: of the setting's parameters, SI.
+    values: of the setting's parameters, SI, in its order.
     timestep: s.
     """
     spec = mujoco.MjSpec()

@@ -30,9 +30,10 @@ def own_contact(squeezed: bool) -> str:
 def simulate(
     blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """Positions, m, and velocities, m/s, along x before the first step and after each, (n + 1,).
+    """(positions, m; velocities, m/s) of the ball along x before the first step and after each,
+    (n + 1,) each.
 
-    position, velocity: at the start.
+    position, velocity: at the start, m and m/s.
     forces: N, (n,), one for each step.
 
     Raises EngineMissing for a MuJoCo without adhesion, which the tuned pairs need.

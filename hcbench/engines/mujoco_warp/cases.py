@@ -32,6 +32,10 @@ class WarpWorlds:
         self.made.append((self.model, self.data))
 
     def start(self) -> None:
+        """Start all worlds added since the last start, with one step captured as a graph.
+
+        Their models have the same shapes and steps of one length.
+        """
         self.worlds, self.made = self.made, []
         models = [mujoco_warp.put_model(model) for model, _ in self.worlds]
         self._join(models)

@@ -1,7 +1,8 @@
 """MuJoCo Warp behind the contract of an engine: it steps MJCF models, many at once.
 
 Options of a setting: those of MuJoCo, and
-    law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
+    law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place
+    of the
         contact, as `hcbench.laws.contact_law.law_of` reads them.
     device: "cpu" or "gpu": all launches are one batch there, and no step leaves it.
 
@@ -98,9 +99,11 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     ) -> WarpCopies:
         """Copies of a model on one device.
 
-        start: MjData of what states leave out.
-        law: lines that are run before the steps.
+        model: MjModel. start: MjData of what states leave out.
+        bits: unused, as Warp computes in float32.
+        law: lines that are run before the steps; "" for none.
         radius: of the ball, m; 0 for a user's model.
+        device: "cpu" or "gpu"; "" for the one that Warp prefers.
 
         Raises SceneError for what Warp does not have, CannotRun without the device.
         """
@@ -150,7 +153,10 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
 
 
 def with_a_geom_each(xml: str) -> str:
-    """MJCF in which each pair but the first has a massless copy of its first geom for itself."""
+    """MJCF in which each pair but the first has a massless copy of its first geom for itself.
+
+    MuJoCo Warp keeps one pair of two geoms only.
+    """
     root = ET.fromstring(xml)
     holders = {
         geom.get("name"): (body, geom) for body in root.iter() for geom in body.findall("geom")
@@ -190,7 +196,10 @@ class WarpCopies(Copies):
         return self._state()
 
     def step(self, steps: int) -> Floats:
-        """States after each of up to `steps` steps, (n, b, nq + nv): as many as are worth a look."""
+        """States after each of up to `steps` steps, (n, b, nq + nv): as many as are worth a look.
+
+        Raises EngineFailed where a copy has more contacts than there is room for.
+        """
         path = []
         for _ in range(min(steps, _MOST_STEPS)):
             self._take_step()
@@ -199,8 +208,11 @@ class WarpCopies(Copies):
         return np.array(path)
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
-        """Read balls by a kernel after each step; this process counts
-        every _LOOK steps how many ended.
+        """Step, and read balls by a kernel after each step, until few of them go on.
+
+        rule: how an impact ends. reading: of each ball until now; returned as it is then.
+        fewest: balls that may still go on. most: steps. This process counts every _LOOK steps, so
+        more are taken. Raises EngineFailed where a copy has more contacts than there is room for.
         """
         warp = self._names["wp"]
         kernel = _reading_kernel(warp)

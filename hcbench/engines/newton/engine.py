@@ -74,7 +74,10 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
     )
 
     def lines(self, options: NewtonOptions, scene: Scene) -> str:
-        """Shapes, worlds, solver, and what it does before a step."""
+        """Lines of Python: shapes, worlds, solver, and what it does before a step.
+
+        Raises SettingError for an e without XPBD, or rows without SolverMuJoCo.
+        """
         shape, contact, solver, hook = _parts(options)
         mujoco = "SolverMuJoCo(" in solver
         return _LINES.format(
@@ -114,7 +117,7 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
 
 
 def _parts(options: NewtonOptions) -> tuple[str, str, str, str]:
-    """Lines of both shapes, contact pairs, solver, and the law's function; "" for none.
+    """(lines of both shapes, of contact pairs, of the solver, function of a law); "" for none.
 
     Raises SettingError for an e without XPBD, or rows without SolverMuJoCo.
     """

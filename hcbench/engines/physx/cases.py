@@ -29,6 +29,10 @@ class PhysxBodies:
         body.solver_position_iterations = 50
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a scene of PhysX, its bodies at their start.
+
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a mesh.
+        """
         self.configure(world["gravity"])
         self.system = sapien.physx.PhysxCpuSystem()
         self.system.timestep = world["timestep"]
@@ -46,6 +50,10 @@ class PhysxBodies:
             ground.build_static("floor")
 
     def _add(self, body: dict[str, Any], material: Any) -> None:
+        """Add a body to the scene at its start, and to `moving` if it is not fixed.
+
+        body: of the case, SI. material: of its shape. Raises NotImplementedError for a mesh.
+        """
         if body["shape"] == "mesh":
             raise NotImplementedError("has meshes of files alone")
         builder = self.scene.create_actor_builder()

@@ -116,7 +116,7 @@ def client() -> BulletClient:
 
 def end_clients() -> None:
     """Disconnect every client of this process: ours, and those that a
-    user's script left when it failed.
+    user's script left when it failed. Nothing where pybullet was never imported.
     """
     client.cache_clear()
     if (pybullet := sys.modules.get("pybullet")) is not None:

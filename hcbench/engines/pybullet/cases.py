@@ -41,6 +41,11 @@ class PybulletBodies:
     is_maximal = True
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a world in place of the last one, its bodies at their start.
+
+        world: a case in SI units, see `hcbench_cases`. Bullet multiplies the restitutions of
+        two bodies, and their frictions.
+        """
         pybullet.resetSimulation()
         materials = world.get("materials", [math.sqrt(world.get("restitution", 0.0))] * 2)
         settings = self.settings(math.prod(materials))
@@ -58,6 +63,10 @@ class PybulletBodies:
             pybullet.changeDynamics(plane, -1, restitution=materials[1], lateralFriction=friction)
 
     def _body(self, body: dict[str, Any], e: float, friction: float) -> int:
+        """Add a body at its start, and return its id.
+
+        body: of the case, SI; a mesh is its convex hull. e, friction: of this body.
+        """
         if body["shape"] == "sphere":
             shape = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=body["radius"])
         elif body["shape"] == "box":

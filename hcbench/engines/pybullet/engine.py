@@ -3,9 +3,9 @@
 Options of a setting (all optional; none means as loaded):
     world: keywords of setPhysicsEngineParameter. ball, plate: keywords of changeDynamics.
     law: the plug-in, in place of Bullet's own contact or before it, as
-        `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
-        "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's slug,
-        "restitution": e} in place of alpha.
+        `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness":
+        N/m^n, "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's
+        slug, "restitution": e} in place of alpha.
     maximal_coordinates: true for rigid bodies proper instead of Bullet's default, multibodies.
 
 Bullet keeps contactBreakingThreshold in a global of the process, shared by all of its
@@ -91,7 +91,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         return "\n".join(filter(None, [text, promise_line(pair, promise)]))
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """The plug-in, and how the bodies are loaded."""
+        """Requirements of a setting, in words: the plug-in, how the bodies are loaded, their
+        variables.
+        """
         needs = []
         if "law" in setting.options:
             needs.append("hcbench, which has the plug-in")
@@ -133,7 +135,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         return plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """A path of its suffixes, several, a client's id, a BulletClient or a `World`."""
+        """Say whether PyBullet opens this: a path of its suffixes, a list of paths, a client's id,
+        a BulletClient, a `World`, or None where the process has a client.
+        """
         if isinstance(source, list | tuple):
             return all(isinstance(part, str | Path) for part in source)
         # An ordinary script's function returns nothing: its client is then the first one.
@@ -174,7 +178,10 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
-        """Lines of changeDynamics and setPhysicsEngineParameter for the pair."""
+        """One setting, lines of changeDynamics and setPhysicsEngineParameter for the pairs.
+
+        Errors come as it is read: UserError for a live client, and those of `open`.
+        """
         from hcbench.engines.pybullet.model.under_test import model_settings
 
         return model_settings(source, requests, goal, rebuild)

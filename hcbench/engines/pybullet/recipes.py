@@ -32,7 +32,7 @@ BALL: dict[str, Any] = {
 
 
 def restitution(target: Target) -> dict[str, Any]:
-    """Bullet's own restitution: the best constant e of the band, with all
+    """Options of a setting: Bullet's own restitution, the best constant e of the band, with all
     that distorts it switched off.
     """
     e, _ = minimax_constant(target)
@@ -71,9 +71,10 @@ RIGID = 1e30
 
 
 def spring_damper(target: Target) -> dict[str, Any]:
-    """Kelvin-Voigt contact, eq. (4), as Bullet integrates it: F = max(0, k (x + h v+) + c v+).
+    """Options of a setting: a Kelvin-Voigt contact, eq. (4), as Bullet integrates it.
 
-    With the best constant e of the band; SettingError for e = 1.
+    F = max(0, k (x + h v+) + c v+), with the best constant e of the band. Raises SettingError for
+    e = 1.
     """
     duration = constant.contact_time(target)
     stiffness, damping = constant.implicit_spring_damper(target, duration, "restitution")

@@ -98,8 +98,10 @@ class FittedImpacts:
     def of(
         cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0
     ) -> FittedImpacts:
-        """Impacts that a fit looks at, at so many speeds over the
-        target's band; phases may lie denser.
+        """Impacts that a fit looks at, at so many speeds over the target's band.
+
+        denser: factor on the number of phases of a step. The fit's step is the target's, but not
+        finer than a share of the law's shortest contact.
         """
         shortest = float(closed_form.duration(law, target.mass, target.speed_max))
         longest = float(closed_form.duration(law, target.mass, target.speed_min))
@@ -123,6 +125,8 @@ class FittedImpacts:
     def _restitution(self, contacts: Contacts) -> Floats:
         """e of all impacts at once, (b, n): Bullet's steps, and speeds at the touch
         plane by what flight conserves.
+
+        contacts: of shape (b, rows).
         """
         h = self.h
         fall = self.h * self.g
@@ -199,8 +203,10 @@ class _Loops:
         )
 
     def first_guess(self, onset: Floats, step: float) -> Contacts:
-        """A linear fit, again and again without the contacts that would pull; none is 0.
+        """Contacts from these onsets (m, (n,)) whose summed force is near the loops'.
 
+        A linear fit, again and again without the contacts that would pull; none is 0, as no later
+        search revives it.
         step: s.
         """
         # SciPy's optimisation is slow to import, and a list of recipes needs none of it.
@@ -263,8 +269,9 @@ class _Misfit:
         return np.asarray((up - down).T / (2 * _NUDGE))
 
     def fitted(self, parameters: Floats, record: Callable[[Floats, Floats], None]) -> Floats:
-        """Better ones by least squares; `record` is shown parameters, (1,
-        n), and the largest error of e.
+        """Better parameters, (n,), by least squares from these.
+
+        record: is given each trial's parameters, (1, n), and largest error of e, (1,).
         """
         from scipy.optimize import least_squares
 
@@ -293,7 +300,10 @@ def fit_contacts(
 ) -> Contacts:
     """So many contacts that follow `law` in e, and in force nearly, over the target's speeds.
 
-    result: what an interrupt of the search hands out, of the best contacts until then.
+    count: of contacts.
+    result: makes of the best contacts until then what an interrupt of the search hands out.
+
+    Raises SearchInterrupted with that.
     """
     launches = FittedImpacts.of(target, law, _SPEEDS)
     others = FittedImpacts.of(target, law, _OTHER_SPEEDS, 3.0)

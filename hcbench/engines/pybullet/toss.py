@@ -58,7 +58,8 @@ def simulate(
     """States at the ends of steps (s) of each toss, (steps + 1, 13): position, quaternion w x y z,
     velocity and spin in the world, SI; in a client of its own.
 
-    values: of the setting's parameters.
+    values: of the setting's parameters, SI, in its order. Raises SettingError for numbers that a
+    plug-in's law does not take.
     """
     bullet = BulletClient.direct()
     try:

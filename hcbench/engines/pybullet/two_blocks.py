@@ -39,7 +39,11 @@ def _options(blocks: TwoBlocks) -> Mapping[str, Any]:
 def simulate(
     blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """Positions and velocities at the ends of steps; in a client of its own."""
+    """(positions, m; velocities, m/s) of the ball along x before the first step and after each,
+    (n + 1,) each; in a client of its own.
+
+    position, velocity: at the start, m and m/s. forces: N, (n,), one for each step.
+    """
     bullet = BulletClient.direct()
     try:
         return _simulate(bullet, blocks, position, velocity, forces)
@@ -50,7 +54,7 @@ def simulate(
 def _simulate(
     bullet: BulletClient, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """Positions, m, and velocities, m/s, along x before the first step and after each, (n + 1,).
+    """The same in a client that is given, which must be empty.
 
     position, velocity: at the start.
     forces: N, (n,), one for each step.

@@ -21,6 +21,11 @@ class RapierBodies:
         self.world.integration_parameters.friction_model = rapier.FrictionModel.COULOMB
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a world of Rapier, its bodies at their start.
+
+        world: a case in SI units, see `hcbench_cases`. Rapier averages the restitutions of
+        two colliders, and their frictions.
+        """
         self.world = rapier.PhysicsWorld(gravity=world["gravity"])
         self.world.integration_parameters.dt = world["timestep"]
         self.set_world()
@@ -51,6 +56,10 @@ class RapierBodies:
         return rapier.Collider.convex_hull(body["vertices"], mass=body["mass"])
 
     def _insert(self, collider: Any, e: float, friction: float, handle: Any = None) -> None:
+        """Add a collider to the world with its restitution and friction.
+
+        handle: of its body; None for one that is fixed in the world.
+        """
         colliders = self.world.colliders
         if handle is None:
             made = colliders[colliders.insert(collider)]

@@ -34,7 +34,10 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
     start: MjData of the pose to hold.
     root: the robot's base body.
 
-    UserError for an unknown controller.
+    controller: "pd", "pd:KP,KD", "ctrl", or a function of (MjModel, MjData).
+
+    Raises UserError for another one, for gains other than numbers from 0 up, and for a function of
+    other arguments; the drive of a function also raises it, for controls that do not fit.
     """
     if callable(controller):
         return _function(controller, model), getattr(controller, "__name__", "a function")
@@ -66,6 +69,7 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
             raise UserError("controller", got, "a function of (model, data)") from None
 
     def drive(data: Any) -> None:
+        """Set the controls that the function returns. Raises UserError for ones that do not fit."""
         controls = function(model, data)
         if controls is None:
             return
@@ -83,10 +87,14 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
 
 
 def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, str]:
-    """Position servos get their joint's angle as target; motors get PD torques, joints without an
+    """(drive that holds the pose, what to call it), for the hinges and slides of one robot.
+
+    Position servos get their joint's angle as target; motors get PD torques; joints without an
     actuator are free.
 
-    gains: kp and kd, or () for those by weight and inertia.
+    start: MjData of the pose to hold, with its kinematics and mass matrix.
+    root: number of the robot's base body; actuators of other robots keep their controls.
+    gains: kp and kd in SI, or [] for those by weight and inertia.
 
     Raises UserError for gains that are not two numbers from 0 up.
     """
@@ -108,6 +116,7 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
         gear = float(model.actuator_gear[actuator, 0]) or 1.0
         gain = float(model.actuator_gainprm[actuator, 0])
         bias = model.actuator_biasprm[actuator]
+        # MuJoCo: force = gain ctrl + b0 + b1 length + b2 velocity.
         # A position servo has -kp in the second number of its bias.
         if float(bias[1]) < 0.0:
             servos.append(actuator)
@@ -173,6 +182,9 @@ def _span(values: list[float]) -> str:
 def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
     """(kp, kd) of a joint, N m/rad and N m s/rad; of a slide N/m and N s/m.
 
+    data: MjData of the pose, with its kinematics and mass matrix.
+    root: number of the robot's base body.
+
     With kp the whole weight, at the end of what the joint carries, turns it by 1 rad (slide: moves
     it 2 cm); kd is a share of it. Both are small enough for the step to stay stable.
     """
@@ -195,7 +207,10 @@ def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
 
 
 def _reach(model: Any, data: Any, body: int, anchor: Floats) -> float:
-    """Distance from a joint's anchor to the farthest geom that hangs on it, m."""
+    """Distance from a joint's anchor to the centre of the farthest geom that hangs on it, m.
+
+    body: the joint's. anchor: (3,), m, in the world. 0.1 m, a guess, where that is 0.
+    """
     reach = 0.0
     for geom in range(model.ngeom):
         above = int(model.geom_bodyid[geom])

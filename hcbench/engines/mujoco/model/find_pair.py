@@ -54,7 +54,8 @@ class MovingJoint:
 
 
 def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
-    """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER" says.
+    """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER"
+    says.
 
     Raises UserError for unknown names, and for two that are the same or cannot collide.
     """
@@ -66,9 +67,12 @@ def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
 
 
 def _named_geoms(model: Any, name: str) -> NamedGeoms:
-    """Those geoms of the part of this name that can collide; all where none can.
+    """The part of this name with those of its geoms that can collide; with all where none can.
 
-    Raises UserError for a body without geoms, and for a name that the model does not have.
+    name: of a body or geom, or "body:NAME", "geom:NUMBER" and the like. A body without geoms stands
+    for the bodies that hang on it.
+
+    Raises UserError where neither has geoms, and for a name that the model does not have.
     """
     parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
     parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
@@ -96,8 +100,9 @@ def _collides(model: Any, geom: int) -> bool:
 
 
 def only_pair(model: Any) -> tuple[str, str] | None:
-    """The names of the only body that moves and of the only fixed
-    geom; None where there is a choice.
+    """Names of the only body that moves and of the only fixed geom, such as ("body:1", "geom:0").
+
+    None where there is a choice. Only bodies with geoms count, and geoms that can collide.
     """
     movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and model.body_weldid[b]]
     others = [g for g in geoms_of(model, 0) if _collides(model, g)]
@@ -107,7 +112,10 @@ def only_pair(model: Any) -> tuple[str, str] | None:
 
 
 def _translations(model: Any, body: int) -> tuple[int, ...]:
-    """Degrees of freedom of the body's own free or slide joints that translate."""
+    """Numbers of the degrees of freedom of the body's own free or slide joints that translate.
+
+    Three of a free joint, one of each slide; () for a body on hinges and balls alone.
+    """
     kinds = backend().mjtJoint
     dofs: list[int] = []
     for joint in _joints_of(model, body):
@@ -134,7 +142,9 @@ def _ancestors(model: Any, body: int) -> Iterator[int]:
 
 
 def moving_joints(model: Any, body: int) -> list[MovingJoint]:
-    """Movers of this body, nearest first."""
+    """Movers of this body, nearest first: each body above it with a free joint or slides, the body
+    itself included, and last the whole robot if one of these joints turns. Empty for a fixed body.
+    """
     joints = []
     for ancestor in _ancestors(model, body):
         if dofs := _translations(model, ancestor):
@@ -149,9 +159,9 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
 
 
 def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
-    """All degrees of freedom of the body's robot.
+    """The mover of all degrees of freedom of the body's robot.
 
-    chain: bodies with joints from this one to the root.
+    chain: numbers of the bodies with joints from this one to the root.
     """
     joints: list[int] = []
     for ancestor in chain:
@@ -204,7 +214,11 @@ def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
 
 
 def _of_joints(model: Any, joints: list[int]) -> MovingJoint | None:
-    """These joints together, of one chain; None for no joint."""
+    """The mover of these joints together; None for no joint.
+
+    joints: numbers, of one chain, from the root on. A single slide or free joint moves in
+    translation alone.
+    """
     if not joints:
         return None
     kinds = backend().mjtJoint
@@ -228,7 +242,7 @@ def _of_joints(model: Any, joints: list[int]) -> MovingJoint | None:
 
 
 def immobile_error(pair: ContactPair) -> UserError:
-    """The error where neither of the two can be launched."""
+    """The error where neither of the two can be launched: fixed, or on hinges or balls alone."""
     states = []
     for part in (pair.first, pair.second):
         hinged = any(pair.model.body_jntnum[body] for body in _ancestors(pair.model, part.body))
@@ -245,8 +259,9 @@ def immobile_error(pair: ContactPair) -> UserError:
 
 
 def require_collisions(pair: ContactPair) -> ContactPair:
-    """The pair with those geoms only that MuJoCo collides; UserError
-    with what keeps all of them apart.
+    """The pair with those geoms only that MuJoCo collides with one of the other part.
+
+    Raises UserError, with what keeps all of them apart, where it collides none.
     """
     model = pair.model
     first = pair.first
@@ -272,7 +287,10 @@ def _are_contacts_off(model: Any) -> bool:
 
 
 def no_contact_error(pair: ContactPair) -> UserError:
-    """MuJoCo reports no contact between the two, however deep they are in each other."""
+    """The error for two between which MuJoCo makes no contact, however deep they are in each other.
+
+    It says why, by the first geom of each: a filter, a flag, a plug-in or their shapes.
+    """
     model = pair.model
     geoms = pair.first.geoms[0], pair.second.geoms[0]
     if has_force_law(model, geoms):
@@ -322,7 +340,8 @@ _POSES_MAX = 50
 
 
 def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
-    """The pair of a request; without names, the only body that moves and the only thing it can meet.
+    """The pair of a request; without names, the only body that moves and the only thing it can
+    meet.
 
     Raises UserError for names that mean no pair, and with a list where there is a choice.
     """
@@ -333,7 +352,12 @@ def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
 
 
 def list_pairs(model: Any, request: Request, state: Any = None) -> list[CandidatePair]:
-    """Every pair that can meet; those that touch at the start first."""
+    """Every pair of geoms that can meet; those that touch at the start first.
+
+    state: MjData to start from, or None.
+
+    Raises UserError for a start configuration that the model cannot have, as `start_pose` does.
+    """
     mujoco = backend()
     with captured_warnings():
         data, _ = start_pose(model, request, state)
@@ -346,7 +370,10 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
 
 
 def _collisions(model: Any) -> list[tuple[int, int]]:
-    """Geoms that MuJoCo collides, the one that moves, or moves more freely, first."""
+    """Numbers of each two geoms that MuJoCo collides, one that moves before one that is fixed.
+
+    Of two that move or stand, a plane comes last.
+    """
     types = model.geom_contype
     affinities = model.geom_conaffinity
     # (ngeom, ngeom): MuJoCo asks for a common bit of one's type and the
@@ -368,12 +395,16 @@ def _collisions(model: Any) -> list[tuple[int, int]]:
 
 
 def _rank(model: Any, geom: int) -> tuple[bool, int]:
+    """A key by which geoms that move sort before fixed ones, and planes last."""
     body = int(model.geom_bodyid[geom])
     return not model.body_weldid[body], int(model.geom_type[geom] == backend().mjtGeom.mjGEOM_PLANE)
 
 
 def _touching(model: Any) -> dict[_Geoms, list[str]]:
-    """Names of the poses in which two geoms touch: qpos0 and keyframes."""
+    """Names of the poses in which two geoms touch, by the two: qpos0 and the first keyframes.
+
+    Raises UserError for a keyframe with an impossible pose, as `start_pose` does.
+    """
     names_of: dict[_Geoms, list[str]] = {}
     poses = ["qpos0", *(str(i) for i in range(min(model.nkey, _POSES_MAX)))]
     for key in poses:
@@ -392,6 +423,8 @@ def _described(
     """Two geoms as a candidate: names, effective mass (kg), signed
     distance (m) and contact in force.
 
+    data: MjData at the start, after mj_forward.
+    a, b: numbers of the geoms, the one that moves first.
     here: pairs of geoms that touch in `data`.
     touching: names of the poses in which they do.
     """
@@ -460,7 +493,8 @@ def _unmistakable(model: Any, geom: int) -> str:
 def contact_in_force(model: Any, a: int, b: int) -> dict[str, Any]:
     """solref, solimp, friction (sliding, torsional, rolling) and condim of two geoms' contact.
 
-    A <pair> has its own; else they are MuJoCo's mixture of the two geoms'
+    a, b: numbers of the geoms, in either order.
+    A <pair> has its own, the first of several; else they are MuJoCo's mixture of the two geoms'
     (Modeling, "Contact parameters").
     """
     if pairs := explicit_pairs(model, (a, b)):

@@ -50,14 +50,16 @@ _PLACES = 32
 
 
 class OpenedModel(ModelUnderTest):
-    """A MuJoCo model with a pair in it, opened: its start, its place at touch, and what launches leave.
+    """A MuJoCo model with a pair in it, opened: its start, its place at touch, and what launches
+    leave.
 
     model: an MjModel, which this object may change.
     label: its name in outputs.
     state: an MjData to start from, or None.
 
-    Raises UserError or SceneError with the reason where the pair cannot be measured; EngineMissing
-    for a MuJoCo that is too old.
+    Raises UserError or SceneError with the reason where the pair cannot be measured, QuantityError
+    for a contact that `require_plausible_contact` refuses; EngineMissing for a MuJoCo that is too
+    old.
     """
 
     diverged = "MuJoCo found the state unstable and reset it"
@@ -65,6 +67,7 @@ class OpenedModel(ModelUnderTest):
     least_steps = 32
 
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
+        """Bring the pair of the request to touch; errors are those of the class."""
         require_feature(backend(), "mj_copyData")
         self.model = model
         self.label = label
@@ -135,7 +138,7 @@ class LaunchWorkspace:
 
     @classmethod
     def of(cls, opened: OpenedModel) -> Self:
-        """The workspace for launches of a model."""
+        """The workspace for launches of a model, in its start state; only what it needs is made."""
         mujoco = backend()
         model = opened.model
         data = copy.copy(opened.start)
@@ -152,7 +155,7 @@ class LaunchWorkspace:
 
 
 def copy_state(model: Any, source: Any, target: Any) -> None:
-    """Put one MjData into the state of another."""
+    """Put `target`, an MjData, into the whole state of `source`: all that a step depends on."""
     mujoco = backend()
     kind = mujoco.mjtState.mjSTATE_INTEGRATION
     state = np.empty(mujoco.mj_stateSize(model, kind))
@@ -171,6 +174,8 @@ _BINARY_ROOM = 1 << 28
 def live_state(source: Any) -> tuple[Any, Any] | None:
     """(MjModel, MjData) of an MjData, a gymnasium, dm_control or
     robosuite environment; None for others.
+
+    The two are the user's own objects, not copies.
     """
     if not hasattr(source, "__dict__") and type(source).__name__ != "MjData":
         return None
@@ -195,8 +200,10 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
     """(MjModel, what to call it, MjData or None) with the request's step and gravity; the user's
     own objects stay as they were.
 
-    source: a path, an MjModel, an MjSpec, MJCF text, or what `live_state` knows. Raises SceneError for what
-        does not compile.
+    source: a path, an MjModel, an MjSpec, MJCF text, or what `live_state` knows.
+
+    Raises SceneError for what is not there, does not compile or has impossible numbers,
+    QuantityError for numbers outside the bounds, EngineFailed where there is too little memory.
     """
     mujoco = backend()
     state = None
@@ -239,7 +246,10 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
 def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
     """The model of a file: MJCF, URDF with its packages' folders, MuJoCo's binary or archive.
 
-    Raises SceneError for what is not there or does not compile.
+    packages: folders of the packages that a URDF names.
+
+    Raises SceneError for what is not there or does not compile, EngineFailed where there is too
+    little memory.
     """
     if not path.is_file():
         raise SceneError(
@@ -280,7 +290,8 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
     """The model of a binary file, which holds its arrays as they are in memory.
 
     MuJoCo allocates what the sizes at the file's begin ask for before it compares them with the
-    file. Raises ValueError for sizes that no such file has, and what MuJoCo raises.
+    file: a damaged one could take all memory. Raises ValueError for sizes that no such file has,
+    and what MuJoCo raises.
     """
     with memory_limit(_BINARY_ROOM + 4 * path.stat().st_size):
         try:
@@ -320,6 +331,8 @@ def _keep_folders(urdf: str) -> str:
 
 def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
     """The model that a function compiles, with hcbench's plug-ins loaded where it names them.
+
+    label: what to call the model in errors.
 
     Raises SceneError with MuJoCo's words, EngineFailed where there is too little memory.
     """

@@ -36,7 +36,13 @@ _FORCE_KEYS = (
 
 
 def restitution_law(model: Any, geoms: Sequence[int]) -> RestitutionCurve | None:
-    """Restitution that the plug-in gives a contact of two geoms; None if no instance names them."""
+    """Restitution that the plug-in hcbench.restitution gives a contact of two geoms.
+
+    model: compiled MjModel.
+    geoms: numbers of the two. None if no instance of the plug-in names them or their bodies.
+
+    Raises SettingError for an alpha that no law has.
+    """
     config = _config(model, geoms, _KEYS)
     if config is None:
         return None
@@ -52,8 +58,10 @@ def has_force_law(model: Any, geoms: Sequence[int]) -> bool:
 
 
 def _config(model: Any, geoms: Sequence[int], keys: Sequence[str]) -> dict[str, str] | None:
-    """The config of the plug-in with these keys that names two geoms or
-    their bodies; None without one.
+    """Config of the first plug-in instance with these keys that names two geoms or their bodies.
+
+    keys: in the plug-in's order; their number tells one plug-in from another. Values are texts, ""
+    where the user wrote none. None without such an instance.
     """
     geom_names = {model.geom(geom).name for geom in geoms}
     body_names = {model.body(model.geom_bodyid[geom]).name for geom in geoms}
@@ -110,9 +118,10 @@ class WithoutContact:
         return after
 
     def force(self, row: Floats, velocity: Floats, mass: float) -> float:
-        """Mean force of the step from the state in `data` to `velocity`,
-        N; 0 where rounding made it.
+        """Mean force of the contact in the step from the state in `data`, N; 0 where rounding made
+        it.
 
+        Takes the same step without contact, which changes `data`.
         row: (nv,), Jacobian of the approach rate.
         velocity: (nv,), after the step with the contact.
         mass: effective mass along the normal, kg.
@@ -194,8 +203,10 @@ class ContactPair:
 
     @cached_property
     def sides(self) -> NDArray[np.int8]:
-        """(ngeom + 1,): 1 for geoms of the first, 2 for the second's,
-        else 0; -1 indexes the last, a 0.
+        """(ngeom + 1,): 1 for geoms of the first, 2 for the second's, else 0.
+
+        Two of a contact add up to 3 only if it is the pair's. The last is a 0: MuJoCo gives flexes
+        the geom -1, which indexes it.
         """
         sides = np.zeros(self.model.ngeom + 1, dtype=np.int8)
         sides[list(self.first.geoms)] = 1
@@ -226,8 +237,9 @@ class ContactPair:
 
     @cached_property
     def height_field(self) -> int:
-        """The height field among the two, -1 without one: MuJoCo's own
-        distance to it is not reliable.
+        """Number of the height field among the two, -1 without one.
+
+        Callers ask because MuJoCo's own distance to a height field is not reliable.
         """
         kind = int(backend().mjtGeom.mjGEOM_HFIELD)
         for geom in self.geoms:
@@ -240,7 +252,11 @@ class ContactPair:
         return approach_row(self.model, data, self.first.body, self.second.body, point, normal)
 
     def contact(self, data: Any) -> PairContact | None:
-        """The contact in `data`, None where there is none that acts."""
+        """The contact of the two in `data`, averaged over its points; None where none acts.
+
+        data: MjData after collision detection. Distance and onset are those of the deepest point
+        and of the widest margin.
+        """
         contacts = data.contact
         sides = self.sides
         acting = []
@@ -275,8 +291,10 @@ class ContactPair:
         )
 
     def narrowed(self, geoms: tuple[int, int]) -> ContactPair:
-        """The two with those geoms only that move as one with these, the
-        nearest: of a robot, one link.
+        """The same two parts with those geoms only that are rigid with `geoms`: of a robot, one
+        link.
+
+        geoms: numbers of the nearest geoms, of the first part and of the second.
         """
         weld = self.model.body_weldid
         sides = []
@@ -289,7 +307,8 @@ class ContactPair:
     def nearest(self, data: Any) -> Nearest:
         """Find the nearest points of the two parts, over all their geoms.
 
-        The distance is below 0 where they overlap, and infinite where MuJoCo can compute none.
+        data: MjData with its kinematics. The distance is below 0 where they overlap, and infinite
+        where MuJoCo can compute none.
         """
         if self.height_field >= 0:
             return self._above_field(data)
@@ -311,8 +330,9 @@ class ContactPair:
         return best
 
     def _above_field(self, data: Any) -> Nearest:
-        """Roughly find the nearest point over a height field: from the other's
-        bounding sphere down to its top.
+        """Roughly find the nearest point over a height field, with the height as the distance, m.
+
+        The height is that of the other's bounding sphere over the field's highest possible point.
         """
         field = self.height_field
         model = self.model

@@ -21,12 +21,18 @@ _MISSED = 1e-9
 
 
 class MujocoAlongPlate:
-    """One launch along the plate.
+    """Sends one oblique launch along the plate, and reads what the pair does there.
 
-    friction: on the moving body in the step that is read, N, in the world.
+    friction: on the moving body in the step that is read, N, (3,) in the world; `push` adds to it,
+    `row` reads it and sets it to 0.
     """
 
     def __init__(self, place: PairAtTouch, launch: Launch, along: Vector | None) -> None:
+        """Find the axes of the plate, and which degrees of freedom are the pair's.
+
+        along: direction of the plate's first axis, in the world; None: x, or y where that is
+        normal to the plate. Raises UserError for one that is 0 or normal to the plate.
+        """
         self.place = place
         self.pair = place.pair
         self.launch = launch
@@ -43,11 +49,13 @@ class MujocoAlongPlate:
         self._moving = np.isin(model.body_rootid[model.dof_bodyid], moving)
 
     def send(self, data: Any, flight_time: float) -> None:
-        """Add slip (m/s) and spin (rad/s) to the motion, and put the body
+        """Add the launch's slip (m/s) and spin (rad/s) to the motion, and put the body
         back by their way in the flight.
 
-        flight_time: from release to touch, s. Raises UserError where the
-        joints cannot make the motion.
+        data: MjData at release, with the normal motion in it; its qpos and qvel change.
+        flight_time: from release to touch, s.
+
+        Raises UserError where the joints cannot make the motion.
         """
         mujoco = backend()
         model = self.pair.model
@@ -79,7 +87,10 @@ class MujocoAlongPlate:
         data.qvel[:] += velocity
 
     def _dofs(self) -> list[int]:
-        """Degrees of freedom of the launched joint, the turns of a free joint included."""
+        """Degrees of freedom of the launched joint, the turns of a free joint included.
+
+        A joint that launches normally has only the three translations of a free joint.
+        """
         model = self.pair.model
         dofs = list(self.place.joint.dofs)
         joint = int(model.dof_jntid[dofs[0]])
@@ -98,9 +109,11 @@ class MujocoAlongPlate:
     def push(self, frame: Floats, wrench: Floats, turned: bool) -> None:
         """Add the friction of one contact.
 
-        frame: its axes, (9,).
-        turned: the moving geom is its second.
+        frame: its axes in MuJoCo's order: normal, then two tangents; (9,).
+        wrench: MuJoCo's contact force along these axes, N, and torques; (6,).
+        turned: the moving geom is the contact's second.
         """
+        # MuJoCo's force acts on the second geom, and its opposite on the first.
         pushed = wrench[1] * frame[3:6] + wrench[2] * frame[6:9]
         if turned:
             self.friction = self.friction + pushed
@@ -111,7 +124,8 @@ class MujocoAlongPlate:
         """Motion along the plate, shape (8,): slip 2 m/s, spin 3 rad/s,
         friction 2 N, other energy J.
 
-        velocity: (nv,).
+        data: MjData with the kinematics of the state.
+        velocity: (nv,), in that state.
         point: of the contact, m.
         rate: of approach, m/s; its energy is left out.
         """
@@ -132,6 +146,9 @@ class MujocoAlongPlate:
     def _kinetic_energy(self, data: Any, velocity: Floats, point: Floats) -> float:
         """Kinetic energy of the two bodies, J; where joints act, of the
         launched one against the other.
+
+        velocity: (nv,).
+        point: of the contact, m, where the other's velocity is taken.
         """
         mujoco = backend()
         model = self.pair.model
@@ -155,12 +172,17 @@ class MujocoAlongPlate:
 class PairReader:
     """Reads depth, force and rate of the pair off an MjData that belongs to one state.
 
-    others: whether there were contacts besides the pair's in the state that was read last.
+    others: True if there were contacts besides the pair's in the state that was read last.
     """
 
     def __init__(
         self, model: Any, place: PairAtTouch, data: Any, along: MujocoAlongPlate | None
     ) -> None:
+        """Begin with the contact at touch; until a step has one, its point and normal hold.
+
+        data: MjData of the first state, with its kinematics.
+        along: reader of the motion along the plate; None for a normal launch.
+        """
         mujoco = backend()
         self.model = model
         self.place = place
@@ -205,7 +227,8 @@ class PairReader:
     def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
         """(penetration beyond the onset, m, None without a contact; force, N; approach rate, m/s).
 
-        velocity: (nv,) of the state whose contacts and forces are in `data`. The contact's
+        data: MjData with contacts and forces of one state.
+        velocity: (nv,) of that state. The force is above 0 where it pushes apart. The contact's
         point and normal are kept for `normal` and `contact_point`; friction goes to `along`,
         the reader of oblique launches.
         """
@@ -250,7 +273,11 @@ class PairReader:
         return penetration, force, float(self.row(data) @ velocity)
 
     def _find_pair(self, geoms: list[list[int]], dims: list[int]) -> None:
-        """Find the pair's contacts among all."""
+        """Find the pair's contacts among all, into `_mine`; kept until other geoms touch.
+
+        geoms: the two of each contact.
+        dims: condim of each.
+        """
         sides = self.place.pair.sides
         self._geoms = geoms
         self._mine = []
@@ -263,7 +290,10 @@ class PairReader:
         self.others = len(self._mine) < len(geoms)
 
     def _use_contact(self) -> None:
-        """Take the point and the normal from the last contacts."""
+        """Take the point and the normal from the contacts of the last `read`; nothing without any.
+
+        The point is the mean of the contacts'; the normal is the first one's, from the moving body.
+        """
         if self._unread is None:
             return
         mine, points, frames, distance = self._unread
@@ -291,6 +321,8 @@ class PairReader:
     def other_geoms(self, data: Any) -> set[int]:
         """Numbers of the geoms that touch either one's tree of bodies,
         besides the pair's own contact.
+
+        data: MjData with its contacts; those without a force do not count.
         """
         sides = self.place.pair.sides
         in_tree = self.place.pair.in_trees

@@ -65,7 +65,10 @@ class PairAtTouch:
 
 
 def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
-    """Refuse a contact that MuJoCo replaces, or whose friction no surface has."""
+    """Refuse a contact whose solref MuJoCo replaces, or whose geoms' friction no surface has.
+
+    Raises QuantityError; --beyond-bounds admits all.
+    """
     if admits_beyond_bounds():
         return
     touching: set[int] = set()
@@ -92,12 +95,13 @@ def bring_to_touch(
     """Bring the two just to touch, by moving the first (or else the
     second) along their common normal.
 
-    data: at rest in the start configuration.
+    data: MjData at rest in the start configuration; changed.
     coming_from: the side of the moving body, a unit vector away from the other; None: the nearest
     way.
-    move: as a request has it.
+    move: the one that may move, "base:", "body:NAME" or "joint:NAME"; None: the first that can.
 
-    UserError with the reason if it fails.
+    Raises SceneError where the two start deep in each other, UserError where joints start outside
+    their limits, where no joint brings the two together, or where something else is in the way.
     """
     model = pair.model
     backend().mj_forward(model, data)
@@ -140,9 +144,10 @@ def bring_to_touch(
 
 
 def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
-    """Move the free base of a robot out of the other, up to _RAISED, and return the nearest
-    points then. Keyframes of standing robots often start a little inside the floor. `near`
-    unchanged without such a base.
+    """Move the free base of a robot out of the other, up to _RAISED, and return the nearest points.
+
+    near: the nearest points of the two in `data`; returned unchanged without such a base, or where
+    the two do not overlap. Keyframes of standing robots often start a little inside the floor.
     """
     model = pair.model
     base = next(iter(moving_joints(pair.model, pair.first.body)), None)
@@ -160,15 +165,15 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
 
 
 class _PassedError(UserError):
-    """The two pass each other."""
+    """The two pass each other: reported before other reasons, which say less."""
 
 
 def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPair, MovingJoint]]:
-    """Movers of either of the two, with the pair in that order.
+    """(pair with the moving part first, mover) of each joint or robot that can move one of the two.
 
-    move: the only one that may.
+    move: the only mover that may, "base:", "body:NAME" or "joint:NAME"; None: any.
 
-    Raises UserError where that one carries neither of the two.
+    Raises UserError where that one carries neither of the two, or is not in the model.
     """
     orders = (pair, pair.swapped())
     if move is None:
@@ -190,8 +195,13 @@ def _along_nearest(
     """The two brought together the nearest way by one joint; None where it
     does not move one to the other.
 
-    row: (nv,) of the approach along the line between them. Raises UserError where the two pass each
-    other, or MuJoCo makes no contact of them.
+    pair: with the moving part first.
+    data: MjData at the start, and again when this returns.
+    row: (nv,), Jacobian of the approach rate along the line between them.
+    overlap: of the two at the start, m.
+
+    Raises UserError where MuJoCo makes no contact of them or something holds them back, as
+    `_at_touch` does, and its kind _PassedError where the two pass each other.
     """
     start = data.qpos.copy()
     try:
@@ -203,6 +213,7 @@ def _along_nearest(
         if contact is not None:
             return _at_touch(pair, data, joint, move, contact, overlap)
         if len(joint.dofs) == 3 and not joint.turns and search.gap < _MISSED:
+            # A free body that reached the surface: only its nearest way was without a contact.
             data.qpos[:] = start
             note = "The nearest way ends at an edge, where the engine makes no contact: met from above."
             return replace(_from_there(pair, data, ABOVE), note=note)
@@ -234,7 +245,13 @@ def _from_there(
 ) -> PairAtTouch:
     """The two brought together from one direction, by a free or slide joint.
 
-    Raises UserError where no joint moves one of them along it, or they do not meet.
+    data: MjData at the start; changed.
+    coming_from: the side of the first part, a unit vector away from the second; the second comes
+    from the other side.
+    chosen: the only mover that may, as in `_joints`.
+
+    Raises UserError where no joint moves one of them along it, they do not meet, or something else
+    is in the way, as `_at_touch` does.
     """
     model = pair.model
     there = np.asarray(coming_from)
@@ -271,15 +288,17 @@ def _words(vector: Floats) -> str:
 
 
 def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
-    """Distance back along the normal at which the first is clear of the
-    second, m, from where it is.
+    """Distance, m, by which the first has to go back to be clear of the second.
+
+    normal: unit vector, (3,), along which the first approaches. By bounding spheres: enough, not
+    the least.
     """
     model = pair.model
     ahead = 0.0
     bound = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
     for g in pair.second.geoms:
         # MuJoCo gives a plane the bounding radius 0.
-        reach = float(model.geom_rbound[g]) or 0.0
+        reach = float(model.geom_rbound[g])
         offset = float(normal @ (data.geom_xpos[pair.first.geoms[0]] - data.geom_xpos[g]))
         ahead = max(ahead, offset + reach + 2.0 * bound)
     return ahead + 0.1 * pair.size
@@ -306,8 +325,10 @@ def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats)
 
 
 def _guess_normal(pair: ContactPair, data: Any) -> Floats:
-    """The normal of two that just touch at the start: of MuJoCo's
-    contact, a plane, or between centres.
+    """Unit normal, (3,), from the first to the second of two that just touch at the start.
+
+    Their nearest points coincide and give none: it is that of MuJoCo's contact, else of a plane,
+    else along the line between the geoms' centres, else down.
     """
     contact = pair.contact(data)
     if contact is not None:
@@ -321,7 +342,10 @@ def _guess_normal(pair: ContactPair, data: Any) -> Floats:
 
 
 def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
-    """The least velocity of a joint that approaches at 1 m/s; None where none does."""
+    """Least velocity, (nv,), of a mover's degrees of freedom that approaches at 1 m/s.
+
+    row: (nv,), Jacobian of the approach rate. None where the mover hardly changes that rate.
+    """
     along = row[list(joint.dofs)]
     squared = float(along @ along)
     if squared < LEAST_APPROACH**2:
@@ -334,8 +358,8 @@ def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
 def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
     """Acceleration of the approach at rest, m/s², by gravity, springs and actuators.
 
-    row: (nv,) of the approach. Contact is off, as one that just touches
-    may already push, or adhere.
+    row: (nv,), Jacobian of the approach rate.
+    Contact is off, as one that just touches may already push, or adhere.
     """
     mujoco = backend()
     flags = model.opt.disableflags
@@ -398,7 +422,11 @@ def _at_touch(
 
 
 def _require_room(pair: ContactPair, data: Any) -> None:
-    """Refuse a touch at which other parts of what moves would be deep in something."""
+    """Refuse a touch at which other parts of what moves would be deep in something.
+
+    pair: with the moving part first.
+    data: MjData at touch, with its contacts. Raises UserError that names the two parts.
+    """
     model = pair.model
     names = (pair.first.name, pair.second.name)
     advice = ", or start from a keyframe or --qpos in which these do"
@@ -421,8 +449,11 @@ def _require_room(pair: ContactPair, data: Any) -> None:
 def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
     """Error for tendons at their limits and stretched equalities that hold the two back at touch.
 
-    row: (nv,) M^-1 J^T, the motion by a push at the contact. None where no
-    such constraint feels the push.
+    data: MjData at touch, with its constraints.
+    row: (nv,) M^-1 J^T, the motion by a push at the contact.
+    names: of the two, the moving part first.
+
+    None where no such constraint feels the push.
     """
     mujoco = backend()
     if not data.nefc:

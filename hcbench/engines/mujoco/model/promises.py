@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import explicit_pairs
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, integrator_name
 from hcbench.engines.mujoco.model.causes import fixes
 from hcbench.engines.mujoco.scene.elements import quoted
 from hcbench.measuring.measurement import TOLERANCE
@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
 
 def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
-    """The <custom> section of these pairs, to paste; "" for a target that a text cannot say."""
+    """The <custom> section of these pairs, to paste; "" for a target that a text cannot say.
+
+    pairs: names of two geoms each. promise: the one promise of all of them.
+    """
     if not promise.text:
         return ""
     lines = [f"  <text name={quoted(_name(*pair))} data={quoted(promise.text)}/>" for pair in pairs]
@@ -35,7 +38,10 @@ def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
 
 
 def promise_in(model: Any, geoms: tuple[int, int]) -> Promise | None:
-    """Read hcbench's promise for two geoms of a compiled model; None without one."""
+    """Read the promise that `hcbench tune` wrote for two geoms of a compiled model.
+
+    geoms: their numbers, in either order. None where the model has none, or one in another form.
+    """
     names = [str(model.geom(geom).name) for geom in geoms]
     for pair in (names, names[::-1]):
         number = backend().mj_name2id(model, backend().mjtObj.mjOBJ_TEXT, _name(*pair))
@@ -47,16 +53,15 @@ def promise_in(model: Any, geoms: tuple[int, int]) -> Promise | None:
 
 
 def option_in_force(model: Any) -> tuple[tuple[str, str], ...]:
-    """Options of a compiled model on which e and friction of a contact depend, as XML writes them."""
-    mujoco = backend()
+    """(name, text) of the options of a compiled model on which e and friction of a contact depend.
+
+    Texts as XML writes them: timestep (s), integrator, cone and impratio.
+    """
     option = model.opt
-    integrator = (
-        str(mujoco.mjtIntegrator(int(option.integrator)).name).removeprefix("mjINT_").lower()
-    )
-    cone = str(mujoco.mjtCone(int(option.cone)).name).removeprefix("mjCONE_").lower()
+    cone = str(backend().mjtCone(int(option.cone)).name).removeprefix("mjCONE_").lower()
     return (
         ("timestep", shortest(float(option.timestep))),
-        ("integrator", {"euler": "Euler", "rk4": "RK4"}.get(integrator, integrator)),
+        ("integrator", integrator_name(model)),
         ("cone", cone),
         ("impratio", shortest(float(option.impratio))),
     )
@@ -81,7 +86,11 @@ def slow_for_plugin(
     """Yield the step, where it is so long that the plug-in takes the
     slowest impacts for bodies at rest.
 
+    law: e over speed that the plug-in is given.
     gravity: m/s², along the normal.
+
+    An impact counts where it is slower than _SLOW g h and its e is below the law's by more than
+    TOLERANCE.
     """
     timestep = float(model.opt.timestep)
     gained = abs(gravity) * timestep
@@ -123,7 +132,11 @@ def broken_promise(
 ) -> Iterator[Suspect]:
     """Yield each difference by which the pair is no longer the one that was tuned.
 
-    gravity: of the model, m/s². contacts: of the pair at touch, each <pair> its own at each point.
+    promise: what `hcbench tune` wrote into the model; of one without rows, which is a plug-in's,
+    gravity's unit and the time step alone count.
+    geoms: numbers of the two.
+    gravity: of the model, m/s².
+    contacts: of the pair at touch, each <pair> its own at each point.
     """
     yield from _gravity(promise, gravity)
     if not promise.rows:
@@ -161,7 +174,10 @@ def _longer_step(model: Any, promise: Promise) -> Iterator[Suspect]:
 
 
 def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
-    """Another gravity, m/s², than that under which the pair was tuned."""
+    """Yield another gravity, m/s², than that under which the pair was tuned.
+
+    Nothing where the promise names none. A plug-in holds under any gravity in metres.
+    """
     if math.isnan(promise.gravity):
         return
     if gravity > _OTHER_UNIT * max(promise.gravity, 1.0):
@@ -184,7 +200,10 @@ def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
 
 
 def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
-    """Pairs of two geoms that were added to those hcbench wrote, or that are missing."""
+    """Yield how the <pair>s of two geoms differ from those that hcbench wrote.
+
+    Some missing or added, a margin or gap that makes one act from afar, another friction.
+    """
     joining = explicit_pairs(model, geoms)
     lost = promise.rows - len(joining)
     if lost > 0:
@@ -270,7 +289,7 @@ def _equal(now: str | float, promised: str | float) -> bool:
 
 
 def _set_option(model: Any, name: str, text: str) -> None:
-    """Set one attribute of <option> from its text."""
+    """Set one of the options of `option_in_force` in a compiled model, from its text in XML."""
     mujoco = backend()
     if name == "integrator":
         model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{text.upper()}")

@@ -101,9 +101,10 @@ def starting_rows(adhesive: bool) -> Rows:
 
 
 def _damper(damping: float, impedance: tuple[float, float, float], adhesive: bool) -> ConstraintRow:
-    """A row of this damping (1/s) per unit mass.
+    """A row of this damping (1/s) per unit mass, which acts the more the deeper the two are.
 
-    impedance: its highest, width (m) and midpoint.
+    impedance: its highest, width (m) and midpoint; at touch it is MuJoCo's least.
+    adhesive: whether it may pull.
     """
     solimp = (MIN_IMPEDANCE, *impedance, _POWER)
     adhesion = 0.0
@@ -113,11 +114,13 @@ def _damper(damping: float, impedance: tuple[float, float, float], adhesive: boo
 
 
 class RowSearch:
-    """Launches in a model, and what rows do to their e.
+    """Searches for the two rows of one kind of pair, by launches in the user's model.
 
-    goal: e.
-    band: m/s.
-    was: the model before.
+    spec: MjSpec of the model with rows in it; sensors are added to it.
+    opened: the model under each launch's attitude, which say where a launch begins.
+    goal: e over speed.
+    band: lowest and highest impact speed, m/s.
+    was: vibration and depth of the model at rest before; rows need not be better.
     set_rows: writes rows into the pairs of a compiled model.
     """
 
@@ -130,6 +133,7 @@ class RowSearch:
         was: Standing,
         set_rows: Callable[[Any, Rows], None],
     ) -> None:
+        """Compile the model with sensors, and lay out the launches that each try takes."""
         _add_distance_sensors(spec, opened)
         self._opened = opened
         self._goal = goal
@@ -160,9 +164,12 @@ class RowSearch:
     def _start_states(
         self, opened: MujocoModel, plan: Sequence[tuple[float, float]]
     ) -> tuple[Floats, Floats]:
-        """(states, one a launch; control) at release.
+        """(states, one row a launch; controls, (nu,)) of the model at release.
 
-        plan: speeds, m/s, and where in a step each touches.
+        opened: the model at touch in one attitude.
+        plan: speed, m/s, and where in a step it touches, 0 to 1, of each launch.
+
+        Also puts the controls and the like of `opened` into `_data`, where rollouts look for them.
         """
         mujoco = backend()
         model = self._model
@@ -184,7 +191,11 @@ class RowSearch:
         return states, data.ctrl.copy()
 
     def _error(self, rows: Rows, limit: float = math.inf) -> float:
-        """The largest error of e, and much of what an e gains; above the limit any number that is."""
+        """Cost of rows: the largest error of e, and what energy gained and unrest at rest cost.
+
+        limit: a cost from which rows are given up; the number returned is then above it, but not
+        the whole cost.
+        """
         self._set_rows(self._model, rows)
         worst = 0.0
         largest_e = 0.0
@@ -207,8 +218,10 @@ class RowSearch:
         return worst + _RESTLESS * (shaking + sinking)
 
     def _at_rest(self) -> tuple[float, float]:
-        """(root mean square of the approach rates m/s, depth m) of the
-        pairs a while after they were laid.
+        """(vibration m/s, depth m) of the pairs a while after they were laid, the worst of all.
+
+        Vibration is the standard deviation of the approach rates, infinite where the state
+        diverged.
         """
         worst = 0.0
         deepest = 0.0
@@ -231,8 +244,11 @@ class RowSearch:
     def _bounces(self, number: int, states: Floats, control: Floats) -> tuple[Floats, Floats]:
         """(e, impact speed m/s) of each launch, (n,), at the touch plane.
 
+        number: of the opened model whose pair is read.
+        states: one row a launch. control: (nu,).
+
         Both speeds are those of the parabola of free flight through three states. e is 0 for a
-        launch that does not part.
+        launch that does not part, and _COSTS for one that diverged.
         """
         x = self._depths(number, states, control, _STEPS)
         inside = np.nan_to_num(x, nan=1.0) > 0.0
@@ -246,7 +262,10 @@ class RowSearch:
         return np.nan_to_num(e, nan=_COSTS), into / float(self._model.opt.timestep)
 
     def _depths(self, number: int, states: Floats, control: Floats, steps: int) -> Floats:
-        """Penetration of a pair after each step, m; (n, steps)."""
+        """Penetration of the pair of one opened model after each step, m; (n, steps).
+
+        number: of the opened model. states: one row a launch. control: (nu,), kept for all steps.
+        """
         controls = None
         if control.size:
             controls = np.tile(control, (len(states), steps, 1))
@@ -256,7 +275,11 @@ class RowSearch:
         return np.asarray(onset - sensors[:, :, self._first_sensor + number])
 
     def rows(self, parameters: Floats, adhesive: bool) -> Rows:
-        """Spring and damper of parameters (7,), in the order of _LOWEST."""
+        """Spring and damper of parameters (7,), in the order of _LOWEST.
+
+        Shortened to the digits that are written into the model, so that what is tried is what the
+        user pastes. adhesive: whether the damper may pull.
+        """
         half_period, log_loss, spring_odds, log_damping, damper_odds, log_width, log_midpoint = (
             parameters
         )
@@ -274,7 +297,10 @@ class RowSearch:
         return spring, _damper(short(damping / h), impedance, adhesive)
 
     def best(self, adhesive: bool) -> Rows:
-        """Rows of the least error that an evolution finds."""
+        """Rows of the least cost that an evolution finds; the same for the same model.
+
+        adhesive: whether the damper may pull. Raises EngineFailed for a fatal error of MuJoCo's.
+        """
 
         def errors(members: Floats, limits: Floats) -> Floats:
             found = []
@@ -297,7 +323,10 @@ class RowSearch:
 
 
 def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> None:
-    """One sensor a model: the distance of the two geoms of its contact, m."""
+    """Add one sensor a model to a spec: the distance of the two geoms of its contact, m.
+
+    They come last in the compiled model's sensor data, in the order of `opened`.
+    """
     mujoco = backend()
     # In the order of their numbers.
     geom_names = [geom.name for geom in spec.geoms]
@@ -317,6 +346,8 @@ def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> None:
 def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[float, float]]:
     """(speed m/s, where in a step it touches, 0 to 1) of each launch: over
     the band, then some slow ones.
+
+    band: lowest and highest impact speed, m/s. is_large: fewer launches, for a slow model.
     """
     low, high = band
     count, phases = _GRID_SMALL

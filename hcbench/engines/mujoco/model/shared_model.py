@@ -39,13 +39,20 @@ _SMOOTH = 100.0
 class LentModel(ModelUnderTest):
     """A MuJoCo model in the copies of another engine that steps it.
 
-    as_given: without fixes. Raises SceneError for what the engine does not have, SettingError for a
-    step too short for its numbers.
+    The copies step; their states are put back into MuJoCo's own data, which reads the pair.
+
+    own: the model as MuJoCo opened it, with the pair at touch.
+    engine: the engine that steps.
+    as_given: the model is the user's own, without fixes of hcbench's in it.
+
+    Raises SceneError for what the engine does not have, SettingError for a step too short for its
+    numbers.
     """
 
     diverged = NOT_FINITE
 
     def __init__(self, own: OpenedModel, engine: SharedModelEngine, as_given: bool = True) -> None:
+        """Make the engine's copies of the model; errors are those of the class."""
         self._own = own
         self._engine = engine
         self._as_given = as_given
@@ -85,7 +92,11 @@ class LentModel(ModelUnderTest):
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return the engine's differences from MuJoCo, then the suspects of MuJoCo itself."""
+        """Return the engine's differences from MuJoCo, then the suspects of MuJoCo itself.
+
+        impacts: as the engine stepped them. wanted: e over speed, None where the user named none.
+        Also simulates one launch of each speed in MuJoCo itself, to compare.
+        """
         own = self._own.suspects(impacts, wanted)
         # The engine's differences concern the user's own contact: not one with fixes.
         if not self._as_given:
@@ -102,7 +113,11 @@ class LentModel(ModelUnderTest):
         return [*named, *self._too_fine(impacts), *self._unlike_mujoco(impacts), *own]
 
     def _too_fine(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
-        """Steps that move the bodies by few of the coordinates that the numbers have."""
+        """Suspect a step in which the slowest launch moves by few units in the last place.
+
+        Coordinates are rounded to the engine's numbers, float32 or float64; far from the origin or
+        in short steps the rounding is a notable share of the way.
+        """
         place = unit_in_last_place(self._reach, self._copies.bits)
         moved = min(impact.launch.speed for impact in impacts) * self.timestep
         if not moved < _SMOOTH * place:
@@ -119,7 +134,11 @@ class LentModel(ModelUnderTest):
         )
 
     def _unlike_mujoco(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
-        """Suspect the engine if the same launches bounce otherwise in MuJoCo itself."""
+        """Suspect the engine if the same launches bounce otherwise in MuJoCo itself.
+
+        Names the launch whose e differs most, if by more than TOLERANCE; one without e in either
+        of the two differs most of all.
+        """
         # One phase of each speed: the last.
         of_speed = {impact.launch.at_any_phase: impact for impact in impacts}
         mine = list(of_speed.values())
@@ -161,9 +180,10 @@ class LentFlight(MujocoFlight):
     """One launch, whose states another engine hands in; MuJoCo only reads them."""
 
     def start_from(self, state: Floats, bits: int) -> None:
-        """The state as the engine has it.
+        """Begin at the launch's state as the engine has it, after rounding to its numbers.
 
-        bits: of its numbers.
+        state: qpos, then qvel, (nq + nv,).
+        bits: of the engine's numbers, 32 or 64.
         """
         self._round_off = ROUND_OFF_SOLVED * float(np.finfo(f"f{bits // 8}").eps)
         self._noise = max(self._noise, self._round_off)
@@ -186,7 +206,10 @@ class LentFlight(MujocoFlight):
         return len(self._states) - 1 if is_first else len(self._states)
 
     def _take_step(self, data: Any) -> None:
-        """Take MuJoCo's own step, for its forces, and then set the engine's state."""
+        """Take MuJoCo's own step, for its forces, and then set the engine's state.
+
+        data: MjData of the engine's state before; afterwards, of its next state that was handed in.
+        """
         before = np.abs(data.qvel)
         super()._take_step(data)
         velocity_of_mujoco = data.qvel.copy()
@@ -203,7 +226,9 @@ class LentFlight(MujocoFlight):
         data.qvel[:] = state[nq:]
 
     def _force(self, solved: float, seen: Any) -> float:
-        """Force of the pair, N: MuJoCo's own, and what else the engine changed in the momentum.
+        """Force of the pair in the step just taken, N; 0 where round-off alone made it.
+
+        MuJoCo's own, and what the engine changed in the momentum beyond MuJoCo's step.
 
         solved: by MuJoCo's solver from the same state, N.
         seen: MjData of the state before the step.
@@ -222,9 +247,10 @@ class LentFlight(MujocoFlight):
 
 
 class LentSimulation(Flights[LentFlight]):
-    """Launches under way in copies of their model."""
+    """Launches under way in copies of their model, one copy each; all copies step together."""
 
     def __init__(self, copies: Copies, flights: Sequence[LentFlight]) -> None:
+        """Put the launches into the first copies, and each launch where its copy then is."""
         super().__init__(flights)
         self._copies = copies
         # Places of the launches that are still read.
@@ -234,7 +260,10 @@ class LentSimulation(Flights[LentFlight]):
             flight.start_from(state, copies.bits)
 
     def advance(self, steps: int) -> Record:
-        """Up to `steps` steps, as many as the engine takes at once."""
+        """Take steps in the engine, as many at once as it takes, at most `steps`; read each launch.
+
+        The record has one step at least. Under RK4 it is one step behind the engine.
+        """
         count = 0
         while count < 1:
             path = self._copies.step(steps)[:, self._which]

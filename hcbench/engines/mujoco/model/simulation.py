@@ -36,12 +36,22 @@ _STAGE_NOISE = 1e-9
 
 
 class MujocoFlight:
-    """One launch of a placed pair; the model is only read.
+    """One launch of a placed pair, stepped by MuJoCo and read after each step.
 
-    opened: the model under test, which keeps `others` and `shares` of all its launches.
+    The model is only read: its flags are back as they were after each call. The model under test
+    keeps `others` and `shares` of all its launches.
     """
 
     def __init__(self, opened: OpenedModel, launch: Launch, space: LaunchWorkspace) -> None:
+        """Put the pair where the launch begins: its clearance before the touch, at its speed.
+
+        opened: the model under test, with its pair at touch.
+        space: MjData in which this launch is stepped; launches that share one take turns by
+        `leave` and `enter`.
+
+        Raises UserError where an oblique launch asks for a motion that the joints cannot make, or
+        for a direction that is not along the plate.
+        """
         mujoco = backend()
         model = opened.model
         data = space.data
@@ -108,11 +118,14 @@ class MujocoFlight:
         self._mujoco.mj_setState(self._model, self._data, self._state, whole)
 
     def advance(self, steps: int, after: int | None = None) -> Record:
-        """Steps as the user's own loop would take them; the last is
-        NaN where MuJoCo reset the state.
+        """Take up to `steps` more steps, as the user's own loop would, and return a record of them.
 
-        after: so many at most once the two have parted, none once they
-        turned back before; None: all.
+        after: steps to take once the two have parted; a launch that turns back without a touch ends
+        at once. None: all steps.
+
+        The record has one launch: (1, n), n <= steps; oblique launches have motion along the plate,
+        too. Its last step is NaN where MuJoCo reset the state. Raises EngineFailed for a fatal
+        error of MuJoCo's.
         """
         rows: list[_Step] = []
         if self._causes is not None:
@@ -146,9 +159,10 @@ class MujocoFlight:
         return Record(x, v, f, tangential)
 
     def note(self, steps: int) -> str:
-        """Name other contacts of the first `steps` steps, the last of
-        which was among those taken last.
+        """Name other contacts of the first `steps` steps in a sentence; "" where there were none.
 
+        steps: up to where the impact lasted; its last step was among those of the last `advance`.
+        Of a launch that never touched, the sentence names what slowed it most.
         The model under test also keeps, of all its launches, the speed lost to each cause in the
         one in which joints and actuators took the most.
         """
@@ -178,7 +192,11 @@ class MujocoFlight:
             most |= shares
 
     def _step(self) -> _Step:
-        """Take one step, and read the pair in the state before it and the rate after it."""
+        """Take one step, and read the pair in the state before it; NaN where MuJoCo reset it.
+
+        Penetration m, approach rate m/s and force N are those of the state before the step. See
+        `_Step` for the other two.
+        """
         data = self._data
         seen = self._seen
         before = self._before
@@ -215,8 +233,11 @@ class MujocoFlight:
         return x, rate, force, free, along
 
     def _look_further(self, x: float, rate: float, force: float) -> tuple[float, Floats | None]:
-        """Read (approach speed without contact, row along the plate) of a step, and add up the
-        causes of the change of speed until the two are apart.
+        """Read (approach rate after the step without contact, row along the plate) of a step.
+
+        x, rate, force: of the state before the step, m, m/s and N. The rate is NaN but where a
+        stage of RK4 may hide a contact; the row, (8,), is None but for oblique launches. Also adds
+        up the causes of the change of speed until the two are apart.
         """
         seen = self._seen
         free = math.nan
@@ -239,8 +260,10 @@ class MujocoFlight:
         return free, along
 
     def _depth_in_flight(self, rate: float, seen: Any) -> float:
-        """Penetration without a contact, as the integrator has moved it: by the new
-        velocity, under RK4 by the mean.
+        """Penetration, m, in the state `seen` without a contact, from that of the step before.
+
+        rate: approach rate in that state, m/s. The integrator moved the pair by this new rate, RK4
+        by the mean of the two. Near the touch plane the distance of the geoms is measured instead.
         """
         if self._steps == 1:
             return self._x
@@ -285,7 +308,13 @@ class MujocoFlight:
         return float(self._place.pair.approach_row(data, point, reader.normal) @ data.qvel)
 
     def _with_hidden_force(self, step: _Step, after: _Step) -> _Step:
-        """A step with its mean force, where a stage of RK4 had one but the state before had none."""
+        """The step with its mean force, where a stage of RK4 had one but the state before had none.
+
+        after: the step that followed, whose rate is that at this one's end. Other steps are
+        returned unchanged.
+        """
+        # A stage of RK4 may touch although the states at both ends of the step do not: the solver
+        # reports no force then, but the change of the rate shows one.
         x, rate, force, free, along = step
         _, rate_after, _, _, _ = after
         if force != 0.0 or math.isnan(free):
@@ -317,7 +346,7 @@ class Flights(Simulation, Generic[Flight]):
         return self._flights[launch].note(steps)
 
     def side_by_side(self, records: Sequence[Record]) -> Record:
-        """Join records of launches into one: NaN after a launch has ended."""
+        """Join records of one launch each, (launches, longest); NaN after the end of a launch."""
         longest = max(record.force.shape[1] for record in records)
         seen = np.full((3 + TANGENTIAL_ROWS * self._looks_along, len(records), longest), np.nan)
         for i, record in enumerate(records):
@@ -334,9 +363,12 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
     and then the next one.
 
     after: steps to take once they have parted; None: all that are asked for.
+
+    Raises UserError for a launch that the joints cannot make, as `MujocoFlight` does.
     """
 
     def __init__(self, opened: OpenedModel, launches: Sequence[Launch], after: int | None) -> None:
+        """Put each launch where it begins; the launches are one or more."""
         space = LaunchWorkspace.of(opened)
         flights = []
         for launch in launches:

@@ -39,6 +39,9 @@ class SpeedShares:
     """Adds up what each cause takes off the approach speed of one
     launch, as long as the force acts.
 
+    model: MjModel.
+    sides: (ngeom + 1,), 1 for geoms of the moving part, 2 for the other's, else 0.
+
     Forces are multiplied by what they move once for many steps: after a step of MuJoCo's, each
     operation of NumPy's takes longer.
     """
@@ -63,12 +66,12 @@ class SpeedShares:
         self._told_apart: list[tuple[int, list[float]]] = []
 
     def add(self, step: int, data: Any, row: Floats, others: bool) -> None:
-        """One step.
+        """Add one step to the sums.
 
-        data: its constraints and forces are of the state before the step.
-        row: (nv,) J.
-
-        others: whether there are contacts besides the pair's.
+        step: its number in the launch, rising.
+        data: MjData whose constraints and forces are of the state before the step.
+        row: (nv,), Jacobian of the approach rate.
+        others: True if there are contacts besides the pair's.
         """
         entry = len(self._at)
         if entry == len(self._steps):
@@ -83,8 +86,10 @@ class SpeedShares:
         self._at.append(step)
 
     def taken(self, steps: int) -> dict[str, float]:
-        """Speed that each cause took in the first `steps` steps, the last of
-        them added after `settle`; m/s.
+        """Speed that each cause took off the approach in the first `steps` steps, m/s, by its name.
+
+        A cause that sped the pair up has a number below 0. Steps before the last `settle` count as
+        a whole, so `steps` must not end among them.
         """
         return dict(zip(NAMES, self._sum(bisect_left(self._at, steps)).tolist(), strict=True))
 
@@ -113,9 +118,10 @@ class SpeedShares:
         return np.asarray(np.cumsum(np.vstack([self._taken, -self._h * parts]), axis=0)[-1])
 
     def _by_constraint(self, data: Any, moved: Floats) -> list[float]:
-        """Acceleration, m/s², by each of the first five of NAMES.
+        """Acceleration of the approach, m/s², by each of the first five of NAMES.
 
-        moved: M^-1 J^T, (nv,).
+        data: MjData with the constraints of the state.
+        moved: M^-1 J^T, (nv,), the motion by a unit push at the contact.
         """
         accelerations = np.zeros(data.nefc)
         backend().mj_mulJacVec(self._model, data, accelerations, moved)

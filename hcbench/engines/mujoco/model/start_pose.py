@@ -30,9 +30,13 @@ _LEAST_QUATERNION = 1e-3
 
 
 def require_plausible_model(model: Any, label: str) -> None:
-    """Refuse what the compiler lets through and no simulation survives.
+    """Refuse numbers that the compiler lets through and no simulation survives.
 
-    Raises SceneError and QuantityError.
+    label: the model's name in errors.
+
+    Raises SceneError for masses, inertias, sizes and frictions that are below 0 or not finite and
+    for a step of 0 s, QuantityError for gravity in another unit of length and for steps, masses,
+    positions and sizes outside the bounds.
     """
     for kind, field in (
         ("body", "mass"),
@@ -64,7 +68,10 @@ def require_plausible_model(model: Any, label: str) -> None:
 
 
 def _require_metres(label: str, gravity: float) -> None:
-    """Refuse a model whose gravity is the Earth's in another unit of length. Raises QuantityError."""
+    """Refuse a model whose gravity is the Earth's in another unit of length. Raises QuantityError.
+
+    gravity: its magnitude, in the model's units. --beyond-bounds admits all.
+    """
     for unit, per_metre in _OTHER_UNITS.items():
         looks_like_it = abs(gravity / (STANDARD_GRAVITY * per_metre) - 1.0) < _EARTH
         if looks_like_it and not admits_beyond_bounds():
@@ -77,9 +84,11 @@ def _require_metres(label: str, gravity: float) -> None:
 
 
 def require_plausible_state(model: Any, data: Any) -> None:
-    """Refuse a pose of which a quaternion is 0 or a position is nowhere.
+    """Refuse a pose with a quaternion of length 0 or a position that is not finite or out of
+    bounds.
 
-    Raises UserError, QuantityError.
+    data: MjData with the pose in qpos. Raises UserError for numbers that are not finite,
+    QuantityError else.
     """
     kinds = backend().mjtJoint
     if not np.isfinite(data.qpos).all():
@@ -105,10 +114,14 @@ MOVED = 1e-3
 
 
 def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:
-    """(MjData at rest in the start configuration, what to call it).
+    """(new MjData at rest in the start configuration, what to call it).
 
-    state: an MjData to start from as it stands; a keyframe or joints that
-    the request names go before it.
+    The request's keyframe, else the state, else the model's first keyframe, else qpos0; then the
+    joints that the request sets.
+    state: an MjData to start from as it stands, or None.
+
+    Raises UserError for a keyframe or joint that the model does not have and for wrong numbers,
+    QuantityError for a position out of bounds or a quaternion of 0.
     """
     mujoco = backend()
     data = mujoco.MjData(model)
@@ -131,8 +144,10 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
 
 
 def _reset(model: Any, data: Any, key: str | None) -> str:
-    """Reset to a keyframe by name or number, or to "qpos0"; None: to the
-    first keyframe if there is one.
+    """Reset `data` to a keyframe, and return what to call the pose.
+
+    data: a new MjData, which is at qpos0.
+    key: name or number of a keyframe, or "qpos0"; None: the first keyframe if there is one.
 
     Raises UserError for a keyframe that the model does not have.
     """
@@ -150,8 +165,11 @@ def _reset(model: Any, data: Any, key: str | None) -> str:
 
 
 def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
-    """Set a joint, a free joint by its body's name or as "base", or a
-    field of the state such as qpos.
+    """Set a joint, or a whole field of the state such as qpos, in `data`.
+
+    name: of a joint, of the body of a free joint, "base", or of a field; velocities and times are
+    ignored.
+    values: m, rad and quaternions w x y z; of a free joint also three, its position alone.
 
     Raises UserError for another name, and for another number of values.
     """
@@ -182,9 +200,9 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
 
 
 def _free_joint(model: Any, name: str) -> int | None:
-    """The free joint of a body of this name; "base": of the heaviest robot.
+    """Number of the free joint of a body of this name; "base": of the heaviest body on one.
 
-    None where there is none.
+    None where there is none. A body's mass here includes all that hangs on it.
     """
     free = np.flatnonzero(model.jnt_type == int(backend().mjtJoint.mjJNT_FREE)).tolist()
     for joint in free:
@@ -197,8 +215,10 @@ def _free_joint(model: Any, name: str) -> int | None:
 
 
 def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
-    """Refuse a pose in which joints of the robots that these bodies are
-    of are far outside their limits.
+    """Refuse a pose in which joints are far outside their limits, by UserError.
+
+    data: MjData with the pose in qpos.
+    bodies: numbers of the pair's bodies; only joints of their robots count.
     """
     roots = {int(model.body_rootid[body]) for body in bodies if body}
     outside = []
@@ -216,8 +236,11 @@ def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...])
 
 
 def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:
-    """(how far a joint is beyond its limit, how far it may be, the
-    nearest value allowed), rad or m.
+    """(how far a joint is beyond its limit, how far it may be, the nearest value allowed), rad or
+    m.
+
+    joint: number of a limited joint. A ball's limit is on the angle of its turn: how far is below 0
+    inside it, and it has no nearest value (NaN).
     """
     kinds = backend().mjtJoint
     kind = int(model.jnt_type[joint])

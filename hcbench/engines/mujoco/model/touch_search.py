@@ -24,8 +24,10 @@ _CLOSE = 1e-9
 
 
 class TouchSearch:
-    """Moves a pair along `move`, from the configuration that `data` is
-    in, to where its contact begins.
+    """Moves a pair along `move` to where its contact begins, from the configuration in `data`.
+
+    data: MjData, changed by the search; it begins apart from, or a little in, the other.
+    move: (nv,), the velocity that approaches at 1 m/s, so that travels along it are in m.
     """
 
     def __init__(self, pair: ContactPair, data: Any, move: Floats) -> None:
@@ -37,7 +39,10 @@ class TouchSearch:
         self.gap = np.inf
 
     def contact_at_touch(self) -> PairContact | None:
-        """The contact, with `data` at touch; None where MuJoCo makes no contact of the two."""
+        """The contact where it begins, with `data` at touch; None where MuJoCo makes none.
+
+        First by the distance of the geoms, and where that finds nothing by a scan for a contact.
+        """
         travel = travel_by_distance(self._distance, self.pair.size)
         self.gap = self._distance(travel)
         first = self._first_opposing_contact(travel)
@@ -80,9 +85,10 @@ class TouchSearch:
         return self.pair.nearest(self.data).distance
 
     def _first_opposing_contact(self, travel: float) -> tuple[float, PairContact] | None:
-        """(depth, contact) at the smallest depth whose contact's normal opposes the motion.
+        """(depth m, contact) at the smallest depth whose contact's normal opposes the motion.
 
-        Shallower contacts can have any normal.
+        travel: at touch, m. Shallower contacts can have any normal, as rounding decides it. None
+        where no depth of _DEPTHS has one.
         """
         for share in _DEPTHS:
             contact = self._contact(travel + share * self.pair.size)
@@ -106,8 +112,12 @@ def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats |
     """Velocity (nv,) of some degrees of freedom under a push at the
     contact, for an approach at 1 m/s.
 
-    row: (nv,), Jacobian J of the approach rate. A push moves the robot along M^-1 J^T, as far as
-    equalities let it. None where it hardly moves the two together.
+    data: MjData with its mass matrix and constraints computed.
+    row: (nv,), Jacobian J of the approach rate.
+    dofs: numbers of the degrees of freedom that may move.
+
+    A push moves the robot along M^-1 J^T, as far as equalities let it; where `dofs` are not all of
+    the robot's, the others are held. None where the push hardly moves the two together.
     """
     move = np.zeros_like(row)
     roots = model.body_rootid[model.dof_bodyid]
@@ -126,8 +136,10 @@ def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Float
     """Acceleration, (k,), of k degrees of freedom by a unit push, with the
     others of their tree at rest.
 
+    dofs: their numbers, in the order of the result.
     row: (nv,), Jacobian of the approach rate.
     """
+    # Columns of the mass matrix, k of them: MuJoCo keeps it sparse.
     masses = np.zeros((len(dofs), len(dofs)))
     unit = np.zeros(model.nv)
     column = np.zeros(model.nv)
@@ -143,7 +155,7 @@ def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
     """The motion, (nv,), by a push as far as equality constraints let it
     happen, such as of coupled fingers.
 
-    push: (nv,) M^-1 J^T, the motion without them.
+    push: (nv,) M^-1 J^T, the motion without them. Returned as it is where it moves no equality.
     """
     mujoco = backend()
     held = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
@@ -154,6 +166,8 @@ def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
         mujoco.mj_mulJacTVec(model, data, jacobian, unit)
     if not len(held) or not (rows @ push).any():
         return push
+    # Forces that take the motion along the equalities away again: (E M^-1 E^T) f = E push. Least
+    # squares, as equalities may repeat each other.
     responses = np.array([response(model, data, jacobian) for jacobian in rows])
     forces = np.linalg.lstsq(rows @ responses.T, rows @ push, rcond=1e-9)[0]
     moved: Floats = push - forces @ responses
@@ -166,8 +180,11 @@ def swing_to_touch(
     """Bring the two together along the arc of their joints, within the
     joints' limits; `data` ends there.
 
-    row: (nv,) of the approach at the start. Returns the velocity (nv,) that approaches where they
-    meet, at 1 m/s; None where the joints do not lead there.
+    dofs: degrees of freedom that move.
+    row: (nv,), Jacobian of the approach rate at the start.
+
+    Returns the velocity (nv,) that approaches where they meet, at 1 m/s; None where the joints do
+    not lead there, at a limit or after _ROUNDS strides.
     """
     mujoco = backend()
     model = pair.model

@@ -67,7 +67,9 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
     """(attitude, request) of each way in which the two can meet; ("",
     request) where there is only one.
 
-    A body of one box or cylinder, on a free joint of its own, has several against a flat geom of
+    model: compiled MjModel. label: its name in errors. state: MjData to start from, or None.
+    Attitudes are "face", "edge" and "vertex" of a box, "face", "side" and "rim" of a cylinder. A
+    body of one box or cylinder, on a free joint of its own, has several against a flat geom of
     what stands still, where nothing else touches it. The requests differ in their pose, qpos in m
     and quaternions. Raises UserError or SceneError where the pair cannot be brought to touch.
     """
@@ -119,7 +121,7 @@ def _is_loose(model: Any, body: int) -> bool:
 
 
 def _is_touched(model: Any, start: Any, geom: int, other: int) -> bool:
-    """Say whether a third geom touches `geom` at the start."""
+    """Say whether a third geom touches `geom` at the start, or is within _NEAR of it."""
     mujoco = backend()
     data = copy.copy(start)
     mujoco.mj_kinematics(model, data)
@@ -144,7 +146,6 @@ def _turn(start: Floats, end: Floats) -> Floats:
     # would vanish in the quaternion.
     if cosine < -1.0 + 1e-12:
         axis = np.linalg.svd(start[None])[2][1]
-        cosine = 0.0
         return np.array([0.0, *axis])
     return _unit(np.array([1.0 + cosine, *axis]))
 
@@ -161,7 +162,11 @@ _SAME_GRAVITY = 2.0
 
 
 def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
-    """(attitude, request) of each way in which the two can meet."""
+    """(attitude, request) of each way in which the two can meet, of a user's model: see
+    `attitudes`.
+
+    source: a file, MJCF text, MjModel or MjSpec; errors are those of `load` and `attitudes`.
+    """
     model, label, state = load(source, request)
     return attitudes(model, label, state, request)
 
@@ -223,13 +228,18 @@ def model_settings(
 def _searched(
     source: Any, pairs: Sequence[PairToTune], goal: RestitutionCurve, was: Standing, adhesive: bool
 ) -> dict[_Kind, Rows]:
-    """Rows for each kind of pair, searched for in the model one kind after the other."""
+    """Rows for each kind of pair, searched for in the model one kind after the other.
+
+    goal: e over speed. was: the model at rest as it is. adhesive: whether rows may pull.
+    Kinds that are still to be searched have the starting rows meanwhile.
+    """
     plain = spec_of(source).compile()
     rows_of: dict[_Kind, Rows] = {pair.like: starting_rows(adhesive) for pair in pairs}
     for like in rows_of:
         alike = [pair for pair in pairs if pair.like == like]
         spec = written(source, _with_rows(pairs, rows_of)).spec
         launched = list(alike[0].opened)
+        # Two of the pairs speak for all of their kind: the first and the last.
         if len(alike) > 1:
             launched += alike[-1].opened
         set_rows = _row_setter(plain, pairs, rows_of, like)
@@ -252,6 +262,8 @@ def _row_setter(
     model; the others keep theirs.
 
     plain: the model as it is, whose cone and impratio hold where no row needs others.
+    rows_of: rows of every kind.
+    like: the kind whose <pair>s the function writes.
     """
     geoms_alike: list[tuple[int, int]] = []
     for pair in pairs:
@@ -277,7 +289,9 @@ def _row_setter(
 
 
 def _require_tunable(model: Any) -> None:
-    """Refuse what keeps <pair>s from having the e that they are given."""
+    """Refuse a model in which <pair>s do not have the e that they are given, by UserError:
+    the integrator discrete, and the flag that overrides every contact's parameters.
+    """
     if integrator_name(model) == "discrete":
         raise UserError(
             "model",
@@ -298,6 +312,10 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
     """One pair, opened under each of its requests.
 
     model: compiled; only copies of it are changed.
+    label: its name in errors.
+    requests: its attitudes, one or more.
+
+    Raises UserError or SceneError where the pair cannot be brought to touch, or has too many geoms.
     """
     opened = []
     for each in requests:
@@ -314,6 +332,7 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
     for geom in geoms:
         size = model.geom_size[geom].round(6).tolist()
         shapes.append((int(model.geom_type[geom]), *size))
+    # Exact here; `_grouped` also compares the loads, and puts a number in its place.
     like = (
         *shapes,
         len(place.contact.rows),
@@ -332,7 +351,7 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
 
 def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
     """The pairs, with one `like` for all of one shape and nearly one load,
-    such as the feet of a robot.
+    such as the feet of a robot: the number of the first pair that is alike.
     """
     grouped = []
     for pair in pairs:
@@ -350,7 +369,11 @@ def _is_like(one: PairToTune, other: PairToTune) -> bool:
 def _setting(
     source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTune, Rows]]
 ) -> ModelSetting:
-    """A setting of a user's model: notes, the model under a request, and the texts to write."""
+    """A setting of a user's model: notes, the model under a request, and the texts to write.
+
+    source: the user's model. label: its name in errors. name: the setting's, for the user.
+    pairs: each pair with the rows that it gets.
+    """
     made = written(source, pairs)
     notes = list(made.notes)
     for pair, _ in pairs:
@@ -371,7 +394,8 @@ def _setting(
     def texts(promises: Sequence[Promise], output: Output) -> Texts:
         """The lines to paste, the whole model with them, and the lines that a model includes.
 
-        promises: one a pair. output: where the model and the included file are to be written.
+        promises: one a pair, of what was measured. output: where the model and the included file
+        are to be written. The whole is the user's own text where it can stay, else MuJoCo's.
         """
         sections = []
         for (pair, rows), promise in zip(pairs, promises, strict=True):
@@ -396,9 +420,9 @@ def _setting(
 
 
 def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:
-    """All pairs of geoms of the two that MuJoCo collides.
+    """Numbers of the geoms, two and two, of a request's pair that MuJoCo collides.
 
-    Raises UserError for more than can be written.
+    Raises UserError for more than _PAIRS_MAX, and where the request names no pair.
     """
     pair = find_pair(model, request)
     every = itertools.product(pair.first.geoms, pair.second.geoms)
@@ -411,7 +435,11 @@ def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:
 
 
 def _as_asked(model: Any, request: Request) -> Any:
-    """The model, changed, with the time step (s), gravity (m/s²) and actuators of a request."""
+    """The model, changed in place, with the time step (s), gravity (m/s²) and actuators of a
+    request.
+
+    What the request leaves out stays as the model has it.
+    """
     if request.timestep is not None:
         model.opt.timestep = request.timestep
     if request.gravity is not None:

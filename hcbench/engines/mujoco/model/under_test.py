@@ -44,7 +44,9 @@ _SAME_FRICTION = 1e-6
 
 
 class MujocoModel(OpenedModel, LendsSteps):
-    """A MuJoCo model with a pair in it, measured by MuJoCo's own steps, with its facts and suspects."""
+    """A MuJoCo model with a pair in it, measured by MuJoCo's own steps, with its facts and
+    suspects.
+    """
 
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
         """The launches under way from their starting points."""
@@ -59,7 +61,10 @@ class MujocoModel(OpenedModel, LendsSteps):
         return LentModel(self, engine)
 
     def facts(self) -> Facts:
-        """Return the properties of the model and of its pair."""
+        """Properties of the model and of its pair, as `measure` prints them.
+
+        Warnings, other contacts and shares are those of the launches until now.
+        """
         model = self.model
         place = self.place
         asked, words = self._asked()
@@ -96,7 +101,11 @@ class MujocoModel(OpenedModel, LendsSteps):
         )
 
     def _asked(self) -> tuple[tuple[float, ...], str]:
-        """(e that the model asks for at each speed, () where it asks for no one; what asks for it)."""
+        """(e that the model asks for at each launch speed, what asks for it in words).
+
+        By the restitution plug-in, else by the promise of `hcbench tune`, else by the author's
+        solref and solimp; () where those of several points differ.
+        """
         speeds = self.request.speeds
         law = restitution_law(self.model, self.place.contact.geoms)
         if law is not None:
@@ -124,7 +133,9 @@ class MujocoModel(OpenedModel, LendsSteps):
         return (0.0, 0.0, 0.0) if off else self.model.opt.gravity
 
     def _notes(self) -> list[str]:
-        """Sentences that a reader of the numbers must know."""
+        """Sentences that a reader of the numbers must know: how the two were brought together, what
+        MuJoCo computes roughly, warnings, and what else touched in the launches until now.
+        """
         notes = []
         if self.place.note:
             notes.append(self.place.note)
@@ -159,8 +170,9 @@ class MujocoModel(OpenedModel, LendsSteps):
         ]
 
     def _distance_slope(self) -> float:
-        """Fall of the distance of the two over the last part of the
-        approach, m/m; 1 where it is exact.
+        """Fall of MuJoCo's distance of the two over the last part of the approach, m/m.
+
+        1 where it is exact; also where MuJoCo has no distance of such shapes.
         """
         place = self.place
         data = copy.copy(self.start)
@@ -183,7 +195,12 @@ class MujocoModel(OpenedModel, LendsSteps):
         return list(at_rest(Context(self.place, (), None, tuple(self._gravity()))))
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as `wanted`."""
+        """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
+
+        impacts: of the launches. wanted: e over speed; None where the user named none. Where the
+        plug-in hcbench.restitution or a broken promise explains the bounce, nothing else is named
+        but other contacts.
+        """
         changed = self._changed_since_tuned()
         if (law := restitution_law(self.model, self.place.contact.geoms)) is not None:
             # Every other cause is one of MuJoCo's own contact, which the plug-in replaces.
@@ -209,7 +226,10 @@ class MujocoModel(OpenedModel, LendsSteps):
         return list(broken_promise(self.model, promise, geoms, gravity, contacts))
 
     def _weak_friction(self, impacts: Sequence[Impact]) -> list[Suspect]:
-        """The pyramidal cone, where an elliptic one is tried and friction then takes more."""
+        """Suspect the pyramidal cone, if friction takes more in a copy with an elliptic one.
+
+        impacts: of the launches; the one whose friction is weakest is simulated again in the copy.
+        """
         friction = geom_friction(self.model, self.place.contact.geoms)
         suspect = pyramidal_cone(self.model, impacts, friction)
         if suspect is None:
@@ -231,7 +251,11 @@ class MujocoModel(OpenedModel, LendsSteps):
         return sorted(geom_name(self.model, g) for g in self.others)
 
     def fixed(self, suspects: Sequence[Suspect]) -> MujocoModel:
-        """The same pair with some fixes made."""
+        """The same pair in a copy of the model with the fixes of `suspects` made.
+
+        Fixes that depend on others, such as on the step, come last. Raises UserError where the pair
+        can no longer be brought to touch.
+        """
         model = copy.copy(self.model)
         for suspect in sorted(suspects, key=lambda c: c.apply_last):
             if suspect.apply is not None:

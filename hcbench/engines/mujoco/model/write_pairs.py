@@ -66,9 +66,13 @@ _LEAST_E = 1e-3
 class Load:
     """The load on a contact, and the integrator that steps it.
 
-    strength: what all its points together do, over what one does on a free ball: MuJoCo scales a soft row by
-        an estimate of the mass (body_invweight0), at each point. gravity: of the approach, m/s².
-    points: of contact. timestep: s. rk4: the integrator. slides: whether it has friction.
+    strength: what all its points together do, over what one does on a free ball: MuJoCo scales a
+    soft row by an estimate of the mass (body_invweight0), at each point.
+    points: their number.
+    gravity: acceleration of the approach, m/s².
+    timestep: s.
+    rk4: true under the integrator RK4.
+    slides: whether the contact has friction.
     """
 
     strength: float
@@ -80,7 +84,7 @@ class Load:
 
     @classmethod
     def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
-        """The load on the contact of a pair that just touches."""
+        """The load on the contact of a pair that just touches; the others as in the class."""
         mobility = estimated_mobility(
             place.pair.model, place.pair.first.body, place.pair.second.body
         )
@@ -98,10 +102,17 @@ def estimated_mobility(model: object, first: int, second: int) -> float:
 def row_choices(
     goal: RestitutionCurve, band: Band, load: Load, adhesive: bool
 ) -> Iterator[tuple[str, Rows]]:
-    """(name, rows), the simplest first: a stop or one step, a spring and damper of one e, two rows
-    whose e depends on speed as the target does, gravity included, and the same two without pulling.
+    """(name, rows) of each setting to offer, the simplest first.
 
-    adhesive: whether they may pull.
+    A stop or one step, a spring and damper of one e, two rows whose e depends on speed as the
+    target does, gravity included, and the same two without pulling. The last two are left out for a
+    target without bounce or without loss.
+
+    goal: e over speed. band: lowest and highest impact speed, m/s.
+    load: on the contact that the rows serve.
+    adhesive: whether the two rows may pull.
+
+    Raises SearchInterrupted, with the best so far, where the user stops the fit of the two.
     """
     h = load.timestep
     constant = goal.best_constant(*band)
@@ -124,7 +135,7 @@ def row_choices(
 
 
 def one_step(e: float, timestep: float) -> Rows:
-    """A row that turns a body back in one step (s), as `check` advises.
+    """A row that turns a body back with this e in one time step (s), as `check` advises.
 
     Its spring hardly changes e, but lifts a body that lies too deep.
     """
@@ -133,13 +144,19 @@ def one_step(e: float, timestep: float) -> Rows:
 
 
 def _spring(e: float, steps: int, load: Load) -> ConstraintRow:
-    """One row with a half period of whole steps; under RK4, which follows continuous time, as long."""
+    """One row with this e and a half period of so many steps, for the load.
+
+    Euler's steps are matched exactly, so the steps are whole; RK4 follows continuous time, in which
+    the half period lasts as long.
+    """
     loss = -math.log(max(e, _LEAST_E))
     lasts = steps * load.timestep
+    # A damper b and a half period T have e = exp(-b T/2), and the stiffness (π/T)² + (b/2)².
     if load.rk4:
         stiffness = (math.pi**2 + loss**2) / lasts**2
         damping = 2.0 * loss / lasts
     else:
+        # Semi-implicit Euler: a step multiplies the oscillation by √c and turns it by π/steps.
         c = math.exp(-2.0 * loss / steps)
         stiffness = (1.0 + c - 2.0 * math.sqrt(c) * math.cos(math.pi / steps)) / load.timestep**2
         damping = (1.0 - c) / load.timestep
@@ -148,7 +165,10 @@ def _spring(e: float, steps: int, load: Load) -> ConstraintRow:
 
 @lru_cache(maxsize=16)
 def _fitted(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Rows:
-    """A spring, and a damper whose strength grows with depth: two <pair>s of the same two geoms."""
+    """A spring, and a damper whose strength grows with depth: two <pair>s of the same two geoms.
+
+    goal, band, load, adhesive: as in `row_choices`. Raises SearchInterrupted with the best so far.
+    """
     h = load.timestep
     gravity = round(load.gravity, 2)
     rows = spring_and_damper_rows(
@@ -168,9 +188,11 @@ _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 def spec_of(source: Any) -> Any:
-    """A new MjSpec of the model, whose assets are found from everywhere.
+    """A new MjSpec of the user's model, whose assets are found from any folder.
 
-    Raises UserError for a source that cannot be written.
+    source: an MjSpec, MJCF text, or the path of an MJCF or URDF file. Raises UserError for a source
+    that cannot be written, such as a compiled model, and for MJCF that is not in UTF-8;
+    ValueError, by MuJoCo, for a file that does not parse.
     """
     mujoco = backend()
     if isinstance(source, mujoco.MjSpec):
@@ -180,6 +202,9 @@ def spec_of(source: Any) -> Any:
     if (path := _path(source)) is None:
         got = str(source) if isinstance(source, str | Path) else f"a {type(source).__name__}"
         raise UserError("model", got, "an MJCF file or an MjSpec, which can be written")
+    # Before any search: a text that cannot be read cannot be written again either.
+    if path.suffix.lower() != ".urdf":
+        _read_utf8(path)
     spec = mujoco.MjSpec.from_file(str(path))
     if _has_assets(spec):
         for name in ("meshdir", "texturedir"):
@@ -199,12 +224,29 @@ def _path(source: Any) -> Path | None:
     return None
 
 
+def _read_utf8(path: Path) -> str:
+    """Text of a model's file.
+
+    Raises UserError for another encoding: MuJoCo takes any bytes in comments, but its own writer
+    then gives a text that Python cannot read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        got = f"{path.name} has a byte that is not UTF-8"
+        raise UserError("model", got, "a file in UTF-8", "Save it in UTF-8") from None
+
+
 def _has_assets(spec: Any) -> bool:
     return any(asset.file for asset in (*spec.meshes, *spec.hfields, *spec.textures, *spec.skins))
 
 
 def whole_text(spec: Any, folder: Path | None) -> str:
-    """MuJoCo's own text of a changed spec, with paths of its assets from a folder."""
+    """MuJoCo's own text of a changed spec.
+
+    folder: of the file that is to be written, from which paths of assets then lead; None keeps
+    them absolute.
+    """
     text = str(spec.to_xml())
     if folder is None:
         return text
@@ -216,25 +258,32 @@ def whole_text(spec: Any, folder: Path | None) -> str:
 
 
 def own_text(source: Any, folder: Path | None, lines: str) -> str:
-    """Return the user's text, comments and includes and all, with more lines
-    at its end; "" if it has none.
+    """Return the user's text, comments and includes and all, with more lines at its end.
 
-    folder: of the file that is to be written, from which its paths then lead.
+    source: as the user gave it; "" is returned for one that is no MJCF text.
+    folder: of the file that is to be written, from which its paths then lead; None: they stay.
+    lines: XML for the end of <mujoco>.
+
+    Raises UserError for a file that is not in UTF-8.
     """
     path = _path(source)
     if path is not None and path.suffix.lower() != ".urdf":
-        text = path.read_text(encoding="utf-8")
+        text = _read_utf8(path)
     elif isinstance(source, str) and source.lstrip().startswith("<mujoco"):
         text = source
     else:
         return ""
-    head, end, tail = text.rpartition(_END)
-    if not end or _END in _COMMENT.sub("", tail):
+    # Comments as blanks of the same length: one after the model may also say </mujoco>.
+    without_comments = _COMMENT.sub(lambda comment: " " * len(comment[0]), text)
+    end = without_comments.rfind(_END)
+    if end < 0:
         return ""
+    head = text[:end]
+    tail = text[end + len(_END) :]
     if path is not None and folder is not None and folder.resolve() != path.parent.resolve():
         head = _moved(head, path, folder)
         lines = f"{_directories(path, folder)}{lines}"
-    return f"{head.rstrip()}\n\n{lines}\n{end}{tail}"
+    return f"{head.rstrip()}\n\n{lines}\n{_END}{tail}"
 
 
 def _moved(text: str, path: Path, folder: Path) -> str:
@@ -247,7 +296,10 @@ def _moved(text: str, path: Path, folder: Path) -> str:
 
 
 def _directories(path: Path, folder: Path) -> str:
-    """A <compiler> that finds the assets from another folder; "" where there are none."""
+    """A <compiler> line by which a model finds its assets from another folder; "" without assets.
+
+    path: of the model. folder: of the file that is to be written.
+    """
     spec = spec_of(path)
     if not _has_assets(spec):
         return ""
@@ -279,6 +331,8 @@ class PairToTune:
 
     requests: its launches, one for each attitude.
     opened: the model under each.
+    geoms: numbers of every two geoms that get the <pair>s.
+    load: on its contact in the first attitude.
     like: equal for pairs that are alike, such as the feet of a robot.
     """
 
@@ -302,7 +356,9 @@ class PairToTune:
 class Written(NamedTuple):
     """A spec with rows in it, what was written, and what to know.
 
-    own: whether the user's text can stay.
+    lines: XML to paste. notes: sentences for the user.
+    names: of each geom of the pairs, by its number.
+    own: whether the user's text can stay, with the lines added.
     """
 
     spec: Any
@@ -313,7 +369,11 @@ class Written(NamedTuple):
 
 
 def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
-    """The model of a source with rows for its pairs, in a spec of its own."""
+    """The model of a source with rows for its pairs, in a spec of its own.
+
+    pairs: each with its rows, one <pair> a row for every two geoms. Raises UserError for a source
+    that cannot be written, as `spec_of` does.
+    """
     spec = spec_of(source)
     model = spec.compile()
     lines: list[str] = []
@@ -344,6 +404,7 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
     """The impratio with which no pair drifts faster than in the model as
     it is; 0 where its own will do.
 
+    model: compiled, as the user has it. pairs: each with the rows that it gets.
     A friction row holds a load by a slip of R_t/(A b), R_t = R_n/impratio, R_n/A = (1 - d)/d.
     """
     own = float(model.opt.impratio)
@@ -363,14 +424,18 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
 
 
 def _slip(solref: Sequence[float], solimp: Sequence[float], impedance: float) -> float:
-    """Slip of a friction row under a load, at an impedance, but for what all have in common, s."""
+    """Slip of a friction row under a load, at an impedance, but for what all have in common, s.
+
+    solref, solimp: of the row, in either of MuJoCo's formats. The slip is (1 - d)/(d b), where
+    MuJoCo's damping b is 2/(dmax timeconst), or -solref[1]/dmax.
+    """
     d, dmax = (min(max(number, MIN_IMPEDANCE), MAX_IMPEDANCE) for number in (impedance, solimp[1]))
     damping = -solref[1] if solref[0] <= 0.0 else 2.0 / max(solref[0], 1e-6)
     return (1.0 - d) / d * dmax / max(damping, 1e-6)
 
 
 def mass_note(place: PairAtTouch) -> list[str]:
-    """A note on the effective mass of a pair that moves as a whole."""
+    """One note on the effective mass of a pair both of whose bodies move; else empty."""
     model = place.pair.model
     bodies = (place.pair.first.body, place.pair.second.body)
     if not all(model.body_weldid[body] for body in bodies):
@@ -391,7 +456,11 @@ def _write_rows(
 ) -> list[str]:
     """Set or add the <pair>s of two geoms in a spec, one for each row, the first with friction.
 
-    model: compiled, as it was before. Returns the lines of XML that a user can paste.
+    spec: changed; of <pair>s that it has for the two, the first is used and the others go.
+    model: compiled, as it was before.
+    geoms, names: of the two, in one order.
+
+    Returns the lines of XML that a user can paste.
     """
     before = contact_in_force(model, *geoms)
     place = pair.place
@@ -434,7 +503,10 @@ def _write_rows(
 
 
 def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
-    """Set attributes of a <pair>, and return its line of XML."""
+    """Set attributes of a <pair>, and return its line of XML, which has these attributes alone.
+
+    element: of the spec. names: of its geoms. values: a number or list by attribute.
+    """
     attributes = []
     for name, value in values.items():
         field = getattr(element, name)
@@ -450,8 +522,10 @@ def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
 
 
 def _friction_damping(place: PairAtTouch, load: Load) -> float:
-    """1/s, of friction rows that together stop a slip in one step, along
-    the way that slides most easily.
+    """Damping, 1/s, of friction rows that together stop a slip in one step, along the way that
+    slides most easily.
+
+    place: the pair at touch.
     """
     model = place.pair.model
     data = backend().MjData(place.pair.model)
@@ -469,7 +543,10 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
 def _name_geoms(
     spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]
 ) -> dict[int, str]:
-    """Names by which a <pair> calls geoms; those without one get one."""
+    """Names by which a <pair> calls geoms, by their numbers; those without one get one.
+
+    spec: gets the new names. notes: gets a sentence for each.
+    """
     names = {}
     # By number: MuJoCo 3.3 gives the geoms of a spec no .id.
     by_id = list(spec.geoms)

@@ -50,7 +50,11 @@ class Contact:
     friction: float = 0.0
 
     def model(self, bodies: str, options: Stepping, pairs: Sequence[Pair]) -> Any:
-        """A plain model of a plane and these bodies, whose `pairs` have the contact."""
+        """A compiled model of a plane and these bodies, whose `pairs` have the contact.
+
+        bodies: <body> elements of MJCF. options: the plain model's; those of `option` win.
+        pairs: names of two geoms each; the plane's is "plate".
+        """
         plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
         option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())
         integrator = f'integrator="{options.integrator}" gravity="0 0 {-self.gravity!r}"'
@@ -68,7 +72,7 @@ class Contact:
         return self.model(body, options, [("ball", "plate")])
 
     def with_boxes(self, options: Stepping, count: int = 1) -> Any:
-        """A plain model of boxes, one on top of the other."""
+        """A plain model of `count` boxes of edge 2 HALF, 0.5 kg each, one on top of the other."""
         names = [f"box{i}" for i in range(count)]
         bodies = ""
         for i, name in enumerate(names):

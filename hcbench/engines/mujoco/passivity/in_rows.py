@@ -34,10 +34,12 @@ def bounces_in_rows(
     speeds: tuple[float, float],
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Drops from HEIGHTS, and single impacts from a tenth of the band (m/s)
-    up to its top, at many phases.
+    """Bounces of drops from HEIGHTS, and of single impacts from a tenth of the band
+    up to its top, at many phases, in the model of the rows.
 
-    train: the longest train of bounces that the target allows.
+    timestep: s. gravity: m/s²; without it, 0, the single impacts alone.
+    speeds: lowest and highest of the band, m/s.
+    train: the longest train of bounces that the target allows; None: none goes on.
     """
     u = np.geomspace(
         _SLOW * speeds[0], max(speeds[1], math.sqrt(2.0 * gravity * HEIGHTS[-1])), _SPEEDS
@@ -53,7 +55,11 @@ def bounces_in_rows(
 
 
 class _Drops:
-    """Balls over a plate, each with a clock of its own."""
+    """Balls over a plate, each with a clock of its own, under Euler's steps of a setting's rows.
+
+    timestep: s. gravity: m/s². Penetration x, m, is above 0 in contact, its rate v, m/s, on
+    approach; flights are advanced in closed form.
+    """
 
     def __init__(self, rows: Sequence[ConstraintRow], timestep: float, gravity: float) -> None:
         self._rows = rows
@@ -61,8 +67,9 @@ class _Drops:
         self._g = gravity
 
     def touching(self, speeds: Floats, phases: Floats) -> Floats:
-        """States of drops that touch at these speeds, m/s, and
-        phases, from the first in contact on.
+        """States, (5, n), of drops in their first step in contact.
+
+        speeds: at touch, m/s, (n,). phases: where in a step each touches, 0 to 1, (n,).
         """
         time = self._h * (1.0 - phases)
         x = speeds * time + self._g * time**2 / 2.0
@@ -97,10 +104,11 @@ class _Drops:
         return (x + steps * h * half + g * h**2 * steps**2 / 2.0, v + g * h * steps), steps * h
 
     def run(self, states: Floats, allowed: Floats, impacts: float = math.inf) -> Bounces:
-        """Simulate until each drop has rested, has had so many impacts, or LASTS (s) are over.
+        """Simulate until each drop has rested, or LASTS (s) are over.
 
-        states: (5, n), see `_states`.
+        states: (5, n), see `_states`; changed.
         allowed: rebound speed of each drop at the end that its target allows, m/s, (n,).
+        impacts: 1 ends each drop with its first rebound; infinite lets it bounce on.
         """
         count = states.shape[1]
         max_e = 0.0

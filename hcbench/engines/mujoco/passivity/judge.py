@@ -36,7 +36,13 @@ def screened(
     scene: Scene, setting: Setting, speeds: tuple[float, float], train: LongestTrain | None = None
 ) -> Passivity | None:
     """Test a setting for energy in the model of its rows, and boxes in
-    plain MuJoCo; None without rows.
+    plain MuJoCo: a screen of about a second.
+
+    speeds: lowest and highest of the band, m/s.
+    train: the longest train of bounces that the target allows; None: none.
+
+    None for a setting without rows, in a cup, or under RK4 or discrete, which the model of rows
+    does not step. Raises SettingError for an option that MuJoCo does not have.
     """
     options = read_options(setting.options)
     if (
@@ -69,7 +75,9 @@ def with_law(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
 
 
 def _with_bodies(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
-    """Add boxes that fall, and with friction what slides, spins and rolls, in plain MuJoCo."""
+    """The passivity with more findings, in plain MuJoCo: of boxes that fall under the scene's
+    gravity, and with friction of what slides, spins and rolls.
+    """
     contact, runs = tried(scene, setting)
     flat: list[Finding] = []
     sliding: list[Finding] = []
@@ -92,8 +100,12 @@ def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
 def certified(
     scene: Scene, setting: Setting, train: LongestTrain | None = None
 ) -> Passivity | None:
-    """Test a setting by the whole gate in plain MuJoCo, under every option
-    it allows; None as `screened`.
+    """Test a setting by the whole gate in plain MuJoCo, under every integrator, cone and solver
+    that it allows.
+
+    train: the longest train of bounces that the target allows; None: none.
+    None for a setting with neither rows nor a restitution law, and in a cup. Raises SettingError
+    for an option that MuJoCo does not have.
     """
     options = read_options(setting.options)
     is_rows = bool(options.rows) and scene.form == "plane"
@@ -105,7 +117,10 @@ def certified(
 
 
 def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
-    """The text that a user pastes for some pairs."""
+    """The MJCF that a user pastes for some pairs: <contact> of rows, or a law's plug-in instances.
+
+    A law's plug-in is loaded, so that MuJoCo can compile it.
+    """
     if options.law is None:
         lines = ""
         for pair in pairs:
@@ -119,7 +134,11 @@ def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
 
 
 def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
-    """A contact to try, and its options: each integrator, cone and solver once."""
+    """(contact to try, options to try it under): the setting's own options, then others that differ
+    from them in the integrator, the cone or the solver. A cone that the setting names is kept.
+
+    Raises SettingError for an option that MuJoCo does not have.
+    """
     options = read_options(setting.options)
     written = options.attributes(repr)
     integrator = written.pop("integrator", "Euler")

@@ -67,9 +67,9 @@ def drops(
     heights: Sequence[float] = HEIGHTS,
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Balls dropped for LASTS.
+    """Bounces of balls that are dropped from heights (m) and simulated for LASTS (s).
 
-    train: the longest train of bounces that the target allows.
+    train: the longest train of bounces that the target allows; None: none.
     """
     mujoco = backend()
     model = contact.with_ball(options)
@@ -92,7 +92,7 @@ def drops(
 
 
 def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
-    """Rest of a ball that may not turn on a slope, held by friction."""
+    """Rest of a ball that may not turn on a slope, held by friction: its drift, depth and force."""
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
         slides += f'<joint type="slide" axis="{axis}"/>'
@@ -103,7 +103,10 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
 
 
 def _rest(model: Any, seconds: float) -> Rest:
-    """Rest of the first body, from its position at the start."""
+    """Rest of the first body of a model over the last half of some time, from its start at qpos0.
+
+    Depth is how far it sinks below the start, m; its drift is along x and y.
+    """
     mujoco = backend()
     data = mujoco.MjData(model)
     force = np.zeros(6)
@@ -125,7 +128,9 @@ def _rest(model: Any, seconds: float) -> Rest:
 
 def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
     """Largest ratio of a box's energy in a flight to that in an
-    earlier one: above 1 it gained some.
+    earlier one: above 1 it gained some; infinite where it diverged.
+
+    attitude: a key of _ATTITUDES. speed: downwards at touch, m/s.
     """
     model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
     data = backend().MjData(model)
@@ -135,7 +140,11 @@ def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float)
 
 
 def _growth(model: Any, data: Any, seconds: float) -> float:
-    """The largest energy of a later flight of the first body over that of an earlier one."""
+    """The largest energy of a later flight of the first body over that of an earlier one.
+
+    data: MjData at the start, in flight; stepped for so many seconds. Flights slower than
+    _SLOWEST g h count as that fast. Infinite where the state is not finite at the end.
+    """
     mujoco = backend()
     g = -model.opt.gravity[2]
     h = model.opt.timestep
@@ -169,10 +178,11 @@ def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
 def certify(
     contact: Contact, slides: bool, runs: Sequence[Stepping], train: LongestTrain | None = None
 ) -> Passivity:
-    """Run the whole gate under each of the options.
+    """Run the whole gate under each of the options, and join what it finds.
 
-    slides: true for a contact with friction.
-    train: the longest train of bounces that the target allows.
+    slides: true for a contact whose friction holds a ball on a slope.
+    runs: options, one or more.
+    train: the longest train of bounces that the target allows; None: none.
     """
     bounces = Bounces(0.0, 0.0, 0, 0)
     findings: list[Finding] = []
@@ -206,7 +216,7 @@ def certify(
 
 
 def _rolling(contact: Contact, options: Stepping) -> float:
-    """Energy of a ball that rolls, at the end over that of the start."""
+    """Kinetic energy of a ball that rolls for _ROLL_S, at the end over that at the start."""
     model = contact.with_ball(options)
     data = backend().MjData(model)
     data.qvel[0], data.qvel[4] = _ROLLS, _ROLLS / contact.radius

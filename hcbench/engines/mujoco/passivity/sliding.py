@@ -1,4 +1,6 @@
-"""Bodies that slide, spin and roll on a contact with friction, in plain MuJoCo: energy, hops, creep."""
+"""Bodies that slide, spin and roll on a contact with friction, in plain MuJoCo: energy, hops,
+creep.
+"""
 
 from __future__ import annotations
 
@@ -112,6 +114,9 @@ def boxes_slide(contact: Contact, options: Stepping) -> list[Finding]:
 
 
 def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterator[Finding]:
+    """Findings for one body: energy of throws; of a body that lies, hops where it slides, spins or
+    rolls, and creep on a slope if friction is enough to hold it.
+    """
     under = str(options)
     grew = 0.0
     for speed, (slip, spin) in product(_THROWS, _MOTIONS):
@@ -165,9 +170,14 @@ def _followed(
 ) -> _Path:
     """Let a body go and compare its energy before and after each contact.
 
-    In free flight MuJoCo turns a body other than a ball with an error of its own: so only contacts count.
+    In free flight MuJoCo turns a body other than a ball with an error of its own: so only contacts
+    count.
 
-    velocity: m/s and, in its own frame, rad/s. above: start over the touch, m.
+    velocity: (6,), m/s and, in its own frame, rad/s.
+    seconds: followed for so long, or _STEPS steps if that is less.
+    above: start over the touch, m.
+
+    Both numbers are infinite where the state is not finite at the end.
     """
     mujoco = backend()
     data = mujoco.MjData(model)
@@ -212,7 +222,10 @@ def _followed(
 
 
 def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
-    """Speed down a slope of 5 degrees, m/s, over the last quarter of the time."""
+    """Speed of a body down a slope of 5 degrees, m/s, over the last quarter of the time.
+
+    It starts at rest, in the attitude in which it does not roll down. Infinite where it diverged.
+    """
     model = _model(contact, options, body, contact.gravity)
     data = backend().MjData(model)
     data.qpos[3:7] = body.along

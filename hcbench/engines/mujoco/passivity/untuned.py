@@ -24,8 +24,11 @@ _RADIUS = 0.05  # m
 
 
 def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float) -> str:
-    """One sentence: drift, solver iterations and e of a contact that
-    is not tuned, before and after.
+    """One sentence: drift, solver iterations and e of a contact that is not tuned, with MuJoCo's
+    default cone and with the setting's options.
+
+    option: attributes of the setting's <option>, such as cone and impratio.
+    timestep: s. gravity: m/s².
     """
     before = {"cone": "pyramidal"}
     after = option
@@ -41,7 +44,10 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
 def _measured(
     option: Mapping[str, str], timestep: float, gravity: float
 ) -> tuple[float, float, list[float]]:
-    """(drift on a slope mm/s, iterations a step, e of oblique impacts)."""
+    """(drift on a slope mm/s, solver iterations a step there, e of oblique impacts) of one contact.
+
+    option: attributes of <option>. The e are of impacts at _LAUNCHES phases of a step.
+    """
     mujoco = backend()
     model = _model(option, timestep, gravity, "0.02 1")
     model.opt.gravity[:] = gravity * np.array([math.sin(_SLOPE), 0.0, -math.cos(_SLOPE)])
@@ -61,7 +67,10 @@ def _measured(
 
 
 def _model(option: Mapping[str, str], timestep: float, gravity: float, solref: str) -> Any:
-    """A ball that may not turn, on a plane, in a contact of its own."""
+    """Compiled model of a ball of 1 kg that may not turn, on a plane, in a contact by this solref.
+
+    option: attributes of <option>. timestep: s. gravity: m/s², down.
+    """
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
         slides += f'<joint type="slide" axis="{axis}"/>'

@@ -23,7 +23,7 @@ DAMPED_STEP = Integrators(
 def nonnegative_fit(columns: Floats, goal: Floats) -> tuple[Floats, float]:
     """(x >= 0, (k,), with the least |columns x - goal|, that misfit).
 
-    columns: (n, k), of any units each.
+    columns: (n, k), each in a unit of its own: they are scaled to length 1 for the solver.
     goal: (n,). x is 0 for an empty column.
     """
     # SciPy's optimisation is slow to import, and few recipes need it.

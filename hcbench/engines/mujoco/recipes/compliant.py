@@ -31,7 +31,11 @@ def compliant_options(rows: list[ConstraintRow], target: Target, integrator: str
 
 
 def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """One soft row of a few steps, as near to the e wanted as one e can be."""
+    """Options of a setting: one soft row of a few steps, as near to the target as one e can be.
+
+    target: e over a band of speeds, time step, gravity and friction. Raises SearchInterrupted with
+    the best options so far.
+    """
     band = target.speed_min, target.speed_max
     with map_result(lambda row: compliant_options([row], target, integrator)):
         row = _row_for(target.curve, band, target.timestep, target.gravity, target.corners)
@@ -41,10 +45,12 @@ def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 def compliant_pairs(
     target: Target, integrator: str = "Euler", adhesive: bool | None = None
 ) -> dict[str, Any]:
-    """Two rows with an e that falls with speed; SettingError for a target
-    without loss or without bounce.
+    """Options of a setting: two rows with an e that falls with speed.
 
     adhesive: whether the damper may pull; None for what the installed MuJoCo can do.
+
+    Raises SettingError for a target without loss or without bounce, SearchInterrupted with the
+    best options so far.
     """
     lowest = float(target.restitution(target.speed_max))
     if not 0 < lowest < 1:

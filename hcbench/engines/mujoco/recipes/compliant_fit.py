@@ -135,7 +135,10 @@ def _launches(
     """(speed over the highest, phase, e) of so many speeds and phases in,
     below, above the band; (n,) each.
 
-    Outside of it any e will do that gains no energy: NaN.
+    curve: e over speed. speeds: lowest and highest of the band, m/s.
+    band, below, above: how many speeds and how many phases of each.
+
+    Outside of the band any e will do that gains no energy: NaN.
     """
     low, high = speeds
     parts = [
@@ -149,8 +152,9 @@ def _launches(
 
 
 def _grid(lowest: float, highest: float, speeds: int, phases: int) -> tuple[Floats, Floats]:
-    """(speed, phase) of so many speeds and phases each; (n,) each.
+    """(speed, where in a step the contact starts) of so many speeds and phases each; (n,) each.
 
+    lowest, highest: speeds, in any unit; evenly in log between them.
     At each speed other phases, so that few of them leave none out.
     """
     later = (np.arange(speeds) * _GOLDEN) % 1.0
@@ -200,9 +204,11 @@ def pushing_row(
 
 
 def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:
-    """Lowest and highest parameters, (6,) each.
+    """Lowest and highest parameters, (6,) each, in the order of _LOWEST.
 
     loss: 1 - e of the slowest impact.
+    timestep: s. gravity: m/s².
+    corners: that meet at once.
     """
     lowest = _LOWEST.copy()
     highest = _HIGHEST.copy()
@@ -221,7 +227,11 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tup
 
 
 def _search(coarse: RowFit, fine: RowFit) -> Floats:
-    """Parameters (6,) with the least error: by evolution on a coarse grid, then on a fine one."""
+    """Parameters (6,) with the least error: by evolution on a coarse grid, then on a fine one.
+
+    coarse, fine: the same goal on few launches and on many. The same goal always gives the same.
+    Raises SearchInterrupted with the best so far.
+    """
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _BEST * (1 + _POLISH))
     random = np.random.default_rng(_SEED)
     first = random.uniform(fine.lowest, fine.highest, (_MEMBERS, len(fine.lowest)))

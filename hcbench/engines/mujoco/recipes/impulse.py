@@ -10,15 +10,15 @@ from hcbench.recipes.target import Target
 
 
 def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> dict[str, Any]:
-    """One contact whose damping turns v into -e v within the step that finds it closed.
+    """Options of a setting: one contact whose damping turns v into -e v within the step that finds
+    it closed.
 
     A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 +
     e)/h a step h ends in v - (1 + e) v = -e v, at any depth x. K is 0 for an e that is exact at
     every phase. A K above 0 lifts a body at rest out of the slow creep that the missing 1 - d
     allows, to a depth of 1e-4 g / K, at the price of up to K h² / 2 in e.
 
-    e: the best constant of the band.
-
+    e is the best constant of the band.
     spring: K, 1/s².
     """
     e, _ = minimax_constant(target)

@@ -65,8 +65,8 @@ class Samples:
     bias: Floats | float = 0.0
 
     def scaled(self, a: Floats) -> Floats:
-        """An acceleration (n,), or columns (n, k), in units of misfit:
-        of force, then of restitution.
+        """An acceleration (n,), or columns (n, k), in units of misfit: n of force, then one of
+        restitution for each speed.
         """
         return np.concatenate(
             [(self.scale * a.T).T, np.einsum("sn,n...->s...", self.sensitivity, a)]
@@ -80,7 +80,11 @@ class Samples:
 
 
 def sample(band: Band, speeds: Floats, points: int) -> Samples:
-    """Loops of the band's law at impact speeds (m/s) with so many points a branch."""
+    """Samples of the band's law along its loops at impact speeds (m/s), with so many points a
+    branch.
+
+    Evenly in the angle of a sine, so dense where the body turns round.
+    """
     law = band.law
     mass = band.mass
     angle = (np.arange(points) + 0.5) / points * np.pi / 2
@@ -94,6 +98,7 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
         v_in = closed_form.rate_at(law, mass, float(v_i), x, "approach")
         v_out = closed_form.rate_at(law, mass, float(v_i), x, "rebound")
         largest = float(closed_form.force_max(law, mass, v_i))
+        # A point counts by the depth that it stands for, so that the squares add up to a mean.
         scale = np.sqrt(dx / (2 * deepest * len(speeds))) / largest * mass / _FORCE_SCALE
         v_o = float(closed_form.restitution(law.alpha, v_i)) * v_i
         # δe as in sensitivity.py, for an error that differs between the branches.
@@ -175,10 +180,11 @@ class _Terms:
 
 
 def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGuess) -> PushingRows:
-    """Dampers that add up to the law's damping on the way in, with springs
-    that let them act on the way out.
+    """Rows to start a fit from: dampers that add up to the law's damping on the way in, with
+    springs that let them act on the way out, and more springs that make up the rest.
 
-    knots: where springs start, m.
+    knots: where those more springs start, m; they come first in the rows.
+    guess: how many dampers, and their impedances.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import nnls
@@ -280,10 +286,11 @@ class _LeastSquares:
 
 
 def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> PushingRows:
-    """The same rows with springs and dampers that fit better; keeps the
-    best when it does not converge.
+    """The same rows with strengths S and D that fit the samples better; keeps the best when it does
+    not converge.
 
-    Counts ITERATIONS, whether it needs them or not.
+    rows: start; its onsets and impedances stay, and dampers without D get none.
+    search: counts ITERATIONS, whether they are needed or not.
     """
     from scipy.optimize import nnls
 
@@ -301,6 +308,7 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
         root = np.linalg.cholesky(
             normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(parameters))
         )
+        # Non-negative least squares of the Cholesky factor: damped normal equations with bounds.
         right_side = np.linalg.solve(root, right + damping * parameters / unit)
         trial = nnls(root.T, right_side, maxiter=10_000)[0] * unit
         trial_weights, trial_misfit = problem.evaluate(trial)

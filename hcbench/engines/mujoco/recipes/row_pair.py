@@ -35,7 +35,7 @@ def short(number: float) -> float:
 
 
 def oscillator(steps: Any, damping: Any) -> tuple[Any, Any]:
-    """(K h², D h) of a half period of so many steps, for a damping D h."""
+    """(K h², D h) of a spring and damper with a half period of so many Euler steps, for a D h."""
     c = 1.0 - damping
     return 1.0 + c - 2.0 * np.sqrt(c) * np.cos(np.pi / steps), damping
 
@@ -104,7 +104,10 @@ class RowFit:
     highest: Floats
 
     def numbers(self, parameters: Floats) -> tuple[Floats, ...]:
-        """K h², D h of the spring; D h, dmax, width/(v h), midpoint of the damper; (p,) each."""
+        """K h², D h of the spring; D h, dmax, width/(v h), midpoint of the damper; (p,) each.
+
+        parameters: (p, 6), half period in steps and logs of the rest; held within the bounds.
+        """
         inside = np.clip(parameters, self.lowest, self.highest).T
         spring_damping, damping, dmax, width, midpoint = np.exp(inside[1:])
         stiffness, spring_damping = oscillator(inside[0], spring_damping)
@@ -150,8 +153,9 @@ class RowFit:
         return _Rows(*(np.repeat(column, len(self.speeds)) for column in columns))
 
     def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-        """e of each launch, 0 where it has not parted, and largest
-        penetration over v h; (p, n) each.
+        """(e of each launch, 0 where it has not parted; largest penetration over v h); (p, n) each.
+
+        numbers: of p settings, as `numbers` gives them.
         """
         rows = self._rows(numbers)
         g = self.fall
@@ -200,6 +204,7 @@ class RowFit:
         """(x, v) after a step: Euler's, by the new speed, or the
         classical Runge-Kutta of MuJoCo's RK4.
 
+        x: penetration in v h, (m,). v: its rate, in the band's highest speed.
         Documentation, Computation, "Numerical integration".
         """
         if not self.rk4:
@@ -238,7 +243,11 @@ class RowFit:
         return a
 
     def rows(self, parameters: Floats, timestep: float, speed: float) -> list[ConstraintRow]:
-        """Spring and damper in SI units, of parameters (6,)."""
+        """Spring and damper in SI units, of parameters (6,), in the digits that a model is written
+        in.
+
+        timestep: s. speed: the band's highest, m/s, by which the parameters are scaled.
+        """
         h = timestep
         units = (1 / h**2, 1 / h, 1 / h, 1.0, speed * h, 1.0)
         numbers = self.numbers(parameters[None])

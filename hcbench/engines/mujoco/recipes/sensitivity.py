@@ -11,7 +11,11 @@ _POINTS = 501
 
 
 def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: Floats) -> Floats:
-    """Weights K on `grid` (m, shape (n,)) with δe = K @ (g - a f)(grid), 1/(N s/m).
+    """Weights K, (n,), with which an error of a contact's damping changes e: δe = K @ (g - a
+    f)(grid).
+
+    law, mass (kg): of the impact. speed: at touch, m/s. grid: penetrations, m, (n,), rising.
+    K is in 1/(N s/m).
 
     f(x), N, and g(x), N s/m, make a force f + g v near that of the law, for which g = a f with a =
     (3/2) α. Only the ratio of g to f matters. With the work U = ∫ f dx as the path, d(v²/2)/dU =

@@ -57,9 +57,10 @@ def _numbers(parameters: Floats) -> tuple[Floats, ...]:
 
 
 def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
-    """Elastic work and damping of each interval of depth, fine around the
-    step; (population, intervals).
+    """(elastic work, damping) of each interval of depth, fine around the step of the impedance;
+    (population, intervals) each.
 
+    parameters: (population, 6), in the order of _LOWEST.
     Lengths are in widths of the impedance and speeds in the highest one, per unit mass.
     """
     S, D, d0, dw, midpoint, power = _numbers(parameters)
@@ -81,6 +82,8 @@ def _mean(v: Floats, w: Floats) -> Floats:
 def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     """e of one contact at speeds over the highest; (population,
     speeds); 0 where it would go too deep.
+
+    parameters: (population, 6), in the order of _LOWEST.
 
     By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG
     v on the way out as long as the contact pushes, v being the interval's mean: first
@@ -177,7 +180,7 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
 
 
 def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """One contact that follows e(v) as nearly as one contact can.
+    """Options of a setting: one contact that follows e(v) as nearly as one contact can.
 
     Raises SettingError where the step is too coarse, SearchInterrupted with the best so far.
     """

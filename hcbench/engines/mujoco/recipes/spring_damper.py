@@ -11,7 +11,7 @@ from hcbench.recipes.target import Target
 
 
 def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Kelvin-Voigt contact, eq. (4), by solref in its direct form, with
+    """Options of a setting: a Kelvin-Voigt contact, eq. (4), by solref in its direct form, with
     the best constant e of the band.
 
     Of impedance d throughout, the contact is a = S x / d + D v. S and D are those whose discrete

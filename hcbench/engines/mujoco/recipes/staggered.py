@@ -89,7 +89,10 @@ class Band:
 
 
 def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
-    """Band of penetrations of a target's speeds, under a law without its loss."""
+    """The band of penetrations that a target's speeds reach under a law without its loss.
+
+    integrator: its name; under Euler's kinds rates lag positions by half a step.
+    """
 
     def deepest(speed: float) -> float:
         n = law.exponent
@@ -112,7 +115,8 @@ def _rising(base: float, end: float, power: float, highest: float, start: float)
     """A damper from `base` to `end` (m) that starts a multiple of the depth
     where its floor matters later.
 
-    No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it
+    power, highest: of its impedance.
+    start: that multiple. No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it
     starts: as much as at that depth.
     """
     floor = start * (MIN_IMPEDANCE / highest) ** (1.0 / max(power, 1.0)) * (end - base)
@@ -185,6 +189,7 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     """Springs and dampers together: the force near the law's
     everywhere, the restitution nearer still.
 
+    dampers: with their onsets and impedances; how strong each is, is fitted.
     knots: onsets of the springs, m.
     sensitivity: of e at each speed of the band to the force at each penetration of its grid,
     (speeds, grid), 1/(N s/m). One non-negative least-squares problem has a row for the elastic
@@ -227,6 +232,7 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
 def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivity: Floats) -> _Fit:
     """The fit without the rows that it has no use for: an idle row would still weigh on the others.
 
+    dampers: to choose from.
     misfit: relative, of the springs' straight lines.
     sensitivity: of e at each speed of the band to the force at each penetration, (speeds, grid),
     1/(N s/m).
@@ -244,7 +250,8 @@ def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivit
 
 
 def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
-    """The pairs of a fit.
+    """The rows of a fit, springs from the shallowest on, then dampers; rows without strength left
+    out.
 
     A spring acts from where it asks for as much as the others give: it
     starts that much before its knot.
@@ -280,10 +287,9 @@ def _short(number: float) -> float:
 def staggered(
     target: Target, integrator: str = "Euler", misfit: float = 0.004, impedance: float = 0.5
 ) -> dict[str, Any]:
-    """Eq. (16) as staggered springs and dampers, in closed form: the options of a setting.
+    """Options of a setting: eq. (16) as staggered springs and dampers, in closed form.
 
-    misfit: relative, of the springs' straight lines; fewer pairs for more.
-    impedance: the highest of the dampers.
+    misfit, impedance: as in `staggered_rows`, which says what is raised.
     """
     return rows_options(integrator, *staggered_rows(target, integrator, misfit, impedance))
 
@@ -297,7 +303,7 @@ def staggered_rows(
     impedance: the highest of the dampers; lower, such as 0.05, for a body that several others press
     at once, as all rows share in it, at the price of a little more damping at touch.
 
-    Raises SettingError for an impedance outside that range.
+    Raises SettingError for an impedance outside 1e-3 ... 0.5.
     """
     if not 10 * MIN_IMPEDANCE <= impedance <= 0.5:
         raise SettingError("impedance", f"{impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")

@@ -113,13 +113,17 @@ def contact_duration(target: Target) -> float:
 
 
 def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """A spring pair and a damper pair with any restitution that falls with speed."""
+    """Options of a setting: a spring pair and a damper pair with any restitution that falls with
+    speed.
+
+    Errors are those of `two_pair_rows`.
+    """
     with map_result(lambda rows: rows_options(integrator, *rows)):
         return rows_options(integrator, *two_pair_rows(target))
 
 
 def two_pair_rows(target: Target) -> list[ConstraintRow]:
-    """The spring and the damper.
+    """The spring and the damper, fitted to the target's e without gravity.
 
     Raises SettingError for a target without loss, SearchInterrupted with the best so far.
     """

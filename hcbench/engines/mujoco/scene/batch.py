@@ -78,7 +78,10 @@ def _solves_well(mujoco: Any, model: Any) -> bool:
 
 
 def _contact_ways(model: Any) -> list[tuple[int, int, int]]:
-    """All ways for the ball to touch: its geom, the other one, the dimension of the contact."""
+    """(ball's geom, other geom, condim of the contact) of all ways for the ball to touch.
+
+    By <pair>s if the model has any; else by what contype and conaffinity let collide.
+    """
     ball = model.geom_bodyid == model.jnt_bodyid[0]
     if model.npair:
         pairs = zip(
@@ -99,7 +102,10 @@ def _contact_ways(model: Any) -> list[tuple[int, int, int]]:
 
 
 def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Geoms of these, and of the others, whose contype and conaffinity let them collide."""
+    """Numbers of each two geoms, one of `moving` and one not, whose masks let them collide.
+
+    moving: (ngeom,). Other filters of MuJoCo's, and <pair>s, are not looked at.
+    """
     return [
         (one, other)
         for one in np.flatnonzero(moving).tolist()
@@ -159,7 +165,12 @@ def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
 
 
 def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
-    """Give balls on the axis the inverse masses of a free one, and where it is one row its solver."""
+    """Give balls on slides the inverse masses that MuJoCo computes of a free ball.
+
+    model: of balls on slides; changed. free: of one free ball. Also sets the solver, where a ball
+    is
+    never in more than one constraint: to one sweep of Gauss and Seidel, the same to rounding.
+    """
     body = int(free.jnt_bodyid[0])
     size = model.njnt
     # A <frame> around the joint may have turned its axis.
@@ -216,7 +227,7 @@ class BatchedModel:
 
     def pack(self, states: Floats) -> Floats:
         """States of one ball each, (b, nstate), as states of `size` balls,
-        (rows, nstate of the batch).
+        (rows, nstate of the batch), rows = b/size rounded up.
 
         Places that are left over in the last row repeat the last ball.
         """
@@ -233,8 +244,9 @@ class BatchedModel:
         return packed
 
     def unpack(self, packed: Floats, states: Floats) -> Floats:
-        """`states` (b, nstate) with the time, positions and velocities of
-        the batch's states `packed`.
+        """`states`, (b, nstate), with the time, positions and velocities of the batch's states.
+
+        packed: (rows, nstate of the batch), as `pack` makes them. The result is a copy.
         """
         if self.whole:
             return packed.copy()
@@ -283,8 +295,10 @@ class BatchedModel:
 
 
 def batch_kind(loaded: SceneModel) -> Kind:
-    """Choose how a ball can share a model with others and keep its bits: "alone" (not
-    at all), "free" or "sliding".
+    """Choose how a ball can share a model with others and keep its bits.
+
+    "alone": not at all. "free": with its free joint. "sliding": on a slide along z, where it cannot
+    leave its axis.
     """
     mujoco = loaded.mujoco
     model = loaded.model
@@ -338,7 +352,10 @@ def _touches_in_one_way(model: Any) -> bool:
 
 
 def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
-    """`size` times the ball of a model that can be, compiled."""
+    """A compiled model of `size` balls, each like the one of `loaded`.
+
+    loaded: a model whose `batch_kind` is not "alone". sliding: each ball on a slide along z.
+    """
     mujoco = loaded.mujoco
     one = loaded.model
     root = _repeated(copy.deepcopy(loaded.root), size)
@@ -361,7 +378,10 @@ def _ball(root: ET.Element) -> ET.Element:
 
 
 def _repeated(root: ET.Element, size: int) -> ET.Element:
-    """MJCF with copies of the ball, and of what refers to it by name, put into it."""
+    """The MJCF, changed, with `size` - 1 copies of the ball and of what refers to it by name.
+
+    Contacts, tendons and sensors of a copy have its number behind a mark in their names.
+    """
     # Keyframes are made for one ball.
     for keyframe in root.findall("keyframe"):
         root.remove(keyframe)
@@ -401,8 +421,10 @@ def _refers(element: ET.Element, names: Mapping[str, set[str | None]]) -> bool:
 
 
 def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: str) -> ET.Element:
-    """The element, with a suffix on its own name and on the names of the
+    """The element, changed, with a suffix on its own names and on those of the
     ball's parts that it refers to.
+
+    names: of the ball's parts, by tag.
     """
     for part in element.iter():
         if "name" in part.attrib:
@@ -414,7 +436,12 @@ def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: 
 
 
 def _disable_mutual_collisions(spec: Any) -> None:
-    """Let balls collide with what does not move as before, and never with each other."""
+    """Change masks of a spec so that balls collide with what is fixed as before, never with each
+    other.
+
+    A ball keeps both its masks in its contype, what is fixed both in its conaffinity: the masks of
+    two balls then have no bit in common.
+    """
     # The <pair>s are all ways to touch, or the model would not be batched: collisions need not be
     # looked for, which would cost a sixth of a step.
     if spec.pairs:

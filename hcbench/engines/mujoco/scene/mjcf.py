@@ -138,7 +138,8 @@ option "install" once, and every MuJoCo program of this Python loads it. Or load
 def model_xml(scene: Scene, setting: Setting) -> str:
     """The complete MJCF of a scene under a setting, as it is simulated: runs in plain MuJoCo.
 
-    At qpos0 the ball just touches the plate. Raises SceneError and SettingError.
+    At qpos0 the ball just touches the plate. Raises SettingError for options that MuJoCo does not
+    have, and the errors of `scene_tree`.
     """
     head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
     options = read_options(setting.options)
@@ -152,7 +153,8 @@ def model_xml(scene: Scene, setting: Setting) -> str:
 def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
     """Return the MJCF of a setting with rows, to paste into a user's model.
 
-    <option>, and <pair>s of two geoms or, in the form "cup", limits of a tendon.
+    <option>, and <pair>s of the two geoms `pair` or, in the form "cup", limits of a tendon. Raises
+    SettingError for an option that MuJoCo does not have.
     """
     options = read_options(setting.options)
     option = f"<option {_written(option_attributes(setting))}/>"
@@ -177,7 +179,7 @@ def option_attributes(setting: Setting) -> dict[str, str]:
 
 
 def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
-    """Text of the rows, a line each: a <pair> of two geoms.
+    """Text of the rows, a line each: a <pair> of two geoms, of these names.
 
     Each attribute that matters is written even where it is MuJoCo's default, as a model's
     <default><pair> may have another.
@@ -201,7 +203,11 @@ def _written(attributes: Mapping[str, str]) -> str:
 
 
 def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
-    """The complete MJCF of a scene under a setting. Raises SceneError and SettingError."""
+    """The complete MJCF of a scene under a setting, as a tree.
+
+    timestep: s. Raises SceneError for a scene without a model, or whose model lacks ball or plate;
+    SettingError for friction or adhesion in a cup.
+    """
     path = model_path(scene)
     root = _parse(path, path.parent, ())
     _anchor_files(root, path.parent)
@@ -231,6 +237,7 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
 
     The ball gets the scene's mass (kg) and inertia (kg m²), so that it turns as the scene's does.
 
+    path: of the model, for errors.
     in_rows: the rows say which of them has friction.
 
     Raises SettingError for a cup, whose contact has no friction.
@@ -257,7 +264,7 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
 
 
 def add_acceleration_sensor(root: ET.Element) -> None:
-    """Add, as the last sensor, one of the ball's acceleration without that of gravity, m/s^2."""
+    """Add a sensor to an MJCF, as the last one: the ball's acceleration without gravity's, m/s²."""
     ET.SubElement(
         ET.SubElement(root, "sensor"),
         "framelinacc",
@@ -271,8 +278,9 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
     """Give a body this mass, kg, and the inertia of the same shape at another density: at its own
     the inertia stays as it is, to the bit.
 
-    Without an <inertial>, its geom "ball" gets the mass. Raises SceneError for an <inertial>
-    without a finite mass above 0.
+    Without an <inertial>, its geom "ball" gets the mass.
+    path: of the model, for errors. Raises SceneError for an <inertial> without a finite mass above
+    0, and where there is neither an <inertial> nor that geom.
     """
     inertial = body.find("inertial")
     if inertial is None:
@@ -300,8 +308,9 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
 def add_pairs(
     root: ET.Element, ball: ET.Element, others: Iterable[str], rows: Sequence[ConstraintRow]
 ) -> list[ET.Element]:
-    """Each row a <pair> of the ball's geom with each of the geoms
-    named `others`, added to the model.
+    """Add each row to an MJCF as a <pair> of the ball's geom with each of the geoms named `others`.
+
+    ball: the geom. Returns the <pair>s, those of the first row first.
     """
     contact = section(root, "contact")
     pairs = []
@@ -312,9 +321,9 @@ def add_pairs(
 
 
 def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
-    """A row as attributes of a <pair>.
+    """A row as attributes of a <pair>; without geoms, gap, or what is MuJoCo's default.
 
-    number: writes one.
+    number: writes one number.
     """
     values = {"solref": row.solref, "solimp": row.solimp, "margin": [-row.onset]}
     if row.adhesion:
@@ -351,6 +360,8 @@ def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr
 def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
     """Parse a file with its includes in place; they are relative to the main file's folder.
 
+    folder: of the main file. above: files that include this one.
+
     Raises SceneError for what cannot be read, and for an include of itself.
     """
     try:
@@ -371,7 +382,10 @@ def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
 
 
 def _anchor_files(root: ET.Element, folder: Path) -> None:
-    """Let meshes and textures be found from anywhere: text has no folder of its own."""
+    """Let meshes and textures be found from anywhere: text has no folder of its own.
+
+    folder: of the file that the MJCF was read from; nothing is written where it names no files.
+    """
     asset = list(root.iterfind("asset/*[@file]"))
     if not asset:
         return
@@ -387,7 +401,10 @@ def _write_limits(
     """Write each row as the limit of a tendon between the two centres,
     as the scene's own `contact` is.
 
-    Raises SettingError for adhesion: a limit only pushes.
+    path: of the model, for errors.
+
+    Raises SettingError for adhesion, as a limit only pushes; SceneError where the model has no
+    tendon `contact`.
     """
     original = named(root, "spatial", "contact", path)
     holder = next(section for section in root.findall("tendon") if original in list(section))

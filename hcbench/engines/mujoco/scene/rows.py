@@ -106,7 +106,10 @@ def _weighted(weights: Sequence[float], rates: Sequence[float]) -> float:
 
 
 def _at_parting(push: Push, x: float, v: float, step: float) -> float:
-    """v where the push goes within a step."""
+    """Rate v, m/s, where the push goes within a step, by bisection.
+
+    x, v: at the step's start, m and m/s. step: s, at whose end the push has gone.
+    """
     low = 0.0
     high = step
     for _ in range(_BISECTIONS):
@@ -171,6 +174,8 @@ class ConstraintRow:
     def with_friction(self, coefficient: float, timestep: float, impratio: float) -> ConstraintRow:
         """The same row with Coulomb friction that stops a rolling solid
         sphere's slip in about a step.
+
+        coefficient: μ. timestep: s. impratio: that the model will have.
 
         The impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, where the contact
         point gives way s = 1 + m R²/I = 3.5 times as easily along the plate as along its normal: "0
@@ -248,6 +253,7 @@ def combine(
 ) -> tuple[Floats, Floats]:
     """(acceleration apart m/s², weights of the rows that act) of rows along an axis.
 
+    The axis is gone from the acceleration; the weights keep it.
     reference: acceleration that each row asks for, m/s².
     weights: d/(1 - d) of each, 0 above its onset.
     may_pull: true for a row with adhesion.
@@ -266,8 +272,10 @@ def combine(
 def acceleration(
     rows: Sequence[ConstraintRow], x: Floats, v: Floats, gravity: float = 0.0
 ) -> Floats:
-    """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape, under a
-    gravity that presses together, m/s².
+    """Acceleration apart, m/s², that rows and gravity together give, in the shape of x.
+
+    x, v: penetrations, m, and their rates, m/s, of the same shape.
+    gravity: that presses together, m/s².
     """
     reference, weights = np.empty((2, len(rows), *np.shape(x)))
     for i, row in enumerate(rows):
@@ -385,6 +393,9 @@ class SoftConstraint:
     def restitution(self, speed: float) -> float:
         """e at an impact speed, m/s, in continuous time; of an impulse
         setting the D h - 1 of its step.
+
+        NaN for a speed that is not above 0 and for a solimp whose sigmoid is NaN; 0 without a
+        spring, or for a contact that does not end.
         """
         if self.is_impulse:
             return -self.solref[1] * self.timestep - 1.0

@@ -58,8 +58,10 @@ class SceneModel:
 def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
     """A scene under a setting, compiled and checked.
 
-    Raises SceneError for a model that is not what the scene says, EngineMissing where the installed
-    MuJoCo is too old for the setting.
+    timestep: s.
+
+    Raises SettingError for friction or adhesion in a cup, SceneError for a model that is not what
+    the scene says, EngineMissing where the installed MuJoCo is too old for the setting.
     """
     mujoco = backend()
     root = scene_tree(scene, timestep, options)
@@ -106,10 +108,10 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
 
 
 def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
-    """Off the plate only gravity acts on the ball: what else changes its
+    """Require that off the plate only gravity acts on the ball: what else changes its
     momentum would pass for contact.
 
-    Raises SceneError where something else does.
+    joint: number of the ball's free joint. Raises SceneError where something else does.
     """
     path = str(model_path(scene))
     body = int(model.jnt_bodyid[joint])
@@ -135,10 +137,10 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
 
 
 def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
-    """The free joint of the body `ball`, which is as heavy as the
-    scene says and centred on its geom.
+    """Number of the free joint of the body `ball`, after checks of this body.
 
-    Raises SceneError where it is not.
+    Raises SceneError where it is not on a free joint, not the scene's sphere, not centred on its
+    geom or not as heavy as the scene says.
     """
     path = str(model_path(scene))
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball")
@@ -167,8 +169,10 @@ def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
 
 
 def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
-    """The ball is the sphere that the scene says: a smaller one that
+    """Require that the ball is the sphere that the scene says: a smaller one that
     touches would pass for it else.
+
+    geom: number of the ball's. On a plane it has the scene's relative radius.
 
     Raises SceneError for another shape or radius.
     """
@@ -188,6 +192,8 @@ def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
 
 def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
     """Depth of the ball in the plate as MuJoCo sees it, m: from radii, frames and qpos0 together.
+
+    data: MjData after mj_forward. In a cup it is how far the tendon `contact` is beyond its limit.
 
     Raises SceneError where ball and plate, or the limit of a cup, are missing.
     """

@@ -49,9 +49,10 @@ class LentScene(NamedTuple):
 
 
 def load_scene(xml: str, contact: bool) -> LentScene:
-    """A scene of a ball with a free joint.
+    """A scene of a ball with a free joint, compiled by MuJoCo.
 
-    contact: whether bodies touch.
+    xml: its MJCF.
+    contact: false to let bodies pass through each other.
     """
     mujoco = backend()
     model = mujoco.MjModel.from_xml_string(xml)
@@ -72,8 +73,9 @@ def differences(
     """Suspect the settings of a model that an engine, or its numbers of so many
     bits, turns into another contact.
 
-    geoms: whose <pair>s are looked at.
-    rows: (solref, solimp) of the contact. By default all of the model.
+    bits: 32 or 64.
+    geoms: whose <pair>s are looked at; (): all of the model.
+    rows: (solref, solimp) of the contact; (): those of every <pair> and geom of the model.
     """
     asked = np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
     pairs = np.flatnonzero(asked | (not geoms))
@@ -111,7 +113,12 @@ def rounded_adhesion(
     geoms: Sequence[int],
     impacts: Sequence[Impact],
 ) -> Iterator[Suspect]:
-    """A pair's adhesion beside which float32 has too few digits for the contact's force."""
+    """Suspect a pair's adhesion beside which float32 has too few digits for the contact's force.
+
+    bits: of the engine's numbers; nothing for 64, and for an engine without adhesion.
+    geoms: whose <pair>s are looked at.
+    impacts: with the contact's forces, N.
+    """
     pairs = explicit_pairs(model, geoms) if ADHESION not in engine.lacks and bits == 32 else []
     highest = float(max(getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs], default=0.0))
     forces = [impact.force_max for impact in impacts if impact.force_max > 0.0]
@@ -158,7 +165,10 @@ def _several(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Susp
 
 
 def _power(engine: SharedModelEngine, rows: Rows) -> Iterator[Suspect]:
-    """Suspect numbers of 32 bits, in which a high power of solimp underflows."""
+    """Suspect numbers of 32 bits, in which a high power of solimp underflows.
+
+    rows: (solref, solimp) of the contact, one or more.
+    """
     power = max(float(solimp[4]) for _, solimp in rows)
     if power > _HIGHEST_POWER:
         yield Suspect(
@@ -173,7 +183,11 @@ def _power(engine: SharedModelEngine, rows: Rows) -> Iterator[Suspect]:
 def _impedance(
     model: Any, engine: SharedModelEngine, rows: Rows, geoms: Sequence[int]
 ) -> Iterator[Suspect]:
-    """Suspect numbers of 32 bits, in which a bounce in one step rounds its impedance."""
+    """Suspect numbers of 32 bits, in which a bounce in one step rounds its impedance.
+
+    rows: (solref, solimp) of the contact; a row counts whose damper alone, in the direct format,
+    reverses the body in a step. geoms: that the fix changes.
+    """
     stiff = []
     for (stiffness, damping), solimp in rows:
         if stiffness == 0 and -damping * model.opt.timestep > 1:

@@ -51,8 +51,9 @@ _ROUND_OFF = ROUND_OFF_STEP * np.finfo(float).eps
 
 
 def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
-    """The full states at release, shape (b, nstate); SettingError for a
-    height that a cup has no room for.
+    """MuJoCo's full states at release, (b, nstate): above the touch by each launch's clearance.
+
+    Raises SettingError for a height that a cup has no room for.
     """
     sent = Launches.of(launches)
     gaps = sent.clearance(model.timestep)
@@ -100,7 +101,8 @@ def record(
 ) -> tuple[Floats, Floats] | None:
     """Take up to `most` steps from states of shape (b, nstate), as many as there is room for.
 
-    warm: accelerations from which MuJoCo's solver starts, (nv,).
+    workspace: of a batch; its buffer is overwritten.
+    warm: accelerations from which MuJoCo's solver starts, (nv,); None: from those without contact.
     oblique: look along the plate too.
 
     Returns penetration (m), rate (m/s), force (N), and along the plate the eight rows of
@@ -194,7 +196,8 @@ class _Paths:
 def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
     """Penetration, m, its rate, m/s, and normal force, N, of each step, (3, b, n), on a plane.
 
-    Penetration is how far the centre is below where it touches.
+    Penetration and rate are those at the step's start; penetration is how far the centre is below
+    where it touches.
     """
     start_z, z = paths.around(_POSITION, 2)
     start_vz, vz = paths.around(_VELOCITY, 2)
@@ -223,7 +226,8 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
 
 
 def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
-    """Motion along the plate, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2 N, other energy J.
+    """Motion along the plate at each step's start, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2
+    N, other energy J.
 
     MuJoCo gives the spin of a free body in the body's own frame.
     """
@@ -244,8 +248,10 @@ def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
 
 
 def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Floats, list[Floats]]:
-    """Distance of the ball's centre from that of the cup, and the unit
-    vector there, by component; (b, n).
+    """(distance of the ball's centre from that of the cup, m; unit vector from the cup's centre to
+    the ball's, by component) at each step's start; (b, n) each.
+
+    clearance: |R2| - R1 of the cup, m.
     """
     touch = model.origin[model.at[0] : model.at[0] + 3]
     centre = touch + np.array([0.0, 0.0, clearance])
@@ -257,7 +263,9 @@ def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Fl
 def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     """Penetration, m, its rate, m/s, and normal force, N, of each step, (3, b, n), in a cup.
 
-    Penetration is how far the centre is out of the sphere in which it is free: no engine in that.
+    Penetration is how far the centre is out of the sphere in which it is free: geometry, not what
+    MuJoCo reports.
+    clearance: |R2| - R1 of the cup, m, the radius of that sphere.
     """
     distance, deeper = _from_centre(model, paths, clearance)
     vx, vy, vz = (paths.state(_VELOCITY, i) for i in range(3))
@@ -286,7 +294,7 @@ def _force(
     overwritten.
     speed: the velocity, of either sign, or the sum of its absolute components, before each step,
     (b, n), and after the last one, (b,).
-    sensed: by contact at the step's start, m/s².
+    sensed: acceleration by contact at the step's start, m/s², (b, n), under RK4; else None.
     """
     h = model.timestep
     g = model.scene.gravity
@@ -353,6 +361,8 @@ class BatchPool:
 
     max_batch: the most balls that are worth putting into one model.
     threads: models that are stepped at once.
+    sliding: balls in batches move on a slide along z, not freely.
+    batches, free_workspaces: by number of balls.
     unbatched: ball-steps until now that a model of so many balls would have had.
     """
 
@@ -366,7 +376,10 @@ class BatchPool:
 
     @classmethod
     def of(cls, model: SceneModel) -> BatchPool:
-        """Without batches yet. The model's solver starts each step from scratch from now on."""
+        """A pool without batches yet, for balls that share models as far as they keep their bits.
+
+        Changes the model: its solver starts each step from scratch from now on.
+        """
         model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
         kind = batch_kind(model)
         rows = max(model.model.npair, model.model.ntendon)
@@ -397,7 +410,9 @@ class BatchPool:
 
     @contextmanager
     def workspace(self, batch: BatchedModel) -> Iterator[Workspace]:
-        """Memory in which a batch is stepped, for one user at a time."""
+        """Memory in which a batch is stepped, for one user at a time; kept for the next one, but
+        that of a model that is not one of the pool's batches.
+        """
         if batch is not self.batches.get(batch.size):
             yield Workspace.of(self.model, batch, 1, BATCHING.chunk_bytes)
             return
@@ -411,7 +426,9 @@ class BatchPool:
 
     def is_worth_batching(self, size: int, ball_steps: int) -> bool:
         """Say whether so many steps, with those before them, are worth
-        compiling a model of `size` balls for.
+        compiling a model of `size` balls for. Counts the steps.
+
+        ball_steps: steps that are still to come, times the balls that take them.
         """
         if self.max_batch == 1 or size == 1:
             return False
@@ -421,7 +438,8 @@ class BatchPool:
     def size_for(self, balls: int, now: int, steps: int) -> int:
         """Number of balls in a model for `balls` launches and about `steps` more steps.
 
-        now: balls in a model until now, 0 at release. A few launches of many are better off alone.
+        now: balls in a model until now, 0 at release. The number changes only where the time that
+        it saves is worth compiling another model; a few launches left of many go on alone.
         """
         # Several models are stepped at once.
         for_each_thread = math.ceil(balls / self.threads)
@@ -441,11 +459,15 @@ class BatchPool:
 
 
 class MujocoWorld(World):
-    """A ball over a plate, as a scene and a setting have it; resources are given back at its end."""
+    """A ball over a plate in MuJoCo, as a scene and a setting have it.
+
+    MuJoCo's warnings are kept from the user until `close`.
+    """
 
     diverged = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
 
     def __init__(self, pool: BatchPool) -> None:
+        """Find how many launches a simulation of this model holds at best."""
         self.pool = pool
         scene = pool.model.scene
         self.timestep = pool.model.timestep
@@ -481,6 +503,9 @@ class MujocoSimulation(Simulation):
     """Launches under way in one or more models."""
 
     def __init__(self, pool: BatchPool, launches: Sequence[Launch]) -> None:
+        """Put each launch where it begins. Raises SettingError for a height that a cup has no room
+        for.
+        """
         self._pool = pool
         self._states = states_at_release(pool.model, launches)
         off_axis = pool.model.scene.off_axis > 0.0
@@ -490,7 +515,10 @@ class MujocoSimulation(Simulation):
         self._steps = 0
 
     def advance(self, steps: int) -> Record:
-        """Up to `steps` steps, as many as there is room for."""
+        """Take up to `steps` steps, as many as there is room for, and return their record.
+
+        A launch that MuJoCo gave up is NaN from there on.
+        """
         while True:
             with self._pool.workspace(self._next_batch(steps)) as workspace:
                 oblique = self._leaves_axis
@@ -527,6 +555,10 @@ class FollowedLaunch(Simulation):
     """
 
     def __init__(self, model: SceneModel, launch: Launch) -> None:
+        """Put the launch where it begins. Raises SettingError for a height that a cup has no room
+        for.
+        """
+        # The warm start, which batches have off, is part of how mj_step goes on.
         authored = copy.copy(model.model)
         authored.opt.disableflags &= ~int(model.mujoco.mjtDisableBit.mjDSBL_WARMSTART)
         batch = BatchedModel(authored, 1, model.at, sliding=False)

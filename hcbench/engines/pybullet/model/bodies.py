@@ -92,11 +92,12 @@ class BulletBody:
     """A body of a client with all its links: `kind` is "fixed", "free"
     (one rigid body) or "jointed".
 
-    Links are numbered as in PyBullet, -1 is the base. Masses and inertias are read when it is made,
-    the state then and by `refresh`.
+    number: PyBullet's id of the body. Links are numbered as in PyBullet, -1 is the base. Masses
+    and inertias are read when it is made, the state then and by `refresh`.
     """
 
     def __init__(self, bullet: BulletClient, number: int) -> None:
+        """Read masses, inertias, joints and the present state of a body of the client."""
         self.bullet = bullet
         self.number = number
         self.joints = [bullet.getJointInfo(number, j) for j in range(bullet.getNumJoints(number))]
@@ -145,7 +146,11 @@ class BulletBody:
         )
 
     def velocity_at(self, link: int, point: Sequence[float]) -> Vector:
-        """Velocity of a link's material point, m/s."""
+        """Velocity of a link's material point, m/s, in the world.
+
+        point: in the world, m. The base's state is that of the last `refresh`, a link's the present
+        one.
+        """
         if self.kind == "fixed":
             return _ZERO
         if link < 0:
@@ -173,8 +178,11 @@ class BulletBody:
         return rotate(self.pose(joint)[1], self.joints[joint][AXIS])
 
     def response(self, link: int, point: Vector, direction: Vector) -> Response | None:
-        """Acceleration by a unit force at `point` along `direction`; None
-        for a body that cannot move.
+        """(reach, acceleration) of each degree of freedom by a unit force; None for a fixed body.
+
+        link: on which the force acts, -1 the base. point: m, and direction: unit vector, in the
+        world. Reach is J of the force, acceleration M^-1 J^T: 6 numbers of a free base, then those
+        of the joints. NaN where a joint's axis is unknown.
         """
         if self.kind == "fixed":
             return None
@@ -208,6 +216,7 @@ class JointTree:
     """
 
     def __init__(self, body: BulletBody) -> None:
+        """Read what does not change with the pose: inertias, joints' places, who carries whom."""
         self._body = body
         self.outdated = True
         links = range(-1, len(body.joints))
@@ -246,7 +255,7 @@ class JointTree:
         return row.tolist(), (self._inverse_mass @ row).tolist()
 
     def _read(self) -> None:
-        """Twists and mass matrix in the body's present state."""
+        """Compute the twists and the inverse mass matrix in the body's present state."""
         body = self._body
         states = body.bullet.getLinkStates(
             body.number, range(len(body.joints)), computeForwardKinematics=1
@@ -285,9 +294,10 @@ def _base_twists(centre: Sequence[float]) -> list[tuple[Any, Any]]:
 def _joint_twists(
     joint: Any, centre: Sequence[float], quaternion: Sequence[float], pivot: Vector
 ) -> list[tuple[Any, Any]]:
-    """(w, v) of each degree of freedom of a joint.
+    """(w, v) of each degree of freedom of a joint: spin, and velocity at the world's origin.
 
-    centre, quaternion: of its link; pivot: in that frame.
+    centre (m), quaternion (x, y, z, w): of its link's centre of mass frame; pivot: the joint's
+    origin in that frame, m. NaN for a planar joint, whose axis PyBullet does not return.
     """
     kind = joint[JOINT_TYPE]
     if kind == FIXED:
@@ -320,7 +330,10 @@ class ContactRow:
     responses: tuple[Response | None, Response | None]
 
     def acceleration(self, other: ContactRow) -> float:
-        """Relative acceleration along this row by the unit force of another, 1/kg."""
+        """Relative acceleration along this row by the unit force of another, 1/kg.
+
+        J M^-1 J'^T, over the bodies that the two rows share: 0 if they share none.
+        """
         total = 0.0
         for i, mine in enumerate(self.bodies):
             for j, its in enumerate(other.bodies):

@@ -166,8 +166,9 @@ def what_distorts(context: BulletContext) -> list[Suspect]:
 
 
 def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
-    """The two restitutions multiply, an unset one is 0, and one in
-    another simulator's tag is not read.
+    """Suspect restitutions that are not set: the two multiply, and an unset one is 0.
+
+    Also one that a file has in another simulator's tag, which PyBullet does not read.
     """
     values = list(restitutions(c.bullet, c.place))
     if math.isnan(sum(values)):
@@ -221,7 +222,10 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
-    """Restitutions that are both set, but whose product is not the target, or above 1."""
+    """Suspect restitutions that are both set, but whose product is not the target e.
+
+    Nothing without a target.
+    """
     first, second = restitutions(c.bullet, c.place)
     product = first * second
     e = c.fix_e
@@ -280,7 +284,7 @@ def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _solver(c: BulletContext) -> Iterator[Suspect]:
-    """A solver that stops before it has found the impulses; its threshold cannot be read."""
+    """Suspect a solver that stops before it has found the impulses; its threshold cannot be had."""
     iterations = int(c.bullet.getPhysicsEngineParameters()["numSolverIterations"])
     yield Suspect(
         "solver",
@@ -298,7 +302,9 @@ def _solver(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _few_steps(c: BulletContext) -> Iterator[Suspect]:
-    """Restitutions above 1 together; contact stiffness and damping, which take restitution's place."""
+    """Suspect restitutions above 1 together; else, of a contact with a stiffness, which takes the
+    place of restitution, impacts that gain energy or last few steps.
+    """
     first, second = restitutions(c.bullet, c.place)
     if first * second > 1:
         yield Suspect(
@@ -316,7 +322,7 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _gravity(c: BulletContext) -> Iterator[Suspect]:
-    """Gravity in a step, or in a contact with a stiffness."""
+    """Suspect gravity, where it acts for a notable part of an impact's speed."""
     fix = "a stiffer contact, or p.setTimeStep({:.2g})"
     return diagnose.gravity(
         c.impacts,
@@ -328,7 +334,7 @@ def _gravity(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
-    """Joints are loaded with a motor that brakes them."""
+    """Suspect the motor with which PyBullet loads every joint, of a body on a sliding joint."""
     mover = c.place.mover
     if isinstance(mover, SlidingJoint):
         yield Suspect(
@@ -343,7 +349,10 @@ def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
-    """Bullet clips each component of a body's velocity and spin, which it does not report."""
+    """Suspect Bullet's limit of a body's velocity and spin, by component, which it does not report.
+
+    Where a launch's spin was lost before the impact, or a spin is at the limit.
+    """
     for impact in c.impacts:
         along = impact.tangential
         if along is None:
@@ -367,7 +376,10 @@ def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
 
 
 def restitution_setting(place: BulletPlacement, e: float) -> Suspect:
-    """Everything that gives a pair this e, as one fix."""
+    """All calls that give a pair this e, as one fix, in a suspect without a text of its own.
+
+    The first part gets e, the second 1: Bullet multiplies them.
+    """
     world = {"restitutionVelocityThreshold": 0.0, "contactSlop": 0.0, "contactERP": 0.0}
     still = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
     text, apply = _fix(

@@ -26,7 +26,10 @@ Answer = TypeVar("Answer")
 
 
 class _Child:
-    """A forked child that answers calls of one function until it is closed."""
+    """A forked child that answers calls of one function until it is closed.
+
+    make: makes the function in the child, at the first call; requests and answers are pickled.
+    """
 
     def __init__(self, make: Callable[[], Callable[[Any], Any]]) -> None:
         self._pipe, end = Pipe()
@@ -75,7 +78,10 @@ def _serve(pipe: Connection, end: Connection, make: Callable[[], Any]) -> None:
 
 
 def run_forked(function: Callable[[], Answer]) -> Answer:
-    """Call `function()` in a forked copy of this process and return its result."""
+    """Call `function()` in a forked copy of this process and return its result, pickled.
+
+    Raises what the function raises; EngineFailed if the copy dies.
+    """
     child = _Child(lambda: lambda _: function())
     try:
         answer: Answer = child.ask(None)
@@ -124,6 +130,9 @@ def _can_fork(bullet: BulletClient) -> bool:
 def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:
     """Call `function()`, which moves bodies in the world, and return its result;
     the bodies are back afterwards.
+
+    In a forked copy of this process where that is possible, else in the world itself. Raises what
+    the function raises; EngineFailed if the copy dies.
     """
     if _can_fork(bullet):
         return run_forked(function)

@@ -58,7 +58,7 @@ _NamedPart = tuple[str, str, tuple[int, int]]
 
 
 def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
-    """Every pair of links of two bodies, one of which moves; those that touch first.
+    """Every pair of links of two bodies, one of which moves; those that touch come first.
 
     Raises UserError for one file alone, which has nothing to meet.
     """
@@ -87,7 +87,7 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
 
 
 def alone_error(world: LoadedWorld) -> UserError:
-    """One file has nothing to meet: PyBullet's own floor would do."""
+    """The error for one file, which has nothing to meet; it names PyBullet's own floor."""
     floor = "plane.urdf"
     data = find_spec("pybullet_data")
     folders = data.submodule_search_locations if data else None
@@ -102,8 +102,9 @@ def alone_error(world: LoadedWorld) -> UserError:
 def _described(
     world: LoadedWorld, bodies: dict[int, BulletBody], first: _Link, second: _Link
 ) -> CandidatePair:
-    """A pair as a row of the list.
+    """A pair as a row of the list, in the world's present pose.
 
+    bodies: by PyBullet's numbers.
     first: one that moves. Mass (kg) and distance (m) are NaN where PyBullet finds no distance.
     """
     bullet = world.bullet
@@ -170,7 +171,7 @@ def _type(bullet: BulletClient, link: _Link) -> str:
 
 
 def _joint(body: BulletBody, link: int) -> str:
-    """The way in which a link moves, in words."""
+    """The way in which a link moves, in words: "its free base", "its joints (...)" or "nothing"."""
     if body.mass > 0.0:
         return "its free base"
     names = []
@@ -244,8 +245,9 @@ def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
 
 
 def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
-    """Every name with the (body, link) that it means, bodies first; not
-    those that several links share.
+    """(kind, name, (body, link)) of every name that a user may write, bodies first.
+
+    A link's name alone counts only if no other link has it; with its body's before it, always.
     """
     bullet = world.bullet
     bodies: list[_NamedPart] = []

@@ -53,6 +53,7 @@ _NAMED = 3
 def check_urdf(path: Path, root: ET.Element) -> None:
     """Refuse links and joints that make no tree, and shapes without a size.
 
+    path: of the file, for errors. root: its <robot>.
     Links without a name, or with one twice, and joints of an unknown type make no tree. A size, m,
     is a number above 0. Raises SceneError, and QuantityError for a size beyond its bounds.
     """
@@ -68,7 +69,10 @@ def check_urdf(path: Path, root: ET.Element) -> None:
 
 
 def _check_tree(path: Path, root: ET.Element) -> None:
-    """Refuse links that are not a tree, each with a name."""
+    """Refuse a URDF whose links are not one tree, each with a name of its own. Raises SceneError.
+
+    path: of the file, for errors. root: its <robot>.
+    """
     names = [link.get("name", "") for link in root.iterfind("link")]
     if "" in names:
         raise SceneError(
@@ -107,7 +111,10 @@ def _end(slot: str, joint: ET.Element, end: str, known: set[str]) -> str:
 
 
 def _check_circle(path: Path, names: list[str], parent_of: dict[str, str]) -> None:
-    """Refuse links that carry each other in a circle."""
+    """Refuse links that carry each other in a circle. Raises SceneError.
+
+    parent_of: link -> the link that carries it.
+    """
     # Links from which the way to the root is known.
     reach_root: set[str] = set()
     for name in names:
@@ -137,7 +144,11 @@ def _numbers(text: str | None) -> list[float]:
 
 
 def _check_size(slot: str, attribute: str, text: str | None, count: int) -> None:
-    """Refuse a size that is not so many numbers above 0."""
+    """Refuse a size that is not `count` numbers above 0, m.
+
+    slot: the shape, for errors. text: of the attribute, None where it is missing. Raises
+    SceneError, QuantityError for numbers outside the bounds.
+    """
     numbers = _numbers(text)
     if len(numbers) != count or not all(0.0 < number < math.inf for number in numbers):
         got = f"{attribute} is missing"
@@ -165,8 +176,10 @@ _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
 
 
 def check_ball(path: Path, scene: Scene) -> None:
-    """SceneError where the ball has a mass that is not above 0, or is a sphere of another radius
-    than the scene's. Without a mass it passes: the scene's is set.
+    """Refuse a scene's ball whose mass is not above 0, or that is a sphere of another radius.
+
+    path: of its URDF. Without a mass it passes: the scene's is set. Raises SceneError, also for a
+    file that cannot be read.
     """
     root = _parse(path)
     for element in root.findall("link/inertial/mass"):
@@ -189,7 +202,10 @@ def check_ball(path: Path, scene: Scene) -> None:
 
 
 def check_plate(path: Path) -> None:
-    """SceneError where the plate has a mass: Bullet would let it move."""
+    """Refuse a scene's plate without a mass of 0: Bullet would let it move. Raises SceneError.
+
+    path: of its URDF.
+    """
     masses = _parse(path).findall("link/inertial/mass")
     expected = "0, which fixes it in Bullet"
     for element in masses:
@@ -203,7 +219,7 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
     the first (tag, e) outside <link><contact>, where other simulators have theirs.
 
     Raises SceneError for a file that is not there or not a URDF, SDF or MJCF, or that Bullet would
-    read wrongly.
+    read wrongly; QuantityError for a size outside the bounds.
     """
     if not path.is_file():
         raise SceneError("model", f"{path} {why_no_file(path)}", "a URDF, SDF or MJCF file")
@@ -334,7 +350,14 @@ class LoadedWorld:
 
 
 def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
-    """A new world with the files loaded in it, as PyBullet loads them by default."""
+    """A new world, in a client of its own, with the files loaded as PyBullet loads them by default.
+
+    packages: folders of the packages that URDFs name.
+
+    Raises SceneError for a file that is not there or does not load, QuantityError for a size
+    outside the bounds, EngineFailed where PyBullet has no room for a client. The client is then
+    closed.
+    """
     files = [Path(path) for path in paths]
     unread = [check_user_model(path) for path in files]
     with ExitStack() as failed:
@@ -359,9 +382,11 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
 
 
 def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
-    """Bodies of a file. Of a URDF that names files by packages that were given, or
-    that is not in UTF-8, of a copy. Raises SceneError with the package that has no
-    folder, or with Bullet's reason.
+    """Load a file, and return the ids of its bodies.
+
+    Of a URDF that is not in UTF-8, or where packages were given, Bullet loads a copy in which files
+    have absolute paths. Raises SceneError with the package that has no folder, or with Bullet's
+    reason.
     """
     if path.suffix.lower() != ".urdf":
         return bullet.load_model(path)
@@ -378,7 +403,10 @@ def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
 
 
 def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
-    """Refuse a robot with more joints than PyBullet reports the state of."""
+    """Refuse a robot with more joints than PyBullet reports the state of. Raises SceneError.
+
+    body: its id. path: of its file, for the error.
+    """
     if not (count := bullet.getNumJoints(body)):
         return
     try:
@@ -391,9 +419,10 @@ def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
 
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:
-    """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils.
+    """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils; None: client 0.
 
-    UserError for others.
+    disconnect: whether hcbench ends the client when it is done. Raises UserError for others, and
+    for a client that is not connected.
     """
     world = source
     if source is None or isinstance(source, int):

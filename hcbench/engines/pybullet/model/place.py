@@ -60,7 +60,10 @@ _ORIGIN = (0.0, 0.0, 0.0)
 
 
 def nearest(bullet: BulletClient, first: BodyPart, second: BodyPart) -> Any:
-    """PyBullet's closest point of the two; UserError where they have nothing to touch with."""
+    """PyBullet's closest point of two parts, a tuple as getClosestPoints returns it.
+
+    Raises UserError where one has no collision geometry.
+    """
     points = bullet.getClosestPoints(first.body, second.body, REACH, first.link, second.link)
     if not points:
         raise UserError(
@@ -94,8 +97,9 @@ class Face:
 
 
 def find_face(bullet: BulletClient, moving: BodyPart, other: BodyPart, size: float) -> Face | None:
-    """The face or edge on which two parts meet, None where they meet at a point; moves the body.
+    """The face or edge on which two parts meet, None where they meet at a point.
 
+    Moves the body, so callers run it by `run_aside`.
     Of a face Bullet returns one point, by how its search ended. The body is therefore tilted about
     that point, a little in each direction: its nearest points then lie around the face.
 
@@ -127,7 +131,7 @@ def find_face(bullet: BulletClient, moving: BodyPart, other: BodyPart, size: flo
 
 
 def _across(normal: Floats) -> list[Floats]:
-    """Unit vectors across the normal, evenly around it."""
+    """Unit vectors, (3,), across a unit normal, _DIRECTIONS of them evenly around it."""
     least = np.zeros(3)
     least[np.argmin(np.abs(normal))] = 1.0
     one = np.array(cross(vector(normal), vector(least)))
@@ -193,11 +197,15 @@ def place(
     coming_from: Vector | None = None,
     move: str | None = None,
 ) -> BulletPlacement:
-    """Bring the two just to touch. Raises UserError with the reason where that cannot be done.
+    """Bring the two just to touch, and say how they are launched.
 
-    coming_from: where the first comes from, a unit vector away from the second; None: the nearest way. In a
-        world made of files all stand at the origin: the first body then approaches from above.
-    move: what is launched, as a request has it; None: a free base, else a joint, else several.
+    coming_from: where the first comes from, a unit vector away from the second; None: the nearest
+    way. In a world made of files all stand at the origin: the first body then approaches from
+    above.
+    move: what is launched, "base:" or by the name of a joint or link; None: a free base, else a
+    joint, else several.
+
+    Raises UserError where that cannot be done, SceneError where the two start deep in each other.
     """
     bullet = world.bullet
     for part in (first, second):
@@ -234,7 +242,7 @@ def place(
 def _free_base(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Floats | None
 ) -> FreeBase:
-    """A free base on its way to the other.
+    """The mover of a free base on its way to the other, which starts clear of it if `way` is given.
 
     way: unit vector, (3,), of its motion; None: the nearest way from where it stands.
     """
@@ -251,7 +259,10 @@ def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) 
     """Launch by the joint that `move` names, or the joints of that
     link and of those up to the touch.
 
-    Raises UserError where it carries neither of the two.
+    move: "joint:NAME" or "body:NAME" of a link.
+
+    Raises UserError where it carries neither of the two or does not bring them together, SceneError
+    where they start deep in each other.
     """
     kind, _, name = move.partition(":")
     place_of_name = LINK_NAME
@@ -292,9 +303,10 @@ def _touching_link(moving: BodyPart, point: Any) -> int:
 def _clear_start(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, direction: Floats, position: Floats
 ) -> Floats:
-    """Position, m, from which a body comes along `direction`: clear of
-    the other, over it if it must.
+    """Position, m, (3,), from which a body comes along `direction`, clear of the other.
 
+    By the boxes around the two. Where they would pass by each other, the body is moved across the
+    way, centre over centre.
     direction: unit vector towards the other.
     position: of the body's base now, m.
     """
@@ -316,7 +328,10 @@ def _clear_start(
 
 
 def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
-    """Lowest and highest corner of the box around a part, m, within reach."""
+    """Lowest and highest corner of the box around a part, (3,) each, m, in the world.
+
+    Of an endless plane _BOUND m each way.
+    """
     links = [part.link]
     if part.link == ANY_LINK:
         links = list(range(-1, bullet.getNumJoints(part.body)))
@@ -330,7 +345,12 @@ def swing_to_touch(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, chosen: Collection[int] | None = None
 ) -> SwingingLink | None:
     """Bring a link of a robot to the other by its joints, or by those chosen, with its base at
-    rest; None where they do not lead there.
+    rest.
+
+    chosen: numbers of the joints that may move; None: all.
+
+    The world is at touch afterwards. None where they do not lead there, and for a robot with
+    spherical or planar joints. Raises UserError where one of the two has no collision geometry.
     """
     body = BulletBody(bullet, moving.body)
     if body.kind != "jointed":
@@ -366,7 +386,10 @@ def _rates_towards(
     """Rates of joints with which a body's nearest point approaches the
     other's at 1 m/s, as by a push there.
 
-    By joint, rad/s or m/s, of those chosen, else of all; None where they cannot move it.
+    point: the closest point of the two, as PyBullet returns it.
+    chosen: numbers of the joints that may move; None: all.
+
+    By joint, rad/s or m/s; None where they cannot move it.
     """
     link = int(point[LINK_A])
     normal = vector(normal_of(point))
@@ -409,7 +432,10 @@ def _size(bullet: BulletClient, *parts: BodyPart) -> float:
 def _sliding_joints(
     bullet: BulletClient, moving: BodyPart, other: BodyPart
 ) -> Iterator[SlidingJoint]:
-    """Prismatic joints that carry the link that would touch, and bring it nearer; nearest first."""
+    """Prismatic joints that carry the link that would touch, and bring it nearer; nearest first.
+
+    Raises UserError where one of the two has no collision geometry.
+    """
     body = BulletBody(bullet, moving.body)
     point = nearest(bullet, moving, other)
     for number in body.ancestors(_touching_link(moving, point)):
@@ -427,8 +453,13 @@ def _sliding_joints(
 def _touch(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, mover: Mover, note: str = ""
 ) -> BulletPlacement:
-    """Move the one until the two just touch. UserError where they pass each other,
-    or another part is in the way.
+    """Move the one until the two just touch, and say how they are launched from there.
+
+    note: how the mover was chosen; with one, files all stand at the origin, and no overlap is
+    noted.
+
+    Raises SceneError where they start deep in each other, UserError where they pass each other or
+    another part is in the way, EngineFailed where PyBullet dies while it looks for a face.
     """
     mover.put(bullet, 0.0)
     size = _size(bullet, moving, other)
@@ -478,7 +509,10 @@ def _touch(
 def _effective_mass(
     bullet: BulletClient, first: BodyPart, second: BodyPart, point: Floats, normal: Floats
 ) -> float:
-    """1 / (J M^-1 J^T) of two links, kg; NaN where neither can move, or a joint's axis is unknown."""
+    """1 / (J M^-1 J^T) of two links, kg; NaN where neither can move, or a joint's axis is unknown.
+
+    point: of the contact, m. normal: unit vector, (3,). The world's present pose counts.
+    """
     # The two links of one body share it, as its response to both forces counts.
     bodies = {number: BulletBody(bullet, number) for number in (first.body, second.body)}
     row = contact_row(
@@ -494,7 +528,11 @@ def _effective_mass(
 
 
 def _require_room(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> None:
-    """Refuse a touch at which other parts of what moves would be deep in something."""
+    """Refuse a touch at which other parts of what moves would be deep in a third body, by
+    UserError.
+
+    moving, other: the two links that touch, in the world's present pose.
+    """
     pair = {(moving.body, moving.link), (other.body, other.link)}
     for third in bullet.bodies():
         if third == moving.body:

@@ -46,7 +46,9 @@ def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
 
 def surface_point(contacts: Sequence[Any]) -> list[float]:
     """Mean point of the contacts on the moving body, m, without those that have
-    slid apart, which Bullet keeps.
+    slid apart, which Bullet keeps; of these the one that slid least, if there are no others.
+
+    contacts: tuples of getContactPoints, one or more, the moving body first.
     """
 
     def slid(contact: Any) -> float:
@@ -71,7 +73,14 @@ class BulletAlongPlate:
         along: Vector | None,
         clearance: float,
     ) -> None:
-        """clearance: from which the body starts, m."""
+        """Find the axes of the plate; `send` then starts the motion.
+
+        along: direction of the plate's first axis, in the world; None: x, or y where that is normal
+        to the plate.
+        clearance: from which the body starts, m.
+
+        Raises UserError for a direction that is 0 or normal to the plate.
+        """
         self.bullet = bullet
         self.place = place
         self.body = place.first.body
@@ -138,9 +147,10 @@ class BulletAlongPlate:
         )
 
     def friction(self, contacts: Sequence[Any], slip: Floats) -> Floats:
-        """Friction on the moving body in the step after `motion`, with these contacts, N, (2,).
+        """Friction on the moving body in the step after `motion`, along the plate's axes, N, (2,).
 
-        Bullet tells it without its sign.
+        contacts: tuples of getContactPoints of that step, one or more.
+        slip: before the step, m/s, (2,).
         """
         self._seen = self._now
         pushes = []
@@ -154,7 +164,7 @@ class BulletAlongPlate:
 
 
 def _kinetic_energy(body: BulletBody) -> float:
-    """Kinetic energy of a body with all its links, J; 0 for a fixed one."""
+    """Kinetic energy of a body with all its links, J, at its last `refresh`; 0 for a fixed one."""
     if body.kind == "fixed":
         return 0.0
     energy = 0.0
@@ -187,9 +197,12 @@ class _Contact(NamedTuple):
 class LaunchInUserWorld(Simulation):
     """One launch in the user's world as it is; nothing puts it back.
 
+    bullet: client with the world, which the launch changes.
     gravity: along the normal, into the other body, m/s².
-    along: the way that oblique launches take.
+    along: the way that oblique launches take; None: along x or y.
     law: number of the plug-in's law between the two, whose force is none of Bullet's contact.
+
+    Raises UserError for an oblique launch of a body without a free base.
     """
 
     def __init__(
@@ -201,6 +214,7 @@ class LaunchInUserWorld(Simulation):
         along: Vector | None = None,
         law: int | None = None,
     ) -> None:
+        """Put the moving body where the launch begins, at its speed."""
         self.bullet = bullet
         self.place = place
         self.gravity = gravity
@@ -227,7 +241,9 @@ class LaunchInUserWorld(Simulation):
         self._before = self._rate()
 
     def advance(self, steps: int) -> Record:
-        """`steps` steps as the user's own loop would take them."""
+        """Take `steps` steps as the user's own loop would; the record ends with a NaN step earlier
+        where the velocity is no longer finite.
+        """
         rows: list[tuple[float, ...]] = []
         is_finite = True
         while len(rows) < steps and is_finite:
@@ -304,7 +320,11 @@ class LaunchInUserWorld(Simulation):
         return force
 
     def _read(self) -> _Contact | None:
-        """All contacts of the pair as one; None without a contact."""
+        """All contacts of the pair in the step just taken as one; None without a contact.
+
+        The deepest penetration, the sum of the forces, and the mean point, m: halfway between the
+        surfaces, on the moving body's own of an oblique launch.
+        """
         contacts = self._contacts()
         if not contacts:
             return None
@@ -317,8 +337,10 @@ class LaunchInUserWorld(Simulation):
         return _Contact(-deepest, sum(contact[FORCE] for contact in contacts), point)
 
     def _gap(self) -> tuple[float, Sequence[float]]:
-        """Penetration now and the point, of the shapes themselves: a
-        force law's pair has no contacts.
+        """(penetration now, m; point halfway between the two, m), of the shapes themselves.
+
+        A force law's pair has no contacts to read. The last ones where the two are farther apart
+        than PyBullet looks.
         """
         first = self.place.first
         second = self.place.second

@@ -24,7 +24,7 @@ _Joint = tuple[int, int]
 
 
 def joint_states(bullet: BulletClient) -> dict[_Joint, tuple[float, float]]:
-    """(position, velocity) of every joint that has one."""
+    """(position, velocity), rad or m and by s, of every hinge and slide, by (body, joint)."""
     states: dict[_Joint, tuple[float, float]] = {}
     for body in bullet.bodies():
         for joint in range(bullet.getNumJoints(body)):
@@ -36,7 +36,10 @@ def joint_states(bullet: BulletClient) -> dict[_Joint, tuple[float, float]]:
 
 
 def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, Any]]:
-    """(body, pose, velocities) of every body, where the request sets a pose; else nothing."""
+    """(body, pose, velocities) of every body's base, as PyBullet returns them.
+
+    Empty where the request sets no pose: nothing then moves a base.
+    """
     if not request.pose:
         return []
     states = []
@@ -73,8 +76,10 @@ def set_pose(world: LoadedWorld, request: Request) -> None:
 
 
 def _free_base(world: LoadedWorld, name: str) -> int | None:
-    """Find the body whose free base a file's name means; "base": that of
-    the heaviest. None without one.
+    """Id of the body whose free base a name means; None without one.
+
+    name: of the body's file, without its suffix; "base": of the body with most joints, of several
+    the heaviest.
     """
     bullet = world.bullet
     masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
@@ -103,8 +108,9 @@ def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> Non
 
 
 def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
-    """Each joint that moves, by its name, as "body:ID/name" and as
-    "file/name"; the first of a name.
+    """(body, joint) of each joint that moves, by "name", "body:ID/name" and "file/name".
+
+    A name that several joints have means the first body's.
     """
     joints: dict[str, _Joint] = {}
     # The first body comes last, and takes a name that several have.
@@ -122,7 +128,10 @@ def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
 
 
 def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
-    """Refuse a pose in which joints of a body are far outside their limits."""
+    """Refuse a pose in which hinges or slides of a body are far outside their limits, by UserError.
+
+    More than 5 degrees or 1 mm.
+    """
     outside = []
     for joint in range(bullet.getNumJoints(body)):
         info = bullet.getJointInfo(body, joint)

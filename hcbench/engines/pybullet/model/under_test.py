@@ -70,7 +70,11 @@ _MESH = 5
 
 
 def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
-    """Look at the time step, gravity and the two that meet. Raises SceneError and QuantityError."""
+    """Refuse a time step, gravity and parts whose numbers no bouncing body has.
+
+    place: of the two that meet. Raises SceneError for numbers below 0 or NaN, QuantityError for
+    those outside the bounds.
+    """
     parameters = bullet.getPhysicsEngineParameters()
     require_bounds("timestep", [parameters["fixedTimeStep"]], "timestep", "s")
     gravity = [parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"]
@@ -80,9 +84,9 @@ def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
 
 
 def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
-    """Look at the mass, friction, restitution, inertia and shapes of one of the two.
+    """Refuse a mass, friction, restitution, inertia or shape of one of the two that no body has.
 
-    Raises SceneError and QuantityError.
+    Raises SceneError for numbers below 0 or NaN, QuantityError for those outside the bounds.
     """
     info = bullet.getDynamicsInfo(side.body, side.link)
     for quantity, index, unit in _CHECKED:
@@ -114,9 +118,14 @@ _ONE_POINT = (
 
 
 class PybulletModel(ModelUnderTest):
-    """A PyBullet world with a pair in it.
+    """A PyBullet world with a pair in it, opened; `close` restores a live client.
 
     build: makes the world again, for trials; None for a live client, on which nothing is tried.
+    fixes: made in the world before the pair is placed.
+
+    Raises UserError where the request does not fit the world or the two cannot be brought to touch,
+    SceneError and QuantityError for numbers that no body has, EngineFailed where PyBullet dies. A
+    live client then gets back its pose, time step and gravity; one of our own is closed.
     """
 
     diverged = "velocity is not finite"
@@ -128,6 +137,7 @@ class PybulletModel(ModelUnderTest):
         request: Request,
         fixes: Sequence[Suspect] = (),
     ) -> None:
+        """Apply the request and the fixes, and bring the pair to touch; errors are the class's."""
         self.world = world
         self.request = request
         self.build = build
@@ -238,7 +248,7 @@ class PybulletModel(ModelUnderTest):
         )
 
     def facts(self) -> Facts:
-        """Return the properties of the world and of its pair."""
+        """Properties of the world and of its pair, as `measure` prints them."""
         of_pair = restitutions(self.bullet, self.place)
         told: list[float] | str = "not told"
         if not math.isnan(math.prod(of_pair)):
@@ -283,9 +293,9 @@ class PybulletModel(ModelUnderTest):
         return list(broken_promise(self.bullet, promise, has_law, self._gravity()))
 
     def _asked(self, first: float, second: float) -> tuple[tuple[float, ...], str]:
-        """The e that the world asks for at each speed, () where it does not
-        say; what asks for it, in words.
+        """(e that the world asks for at each launch speed, what asks for it in words).
 
+        By the plug-in's law, what hcbench promised, or the product of the restitutions; () where none says.
         first, second: restitutions of the two, NaN where PyBullet does not report them.
         """
         speeds = self.request.speeds
@@ -307,8 +317,10 @@ class PybulletModel(ModelUnderTest):
         return (e,) * len(speeds), f"restitution {first:g} x {second:g}"
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as `wanted`; for a plug-in's law
-        those that act beside it.
+        """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
+
+        For a plug-in's law, which replaces Bullet's contact, those that act beside it. Those of a
+        live client have no fix to try.
         """
         changed = self._changed_since_tuned()
         context = BulletContext(
@@ -328,8 +340,9 @@ class PybulletModel(ModelUnderTest):
         return suspects
 
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
-        """The same world made again, with some fixes made; UserError for a live client, which cannot be
-        made again.
+        """The same world made again, with the fixes of `suspects` made before the pair is placed.
+
+        Raises UserError for a live client, which cannot be made again, and the errors of the class.
         """
         if self.build is None:
             raise UserError(
@@ -343,9 +356,10 @@ class PybulletModel(ModelUnderTest):
 
 
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
-    """A world from files (paths), from a `World`, or from a client.
+    """A world from files (paths), from a `World`, or from a client, with the request's pair in it.
 
-    rebuild: makes the `World` or client again, where a function built it.
+    rebuild: makes the `World` or client again, where a function built it; None where none did.
+    Raises SceneError for files that do not load, and the errors of `PybulletModel`.
     """
     return PybulletModel(*_loaded(source, rebuild, request.packages), request)
 
@@ -353,7 +367,12 @@ def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None)
 def list_pairs_of(
     source: Any, request: Request, rebuild: Callable[[], Any] | None
 ) -> list[CandidatePair]:
-    """Pairs of links that can meet, in the pose asked for."""
+    """Pairs of links that can meet, in the request's pose.
+
+    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
+    not load, UserError for a pose that does not fit or one file alone, EngineFailed where PyBullet
+    dies.
+    """
     world, _ = _loaded(source, rebuild, request.packages)
     try:
         return run_aside(world.bullet, lambda: _listed(world, request))
@@ -370,7 +389,11 @@ def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
 def _loaded(
     source: Any, rebuild: Callable[[], Any] | None, packages: Packages
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
-    """(the world, what makes it again)."""
+    """(the world, function that makes it again; None for a live client).
+
+    source: one path or several, a `World`, a client or its id. Raises SceneError for files that do
+    not load, UserError for another source.
+    """
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
         files = [str(path) for path in paths]
@@ -394,10 +417,12 @@ def model_settings(
     goal: RestitutionCurve,
     rebuild: Callable[[], Any] | None,
 ) -> Iterator[ModelSetting]:
-    """Bullet's own restitution for the pairs, without what keeps it from
-    happening; one setting, in lines.
+    """One setting for all pairs, as lines: Bullet's own restitution, and no default that spoils it.
 
-    Raises UserError for a live client, and for a part that would need two restitutions.
+    requests: of the pairs, one or more; their speeds choose the constant e nearest to `goal`.
+
+    Raises UserError for a live client, and for a part that would need two restitutions; also the
+    errors of `open_world`.
     """
     world, build = _loaded(source, rebuild, requests[0].packages)
     if build is None:

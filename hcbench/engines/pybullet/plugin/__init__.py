@@ -120,9 +120,12 @@ def add(
 ) -> int:  # fmt: skip
     """Let a law act between two bodies of a client in every step from now on; returns its number.
 
-    first, second: a body, whose base is meant, or (body, link) with the link's number or name; -2 means any.
-    friction: a coefficient, or `Friction` for a force law; the product of the bodies' own where not given.
-    cup: (radius, x, y, z) of the spherical cup that the first body, a sphere, lies in: its centre in the
+    first, second: a body, whose base is meant, or (body, link) with the link's number or name; -2
+    means any.
+    friction: a coefficient, or `Friction` for a force law; the product of the bodies' own where
+    not given.
+    cup: (radius, x, y, z) of the spherical cup that the first body, a sphere, lies in: its centre
+    in the
         frame of the second body's centre of mass, m: a mesh would be less exact.
     speed: largest approach speed expected, m/s: a step too coarse for a force law there is refused.
 
@@ -220,7 +223,8 @@ def recorder(bullet: BulletClient) -> Recorder | None:
 def find(
     first: tuple[int, int], second: tuple[int, int], *, client: int = 0
 ) -> tuple[int, str] | None:
-    """The number of the law between two (body, link) of a client and the command that added it;
+    """(number of the law between two (body, link) of a client, command that added it).
+
     None where there is none. It loads nothing into a process that has not loaded the plug-in.
     """
     path = library() if library.cache_info().currsize else _compile.loaded(SOURCE)
@@ -232,7 +236,10 @@ def find(
 
 
 def restitution_of(command: str) -> RestitutionCurve | None:
-    """Restitution that a command which adds a law asks for; None for a law later than 1975."""
+    """Restitution curve that a command which adds a law asks for; None for a law later than 1975.
+
+    command: as `command` writes it.
+    """
     keys = dict(part.split("=", 1) for part in command.split()[1:])
     if "constant" in keys:
         return ConstantRestitution(float(keys["constant"]))

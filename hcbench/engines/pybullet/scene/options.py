@@ -127,6 +127,9 @@ def read_options(options: Mapping[str, Any]) -> PybulletOptions:
 def _check(keywords: Mapping[str, Any], part: str, types: Mapping[str, type], call: str) -> None:
     """Raise SettingError for the first keyword that a call of PyBullet
     does not take, or would ignore.
+
+    keywords: of the setting's table `part`, "world", "ball" or "plate".
+    types: keywords that PyBullet's function `call` takes, with the type of each.
     """
     for key, value in keywords.items():
         slot = f"pybullet option '{part}.{key}'"
@@ -174,9 +177,9 @@ WRITE = """with open("ball.urdf", "w") as file:
 
 
 def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
-    """URDF of a scene's ball with links.
+    """URDF of a scene's ball with links, one sphere each; the first is the base, with all the mass.
 
-    SettingError in a cup, SceneError for links larger than it.
+    Raises SettingError in a cup, SceneError for links that start deeper than the ball's radius.
     """
     radius = scene.relative_radius
     if scene.form != "plane":
@@ -203,8 +206,9 @@ def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
 
 
 def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
-    """Return the lines to paste into a script in which `pair` are the two
-    bodies; see `Engine.snippet`.
+    """Return the lines to paste into a script with a PyBullet world, after its other settings.
+
+    form: "plane" or "cup". pair: the script's variables of ball and plate.
     """
     if not {"world", "ball", "plate", "law", "links"} & set(setting.options):
         return setting.options_text
@@ -223,7 +227,7 @@ def script(scene: Scene, setting: Setting) -> str:
     """A Python script that drops the ball on a plane at several speeds, and prints e.
 
     Raises SettingError for a cup, and for a setting that is none of
-    Bullet's own contact or a plug-in.
+    Bullet's own contact or a plug-in; CannotRun where the plug-in cannot be compiled.
     """
     if scene.form != "plane" or not {"world", "ball", "law"} & set(setting.options):
         given = f"pybullet {setting.name!r} in the form {scene.form!r}"
@@ -252,12 +256,11 @@ def script(scene: Scene, setting: Setting) -> str:
 
 
 def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> str:
-    """The calls, in the order that works.
+    """Lines of Python with the calls of a setting, in the order that works.
 
-    pair: the variables of the two bodies.
-
-    made: the calls that make them, by ball and plate; none of those that exist already.
-    path: of the plug-in, as an expression.
+    pair: the variables of ball and plate.
+    made: the calls that make them, by "ball" and "plate"; {} where both exist already.
+    path: of the plug-in, as a Python expression; unused without a law.
     """
     options = setting.options
     names = dict(zip(PAIR, pair, strict=True))

@@ -50,9 +50,10 @@ if TYPE_CHECKING:
 
 
 def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
-    """Penetration, m, its rate, m/s, and the unit vector that leads deeper: no mesh, no engine.
+    """(penetration, m; its rate, m/s; unit vector that leads deeper): no mesh, no engine.
 
-    position, velocity: the ball's, m and m/s, shape (..., 3).
+    position, velocity: of the ball's centre, m and m/s, shape (..., 3). The first two results are
+    of shape (...); the vector is (3,) on a plane, (..., 3) in a cup.
     """
     radius = scene.touch_radius
     down = np.array([0.0, 0.0, -1.0])
@@ -98,6 +99,8 @@ def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Float
 def force_from_momentum(scene: Scene, timestep: float, velocity: Floats, deeper: Floats) -> Floats:
     """Normal force of each step, N, shape (n, b), from velocities of shape (n + 1, b, 3); exactly 0
     where the contact did not act.
+
+    timestep: s. deeper: unit vectors into the plate, (3,) or (n, b, 3).
     """
     fall = scene.gravity * timestep
     gained = np.diff(velocity, axis=0)
@@ -134,11 +137,15 @@ class PybulletWorld(World):
     balls: ids of the bodies.
     reports_force: whether `step` returns the normal force on each ball, N; if not, nothing but
     gravity and the contact changes a ball's velocity.
+
+    Raises SceneError where the scene's URDFs are missing or not as it says, SettingError for links
+    in a cup or a law that the step does not resolve, EngineFailed where PyBullet fails.
     """
 
     def __init__(
         self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float
     ) -> None:
+        """Set up the world for impacts at up to `fastest` m/s with steps of `timestep` s."""
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
         self.scene = scene
         self.options = options
@@ -168,7 +175,8 @@ class PybulletWorld(World):
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
         """A ball where each launch starts and any others far away, with nothing remembered.
 
-        Raises CannotShareError for several launches of which one is oblique.
+        Ends the simulation before: all use the same balls. Raises EngineFailed where PyBullet
+        fails, CannotShareError for several launches of which one is oblique.
         """
         oblique = any(launch.is_oblique for launch in launches)
         # Bullet's sweeps over friction depend on all balls.
@@ -206,6 +214,8 @@ class PybulletWorld(World):
     def _add_law(self, ball: int) -> None:
         """Let the setting's law act between a ball and the plate; a
         setting without one changes nothing.
+
+        Raises SettingError for a force law that the step does not resolve.
         """
         law = self.options.law
         if law is None:
@@ -225,7 +235,9 @@ class PybulletWorld(World):
         self._laws.append(made)
 
     def _step(self) -> Step:
-        """A step that returns the normal force of the contact on each ball, where it must."""
+        """A function that takes a step; it returns the normal force, N, on each ball if
+        `reports_force`.
+        """
         move: Step = self.bullet.stepSimulation
         if not self.reports_force:
             return move
@@ -241,6 +253,7 @@ class PybulletWorld(World):
         contacts = self.bullet.getContactPoints
 
         def step() -> Sequence[float]:
+            """Take a step, and add up Bullet's contact forces on each ball, N."""
             move()
             forces = [0.0] * len(self.balls)
             for contact in contacts():
@@ -271,9 +284,10 @@ class PybulletSimulation(Simulation):
         self._position, self._motion = self._positions(), self._motions()
 
     def advance(self, steps: int) -> Record:
-        """`steps` steps of all balls.
+        """Take `steps` steps of all balls, and return their record.
 
-        Raises CannotShareError where one is not where its velocity took it.
+        Raises CannotShareError where one is not where its velocity took it, EngineFailed where
+        PyBullet fails.
         """
         world = self._world
         with foreign_errors("pybullet", world.bullet.error):
@@ -317,8 +331,10 @@ class PybulletSimulation(Simulation):
         return np.array([motion(self._world.balls[i]) for i in self._which])
 
     def _step(self, steps: int) -> tuple[list[Any], Any, Any]:
-        """Forces that each step reported, positions where they are read,
-        velocity and spin, all after it.
+        """(forces that each step reported, N; positions, m; velocities m/s and spins rad/s) after
+        each step, in the order of steps, then balls.
+
+        Positions are [] where they are not read. With the compiled recorder forces are [].
         """
         step = self._world.step
         bullet = self._world.bullet
@@ -346,7 +362,11 @@ class PybulletSimulation(Simulation):
 def _set_up(
     bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions
 ) -> tuple[int, int]:
-    """An empty world, the two bodies in it, and the options on them; the bodies' ids."""
+    """Empty the world, load ball and plate, set the options, and return the two ids.
+
+    Raises SceneError where the URDFs are missing or not as the scene says, SettingError for links
+    in a cup.
+    """
     bullet.resetSimulation()
     bullet.setPhysicsEngineParameter(
         fixedTimeStep=timestep, **{**LASTING_SETTINGS, **options.world}
@@ -412,7 +432,10 @@ def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
 
 
 def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) -> int:
-    """The id of a new ball with the links of these options, loaded from a URDF made for it."""
+    """The id of a new ball with the links of these options, loaded from a URDF made for it.
+
+    Raises SettingError in a cup, SceneError for links larger than the ball.
+    """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ball.urdf"
         path.write_text(ball_urdf(scene, options.links), encoding="utf-8")
@@ -422,9 +445,10 @@ def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) ->
 
 
 def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> None:
-    """Bullet must see the overlap that the scene says: radii, frames and meshes are right then.
+    """Require that Bullet sees the overlap that the scene says: radii, frames and meshes are right
+    then. Moves the ball.
 
-    Raises SceneError where it does not.
+    ball, plate: ids. Raises SceneError where it does not.
     """
     overlap = 1e-5
     _place(bullet, ball, np.array([0.0, 0.0, scene.touch_radius - overlap]))

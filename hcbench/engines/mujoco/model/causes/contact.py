@@ -34,7 +34,11 @@ _MIXING = {"solref": "mixes the solref", "solimp": "averages the solimp"}
 
 
 def mixing(context: Context) -> Iterator[Suspect]:
-    """The geoms' parameters do not arrive as written."""
+    """Suspect that solref and solimp of the geoms do not arrive in the contact as written.
+
+    By the override flag, else by a geom's higher priority, else by MuJoCo's mixing of the two.
+    Nothing for a <pair>, whose parameters MuJoCo takes as they are.
+    """
     model = context.model
     written = context.written
     if written is None or (explicit_pairs(model, context.geoms) and not context.overridden):
@@ -77,7 +81,11 @@ def mixing(context: Context) -> Iterator[Suspect]:
 
 
 def refsafe(context: Context) -> Iterator[Suspect]:
-    """A time constant below two steps is not honoured."""
+    """Suspect a time constant of solref so short that MuJoCo replaces it.
+
+    Below two steps; under the integrator discrete, below one step with the damping ratio. Nothing
+    for a solref in the direct format, which has none, or with refsafe off.
+    """
     solref = context.place.contact.rows[0].solref
     constant, ratio = solref
     if constant <= 0 or context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE:
@@ -103,7 +111,11 @@ def refsafe(context: Context) -> Iterator[Suspect]:
 
 
 def solref(context: Context) -> Iterator[Suspect]:
-    """The contact is asked for, as written, another bounce than is wanted."""
+    """Suspect the solref, as its author wrote it, of asking for another bounce than is wanted.
+
+    MuJoCo's default, and one without spring and damper, are suspected in any case; others where e
+    is wanted and theirs differs by _NOTABLE.
+    """
     if context.written is None:
         return
     goal = context.goal()
@@ -139,7 +151,7 @@ def solref(context: Context) -> Iterator[Suspect]:
 
 
 def _restitution_fix(context: Context, e: float) -> tuple[str, Callable[[Any], None]]:
-    """(text, apply) of the fix that gives the contact this e.
+    """(text for the user, change of a copy of the model) of the fix that gives the contact this e.
 
     A bounce in one step shows the cause for any pair, but is handed out for pairs without friction
     alone: its damper of (1 + e)/h turns the slip of what slides into bounce, 46 mm high for a box
@@ -157,7 +169,11 @@ def _restitution_fix(context: Context, e: float) -> tuple[str, Callable[[Any], N
 
 
 def solimp(context: Context) -> Iterator[Suspect]:
-    """solimp takes a share off spring and damper, or is clamped."""
+    """Suspect a solimp that takes a share off spring and damper, or that MuJoCo does not use as
+    written.
+
+    A power at which MuJoCo's impedance is NaN, an impedance that begins low, one that is clamped.
+    """
     if context.used is None or context.written is None:
         return
     if context.written.overflows:
@@ -184,7 +200,10 @@ def solimp(context: Context) -> Iterator[Suspect]:
 
 
 def _clamped(context: Context, contact: SoftConstraint) -> Iterator[Suspect]:
-    """Clamping the impedances of a contact changes its e."""
+    """Suspect MuJoCo's clamping of impedances, if it changes e at a launch speed by over _NOTABLE.
+
+    contact: with the author's solimp and the solref that is used.
+    """
     speeds = sorted({i.launch.speed for i in context.impacts})
     as_used = replace(contact, clamped=True).curve(speeds)
     as_written = replace(contact, clamped=False).curve(speeds)
@@ -211,8 +230,10 @@ _LIFT = 0.02
 
 
 def sliding_lift(context: Context) -> Iterator[Suspect]:
-    """Friction adds to the bounce: acceleration apart grows by impedance
-    times μ times that of the slip.
+    """Suspect friction of adding to the bounce of oblique impacts, if e grows by more than _LIFT.
+
+    In MuJoCo the acceleration apart grows by impedance times μ times that of the slip, so the
+    fix is a soft row. The impact with the largest gain is named.
     """
     contact = context.used
     friction = geom_friction(context.model, context.geoms)
@@ -251,9 +272,11 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
 def pyramidal_cone(
     model: Any, impacts: Sequence[Impact], friction: float
 ) -> tuple[Impact, Suspect] | None:
-    """The impact in which friction is weakest although the body slides on, and the cone
-    as what may weaken it: along the diagonal of the pyramid friction is 29 % below
-    Coulomb's. None where nothing is short.
+    """(impact in which friction is weakest although the body slides on, suspect of the cone).
+
+    friction: Coulomb's μ of the two geoms.
+    None where no friction is short of μ by the share WEAK. Along the diagonal of the pyramid
+    friction is 29 % below Coulomb's. The suspect's evidence is "": the caller tries the fix first.
     """
     if int(model.opt.cone) != int(backend().mjtCone.mjCONE_PYRAMIDAL) or not friction:
         return None
@@ -284,8 +307,9 @@ def _slides_on(along: Tangential) -> bool:
 
 
 def _soft_row(context: Context, friction: float) -> tuple[ConstraintRow, float]:
-    """A row of a few steps with the e that is wanted, so soft that
-    friction hardly lifts; its impratio.
+    """(row of a few steps with the e that is wanted, the impratio that it needs).
+
+    friction: Coulomb's μ. The row is so soft that friction hardly lifts.
     """
     # Here, as it imports SciPy's searches.
     from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, whole_step_row

@@ -30,6 +30,8 @@ _DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 class Context:
     """A pair in a model, and the impacts to explain.
 
+    place: the pair at touch, the moving body first, with MuJoCo's contact of it.
+    impacts: of the launches; empty where a body at rest is to be explained.
     wanted: e over speed, where the user named one.
     gravity: (3,), m/s², in the world.
     shares: what each cause took, as a share of the speed at touch.
@@ -53,7 +55,10 @@ class Context:
 
     @cached_property
     def used(self) -> SoftConstraint | None:
-        """The contact as the engine uses it; None where different ones add up."""
+        """The contact as the engine uses it; None where different ones add up.
+
+        With refsafe, MuJoCo's default, no time constant is below two steps.
+        """
         parameters = {row[:2] for row in self.place.contact.rows}
         if len(parameters) > 1:
             return None
@@ -69,7 +74,7 @@ class Context:
 
     @property
     def all_geoms(self) -> tuple[int, ...]:
-        """All geoms that touch, those of the moving body first."""
+        """Numbers of all geoms that touch, those of the moving body first, each once."""
         moving = []
         others = []
         for row in self.place.contact.rows:
@@ -102,14 +107,17 @@ class Context:
 
     @cached_property
     def written_e(self) -> float:
-        """e of the contact as written, at the median speed; NaN without one."""
+        """e of the contact as its author wrote it, at the median launch speed; NaN without one."""
         # The median by hand: np.median would import numpy.ma.
         speeds = sorted(speeds_of(self.impacts))
         median = (speeds[(len(speeds) - 1) // 2] + speeds[len(speeds) // 2]) / 2
         return self.written.restitution(median) if self.written is not None else np.nan
 
     def goal(self) -> float:
-        """The one e that a pasted constant setting should have."""
+        """The one e that a pasted constant setting should have, for the impacts' speeds.
+
+        Of what is wanted; else of the author's own contact, if it bounces; else BOUNCY.
+        """
         e = constant_e(self.impacts, self.wanted)
         # Where the model itself asks for a bounce, that is taken for what its author means.
         if e is None:
@@ -126,7 +134,10 @@ def tuned_rows(context: Context, e: float) -> str:
 
 
 def written_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
-    """Contact by the author's solref and solimp, in words too; None if different contacts add up."""
+    """(contact by the author's solref and solimp, the two in words).
+
+    place: the pair at touch. None if the geoms of several points have different ones, which add up.
+    """
     rows = place.contact.rows
     model = place.pair.model
     written = {_as_written(model, _in_order(place, row.geoms)) for row in rows}
@@ -147,6 +158,8 @@ def _in_order(place: PairAtTouch, geoms: tuple[int, int]) -> tuple[int, int]:
 def _as_written(model: Any, geoms: tuple[int, int]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the first of
     them, or of the second where the first has the default.
+
+    geoms: numbers, the moving body's first.
     """
     source = "pair"
     ids = explicit_pairs(model, geoms)[:1]

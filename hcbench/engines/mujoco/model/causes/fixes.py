@@ -19,8 +19,10 @@ _LEAST_E = 0.01
 
 
 def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]:
-    """solref that has this e at a step (s), with STIFF_SOLIMP: a bounce in one step where the
-    integrator allows it, else a spring and damper.
+    """solref, in the direct format, that has this e at a step (s) with STIFF_SOLIMP.
+
+    A bounce in one step where the integrator allows it; under RK4 and discrete a spring and damper
+    of a few steps, with an e of 0.01 at least.
     """
     if integrator in ("RK4", "discrete"):
         law = matched(
@@ -35,6 +37,8 @@ def set_contact(
 ) -> None:
     """Set the parameters of the contacts among some geoms: in their <pair>s, or else in the geoms.
 
+    model: changed.
+    geoms: their numbers, both sides of the contact.
     solref: (timeconst s, dampratio) or (-stiffness 1/s², -damping 1/s); None leaves it as it is.
     """
     pairs = explicit_pairs(model, geoms)

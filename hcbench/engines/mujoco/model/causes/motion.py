@@ -26,7 +26,10 @@ _SHOWN = 4
 
 
 def integrator(context: Context) -> Iterator[Suspect]:
-    """Integrators under which a solref in the direct format does something else."""
+    """Suspect an integrator under which the contact does something else than its solref says.
+
+    RK4, where the solref turns a body back in one step, and discrete in any case.
+    """
     law = context.used
     if law is None or context.integrator not in ("RK4", "discrete"):
         return
@@ -42,8 +45,8 @@ def integrator(context: Context) -> Iterator[Suspect]:
 
 
 def servo_damping(context: Context) -> Iterator[Suspect]:
-    """Servos whose damping an implicit integrator applies to what the
-    contact gives, within the same step.
+    """Suspect servos whose damping kv an implicit integrator applies to what the
+    contact gives, within the same step. Nothing where actuators are off.
     """
     model = context.model
     off = context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
@@ -63,7 +66,7 @@ def servo_damping(context: Context) -> Iterator[Suspect]:
 
 
 def solver(context: Context) -> Iterator[Suspect]:
-    """A solver that stops before it has found the forces: looser than MuJoCo's own settings."""
+    """Suspect a solver that stops before it has found the forces: looser than MuJoCo's defaults."""
     options = context.model.opt
     loose = []
     for name, own in _SOLVER.items():
@@ -87,7 +90,11 @@ def solver(context: Context) -> Iterator[Suspect]:
 
 
 def resolution(context: Context) -> Iterator[Suspect]:
-    """A step that does not resolve the contact."""
+    """Suspect a step that does not resolve the contact.
+
+    One at which the state diverges; else impacts that gain energy and, of a contact that is not
+    made to last one step, impacts of few steps.
+    """
     law = context.used
     step = diagnose.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
     stiffness = 0.0
@@ -147,7 +154,7 @@ def losses(context: Context) -> Iterator[Suspect]:
 
 
 def margin(context: Context) -> Iterator[Suspect]:
-    """Contacts that act away from the surfaces."""
+    """Suspect margin and gap, where the contact's force begins away from the surfaces."""
     onset = context.place.contact.onset
     if onset == 0:
         return
@@ -171,7 +178,10 @@ _DEEPER = 1.5
 
 
 def limits(context: Context) -> Iterator[Suspect]:
-    """A limit of a joint, or of a tendon that tethers a body, takes part in the bounce."""
+    """Suspect limits of joints, and of tendons that tether a body, which take part in the bounce.
+
+    Named from the share _NOTABLE of the speed at touch on.
+    """
     share = context.shares.get(LIMITS, 0.0)
     if abs(share) < _NOTABLE:
         return
@@ -190,8 +200,9 @@ def limits(context: Context) -> Iterator[Suspect]:
 
 
 def _reached(context: Context) -> tuple[list[int], list[int]]:
-    """Joints and tendons that are at a limit where the contact is
-    deepest; all limited ones if none is.
+    """(numbers of joints, of tendons) at a limit where the contact is deepest.
+
+    All limited ones of the model if none is.
     """
     model = context.model
     place = context.place
@@ -212,7 +223,10 @@ def _reached(context: Context) -> tuple[list[int], list[int]]:
 
 
 def drives(context: Context) -> Iterator[Suspect]:
-    """Actuators and equality constraints that push or hold during the contact."""
+    """Suspect actuators and equality constraints that push or hold during the contact.
+
+    Each from the share _NOTABLE of the speed at touch on.
+    """
     flags = backend().mjtDisableBit
     for code, name, words, fix, flag in (
         (
@@ -245,7 +259,10 @@ _FINER = 0.25
 
 
 def at_rest(context: Context) -> Iterator[Suspect]:
-    """A contact that yields to a weight, and a step that is too long for it."""
+    """Suspect a contact that yields to a weight, and a step that is too long for it.
+
+    The step always; the contact unless different ones add up. Callers try which of them matters.
+    """
     if (law := context.used) is not None:
         low, high, *curve = law.solimp
         harder = [float(f"{1.0 - _HARDER * (1.0 - d):.6g}") for d in (low, high)]
