@@ -278,7 +278,7 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
         raise UserError("folder", f"{store.where} holds no sweep", "what `hcbench sweep` wrote")
     study = about["study"]
     shards = list(store.shards(about["parts"]).items())
-    # By setting, whatever the α: values of _SETTING. A setting that was planned as several grids,
+    # By setting, for all α: values of _SETTING. A setting that was planned as several grids,
     # such as one of two bands of speeds, has the shards of all of them.
     shards_of = dict[Key, list[tuple[int, str]]]()
     for begin, end in itertools.pairwise(about["parts_of_settings"]):

@@ -197,7 +197,7 @@ class Folder:
             coulomb = to_digits(columns[COULOMB.key])
             self._slid |= bool((slip != 0).any())
             self._reach(friction=np.abs(ratio - coulomb))
-        # The part's smallest angle. A speed has all angles of its run, so this is 0 as a rule.
+        # Impacts at the smallest angle, 0 as a rule, make the curve.
         head_on = angle == angle.min()
         part = self._part(
             e=e[head_on],
