@@ -56,9 +56,10 @@ class Own:
 
 
 def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Body:
-    """Build a box from its edges (m) and mass (kg). UserError unless all are positive.
+    """Build a box from its three edges (m) and mass (kg).
 
-    inertia: about its axes, kg m², or one for all; that of a solid box where none is given.
+    inertia: three about its axes, kg m², or one for all; that of a solid box where none is given.
+    Raises UserError for another number of edges or moments, and unless all numbers are above 0.
     """
     if len(size) != 3:
         raise UserError("--size", f"{len(size)} numbers", "three edges, such as '0.1 0.1 0.1' (m)")
@@ -140,7 +141,11 @@ def read(paths: Sequence[Path], body: Body) -> Tosses:
 
 
 def _rows(path: Path) -> Floats:
-    """The frames of a CSV file, shape (n, columns): time, s, position, m, and quaternion."""
+    """The frames of a CSV file, in COLUMNS, shape (n, 8): time, s, position, m, and quaternion.
+
+    Raises UserError for a file that cannot be read, lacks a column, has text or no finite number in
+    one, or has fewer than _LEAST frames.
+    """
     try:
         frames = csv.DictReader(read_text(path, "utf-8-sig").splitlines(), skipinitialspace=True)
         numbers = [[float(frame[name]) for name in COLUMNS] for frame in frames]
@@ -165,6 +170,10 @@ def judge(
 
     identify: search the parameters of all settings on the tosses themselves.
     Settings with other parameters are left out unless they are searched.
+    tick: called with (cells done, cells in all), for the search and again for the runs.
+
+    Engines that are not installed are left out: without any there are no scores. Raises what an
+    engine raises.
     """
     impacts = read_impacts(tosses.body, tosses.motions)
     known = read_values(impacts)
@@ -188,7 +197,9 @@ def judge(
 
 
 def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
-    """Median e and friction of impacts at one vertex; empty if no impact qualifies."""
+    """Median e, within 0 to 1, and friction, 0 or more, of the good impacts, by the names of an
+    engine's parameters; empty if no impact is good.
+    """
     sure = [(each.e, each.friction) for each in impacts if each.good]
     if not sure:
         return {}
