@@ -141,8 +141,8 @@ def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUN
 
 
 def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[Drop]:
-    """A drop of each setting that the study drops, for its main α; none for a study without a height
-    for drops, or for settings off a cup's axis.
+    """A drop of each setting that the study drops, for its main α; none for a study without a
+    height for drops, or for settings off a cup's axis.
 
     mapper: computes the law's heights, as `map` does; that of a pool in another process.
     """

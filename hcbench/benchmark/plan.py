@@ -82,8 +82,8 @@ class LaunchGrid:
         return len(self.speeds), len(self.angles), self.phases
 
     def cut(self, part: range) -> tuple[LaunchGrid, range]:
-        """Return a grid of only the speeds of some launches, which is small to send, and the numbers
-        that these launches have in it.
+        """Return a grid of only the speeds of some launches, which is small to send, and the
+        numbers that these launches have in it.
 
         part: numbers of the launches in this grid.
         """
@@ -418,7 +418,8 @@ def _targets(study: Study, run: Run) -> list[Target]:
 def _settings(
     study: Study, targets: Sequence[tuple[int, Target]], mapper: Callable[..., Iterable[Any]]
 ) -> list[Setting]:
-    """A setting for each (index of a run, target), in order; with the study's device, if it has one.
+    """A setting for each (index of a run, target), in order; with the study's device, if it has
+    one.
 
     mapper: calls the recipes of those that are not kept from an earlier run. Raises what a recipe
     raises: SettingError for a target that it cannot serve.

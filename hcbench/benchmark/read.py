@@ -146,8 +146,8 @@ class _Gathering:
     def add(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> None:
         """Add impacts in the order of their launches, and the loops of some of these.
 
-        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase. Impacts wait until
-        they are _PIECE, and those of the last speed until all of its phases are there.
+        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase. Impacts wait
+        until they are _PIECE, and those of the last speed until all of its phases are there.
         """
         self._waiting.append(columns)
         for launch, loop in loops.items():

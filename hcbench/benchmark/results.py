@@ -266,15 +266,15 @@ class Folder:
         )
 
     def _one_for_neighbours(self, curve: Curve) -> NDArray[np.int64]:
-        """Indices of the points that are shown: of each place, the one with the largest error in one
-        phase. A place is one speed, or in a study of very many speeds several neighbours.
+        """Indices of the points that are shown: of each place, the one with the largest error in
+        one phase. A place is one speed, or in a study of very many speeds several neighbours.
         """
         place = self.place(curve.speed)
         worst_first = np.lexsort((-np.abs(curve.worst_phase), place))
         return worst_first[np.unique(place[worst_first], return_index=True)[1]]
 
     def folded(self) -> Folded:
-        """Return the summary of what was added; at least one part was. Raises ValueError for none."""
+        """Return the summary of what was added. Raises ValueError where nothing was."""
         angle = min(part.angle for part in self._parts)
         curves = []
         of_loops = []
@@ -313,7 +313,8 @@ def _edges(study: Mapping[str, Any]) -> Floats | None:
     """Speeds, m/s, that divide the band of a study into MOST_SPEEDS places of one width; None where
     no run has more speeds than that, and all are shown.
 
-    study: as `Study.described` gives it. Shape (MOST_SPEEDS - 1,): the ends of the band are left out.
+    study: as `Study.described` gives it. Shape (MOST_SPEEDS - 1,): the ends of the band are left
+    out.
     """
     bands = [study["speeds"], *(run["speeds"] for run in study["runs"])]
     if max(map(len, bands)) <= MOST_SPEEDS:
@@ -491,7 +492,7 @@ class Results(Drawn):
         return self.scores.copy()
 
     def summary(self) -> dict[str, Any]:
-        """The content of summary.json: the study, what it was made with, and the scores once more."""
+        """The content of summary.json: the study, what it was made with, and the scores."""
         return {
             "schema": SCHEMA,
             "kind": "hcbench results",
@@ -545,7 +546,8 @@ class Results(Drawn):
 
 
 def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The answers of a summary with the keys of this schema; those of schema 3 are renamed in place.
+    """The answers of a summary with the keys of this schema; those of schema 3 are renamed in
+    place.
 
     summary: content of a summary.json. None has answers that was written before they were kept.
     """

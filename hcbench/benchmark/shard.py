@@ -45,10 +45,11 @@ _GIVE_UP = 32
 
 @dataclass(frozen=True, slots=True)
 class Timeouts:
-    """Time limits of an engine, s: `start` for anything at all, `each` for each impact on top of that.
+    """Time limits of an engine, s: `start` for anything at all, `each` for each impact on top of
+    that.
 
-    each: None for 4 s at steps of 1 µs or more; below, inversely proportional to the step. A ball at
-    rest takes 1 s.
+    each: None for 4 s at steps of 1 µs or more; below, inversely proportional to the step. A ball
+    at rest takes 1 s.
     """
 
     start: float = 60.0

@@ -77,8 +77,8 @@ class Files:
         return self._entries("", directories=True)
 
     def _entries(self, folder: str, directories: bool) -> list[str]:
-        """Sorted names of the files, or with `directories` of the folders, in a folder; none where it
-        does not exist. Names are those within the folder, not paths. OSError for what cannot be
+        """Sorted names of the files, or with `directories` of the folders, in a folder; none where
+        it does not exist. Names are those within the folder, not paths. OSError for what cannot be
         read.
         """
         try:
@@ -141,7 +141,8 @@ class Files:
         """Write the lock file of this sweep, in place of one that is stale or damaged.
 
         mine: its content, with a token of its own; its time becomes that of this write.
-        Raises CannotRun if another sweep holds the lock, OSError where it cannot be read or written.
+        Raises CannotRun if another sweep holds the lock, OSError where it cannot be read or
+        written.
         """
         if LOCK in self.names():
             owner = self.read(LOCK).decode("utf-8", "replace")
@@ -431,7 +432,8 @@ class Store:
         return shards
 
     def tables(self, number: int, name: str) -> tuple[bytes, bytes]:
-        """Impacts and kept loops of a shard, bytes of a table each; no bytes where it kept no loops.
+        """Impacts and kept loops of a shard, bytes of a table each; no bytes where it kept no
+        loops.
 
         number, name: as `shards` gives them. Raises UserError for a shard that is damaged,
         OutputError where it cannot be read.
@@ -505,8 +507,8 @@ class Store:
         self._write(folder + _shard_name(shard.number, shard.impacts), shard.impacts)
 
     def bounces(self) -> bytes | None:
-        """The table of bounces under gravity, as `write_bounces` got it; None where there is none that
-        is whole. Raises OutputError where the folder cannot be read.
+        """The table of bounces under gravity, as `write_bounces` got it; None where there is none
+        that is whole. Raises OutputError where the folder cannot be read.
         """
         with self._output_errors("a folder that can be read"):
             for name in filter(_BOUNCES.fullmatch, self._files.names()):
@@ -567,8 +569,8 @@ def _json(content: Mapping[str, Any]) -> bytes:
 
 
 def _are_starts(starts: Any, parts: Any) -> bool:
-    """True for the numbers of the grids' first parts, rising from 0, with the number of all parts at
-    the end. Both arguments may be anything that JSON has.
+    """True for the numbers of the grids' first parts, rising from 0, with the number of all parts
+    at the end. Both arguments may be anything that JSON has.
     """
     if not isinstance(starts, list) or len(starts) < 2:
         return False

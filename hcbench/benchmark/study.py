@@ -189,7 +189,7 @@ class Study:
         return any(run.is_oblique for run in self.runs)
 
     def described(self) -> dict[str, Any]:
-        """The study as JSON, SI, defaults filled in; what a plain study does not have is left out."""
+        """The study as JSON, SI, defaults filled in, without what a plain study lacks."""
         left_out = {"scene", "runs"}
         for name in ("left_out", "device"):
             if not getattr(self, name):
@@ -505,7 +505,8 @@ def _is_shown(run: Run, study: Study) -> bool:
 
 
 def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
-    """A run as a preview has it: for the main α, and fewer speeds or steps. It may have no steps left.
+    """A run as a preview has it: for the main α, and fewer speeds or steps. It may have no steps
+    left.
 
     study: gives the main α and the steps of all runs.
     speeds: m/s, in place of the study's band; a run with speeds of its own keeps them.

@@ -132,8 +132,8 @@ class MaterialPair(FileTable):
 
     @model_validator(mode="after")
     def _require_one_form(self) -> Self:
-        """Refuse a material with none or several of α, e and points, and speeds that contradict: by an
-        error of Pydantic, which `validate` turns into a UserError.
+        """Refuse a material with none or several of α, e and points, and speeds that contradict: by
+        an error of Pydantic, which `validate` turns into a UserError.
         """
         forms = (self.alpha_s_per_m is not None, self.restitution is not None, bool(self.points))
         if sum(forms) != 1:
@@ -212,8 +212,8 @@ class MaterialPair(FileTable):
 
     @property
     def speeds(self) -> tuple[float, ...] | None:
-        """Speeds, m/s, to measure a pair at that should bounce so: those of the points, or evenly over
-        the band, or the only one; None where none is stated.
+        """Speeds, m/s, to measure a pair at that should bounce so: those of the points, or evenly
+        over the band, or the only one; None where none is stated.
         """
         if self.speed_range_m_per_s is None:
             return None

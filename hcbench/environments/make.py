@@ -214,8 +214,8 @@ def _one_line(text: str) -> str:
 
 
 def _explained(text: str, about: str, folder: Path) -> HcbenchError:
-    """The error of hcbench for a failure of uv: OutputError for a full disk, UserError for a version
-    or wheel that does not exist, CannotRun for all else.
+    """The error of hcbench for a failure of uv: OutputError for a full disk, UserError for a
+    version or wheel that does not exist, CannotRun for all else.
 
     text: message of uv in one line. about: what was to be made, for the error. folder: on the disk
     whose free space is stated.
@@ -248,7 +248,9 @@ def _first(pattern: str, text: str) -> str:
 
 
 def _python_version(folder: Path) -> str:
-    """Version of the Python that an environment was made with, as the environment's pyvenv.cfg has it."""
+    """Version of the Python that an environment was made with, as the environment's pyvenv.cfg has
+    it.
+    """
     match = re.search(
         r"(?m)^version_info = (\S+)", (folder / "pyvenv.cfg").read_text(encoding="utf-8")
     )

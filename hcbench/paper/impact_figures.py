@@ -62,8 +62,8 @@ def _mark_depth(axes: Axes, x: float) -> None:
 
 
 def figure_1() -> tuple[Figure, str]:
-    """The loops of (4) and of (16), with the same restitution and contact time; and, in words for the
-    caption, the e of (4) if contact ends as soon as the force does.
+    """The loops of (4) and of (16), with the same restitution and contact time; and, in words for
+    the caption, the e of (4) if contact ends as soon as the force does.
     """
     law = HuntCrossley(1.0, SKETCH_ALPHA_SPEED)
     mass = 1.0
@@ -259,8 +259,8 @@ def approximations_figure() -> Figure:
 
 
 def quadratic_figure() -> Figure:
-    """Restitution over α v of the q = 2 variant, whose damping grows with v², against (16) and (2), and
-    its loop at α v = 0.5 beside that of (16).
+    """Restitution over α v of the q = 2 variant, whose damping grows with v², against (16) and (2),
+    and its loop at α v = 0.5 beside that of (16).
     """
     figure = new_figure(8.4, 3.6)
     left, right = figure.subplots(1, 2)
@@ -334,8 +334,8 @@ def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floa
 
 
 def later_laws_figure() -> Figure:
-    """Restitution that every published law delivers over the one that it is set to, and the difference
-    of the two.
+    """Restitution that every published law delivers over the one that it is set to, and the
+    difference of the two.
     """
     figure = new_figure(8.4, 4.4)
     left, right = figure.subplots(1, 2)

@@ -108,7 +108,9 @@ def _constants() -> Iterator[Printed]:
 
 
 def _stresses() -> Iterator[Printed]:
-    """The stresses of section 1.10; the share of the shear is Hertz's for a Poisson's ratio of 0.30."""
+    """The stresses of section 1.10; the share of the shear is Hertz's for a Poisson's ratio of
+    0.30.
+    """
     share, _ = largest_shear(1.0, 0.30)
     yield Printed("1.10", "bearing stress, 200 000 lb/in²", "1.38e9", 200_000 * PSI, "N/m²", 3)
     yield Printed("1.10", "its highest limit, 500 000 lb/in²", "3.45e9", 500_000 * PSI, "N/m²", 3)
@@ -163,8 +165,8 @@ FACTOR_MASSES = (0.01, POUND, 100.0)
 
 
 def factors() -> list[tuple[float, list[float]]]:
-    """λ/(α k) read off simulated impacts: of each n of FACTOR_EXPONENTS, the factors of FACTOR_MASSES.
-    Eq. (15) has no n and no m in it.
+    """λ/(α k) read off simulated impacts: of each n of FACTOR_EXPONENTS, the factors of
+    FACTOR_MASSES. Eq. (15) has no n and no m in it.
 
     In each λ/k = 1 s/m is put in, and the α of eq. (2) read off e at two speeds, as v goes to 0.
     """

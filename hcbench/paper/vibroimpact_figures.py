@@ -120,7 +120,8 @@ SETTLED = 12
 
 
 def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
-    """The two loops of a squeezed mass and their sum, over the last of SETTLED cycles of a drive at the
+    """The two loops of a squeezed mass and their sum, over the last of SETTLED cycles of a drive at
+    the
     resonance of the linearised mass: the figure, that cycle, and the system.
 
     force: amplitude of the drive, in the sketch's own units. Without touch or parting in the cycle,
@@ -219,8 +220,8 @@ STAND_IN_SPEED = 0.4
 
 
 def response_figure(effort: Effort) -> Figure:
-    """Amplitude over force, nm/N, of the squeezed mass over the frequency of its drive, kHz, for the
-    amplitudes FORCES, against the linearised one.
+    """Amplitude over force, nm/N, of the squeezed mass over the frequency of its drive, kHz, for
+    the amplitudes FORCES, against the linearised one.
     """
     linear = linearized(SQUEEZED)
     # Two thirds of the frequencies where the peaks are.

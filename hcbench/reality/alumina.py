@@ -100,7 +100,8 @@ def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
 
 
 def judged(bounces: MeasuredBounces, later: Floats, spin: Floats) -> SettingErrors:
-    """Errors over the throws of the first figure alone: of the tangential speed after over that before.
+    """Errors over the throws of the first figure alone: of the tangential speed after over that
+    before.
 
     later, spin: velocities (m/s) and spins (rad/s) after all throws, shape (n, 3); spins count
     nothing.

@@ -135,7 +135,8 @@ def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
     m; None where it is not clear.
 
     number: of the track. spin: before the bounce, rad/s, shape (3,). Not clear: too few frames on a
-    side, no touch near the lowest frame, more than 6 mm off the fitted arcs, or slower than 0.3 m/s.
+    side, no touch near the lowest frame, more than 6 mm off the fitted arcs, or slower than 0.3
+    m/s.
     """
     if len(track) < 20:
         return None

@@ -62,8 +62,8 @@ _Load = Callable[[str, str], Callable[[], _Numbers]]
 
 @dataclass(frozen=True, slots=True)
 class _Tensor:
-    """A tensor whose numbers may not be read yet, as the file describes it: nothing of it is checked
-    before `array`.
+    """A tensor whose numbers may not be read yet, as the file describes it: nothing of it is
+    checked before `array`.
 
     storage: reads its numbers. offset, strides: in numbers.
     """
@@ -213,8 +213,8 @@ def _from_stream(file: io.BytesIO) -> _Tensor:
 def _unpickled(file: io.BytesIO, load: _Load) -> Any:
     """The next object of a stream of pickles, of which the file then stands at the end.
 
-    load: what stands for a storage's key and type. Raises ValueError where no tensor is written like
-    that, and what a damaged pickle leads to.
+    load: what stands for a storage's key and type. Raises ValueError where no tensor is written
+    like that, and what a damaged pickle leads to.
     """
     begin = file.tell()
     for count, (opcode, argument, _) in enumerate(pickletools.genops(file)):

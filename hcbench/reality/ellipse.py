@@ -94,8 +94,8 @@ def body() -> Body:
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> EllipseImpacts:
     """Impacts of parts of the data, shipped or of a folder of the original repository.
 
-    parts: those with number % 5 among them. `variant` changes nothing. Raises UserError for a folder
-    without the set's file.
+    parts: those with number % 5 among them. `variant` changes nothing. Raises UserError for a
+    folder without the set's file.
     """
     if folder is None:
         with np.load(SHIPPED) as shipped:
@@ -180,8 +180,8 @@ _INVERSE = np.diag([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
 
 
 def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
-    """Velocities (x, z, spin) after, shape (n, 3), by a rigid law: Newton's e, and Coulomb's friction
-    in the direction of the impulse that would stop the slip.
+    """Velocities (x, z, spin) after, shape (n, 3), by a rigid law: Newton's e, and Coulomb's
+    friction in the direction of the impulse that would stop the slip.
     """
     normal = impacts.normal
     tangent = impacts.tangent

@@ -73,8 +73,8 @@ def speeds_and_e(impacts: Sequence[ImpactRead]) -> tuple[Floats, Floats]:
 
 
 def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
-    """Slope of e over impact speed, s/m, by least squares, with a 95 % interval by bootstrap over the
-    impacts. The same numbers give the same interval.
+    """Slope of e over impact speed, s/m, by least squares, with a 95 % interval by bootstrap over
+    the impacts. The same numbers give the same interval.
 
     name: what was read, in words.
     speed, e: m/s and 1, shape (n,).
@@ -225,8 +225,8 @@ def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
     n = min(motion.flight, MOST_FLIGHT)
     lasts = float(motion.time[n - 1] - motion.time[0])
     start = motion.start
-    # Standard errors, over the noise of a point, of a line's value at its end, 2/√n, and of its slope,
-    # √12/(T √n), of n points evenly over the time T.
+    # Standard errors, over the noise of a point, of a line's value at its end, 2/√n, and of its
+    # slope, √12/(T √n), of n points evenly over the time T.
     at_end = 2.0 / np.sqrt(n)
     slope = 3.5 / (lasts * np.sqrt(n))
     place = start.position + noise.normal(0.0, POSITION_NOISE * at_end, 3)

@@ -101,8 +101,8 @@ def _starts(data: str, folder: Path | None) -> Iterator[Cell]:
 
 
 def search(cell: Cell) -> list[tuple[Floats, float]]:
-    """Tries of a search from the cell's values towards a least mean error: the natural logarithms of
-    the parameters that move, shape (k,), and the error.
+    """Tries of a search from the cell's values towards a least mean error: the natural logarithms
+    of the parameters that move, shape (k,), and the error.
 
     To be run in a worker process of the cell's engine. A try that the engine fails at, or whose
     errors are not finite, has the error _FAILED.
@@ -134,7 +134,8 @@ def _moving(cell: Cell) -> list[int]:
 def _values(cell: Cell, u: Floats) -> tuple[float, ...]:
     """Values of all parameters of a cell's setting, in their order.
 
-    u: natural logarithms of those that move, shape (k,). A value is at most the parameter's largest.
+    u: natural logarithms of those that move, shape (k,). A value is at most the parameter's
+    largest.
     """
     fixed = SETS[cell.data].FIXED
     moved = dict(zip(_moving(cell), u, strict=True))
@@ -167,8 +168,8 @@ def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
     scale = np.maximum(high - low, 1e-12)
     x = (points - best) / scale
     n = x.shape[1]
-    # Columns of c + b x + x A x / 2, A symmetric: of A its upper triangle, with half of the diagonal.
-    # With its transpose added below, the triangle is A.
+    # Columns of c + b x + x A x / 2, A symmetric: of A its upper triangle, with half of the
+    # diagonal. With its transpose added below, the triangle is A.
     rows, cols = np.triu_indices(n)
     columns = np.concatenate([np.ones((len(x), 1)), x, x[:, rows] * x[:, cols]], axis=1)
     # Twice as many tries as coefficients, so that the fit smooths.

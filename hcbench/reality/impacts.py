@@ -183,8 +183,8 @@ class _ImpactFit:
         self.later = self.since > 0.0
 
     def _arc(self, touch: float) -> tuple[Floats, Floats, Rotation, Floats]:
-        """Place (m) and velocity (m/s), shape (3,), attitude and spin (rad/s, (3,)) at a time, by the
-        flight before the impact.
+        """Place (m) and velocity (m/s), shape (3,), attitude and spin (rad/s, (3,)) at a time, by
+        the flight before the impact.
 
         touch: time, s, in the time of the motion. Straight lines are fitted to the place in free
         fall and to the turn.
@@ -232,8 +232,8 @@ class _ImpactFit:
         return touch, start, base
 
     def _after(self, u: Floats) -> tuple[Rotation, Floats, Floats, Floats]:
-        """Attitude at the touch, the vertex' arm from the centre then, m, and velocity (m/s) and spin
-        (rad/s) after the impulse, in the world's frame, shape (b, 3) each.
+        """Attitude at the touch, the vertex' arm from the centre then, m, and velocity (m/s) and
+        spin (rad/s) after the impulse, in the world's frame, shape (b, 3) each.
 
         u: unknowns, shape (b, 21).
         """
@@ -246,8 +246,9 @@ class _ImpactFit:
         return turn, arm, velocity, spin
 
     def left(self, u: Floats) -> Floats:
-        """Residuals of unknowns of shape (b, 21), in standard deviations, shape (b, 6 n + 6): of each of
-        n frames the place, then of each the attitude, then the priors of the jump and its turn.
+        """Residuals of unknowns of shape (b, 21), in standard deviations, shape (b, 6 n + 6): of
+        each of n frames the place, then of each the attitude, then the priors of the jump and its
+        turn.
         """
         sets, frames = len(u), len(self.time)
         turn, _, velocity, spin = self._after(u)

@@ -165,8 +165,8 @@ def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
 
 
 def at_times(states: Floats, timestep: float, time: Floats) -> tuple[Floats, Floats]:
-    """Positions (m), shape (n, 3), and quaternions, shape (n, 4), at times, linear between the ends of
-    steps; beyond the last state they go on as in the last step.
+    """Positions (m), shape (n, 3), and quaternions, shape (n, 4), at times, linear between the ends
+    of steps; beyond the last state they go on as in the last step.
 
     states: shape (steps, components), in columns POSITION and QUATERNION.
     timestep: s.
@@ -254,8 +254,8 @@ class Tosses:
 
 
 def _away(measured: Motion, position: Floats, quaternion: Floats) -> tuple[float, float]:
-    """Mean distance (m) and angle (rad) over frames. What is not finite counts as 1 m and half a turn
-    away.
+    """Mean distance (m) and angle (rad) over frames. What is not finite counts as 1 m and half a
+    turn away.
 
     position: m, shape (n, 3); quaternion: shape (n, 4), at the times of the measured ones.
     """

@@ -50,7 +50,7 @@ _NEAR = 1.5
 
 
 def page_text(results: RealityResults) -> str:
-    """The page of the study as HTML text; parts that these results have nothing for are left out."""
+    """The page of the study as HTML text; parts without results are left out."""
     scores: dict[str, list[SettingScore]] = {}
     drawn = {}
     for name in results.request.sets:
@@ -159,7 +159,8 @@ def verdicts(results: RealityResults) -> Iterator[str]:
 
 
 def _comparable(scores: Sequence[SettingScore]) -> list[SettingScore]:
-    """Scores of the engines' settings on the cube that are near the best: within _NEAR of its error.
+    """Scores of the engines' settings on the cube that are near the best: within _NEAR of its
+    error.
 
     Without engines as they are with nothing set, and without pyramidal cones.
     """
@@ -200,8 +201,8 @@ PUBLISHED_SLOPES = (
 def _slope_verdict(results: RealityResults) -> Iterator[str]:
     """Conclusions on the slope of e over speed, with what is published; none without slopes.
 
-    The last one, on the law of one α, needs the tosses' slope and that of their twins under this law,
-    and comes only where their intervals are apart.
+    The last one, on the law of one α, needs the tosses' slope and that of their twins under this
+    law, and comes only where their intervals are apart.
     """
     if results.slopes:
         names = [

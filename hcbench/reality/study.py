@@ -275,8 +275,9 @@ def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
 
 
 def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
-    """Poses at the frames of the first toss that is judged: "measured", and by the name of each setting
-    of the first engine that has a plug-in. Shape (n, 7): position, m, and quaternion, w first.
+    """Poses at the frames of the first toss that is judged: "measured", and by the name of each
+    setting of the first engine that has a plug-in. Shape (n, 7): position, m, and quaternion, w
+    first.
 
     Empty where no cell of the cube is of such an engine.
     """
@@ -319,8 +320,8 @@ def _is_in_switches(cell: Cell) -> bool:
 
 
 def _exact(data: str) -> tuple[str, ContactSetting, ContactSetting] | None:
-    """The first installed engine whose plug-in sets e of every impact, with its settings of constant e
-    and of α; None without one.
+    """The first installed engine whose plug-in sets e of every impact, with its settings of
+    constant e and of α; None without one.
 
     data: name of a set, whose body the engine has to know.
     """
@@ -372,8 +373,8 @@ def _floors(
 def _impacts(
     request: RealityRequest, parameters: Parameters, pool: WorkerPool
 ) -> tuple[list[ImpactRead], dict[str, list[ImpactRead]]]:
-    """Impacts of the tosses that are judged and those of the training part, and of their twins, every
-    third toss, by the name of their law; of the part alone where the request names one.
+    """Impacts of the tosses that are judged and those of the training part, and of their twins,
+    every third toss, by the name of their law; of the part alone where the request names one.
 
     There are no twins without an engine whose plug-in sets e. Raises UserError for a folder that is
     not of the cube's data, and what the engine raises.

@@ -80,7 +80,8 @@ def report(
     Raises
     ------
     UserError
-        For a study that cannot be read, what an engine refuses, and a folder that holds other files.
+        For a study that cannot be read, what an engine refuses, and a folder that holds other
+        files.
     CannotRun
         Where an engine is not installed, unless the study is built in, and where a worker fails.
     OutputError
@@ -166,8 +167,8 @@ def write_report(
 
 
 def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple[str, Study]:
-    """The name of a study, and the study. A built-in one leaves out engines that are not installed, any
-    one plug-ins that cannot be compiled, with a line to `warn`.
+    """The name of a study, and the study. A built-in one leaves out engines that are not installed,
+    any one plug-ins that cannot be compiled, with a line to `warn`.
 
     name: of a file, a folder or a built-in study. device: that the engines compute on; "" for any.
     Raises as `find_study` and `load_study`; StudyError where no engine of a built-in study is

@@ -99,8 +99,8 @@ def explorer(by_gravity: Views) -> Explorer | None:
 
 
 def explorer_data(by_gravity: Views) -> dict[str, Any]:
-    """Everything that the explorer knows, JSON-able, SI, by the names that its script reads; {} where
-    no engine ran over a band.
+    """Everything that the explorer knows, JSON-able, SI, by the names that its script reads; {}
+    where no engine ran over a band.
     """
     ran = _conditions_run(by_gravity)
     if not ran:
@@ -172,8 +172,8 @@ def as_json(content: Any) -> str:
 
 
 def _start(keys: Sequence[Any], view: View) -> _Where:
-    """Conditions that the page opens with: the first engine at the step nearest to the usual one, by
-    ratio, for the α nearest to the main one.
+    """Conditions that the page opens with: the first engine at the step nearest to the usual one,
+    by ratio, for the α nearest to the main one.
 
     keys: conditions to choose from, one or more; of another gravity or engine only where the view's
     gravity and first engine have none.

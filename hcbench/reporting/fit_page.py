@@ -183,8 +183,8 @@ def _sound_figure(s: TouchTimes) -> Figure:
 def _draw_waveform(
     axes: Axes, recording: Recording, first: int, last: int, touches: Iterable[float]
 ) -> None:
-    """Draw samples first ... last - 1 of a recording over time, with a line at each touch (s, in the
-    time of the recording's file).
+    """Draw samples first ... last - 1 of a recording over time, with a line at each touch (s, in
+    the time of the recording's file).
     """
     sound = recording.sound[first:last]
     # The least and the largest of every `stride` samples, so that no peak is lost.
@@ -231,7 +231,7 @@ def _around(s: TouchTimes) -> tuple[int, int]:
 
 
 def _played(s: TouchTimes) -> str:
-    """The part of the sound that holds the trains, as a WAV file in base 64, as loud as it can be."""
+    """The part of the sound that holds the trains, at full level: a WAV file in base 64."""
     assert s.recording is not None
     first, last = _around(s)
     part = s.recording.sound[first:last]

@@ -82,8 +82,8 @@ def summary(measurement: Measurement) -> str:
 
 
 def curve_figure(measurement: Measurement) -> Figure:
-    """e over approach speed, m/s: a band over the phases, what the model asks for, and the target, of
-    the latter two what there is.
+    """e over approach speed, m/s: a band over the phases, what the model asks for, and the target,
+    of the latter two what there is.
     """
     curve = measurement.curve.measured()
     speeds = curve.speed_in
@@ -106,7 +106,7 @@ def curve_figure(measurement: Measurement) -> Figure:
 
 
 def _loops_figure(measurement: Measurement) -> Figure:
-    """Force, N, over penetration, µm: one loop a speed, the faster the darker; at least one loop."""
+    """Force, N, over penetration, µm: one loop or more, one a speed, the faster the darker."""
     fastest = max(impact.speed_in for impact in measurement.loops)
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
@@ -224,8 +224,8 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
 
 
 def _measured(impacts: Sequence[Impact], curve: Curve, loops: LoopStore) -> dict[str, Any]:
-    """The curve as the script takes it, by the impacts whose loops there are; a speed without one has
-    the mean e of its phases, no steps and the loop number -1.
+    """The curve as the script takes it, by the impacts whose loops there are; a speed without one
+    has the mean e of its phases, no steps and the loop number -1.
 
     impacts: with loops, at most one for each speed of the curve, and one at least.
     curve: points along the normal.

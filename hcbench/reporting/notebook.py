@@ -68,8 +68,8 @@ def _rows(rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def draw_curve(axes: Axes, result: FitResult, of_law: str, of_data: Sequence[str]) -> None:
-    """Draw e over impact speed, m/s: the data as one reads them off, the likeliest law with its 95 %
-    band.
+    """Draw e over impact speed, m/s: the data as one reads them off, the likeliest law with its 95
+    % band.
 
     of_law: colour of the law. of_data: colours of the data, one a file, from the first again where
     they are too few.

@@ -231,8 +231,8 @@ def set_ticks(
 
 
 def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high: float) -> Floats:
-    """Positions nearest to these by least squares, at least `gap` apart, within `low` to `high`: for
-    labels beside lines.
+    """Positions nearest to these by least squares, at least `gap` apart, within `low` to `high`:
+    for labels beside lines.
 
     positions: shape (n,), in any order; the result has their order.
     The gap gives way if there are more labels than room.

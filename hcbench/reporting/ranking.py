@@ -97,7 +97,9 @@ def _more(answer: Mapping[str, Any], choice: Mapping[str, Any]) -> Iterator[str]
 
 
 def answered(view: View) -> Iterator[Mapping[str, Any]]:
-    """The answers, as JSON, for the engines and steps that ran over a band, under the view's gravity."""
+    """The answers, as JSON, for the engines and steps that ran over a band, under the view's
+    gravity.
+    """
     ran = {(run.engine, run.timestep) for run in view.band_runs}
     for answer in view.answers.values():
         if (answer["engine"], answer["timestep"]) in ran and math.isclose(
@@ -122,8 +124,8 @@ def best_of(answer: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
-    """The choice, as JSON, of the answer for a run's engine and step that has the run's setting; None
-    without such an answer or choice.
+    """The choice, as JSON, of the answer for a run's engine and step that has the run's setting;
+    None without such an answer or choice.
 
     alpha: s/m; None: the study's main one.
     """
@@ -221,8 +223,8 @@ def tie(view: View) -> float:
 
 
 def error_ratio(view: View, run: RunKey) -> float:
-    """`over_constant` of the main α under gravity, else of the worst α; the number by which runs are
-    ranked. inf for a run that gained energy, lost impacts or has no score.
+    """`over_constant` of the main α under gravity, else of the worst α; the number by which runs
+    are ranked. inf for a run that gained energy, lost impacts or has no score.
     """
     if any(score["failed"] or score["energy_gained"] for score in _judged(view, run)):
         return math.inf
@@ -234,8 +236,8 @@ def error_ratio(view: View, run: RunKey) -> float:
 
 
 def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
-    """The scores that a verdict goes by: under gravity that of the main α, which settings are fitted
-    for there; else those of all α. Empty where there is none.
+    """The scores that a verdict goes by: under gravity that of the main α, which settings are
+    fitted for there; else those of all α. Empty where there is none.
     """
     if not view.gravity:
         return view.scores(run)
@@ -246,7 +248,8 @@ def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
 
 
 def lacks(view: View, run: RunKey) -> tuple[str, ...]:
-    """Reasons not to use a run under gravity, in words; empty for none, and if it ran without gravity.
+    """Reasons not to use a run under gravity, in words; empty for none, and if it ran without
+    gravity.
 
     It does not come to rest, sinks too deep at rest, or goes too deep in a bounce.
     """
@@ -299,8 +302,8 @@ def verdict(view: View, run: RunKey) -> RunVerdict:
 
 
 def loop_verdict(view: View, run: RunKey) -> str:
-    """Verdict on a run's loops at the main α, in words: by the distance of the force from the law's,
-    then by the depth. "no loop to judge" without a score or a resolved loop.
+    """Verdict on a run's loops at the main α, in words: by the distance of the force from the
+    law's, then by the depth. "no loop to judge" without a score or a resolved loop.
     """
     score = view.score(run)
     if score is None or not score["loops"]:

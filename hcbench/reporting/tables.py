@@ -136,8 +136,8 @@ def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
     """Runs of the main α at several places: the largest error of e on the cup's axis, and at each
     other place the largest difference of e from there, launch by launch.
 
-    Keys of a row: run, dropped, error, off_axis and flat; the last three are text. Empty for a study
-    that is not of a cup.
+    Keys of a row: run, dropped, error, off_axis and flat; the last three are text. Empty for a
+    study that is not of a cup.
     """
     study = results.study
     view = by_gravity.main
@@ -301,8 +301,8 @@ def _error_cell(view: View, run: RunKey, alpha: float) -> list[str]:
 
 
 def constants(by_gravity: Views) -> list[Cells]:
-    """Largest error of the best constant e for each α, over the launches of a step's runs: a row for
-    each gravity and step, with gravity (m/s²), step (s) and errors by α in nine digits.
+    """Largest error of the best constant e for each α, over the launches of a step's runs: a row
+    for each gravity and step, with gravity (m/s²), step (s) and errors by α in nine digits.
     """
     rows = []
     for view in by_gravity.shown:

@@ -223,8 +223,8 @@ class View:
 
     @cached_property
     def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
-        """Style of each (engine, setting) of the study: those planned, those that ran and those that
-        were dropped, so that one setting looks the same in every figure.
+        """Style of each (engine, setting) of the study: those planned, those that ran and those
+        that were dropped, so that one setting looks the same in every figure.
         """
         settings = [(run["engine"], run["recipe"]) for run in self.study["runs"]]
         settings += [(run.engine, run.setting) for run, _ in self.head_on]

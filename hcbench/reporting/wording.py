@@ -22,8 +22,8 @@ def engine_title(name: str) -> str:
 
 
 def time(seconds: float) -> str:
-    """A time, s, in three digits: "1 µs", "0.2 ms", "4.17 ms"; "1/240 s" and "1/60 s", the steps that
-    engines use.
+    """A time, s, in three digits: "1 µs", "0.2 ms", "4.17 ms"; "1/240 s" and "1/60 s", the steps
+    that engines use.
     """
     for rate in (240, 60):
         if math.isclose(seconds, 1 / rate, rel_tol=1e-9):

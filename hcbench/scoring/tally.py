@@ -28,7 +28,8 @@ class LoopScore:
     rms: distance in force at equal penetration and branch, root mean square over the loop's path in x, over
         the law's largest force.
     area_ratio: of the energy lost; NaN for a law without damping, which encloses no area.
-    touch_force, parting_force: the force at x = 0 that the first and last two samples point to, over
+    touch_force, parting_force: the force at x = 0 that the first and last two samples point to,
+    over
         the largest.
     tension_share: the share of the impulse that pulls.
     samples: steps in contact.
@@ -204,7 +205,8 @@ class Measured:
     launch: a number that launches share which differ in phase only.
     parted, rested: whether it ended so; an impact that is neither has failed, and counts for no
     error.
-    speed_in: m/s. energy_lost: a share of the kinetic energy. These and e are NaN where there is none.
+    speed_in: m/s. energy_lost: a share of the kinetic energy. These and e are NaN where there is
+    none.
     samples: steps in contact.
     gained: whether any is known to have gained energy.
     """
@@ -283,7 +285,9 @@ class Tally:
         self._pairs.append((speed_in, e))
 
     def score(self) -> Score:
-        """Score all impacts that were added, at least one. A number that they do not determine is NaN."""
+        """Score all impacts that were added, at least one. A number that they do not determine is
+        NaN.
+        """
         impacts, parted, rested = self._counts.tolist()
         constant, constant_error = best_constant(self._law.alpha, self._ends)
         exponent = self._loss.value()
@@ -462,8 +466,8 @@ def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
 
 
 def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, Any]:
-    """Judge the paper's claims about a sound contact model, by the names of CLAIMS; None for one that
-    is not resolved.
+    """Judge the paper's claims about a sound contact model, by the names of CLAIMS; None for one
+    that is not resolved.
 
     loops: of all scored impacts; each claim about the force needs STEPS_AT_ITS_ENDS in every one.
     exponent, law_exponent: p of the energy lost ∝ v^p, measured and by the law; NaN where unknown.

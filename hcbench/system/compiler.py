@@ -238,8 +238,8 @@ def build(
 
 
 def loaded(source: str) -> Path | None:
-    """The library made of `source` that this process has loaded, in any version that is in the cache;
-    None without one, and on systems that cannot tell.
+    """The library made of `source` that this process has loaded, in any version that is in the
+    cache; None without one, and on systems that cannot tell.
 
     source: as of `build`.
     """

@@ -59,8 +59,8 @@ def json_text(content: Any) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Parse JSON. Raises ValueError for invalid text, for text nested too deeply for Python, and for a
-    key that an object has twice.
+    """Parse JSON. Raises ValueError for invalid text, for text nested too deeply for Python, and
+    for a key that an object has twice.
     """
     if isinstance(text, str):
         # Editors in Windows begin a file with a byte-order mark.
@@ -72,8 +72,8 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The object of these pairs. Raises ValueError for a key that comes twice: Python would silently
-    keep the last value.
+    """The object of these pairs. Raises ValueError for a key that comes twice: Python would
+    silently keep the last value.
     """
     content: dict[str, Any] = {}
     for key, value in pairs:
@@ -104,7 +104,7 @@ def is_file(path: str | Path) -> bool:
 
 
 def why_no_file(path: Path) -> str:
-    """The reason why a path cannot be read as a file, for a message after its name: "is a folder"."""
+    """The reason why a path cannot be read as a file, as it follows its name: "is a folder"."""
     if path.is_dir():
         return "is a folder"
     if path.exists():
@@ -255,8 +255,8 @@ def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = Fals
 def unwritable(
     slot: str, path: Path | str, error: OSError, expected: str, advice: str = ""
 ) -> HcbenchError:
-    """The error of hcbench for a path that could not be written: a UserError where no file can be, an
-    OutputError for a full disk, a permission and anything else.
+    """The error of hcbench for a path that could not be written: a UserError where no file can be,
+    an OutputError for a full disk, a permission and anything else.
 
     error: of the system. slot, expected, advice: of the new error.
     """
@@ -276,9 +276,9 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
     wrote and this one did not are deleted, unless they were modified since: MANIFEST lists what was
     written, with a digest of each.
 
-    Raises UserError, and nothing is written, where a file that is not of an earlier block, or a link
-    within the folder, is in the way; UserError or OutputError as `unwritable`; OutputError where
-    another process is writing into the folder.
+    Raises UserError, and nothing is written, where a file that is not of an earlier block, or a
+    link within the folder, is in the way; UserError or OutputError as `unwritable`; OutputError
+    where another process is writing into the folder.
     """
     made: list[Path] = []
     scratch: Path | None = None
@@ -339,7 +339,8 @@ def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
 def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
     """While no other process has the folder; on Windows, always.
 
-    wait: until the other process ends; else OSError where one has it, and where the folder is a link.
+    wait: until the other process ends; else OSError where one has it, and where the folder is a
+    link.
     """
     try:
         import fcntl
@@ -437,8 +438,8 @@ def _digest(path: Path) -> str:
 
 @contextmanager
 def deferred_signals() -> Iterator[None]:
-    """Let Ctrl-C, TERM, HUP and ALRM wait until the block is through; for moments, in the main thread.
-    The first that came is then raised again. In another thread nothing changes.
+    """Let Ctrl-C, TERM, HUP and ALRM wait until the block is through; for moments, in the main
+    thread. The first that came is then raised again. In another thread nothing changes.
     """
     pending: list[int] = []
     handlers: dict[int, Any] = {}

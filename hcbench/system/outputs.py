@@ -216,15 +216,15 @@ def _mark(option: str) -> bytes:
 
 
 def _marked(content: bytes, option: str) -> bytes:
-    """The content with its mark: a last comment, or a text chunk before the last of a PNG. JSON stays
-    as it is, since it takes no comment.
+    """The content with its mark: a last comment, or a text chunk before the last of a PNG. JSON
+    stays as it is, since it takes no comment.
 
     option: the one that writes it.
     """
     mark = _mark(option)
     if content.startswith(_PNG):
         chunk = b"tEXtComment\0" + mark
-        # Length of the data, type and data, checksum of these two. The last chunk, IEND, has 12 bytes.
+        # Length of the data, type and data, checksum of these two. The last chunk has 12 bytes.
         framed = (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
         return content[:-12] + framed + content[-12:]
     if content.startswith((b"{", b"[")):

@@ -71,8 +71,8 @@ def split_names(text: str) -> list[str]:
 def without_empty(
     header: tuple[str, ...], rows: Sequence[tuple[str, ...]], name: str
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """The header and rows of a table without the column `name`, where no row has anything in it; else
-    with it. Raises ValueError for a column that the table does not have.
+    """The header and rows of a table without the column `name`, where no row has anything in it;
+    else with it. Raises ValueError for a column that the table does not have.
     """
     at = header.index(name)
     if any(row[at] for row in rows):
@@ -113,8 +113,8 @@ def arguments(values: Mapping[str, Any]) -> str:
 
 
 def time_step(step: float) -> str:
-    """A time step, s, as text that the command line reads: "0.001"; "1/240" where that is exact and no
-    decimal of six digits is.
+    """A time step, s, as text that the command line reads: "0.001"; "1/240" where that is exact and
+    no decimal of six digits is.
     """
     plain = f"{step:.6g}"
     if float(plain) == step or step <= 0:

@@ -61,8 +61,8 @@ def as_path(text: str) -> Path:
 
 
 def portable(error: Exception) -> Exception:
-    """An error that the parent can read: one of Python's own or of hcbench as it is, any other as an
-    EngineFailed with its type and text.
+    """An error that the parent can read: one of Python's own or of hcbench as it is, any other as
+    an EngineFailed with its type and text.
 
     Python's own get their traceback as a note, since a traceback does not cross. Other packages'
     errors do not cross: to read one, the parent would have to import the engine.

@@ -118,8 +118,8 @@ def _simulate(
     start: Floats,
     tolerance: float,
 ) -> Floats:
-    """Simulate these systems and drives side by side: position, velocity, highest, lowest and touches,
-    see `Orbits`, shape (5, cases, keep).
+    """Simulate these systems and drives side by side: position, velocity, highest, lowest and
+    touches, see `Orbits`, shape (5, cases, keep).
 
     cases: systems that differ in their gap alone, and the drive of each.
     start: position (m) and velocity (m/s). Raises as `orbits`.

@@ -230,9 +230,11 @@ class _Batch:
         self.h[rows] = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
 
     def _take(self, rows: Indices, h: Floats, y: Floats) -> None:
-        """Take these steps to y, and change the modes where they end on a switch; tell the observer.
+        """Take these steps to y, and change the modes where they end on a switch; tell the
+        observer.
 
-        h: lengths of the steps, s, shape (rows,). y: states at their ends, shape (components, rows).
+        h: lengths of the steps, s, shape (rows,). y: states at their ends, shape (components,
+        rows).
         """
         until = self.checkpoints[self.passed[rows], rows]
         arrived = h >= until - self.t[rows]

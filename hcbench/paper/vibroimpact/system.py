@@ -62,8 +62,8 @@ class VibroImpact:
     depth_max: float = math.inf
 
     def __post_init__(self) -> None:
-        """Raise UserError for a mass or depth that is not above 0, and for a gap that is not finite or
-        squeezes the mass too far.
+        """Raise UserError for a mass or depth that is not above 0, and for a gap that is not finite
+        or squeezes the mass too far.
         """
         positive("mass", self.mass, "kg")
         require("gap", self.gap, math.isfinite(self.gap), "a finite gap in m; negative: squeezed")
@@ -230,8 +230,8 @@ class TwoSidedContact:
         object.__setattr__(self, "size", np.array([self.length, self.speed, *rest]))
 
     def rates(self, t: Floats, y: Floats, mode: Modes, rows: Indices) -> Floats:
-        """dy/dt, shape of y: velocity, acceleration and, with the energy balance, the powers that are
-        lost and put in, W.
+        """dy/dt, shape of y: velocity, acceleration and, with the energy balance, the powers that
+        are lost and put in, W.
 
         t: times, s, shape (r,). y: states, shape (components, r). mode: of both contacts, shape
         (2, r). rows: numbers of the masses, shape (r,).
@@ -243,8 +243,8 @@ class TwoSidedContact:
         out[0] = y[1]
         out[1] = (drive - force[0] + force[1]) / self.mass
         if self.energy_balance:
-            # The force at rest stores energy. The rest of the force is lost, and what was stored where
-            # the block no longer presses.
+            # The force at rest stores energy. What the rest of the force takes is lost, and so is
+            # what was stored where the block no longer presses.
             elastic = np.where(mode == APART, 0.0, self._forces(x, np.zeros_like(w)))
             out[2] = ((force - elastic) * w).sum(axis=0)
             out[3] = drive * y[1]

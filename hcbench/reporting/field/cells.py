@@ -114,8 +114,8 @@ def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[
 
 
 def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> MatrixCell:
-    """Cell of the engine's default: the range of its e over speeds and phases, or in words why it has
-    none.
+    """Cell of the engine's default: the range of its e over speeds and phases, or in words why it
+    has none.
 
     here: under the table's gravity; None where it did not run so: `without_gravity` stands in.
     """
@@ -135,8 +135,8 @@ def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> 
 
 
 def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> MatrixCell:
-    """Cell of the least error of a kind of settings, and which setting has it. Its note names settings
-    that are nearer by e, but add energy or lose impacts.
+    """Cell of the least error of a kind of settings, and which setting has it. Its note names
+    settings that are nearer by e, but add energy or lose impacts.
 
     here: engine, gravity (m/s²), time step (s). kind: CONSTANT, SETTINGS or PLUGIN.
     """
@@ -200,8 +200,8 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
 
 
 def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
-    """Cell of the impact speed below which a body stays down, m/s: the higher one of the engine's best
-    setting and its plug-in; None for one that did not run.
+    """Cell of the impact speed below which a body stays down, m/s: the higher one of the engine's
+    best setting and its plug-in; None for one that did not run.
     """
     downs = [(view.stays_down(case), case) for case in (own, plugin) if case is not None]
     if not downs:

@@ -68,8 +68,8 @@ _LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", 
 
 
 def drawings(view: FieldView) -> list[Drawing]:
-    """The figures of a page: errors over the step, and loops, which are empty where no contact of the
-    study is resolved.
+    """The figures of a page: errors over the step, and loops, which are empty where no contact of
+    the study is resolved.
     """
     missing = ""
     make_loops = partial(loops_figure, view)
@@ -126,8 +126,8 @@ def steps_figure(view: FieldView) -> Figure:
 
 
 def loops_figure(view: FieldView) -> Figure:
-    """Force, kN, over penetration, µm, at the study's speed for steps: each engine's best setting at
-    the finest step that has a loop, the law's loop under it.
+    """Force, kN, over penetration, µm, at the study's speed for steps: each engine's best setting
+    at the finest step that has a loop, the law's loop under it.
     """
     cases = dict(_with_loops(view))
     figure, panels = _panels(view, list(cases))
@@ -288,8 +288,8 @@ def _cell(cell: MatrixCell, numbers: dict[Case, int]) -> list[Any]:
 
 
 def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
-    """The panel of a case as the script takes it: title, sentences, e over impact speed (m/s), and the
-    number of its text to paste, None for none. `low` and `high` are there where phases differ.
+    """The panel of a case as the script takes it: title, sentences, e over impact speed (m/s), and
+    the number of its text to paste, None for none. `low` and `high` are there where phases differ.
 
     texts: numbers of the texts so far; that of the case is added in place.
     """
@@ -383,8 +383,8 @@ def build(
 
 
 def _probes(view: FieldView) -> dict[Case, features.Probe | None]:
-    """Run the probe of each engine's usual setting, see `_usual_case`; an engine without one is left
-    out. None for a setting whose probe could not run.
+    """Run the probe of each engine's usual setting, see `_usual_case`; an engine without one is
+    left out. None for a setting whose probe could not run.
     """
     probes = {}
     scene = features.scene_of(view)
@@ -413,7 +413,7 @@ def _far_from_usual(step: float) -> float:
 
 
 def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str:
-    """The table of computing time as CSV, see `features.csv_of`, by the settings that were probed."""
+    """The table of computing time as CSV, see `features.csv_of`, of the settings probed."""
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     costs = []
     for case, of_case in probes.items():
@@ -425,7 +425,8 @@ def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str
 def page_text(
     view: FieldView, figures: list[dict[str, Any]], probes: dict[str, features.Probe | None]
 ) -> str:
-    """The field page as HTML text. It opens with the strongest gravity and the step nearest to 1 ms.
+    """The field page as HTML text. It opens with the strongest gravity and the step nearest to 1
+    ms.
 
     figures: what `draw` returns of each of `drawings`.
     probes: by engine; None where it could not run.

@@ -110,8 +110,8 @@ class FieldView:
 
     @cached_property
     def loops(self) -> dict[Case, pd.DataFrame]:
-        """Each case's loop at the study's speed for steps, rows of LOOP_COLUMNS in time order; a case
-        without a kept loop at that speed is left out.
+        """Each case's loop at the study's speed for steps, rows of LOOP_COLUMNS in time order; a
+        case without a kept loop at that speed is left out.
         """
         table = self._of_alpha(self.results.loops)
         if table.empty:
@@ -197,8 +197,8 @@ class FieldView:
         return off
 
     def choice(self, case: Case) -> Mapping[str, Any] | None:
-        """Choice of `hcbench tune`, as JSON, for the case's engine, gravity, step and α that has its
-        setting and the same band of speeds; None if there is none.
+        """Choice of `hcbench tune`, as JSON, for the case's engine, gravity, step and α that has
+        its setting and the same band of speeds; None if there is none.
         """
         speeds = self.speeds(case.timestep)
         ends = [speeds[0], speeds[-1]]
@@ -381,8 +381,8 @@ def band(view: FieldView, timestep: float) -> str:
 
 
 def versions(view: FieldView) -> str:
-    """Sentence on how far e differs between versions of an engine, each two of them; "" if no engine
-    ran in two.
+    """Sentence on how far e differs between versions of an engine, each two of them; "" if no
+    engine ran in two.
     """
     words = []
     for one, other in combinations(view.engines, 2):
