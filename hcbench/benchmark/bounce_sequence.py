@@ -128,7 +128,9 @@ class Dropped:
 
 
 def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUNCES) -> list[float]:
-    """Heights (m) after each of `count` bounces of a drop from `height` (m), by (16) under gravity."""
+    """Heights (m) after each of `count` bounces of a drop from `height` (m), by the law (16) under
+    standard gravity, which acts in the contact too. mass: effective, kg.
+    """
     from hcbench.laws import ode
 
     heights = []

@@ -219,7 +219,8 @@ class Plan:
     """The settings of a study, and the shards that their launches are cut into.
 
     inputs: by a scene's name.
-    records: what is known of each setting, α and step, as JSON.
+    records: of each setting, α and step, as JSON: the keys of RUN_KEY, its options, and its
+    recipe's summary and notes.
     cuts: of each shard the grid, and which of its launches.
     starts: number of the first shard of each grid, and at the end how many there are.
     """
@@ -316,7 +317,10 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
 
 
 def _inputs(study: Study, engines: Sequence[str], versions: Mapping[str, str]) -> dict[str, Inputs]:
-    """Inputs of the study's results, by the names of its scenes."""
+    """Inputs of the study's results, by the names of its scenes.
+
+    engines: of its runs. versions: of them and of packages, see `versions_here`.
+    """
     scenes = {study.scene.name: study.scene}
     for run in study.runs:
         scenes[run.scene.name] = run.scene
@@ -458,7 +462,10 @@ def _make_setting(job: _Job) -> Setting:
 
 
 def _shard_size(grid: LaunchGrid) -> int:
-    """Launches in each shard of a grid: as few shards as may be, of one size."""
+    """Number of launches in each shard of a grid: as few shards as may be, of one size.
+
+    At most _ON_A_DEVICE on a device; else SHARD_IMPACTS, and about _STEPS steps in contact.
+    """
     if "device" in grid.setting.options:
         return even_size(len(grid), _ON_A_DEVICE)
     scene = grid.scene

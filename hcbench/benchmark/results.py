@@ -516,9 +516,10 @@ class Results(Drawn):
 
     @classmethod
     def read(cls, folder: str | Path) -> Results:
-        """Read what `write` wrote, in this schema; UserError for another folder.
+        """Read what `write` wrote, in this schema or the one before.
 
-        folder: written by `hcbench report`.
+        folder: written by `hcbench report`. Raises UserError for anything else than a path, for
+        results of another schema, and for a folder whose files are missing or have another form.
         """
         if not isinstance(folder, str | Path):
             raise UserError("folder", f"{folder!r:.80}", "a path")

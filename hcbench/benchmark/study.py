@@ -459,11 +459,12 @@ def _described(scene: Scene) -> dict[str, Any]:
 
 
 def preview(study: Study) -> Study:
-    """The main α alone, every fourth speed, every second height and step, half the phases.
+    """A smaller study: the main α alone, every fourth speed, every second height and step, half the
+    phases; its `left_out` says so.
 
     Without oblique launches, those off the axis, and launches over the band for fewer α than the
     study's: these are the settings that each take a search. A table of engines by step has every
-    second step of the study, so that each has all engines. StudyError where nothing is left.
+    second step of the study, so that each has all engines. Raises StudyError where no run is left.
     """
     speeds = study.speeds[3::4]
     if len(speeds) < 2:

@@ -169,9 +169,9 @@ def _parquet_column(values: Any, length: int, kind: Any) -> Any:
 
 
 def metadata_in(content: bytes) -> dict[str, bytes]:
-    """The metadata stored with a table of either kind.
+    """The metadata stored with a table, by name.
 
-    content: bytes of the file, whose first ones tell the kind.
+    content: bytes that `parquet` or `arrays` made; the first ones tell which.
     """
     if content.startswith(_PARQUET):
         import pyarrow.parquet as pq
@@ -330,7 +330,10 @@ def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) ->
 
 
 def _loops_of_all(results: Sequence[BatchResult]) -> list[tuple[int, Loop]]:
-    """Kept loops of all batches, each with the number of its impact in the shard."""
+    """Kept loops of all batches, each with the number of its impact in the shard.
+
+    results: of the batches of one shard, in order.
+    """
     loops = []
     begin = 0
     for result in results:

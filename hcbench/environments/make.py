@@ -94,8 +94,8 @@ def interpreters() -> list[str]:
 
 
 def _known_pythons() -> dict[str, str]:
-    """Version to path of the Python of this process, and of pyenv's, whose
-    shims hide all but one from uv.
+    """Version, such as "3.12.4", to path of the Python of this process, and of pyenv's from
+    LOWEST_PYTHON on, whose shims hide all but one from uv.
     """
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
     known = {}

@@ -54,7 +54,7 @@ class Environment:
         return windows if windows.exists() else self.folder / "bin" / "python"
 
     def write(self) -> None:
-        """Put the record into the folder."""
+        """Put the record into the folder. Raises UserError or OutputError as `write_text`."""
         content = {
             "schema": _SCHEMA,
             "engine": self.engine,

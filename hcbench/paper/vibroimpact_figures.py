@@ -154,8 +154,8 @@ def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
 
 
 def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tuple[Floats, Floats]:
-    """Position and force of the linearised mass over one cycle: a Kelvin-Voigt ellipse, shape
-    (200,) each.
+    """Position and force, in the sketch's own units, of the linearised mass over one cycle: a
+    Kelvin-Voigt ellipse, shape (200,) each.
 
     frequency: Hz. The amplitude is that of the run.
     """

@@ -90,7 +90,11 @@ def identify(
 
 
 def _starts(data: str, folder: Path | None) -> Iterator[Cell]:
-    """A cell for each start of each setting that has parameters to search, on the training part."""
+    """A cell for each start of each setting that has parameters to search, on the training part;
+    the starts of one setting follow one another.
+
+    data: name of the set. folder: where its data are; None for those that are shipped.
+    """
     module = SETS[data]
     for engine, setting in settings_of(data):
         if all(parameter.name in module.FIXED for parameter in setting.parameters):
@@ -110,7 +114,10 @@ def search(cell: Cell) -> list[tuple[Floats, float]]:
     tries: list[tuple[Floats, float]] = []
 
     def error(u: Floats) -> float:
-        """Mean error of the bounces or tosses with these parameters, ln of each, shape (k,)."""
+        """Mean error of the bounces or tosses with some parameters; the try is noted.
+
+        u: natural logarithms of the parameters that move, shape (k,).
+        """
         try:
             mean = float(np.mean(outcome_of(replace(cell, values=_values(cell, u))).errors))
         except EngineFailed:

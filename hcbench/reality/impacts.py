@@ -291,7 +291,8 @@ class _ImpactFit:
     def _energy(self, turn: Rotation, velocity: Floats, spin: Floats) -> Floats:
         """Twice the kinetic energy, J, shape (b,).
 
-        velocity, spin: in the world's frame, shape (b, 3).
+        turn: attitudes, since the inertia is known in the body's frame. velocity (m/s), spin: in
+        the world's frame, shape (b, 3).
         """
         own = turn.inv().apply(spin)
         energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + own**2 @ np.array(
@@ -302,8 +303,8 @@ class _ImpactFit:
     def _up(
         self, u: Floats, turn: Rotation, velocity: Floats, spin: Floats
     ) -> tuple[Floats, Floats]:
-        """Time, s after the touch, and speed, m/s, at which the flight after carries the vertex up
-        through the plate, shape (b,) each.
+        """Time, s after the touch, and speed, m/s, at which the flight after the impact carries the
+        vertex up through the plate, shape (b,) each.
 
         u: unknowns, shape (b, 21).
         turn: attitude at the touch. velocity (m/s), spin (rad/s): after the impulse, shape (b, 3).

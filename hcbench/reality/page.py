@@ -243,7 +243,8 @@ def _elastic(scores: Sequence[SettingScore]) -> list[tuple[str, list[SettingScor
 def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore]]]:
     """Scores with all corrections, then with parts of the data as published.
 
-    Of the settings alone that ran with such parts; empty where none did.
+    Each variant of the data, by its name in `cube.VARIANTS`, and its scores; of the settings alone
+    that ran with such parts. Empty where none did.
     """
     if not results.changed:
         return []

@@ -110,10 +110,12 @@ def _first_box(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementT
 
 
 def read(paths: Sequence[Path], body: Body) -> Tosses:
-    """A toss of each file: times in s, places in m, quaternions (w, x, y, z), a row for each frame.
+    """A toss of each CSV file, a row for each frame, in COLUMNS: time in s, place in m, and
+    quaternion.
 
-    Raises UserError for other columns, times that do not rise, quaternions that are not rotations,
-    and fewer than five frames of flight before the first touch.
+    body: that was tossed. Raises UserError for a file that cannot be read, other columns, times
+    that do not rise, quaternions that are not rotations, and fewer than five frames of flight
+    before the first touch.
     """
     motions = []
     for number, path in enumerate(paths):
@@ -210,7 +212,7 @@ def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
 def text(own: Own, folder: Path) -> Iterator[str]:
     """Lines to print: impacts, errors of settings, and the commands that go on from here.
 
-    folder: where the tables are.
+    folder: where `page.build_own` wrote the tables.
     """
     yield f"{len(own.tosses.motions)} tosses, {len(own.impacts)} impacts read"
     if own.impacts:

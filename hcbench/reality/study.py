@@ -80,7 +80,8 @@ def of_outcome(
 ) -> SettingScore:
     """The score of a setting or of a floor.
 
-    data: name of the data set, whose unit the errors have. Other texts: as `SettingScore` has them.
+    data: name of the data set, whose unit the errors have. For the others see
+    `SettingScore`.
     """
     low, high = interval(outcome.errors)
     turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))

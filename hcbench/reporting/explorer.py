@@ -210,7 +210,7 @@ def _errors(engines: Collection[str]) -> list[dict[str, Any]]:
 
 
 def _choice(choice: PageChoice) -> dict[str, Any]:
-    """A choice as the script takes it."""
+    """A choice of an answer as the script takes it; runs to draw by their names there."""
     return {
         "kind": choice.kind,
         "setting": choice.setting,

@@ -107,8 +107,8 @@ def _curve_figure(result: FitResult) -> Figure:
 
 
 def _residual_figure(result: FitResult) -> Figure:
-    """How far each impact's e is likeliest off the law, in per cent, and what is then left of each
-    reading, over its noise; a band of two standard deviations on either.
+    """The likeliest difference of each impact's e from the law, in per cent, and what is then left
+    of each reading, over its noise; a band of two standard deviations on either.
     """
     figure = new_figure(6.4, 3.4)
     upper, lower = figure.subplots(2, 1)

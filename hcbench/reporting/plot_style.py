@@ -115,7 +115,10 @@ class PlotStyle:
         return "white" if self.dashes else self.colour
 
     def line(self, **more: Any) -> dict[str, Any]:
-        """Keyword arguments for `Axes.plot`."""
+        """Keyword arguments for `Axes.plot` of a line in this style.
+
+        more: further ones, which come before those of the style.
+        """
         style: dict[str, Any] = {
             "color": self.colour,
             "linestyle": (0, self.dashes) if self.dashes else "-",
@@ -132,6 +135,7 @@ MEASURED = PlotStyle("exact", "o", ())
 def plot_styles(settings: Iterable[tuple[str, str]], law: str) -> dict[tuple[str, str], PlotStyle]:
     """A style for each (engine, setting).
 
+    settings: pairs in the study's order; law: name of an engine.
     A known setting has its own marker, and a kind has its hue, in every study. Engines differ in
     their dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
     """

@@ -365,7 +365,9 @@ def stock_runs(view: View) -> list[RunKey]:
 
 
 def advised(view: View) -> list[str]:
-    """A sentence on engines with nothing set, and one on each engine's best setting at each step."""
+    """A sentence on engines with nothing set that do not bounce like the law, if any, and one on
+    each engine's best setting at each step.
+    """
     sentences = []
     # Titles of the engines, each once.
     wrong = {}

@@ -91,8 +91,8 @@ class View:
 
     @cached_property
     def head_on(self) -> dict[tuple[RunKey, float], Folded]:
-        """Impacts of runs and α at the study's smallest angle, 0 as a rule:
-        what curves over speed are of.
+        """Impacts by run and α, s/m, whose smallest angle is the study's, 0 as a rule:
+        curves over speed are of these.
         """
         least = min((one.angle for one in self.folded.values()), default=0.0)
         chosen = {}

@@ -232,7 +232,7 @@ class Tally:
     def __init__(self, law: HuntCrossley, mass: float) -> None:
         """A tally without impacts yet.
 
-        mass: effective mass, kg.
+        law: to score against. mass: effective mass, kg.
         """
         self._law = law
         self._mass = mass

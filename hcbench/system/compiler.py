@@ -120,7 +120,9 @@ def _folder() -> Path:
 def _compile(command: list[str], target: Path) -> None:
     """Compile a library, and put it and its digest at `target`, whole or not at all.
 
-    command: the compiler's, without its output. Raises NotCompiled with what the compiler said.
+    command: the compiler's, without its output. target: in an existing folder. Raises NotCompiled
+    with what the compiler said, or why it could not be run; OSError where the file cannot be
+    written.
     """
     # Built beside its place and renamed into it: another process may be building the same.
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:

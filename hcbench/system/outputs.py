@@ -97,7 +97,7 @@ def _without_function(name: str) -> str:
 
 def _existing(value: object) -> Iterator[Path]:
     """Files and folders that an argument names, or several arguments; those that do not exist, and
-    arguments that are no names, are passed over.
+    arguments that name nothing, are passed over.
     """
     if isinstance(value, tuple | list):
         for each in value:
@@ -135,7 +135,8 @@ def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool
 def _require_replaceable(path: Path, option: str, force: bool) -> None:
     """Raise UserError for a file that does not have the mark of this option near its begin or end.
 
-    Nothing is in the way with `force`, nor of an empty file, a device or a standard stream.
+    path: of an output, which may not exist. Nothing is in the way with `force`, nor of an empty
+    file, a device or a standard stream.
     """
     if force or not path.is_file() or not path.stat().st_size or _is_standard_stream(path):
         return

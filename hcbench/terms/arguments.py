@@ -275,6 +275,9 @@ def _is_tuple(value: Any, parts: _Parts) -> bool:
 
 
 def _is_several(value: Any, parts: _Parts) -> bool:
+    """Say whether a value can be iterated and each of its items fits the first of the types; text
+    and mappings are one value. An iterator is used up by this.
+    """
     if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
         return False
     try:

@@ -64,9 +64,9 @@ class ResultTable(FileTable):
 
 
 def mistake(expected: str, got: str = "", advice: str = "") -> PydanticCustomError:
-    """Make the error that a validator raises.
+    """Make the error that a validator raises, which `validate` turns into one of hcbench.
 
-    got: "" for the value as given.
+    expected, got, advice: of that error; got: "" for the value as given.
     """
     return PydanticCustomError(
         "mistake", "{expected}", {"expected": expected, "got": got, "advice": advice}

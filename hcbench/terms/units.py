@@ -355,7 +355,7 @@ def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
     """Numbers of a list or range in text, SI, not held to any bounds.
 
     slot: what to call it in an error. Raises QuantityError for another form, a comma that may be a
-    decimal one, units at some values only, and text that is no unit of the kind.
+    decimal one, units at some values only, and text that is not a unit of the kind.
     """
     pieces = []
     for part in text.split(","):
@@ -402,7 +402,9 @@ def _require_bounds(
 ) -> None:
     """Raise QuantityError unless all numbers, in SI, are finite and within the kind's bounds.
 
-    value: what the user gave, for the message.
+    Bounds are those given here, the kind's `below`, and `bounds.BOUNDS`.
+
+    numbers: one or more. value: what the user gave, and slot: what to call it, for the message.
     least, above: the lowest number that may be, and one that all must exceed.
     """
     if not np.isfinite(numbers).all():

@@ -198,7 +198,9 @@ class WorkerPool:
         return self._results(self.threads.map(partial(call, function, limit=None), jobs))
 
     def _results(self, results: Iterator[Result]) -> Iterator[Result]:
-        """Results as they come. Raises CannotRun where a process died."""
+        """Results as they come, in order. Raises what a job raises, and CannotRun where a process
+        died.
+        """
         try:
             yield from results
         except WorkerDied as death:

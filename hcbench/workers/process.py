@@ -281,7 +281,7 @@ class Worker:
         self._kill()
 
     def _kill(self) -> None:
-        """End the process at once, and wait for its end."""
+        """End the process at once, and wait for its end; the next call starts another."""
         process = self._process
         self._process = None
         self._is_up = False

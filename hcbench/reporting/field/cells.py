@@ -80,6 +80,7 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
             made[engine] = _row(view, engine, gravity, timestep)
 
     def order(engine: str) -> list[float]:
+        """Errors by which the rows are sorted, the first one deciding."""
         orders = []
         for column in (SETTINGS, CONSTANT, PLUGIN):
             value = made[engine][column].order
@@ -298,6 +299,8 @@ class CaseTable:
 def case_table(scores: Sequence[EngineScore]) -> CaseTable:
     """The table of the engines that were measured: those that pass most
     first, versions in their order.
+
+    scores: of one engine in one version each, as `cases.score.measured` gives them.
     """
     most: dict[str, int] = {}
     for one in scores:
@@ -341,7 +344,7 @@ def _sentence(scores: Sequence[EngineScore]) -> str:
 
 
 def _cells(one: EngineScore) -> Iterable[MatrixCell]:
-    """Cells of one engine: its obedience, how many cases pass, then each verdict."""
+    """Cells of one engine: how it obeys a restitution, how many cases pass, then each verdict."""
     text, grade, _ = _OBEDIENCE.get(one.restitution or "", ("–", "none", ""))
     yield MatrixCell(text.format(f"{one.threshold:.2g}{NBSP}m/s"), grade=grade)
     yield MatrixCell(f"{one.passed} of {len(one.verdicts)}")

@@ -170,7 +170,10 @@ def _panels(view: FieldView, engines: list[str]) -> tuple[Figure, list[tuple[str
 
 
 def _label(panels: list[tuple[str, Axes]], x: str, y: str) -> None:
-    """Labels of the outer axes alone: y on the left, x on the lowest panel of each column."""
+    """Label the outer axes alone: y on the left, x on the lowest panel of each column.
+
+    panels: of `_panels`. x, y: the labels.
+    """
     columns = min(_COLUMNS, len(panels))
     for i, (_, axes) in enumerate(panels):
         if i % columns == 0:
@@ -201,7 +204,7 @@ class StepMatrix:
 
 
 def tables(view: FieldView) -> list[StepMatrix]:
-    """The matrix of engines by condition at every step, with gravity and without."""
+    """The matrix of engines by condition at every step, under every gravity, the least first."""
     made = []
     for gravity in view.gravities:
         for step in view.steps:
@@ -335,7 +338,7 @@ def _lines(view: FieldView, case: Case) -> list[str]:
 
 
 def _source(view: FieldView, case: Case) -> str:
-    """The command that gives the same setting and its error."""
+    """The command that gives the same setting and its error; "" for nothing set."""
     if case.setting == STOCK:
         return ""
     low, high = view.speeds(case.timestep)[[0, -1]]

@@ -149,8 +149,8 @@ class FieldView:
         return registry.recipes(registry.base_name(case.engine)).get(case.setting)
 
     def kind(self, case: Case) -> str:
-        """STOCK; CONSTANT, one e for all speeds; SETTINGS, whose e falls with speed; or PLUGIN. ""
-        where this hcbench has no such recipe.
+        """Kind of a case's setting: STOCK; CONSTANT, one e for all speeds; SETTINGS, whose e falls
+        with speed; or PLUGIN. "" where this hcbench has no such recipe.
         """
         recipe = self.recipe(case)
         if recipe is None or not recipe.native:
@@ -220,8 +220,8 @@ class FieldView:
         return len(self.folded[case]) if choice is None else int(choice["scenes"])
 
     def off(self, case: Case) -> float:
-        """Largest |e - e of the law| of the impacts that bounced, as `tune` says
-        it where it does; NaN for none.
+        """Largest |e - e of the law| of the impacts that parted: as `tune` has found it, where it
+        has an answer with this setting; NaN where no impact parted.
         """
         choice = self.choice(case)
         if choice is not None:
