@@ -221,7 +221,9 @@ class _Gathering:
         self._folder.add(columns)
 
     def gathered(self) -> Gathered:
-        """Fold what still waits, and return the summary of all impacts; to be called once."""
+        """Fold what still waits, and return the summary of all impacts; to be called once, after one
+        `add` or more.
+        """
         self._use(_joined(self._waiting))
         self._waiting = []
         return Gathered(

@@ -150,10 +150,10 @@ class _Part:
 
 
 class Folder:
-    """Folds impacts of one setting, α and step, all of a speed at once."""
+    """Folds impacts of one setting, α and step into a `Folded`, all of a speed at once."""
 
     def __init__(self, study: Mapping[str, Any]) -> None:
-        """A folder without impacts yet, for one study.
+        """Begin without impacts, for one study.
 
         study: as `Study.described` gives it.
         """
@@ -457,10 +457,12 @@ class _InMemory:
 class Results(Drawn):
     """Everything a report or a check reads.
 
-    study: the study file's content with its defaults filled in.
-    settings: one record a run key.
-    versions: package -> version.
-    impacts, loops, scores: tables, columns as above.
+    study: as `Study.described` gives it: the file's content with its defaults filled in, SI.
+    settings: one record for each values of RUN_KEY, as `Plan.records`.
+    versions: package or engine -> version.
+    table: the impacts; `impacts` has them as one data frame, of IMPACT_COLUMNS.
+    loops, trains, rests: of LOOP_COLUMNS, TRAIN_COLUMNS and REST_COLUMNS, SI.
+    scores: a row for each values of RUN_KEY, with SCORE_FIELDS.
     answers: what `tune` says of the study's conditions, where that is known without a search, see
     `usual_answers`.
     """
@@ -550,7 +552,7 @@ def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The answers of a summary with the keys of this schema; those of schema 3 are renamed in
     place.
 
-    summary: content of a summary.json. None has answers that was written before they were kept.
+    summary: content of a summary.json. One that was written before answers were kept gives none.
     """
     answers: list[dict[str, Any]] = summary.get("answers", [])
     for choice in (choice for answer in answers for choice in answer["choices"]):

@@ -49,10 +49,10 @@ class Files:
     """The files of a folder, by names relative to it. OSError for what cannot be done."""
 
     def __init__(self, system: Any, root: str, where: str) -> None:
-        """The files below `root`, on any file system that fsspec knows.
+        """The files of a folder, on any file system that fsspec knows; nothing is opened yet.
 
-        system: of fsspec, where the folder is `root`.
-        where: how the user calls it.
+        system: fsspec's object for the file system. root: path of the folder on it.
+        where: path or URL of the folder as the user wrote it, for errors.
         """
         self._system = system
         self._root = root.rstrip("/")

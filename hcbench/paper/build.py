@@ -25,9 +25,9 @@ ASKED = (0.3, 0.5, 0.7, 0.9)
 
 
 def drawings(effort: Effort) -> list[Drawing]:
-    """All figures, in the page's order.
+    """All figures, in the page's order; nothing is drawn yet.
 
-    effort: what the forced ones may cost.
+    effort: how much the figures of forced motion may compute.
     """
     functions: dict[str, Any] = {
         "figure-1": impact_figures.figure_1,

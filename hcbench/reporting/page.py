@@ -185,8 +185,8 @@ _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
 
 def _shortened(svg: str) -> str:
-    """Coordinates to 1/100 point: a third of the bytes gone and no
-    pixel moved. Text keeps its scale.
+    """An SVG with its coordinates rounded to 1/100 point: a third of the bytes gone and no
+    pixel moved. Scales and other attributes stay, so that text keeps its size.
     """
 
     def short(number: re.Match[str]) -> str:

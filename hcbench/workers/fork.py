@@ -32,7 +32,10 @@ class Fork:
     """
 
     def __init__(self, function: Callable[[], object]) -> None:
-        """Fork; in the copy this never returns. Raises OSError where there is no room for it."""
+        """Fork, and let the copy run `function`; in the copy this never returns.
+
+        Raises OSError where the system has no room for another process.
+        """
         self.returncode: int | None = None
         parent = os.getpid()
         # Python warns of forks where there are other threads: here those of BLAS.
