@@ -118,7 +118,9 @@ class _Unpickler(pickle.Unpickler):
         self.load_storage = load
 
     def find_class(self, module: str, name: str) -> Any:
-        """The few names that a tensor is made of; refuse any other, which could run code."""
+        """The few names that a tensor is made of. Raises UnpicklingError for any other: it could run
+        code.
+        """
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
             return lambda storage, offset, shape, strides, *_: _Tensor(
                 storage, offset, shape, strides

@@ -193,7 +193,7 @@ class RealityResults:
     twins: the same of synthetic ones, by law.
     slopes: of e over speed.
     switches: of the ellipse's corrections.
-    drawn: poses of one toss at its frames, measured and by setting.
+    drawn: poses of one toss at its frames, see `drawn_toss`.
     """
 
     request: RealityRequest
@@ -276,9 +276,9 @@ def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
 
 
 def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
-    """Poses at the frames of the first toss that is judged: "measured", and by the name of each
-    setting of the first engine that has a plug-in. Shape (n, 7): position, m, and quaternion, w
-    first.
+    """Poses at the frames of the first toss that is judged: "measured", and simulated, by the key of
+    each setting of the first engine that has a plug-in. Shape (n, 7): position, m, and quaternion,
+    w first.
 
     Empty where no cell of the cube is of such an engine.
     """

@@ -336,10 +336,12 @@ class _Errors:
         self._count = 0
 
     def add(self, errors: Floats, speeds: Floats) -> None:
-        """Add errors of e and the speeds at which they occurred, m/s; both of shape (n,), n > 0."""
+        """Add errors of e and the impact speeds at which they occurred, m/s; both of shape (n,),
+        n > 0.
+        """
         worst = int(np.abs(errors).argmax())
         size = abs(float(errors[worst]))
-        # Also true where the size is NaN.
+        # Also true where either is NaN, and so for the first errors.
         if not size <= self.largest:
             self.largest = size
             self.worst_speed = float(speeds[worst])

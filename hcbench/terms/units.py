@@ -355,7 +355,8 @@ def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
     """Numbers of a list or range in text, SI, not held to any bounds.
 
     slot: what to call it in an error. Raises QuantityError for another form, a comma that may be a
-    decimal one, units at some values only, and text that is not a unit of the kind.
+    decimal one, units at some values only, text that is not a unit of the kind, and a range's count
+    as `_expand`.
     """
     pieces = []
     for part in text.split(","):

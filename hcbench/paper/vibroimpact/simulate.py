@@ -104,7 +104,7 @@ class _Batch:
     ) -> None:
         """Begin at t = 0, with the first step that the system proposes.
 
-        y: shape (components, oscillators).
+        system: the equations of all oscillators. y: states, shape (components, oscillators).
         checkpoints: times, s, rising, shape (checkpoints, oscillators).
         step_max: longest step, s, shape (oscillators,).
         observe: called with each step that is taken.

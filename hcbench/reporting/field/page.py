@@ -320,7 +320,7 @@ def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
 
 
 def _lines(view: FieldView, case: Case) -> list[str]:
-    """Sentences on a setting's error of e, its energy, and slow impacts."""
+    """Sentences on a setting's error of e, its energy, and slow impacts; none on what is not known."""
     off = view.off(case)
     down = view.stays_down(case)
     lines = []
