@@ -36,7 +36,10 @@ def speed_at(
 
 
 def inward_share(u: Floats | float) -> Floats:
-    """Share of the loop's area that the way in takes, over u = α v_i > 0; 1/2 as u goes to 0."""
+    """Share of the loop's area that the way in takes, over u = α v_i, same shape; 1/2 at u = 0.
+
+    Raises UserError for a u below 0.
+    """
     d = 1.5 * within("u", u, 0.0, np.inf, "α v_i of 0 or more")
     s = one_minus_restitution(d)
     # 1 - G = 2 d (1/3 - d/4 + d²/5 ...): by its series where the difference would lose digits.
