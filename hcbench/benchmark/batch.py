@@ -53,7 +53,7 @@ class Batch:
     """Launches of one setting.
 
     kept: the indices of those whose loops are kept.
-    oblique: whether to tell what each does along the plate.
+    oblique: whether its results have OBLIQUE_COLUMNS, which tell what each does along the plate.
     """
 
     scene: Scene
@@ -65,14 +65,18 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """`columns_of` a batch's impacts, and (index, loop) of the kept ones."""
+    """`columns_of` a batch's impacts, and (index in the batch, loop) of the kept ones."""
 
     columns: Mapping[str, Any]
     loops: Sequence[tuple[int, Loop]]
 
 
 def result_of(impacts: Impacts, batch: Batch) -> BatchResult:
-    """Return the columns and loops that are kept of a batch's impacts."""
+    """Return the columns and loops that are kept of a batch's impacts.
+
+    impacts: one for each launch of the batch, in order. An impact without a loop, such as one that
+    failed, is left out of the loops. Raises what the engine raises, on a device.
+    """
     columns = columns_of(impacts)
     if batch.oblique:
         columns |= oblique_columns(impacts, batch.scene)
@@ -85,7 +89,11 @@ def result_of(impacts: Impacts, batch: Batch) -> BatchResult:
 
 
 def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
-    """The loop of one impact: simulated once more where no step was recorded, on a device."""
+    """The loop of one impact; None for one that has none. On a device no step is recorded, and the
+    launch is simulated once more.
+
+    i: index of the impact in the batch.
+    """
     impact = impacts[i]
     setting = batch.setting
     if "device" not in setting.options or not impact.is_measured:
@@ -96,6 +104,7 @@ def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
     engine = registry.engine(setting.engine)
     path = engine.trajectory(batch.scene, setting, impact.launch, stop * setting.timestep)
     return Loop(
+        # Times of a loop begin at the touch.
         time=path.time[: impact.samples],
         penetration=path.penetration[start:stop],
         rate=path.rate[start:stop],
@@ -104,7 +113,7 @@ def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
 
 
 def columns_of(impacts: Impacts) -> dict[str, Any]:
-    """Column -> values, one an impact."""
+    """Column -> values, one an impact: SI, NaN where an impact has no such number."""
     return {
         STATUS.key: _STATUSES[impacts.status],
         REASON.key: impacts.reason,
@@ -114,8 +123,10 @@ def columns_of(impacts: Impacts) -> dict[str, Any]:
 
 
 def oblique_columns(impacts: Impacts, scene: Scene) -> dict[str, Any]:
-    """OBLIQUE_COLUMNS -> values, one an impact; NaN where it was not
-    measured, or not along the plate.
+    """OBLIQUE_COLUMNS -> values, one an impact: angles in rad, speeds in m/s, spins in rad/s.
+
+    What `along_plate` does not find is NaN. The ratio by Coulomb's law is 0 for an impact that was
+    not measured along the plate.
     """
     angles = []
     seen_along_plate = []
@@ -132,14 +143,16 @@ def oblique_columns(impacts: Impacts, scene: Scene) -> dict[str, Any]:
 
 
 def run_batch(batch: Batch) -> BatchResult:
-    """Run the whole batch at once, as the engine does best."""
+    """Run the whole batch at once, as the engine does best. Raises what the engine raises."""
     engine = registry.engine(batch.setting.engine)
     return result_of(engine.run_columns(batch.scene, batch.setting, batch.launches), batch)
 
 
 def run_one_by_one(which: Sequence[int], batch: Batch) -> Iterator[Impact]:
-    """Run some launches of a batch, each alone; one that the engine fails
-    on is CRASHED, with the reason.
+    """Run some launches of a batch, each alone; yield their impacts in order.
+
+    which: indices of the launches. One at which the engine raises is CRASHED, with the reason.
+    Raises UserError for what the engine refuses.
     """
     engine = registry.engine(batch.setting.engine)
     for i in which:

@@ -51,8 +51,9 @@ class Bounce:
 def bounces(path: Trajectory, count: int) -> list[Bounce]:
     """The first `count` bounces of a body, or fewer: times in s, heights over the surface in m.
 
+    path: from release on, through all of these bounces; its penetration is above 0 in contact.
     A height is the highest sample of a flight and its two neighbours', by the parabola through
-    them.
+    them. A last flight whose top may come after the path's end is left out.
     """
     gap = -path.penetration
     acting = path.force != 0
@@ -68,11 +69,12 @@ def bounces(path: Trajectory, count: int) -> list[Bounce]:
         # A flight that is cut off by the end of the path may have its top later.
         if not (0 < top < last and gap[top] > 0 and gap[top] >= gap[top + 1]):
             continue
-        low, here, high = gap[top - 1 : top + 2]
-        bend = low - 2 * here + high
+        before, here, after = gap[top - 1 : top + 2]
+        bend = before - 2 * here + after
         height = float(here)
+        # Vertex of the parabola through three samples at equal steps; a straight line has none.
         if bend < 0:
-            height = float(here - (high - low) ** 2 / (8 * bend))
+            height = float(here - (after - before) ** 2 / (8 * bend))
         touch = previous + 1 + int(acting[previous + 1 :].argmax())
         bounces.append(Bounce(float(path.time[touch]), float(path.time[parting + 1]), height))
     return bounces[:count]
@@ -100,10 +102,10 @@ def rest(path: Trajectory) -> RestAfterDrop:
 class Drop:
     """A drop under gravity, and everything that is needed to simulate it anywhere.
 
-    height: m.
-    law_heights: after each bounce, as (16) has it, m.
+    height: clearance at release, m.
+    law_heights: after each of the first BOUNCES bounces, by the law (16), m.
     duration: to be simulated, s.
-    rests: whether it is long enough to lie still.
+    rests: whether it is long enough to lie still, so that its rest is measured.
     """
 
     setting: Setting
@@ -126,7 +128,9 @@ class Dropped:
 
 
 def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUNCES) -> list[float]:
-    """Heights (m) after each of `count` bounces of a drop from `height` (m), by (16) under gravity."""
+    """Heights (m) after each of `count` bounces of a drop from `height` (m), by the law (16) under
+    standard gravity, which acts in the contact too. mass: effective, kg.
+    """
     from hcbench.laws import ode
 
     heights = []
@@ -139,9 +143,10 @@ def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUN
 
 
 def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[Drop]:
-    """A drop of each setting that the study drops, for its main α.
+    """A drop of each setting that the study drops, for its main α; none for a study without a
+    height for drops, or for settings off a cup's axis.
 
-    mapper: as of `make_plan`.
+    mapper: computes the law's heights, as `map` does; that of a pool in another process.
     """
     study = plan.study
     height = study.train_height
@@ -172,7 +177,10 @@ def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[D
 
 
 def simulate_bounces(scene: Scene, drop: Drop) -> Dropped:
-    """A drop under the scene's gravity, or the standard one where it has none."""
+    """Simulate a drop under the scene's gravity, or the standard one where it has none.
+
+    scene: the drop's, with its files as they lie on this machine. Raises what the engine raises.
+    """
     with_gravity = dataclasses.replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     engine = registry.engine(drop.setting.engine)
     launch = Launch(0.0, height=drop.height)
@@ -186,9 +194,9 @@ def simulate_bounces(scene: Scene, drop: Drop) -> Dropped:
 def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float, encode: Encode) -> bytes:
     """The bounces of drops as the bytes of a file, in TRAIN_COLUMNS: times in s, heights in m.
 
-    The metadata has the place of the bodies at the end of each drop.
+    The metadata has, as JSON, how the body lies at the end of each drop that is followed so long.
 
-    alpha: s/m, of the law.
+    dropped: each drop and its bounces. alpha: of the law, s/m. encode: `parquet` or `arrays`.
     """
     tables = []
     rests = []

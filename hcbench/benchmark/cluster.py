@@ -31,10 +31,12 @@ _INSTALL = "pip install distributed pyarrow"
 @contextmanager
 def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     """Connect to a scheduler: its executor, and a function that counts the tasks its workers run at
-    once.
+    once, 1 or more. The connection ends with the block.
 
-    Raises CannotRun without an answer, without a worker, where a worker has another hcbench, and
-    where the scheduler or the last worker goes away.
+    address: such as "tcp://host:8786".
+
+    Raises CannotRun without Dask's package, without an answer, without a worker, where a worker has
+    another hcbench, and where the scheduler or the last worker goes away.
     """
     try:
         from distributed import Client
@@ -86,20 +88,22 @@ def _quiet() -> Iterator[None]:
 
 
 def _width(client: Any, address: str) -> Callable[[], int]:
-    """Return a function that counts the tasks the workers run at once. It raises CannotRun if there
-    has been no worker for a while.
+    """Return a function that counts the tasks the workers run at once, 1 or more, at most once in
+    _COUNT_S. It raises CannotRun if there has been no worker for _WORKERS_S.
     """
     threads = 1
     counted = -math.inf
     seen = time.monotonic()
 
     def width() -> int:
+        """The number of tasks. Raises CannotRun without a worker for _WORKERS_S."""
         nonlocal threads, counted, seen
         now = time.monotonic()
         if now - counted >= _COUNT_S:
             # Without an answer Dask connects again, or gives up and closes the client.
             with suppress(OSError):
                 threads, counted = sum(client.ncores().values()), now
+        # A worker that was lost may come back: for a while one task counts.
         if threads:
             seen = now
         elif now - seen >= _WORKERS_S:
@@ -117,7 +121,8 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 def _require_workers(client: Any, address: str) -> None:
     """Wait for a worker, and check their hcbench.
 
-    Raises CannotRun without workers in time, and for a worker with another version.
+    Raises CannotRun without a worker within _WORKERS_S, and for a worker without hcbench or with
+    another version.
     """
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)

@@ -49,9 +49,17 @@ class LaunchGrid:
     """A setting, launched or dropped at every speed (m/s), angle (rad) and
     phase, compared to every α (s/m).
 
-    spin: of all, see `Launch`, rad/s.
+    Its launches are numbered from 0 over speeds, then angles, then phases; a part of them is a
+    range of these numbers that is not empty.
+
+    dropped: bodies fall from rest to touch at the speeds; else they are launched shortly before.
+    speeds: at the touch, rising.
     loop_speeds: those at which loops are kept, at the middle phase.
-    share: of g h, see `SpeedReading`, by which every engine touches at the same speeds.
+    phases: how many; they are (k + 1/2) / phases of a step.
+    angles: from the normal.
+    spin: of all launches, see `Launch`, rad/s.
+    share: of g h in (v + share g h)² + 2 g z, which the engine keeps in free flight, see
+    `SpeedReading`: with it every engine touches at the same speeds.
     """
 
     scene: Scene
@@ -74,19 +82,24 @@ class LaunchGrid:
         return len(self.speeds), len(self.angles), self.phases
 
     def cut(self, part: range) -> tuple[LaunchGrid, range]:
-        """A grid of no more speeds than a part of the launches has, and
-        which of its launches these are.
+        """Return a grid of only the speeds of some launches, which is small to send, and the
+        numbers that these launches have in it.
+
+        part: numbers of the launches in this grid.
         """
-        row = len(self.angles) * self.phases
-        first = part.start // row
-        speeds = self.speeds[first : (part.stop - 1) // row + 1]
+        launches_a_speed = len(self.angles) * self.phases
+        first = part.start // launches_a_speed
+        last = (part.stop - 1) // launches_a_speed
+        speeds = self.speeds[first : last + 1]
         loop_speeds = tuple(sorted({*self.loop_speeds} & {*speeds}))
         small = replace(self, speeds=speeds, loop_speeds=loop_speeds)
-        return small, range(part.start - first * row, part.stop - first * row)
+        left_out = first * launches_a_speed
+        return small, range(part.start - left_out, part.stop - left_out)
 
     def asked(self, part: range) -> tuple[Floats, Floats]:
-        """The speed at touch, m/s, and the phase of some launches; those
-        of one speed and angle together.
+        """The speed at touch, m/s, and the phase, 0 to 1, of some launches, in their order.
+
+        part: numbers of the launches in the grid. Each array has the shape (len(part),).
         """
         speed, _, phase = np.unravel_index(np.arange(part.start, part.stop), self.shape)
         return np.array(self.speeds)[speed], (phase + 0.5) / self.phases
@@ -94,7 +107,9 @@ class LaunchGrid:
     def launches(self, part: range) -> Launches:
         """Launches that reach the speeds (m/s) and phases of the grid at the touch.
 
-        part: numbers of the launches in the grid, counted over speeds, then angles, then phases.
+        part: numbers of the launches in the grid. A body that is dropped starts at rest, or with
+        less than one step's gain in speed; others start at most two steps and the phase before
+        the touch.
         """
         speed, phase = self.asked(part)
         _, angle, _ = np.unravel_index(np.arange(part.start, part.stop), self.shape)
@@ -115,9 +130,15 @@ class LaunchGrid:
         )
 
     def looped(self, part: range) -> list[int]:
-        """Numbers of the launches whose loops are kept: at the middle phase, along the normal."""
+        """Indices, within a part, of the launches whose loops are kept: at the middle phase, along
+        the normal.
+
+        part: numbers of the launches in the grid.
+        """
         speed, phase = self.asked(part)
-        kept = np.isin(speed, self.loop_speeds) & (phase == (self.phases // 2 + 0.5) / self.phases)
+        # The same expression as in `asked`, so that equal phases are equal bit for bit.
+        middle = (self.phases // 2 + 0.5) / self.phases
+        kept = np.isin(speed, self.loop_speeds) & (phase == middle)
         return [int(i) for i in np.flatnonzero(kept & ~self.launches(part).is_oblique)]
 
 
@@ -131,7 +152,8 @@ def speeds_at(study: Study, run: Run, timestep: float) -> tuple[float, ...]:
     """Impact speeds of a run, m/s; on a field page moved into the band over which a body bounces at
     the step, with gravity or without.
 
-    timestep: s. The speeds keep their order, and are stretched evenly.
+    timestep: s. The speeds keep their order, and are stretched evenly. No speed becomes lower: a
+    run whose first speed is in the band keeps its own.
     """
     first = run.speeds[0]
     last = run.speeds[-1]
@@ -197,7 +219,8 @@ class Plan:
     """The settings of a study, and the shards that their launches are cut into.
 
     inputs: by a scene's name.
-    records: what is known of each setting, α and step, as JSON.
+    records: of each setting, α and step, as JSON: the keys of RUN_KEY, its options, and its
+    recipe's summary and notes.
     cuts: of each shard the grid, and which of its launches.
     starts: number of the first shard of each grid, and at the end how many there are.
     """
@@ -247,10 +270,13 @@ class Plan:
 
 
 def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
-    """Plan a study.
+    """Plan a study: make a setting for each run, α and step, and cut the launches into shards.
 
-    mapper: calls recipes, as `map` does; that of a pool calls them side by side. Raises UserError
-    for what the study asks wrongly, and EngineMissing.
+    mapper: calls recipes, as `map` does; that of a pool calls them side by side.
+
+    Raises UserError for what the study asks wrongly, such as a target that a recipe cannot serve;
+    StudyError for a field page none of whose engines is installed; EngineMissing for another
+    study's missing engine; CannotRun where this machine lacks the study's device.
     """
     if study.page == "field":
         study = study.of_engines(registry.is_there)
@@ -291,7 +317,10 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
 
 
 def _inputs(study: Study, engines: Sequence[str], versions: Mapping[str, str]) -> dict[str, Inputs]:
-    """Inputs of the study's results, by the names of its scenes."""
+    """Inputs of the study's results, by the names of its scenes.
+
+    engines: of its runs. versions: of them and of packages, see `versions_here`.
+    """
     scenes = {study.scene.name: study.scene}
     for run in study.runs:
         scenes[run.scene.name] = run.scene
@@ -303,8 +332,12 @@ def _inputs(study: Study, engines: Sequence[str], versions: Mapping[str, str]) -
 
 
 def _grid(study: Study, run: Run, setting: Setting, timestep: float) -> LaunchGrid:
-    """The launches of one setting of a run, not yet compared to any α."""
+    """The launches of one setting of a run, not yet compared to any α.
+
+    timestep: of the setting's target, s.
+    """
     band = speeds_at(study, run, timestep)
+    # Only runs over the study's own band are launched at its loop speeds too.
     loop_speeds = study.loop_speeds if band == study.speeds else ()
     speeds = tuple(sorted({*band, *loop_speeds}))
     if study.all_loops and (loop_speeds or run.dropped):
@@ -324,8 +357,10 @@ def _grid(study: Study, run: Run, setting: Setting, timestep: float) -> LaunchGr
 
 
 def _cuts(grids: Iterable[LaunchGrid]) -> tuple[list[tuple[LaunchGrid, range]], list[int]]:
-    """(of each shard its grid and launches; of each grid its first
-    shard, and at the end their number).
+    """Cut grids into shards: `cuts` and `starts` of a `Plan`.
+
+    A shard has launches of one grid alone. The shards of a grid follow one another, and are of one
+    size but for the last.
     """
     cuts: list[tuple[LaunchGrid, range]] = []
     starts = [0]
@@ -338,7 +373,11 @@ def _cuts(grids: Iterable[LaunchGrid]) -> tuple[list[tuple[LaunchGrid, range]], 
 
 
 def _require_device(device: str, name: str) -> None:
-    """Raises UserError for an engine that cannot choose it, CannotRun where this machine lacks it."""
+    """Raises UserError for an engine that cannot compute on a device, CannotRun where this machine
+    lacks the device.
+
+    device: as `Engine.devices` names it. name: of the engine.
+    """
     engine = registry.engine(name)
     if device not in engine.devices:
         able = [other for other in registry.names() if device in registry.adapter(other).devices]
@@ -356,6 +395,7 @@ def _targets(study: Study, run: Run) -> list[Target]:
     """Targets of a run's settings: each α at each step, over the speeds that it meets.
 
     Speeds are m/s, time steps s. A run that is dropped or on a field page has a band of its own.
+    Raises SettingError for numbers that no `Target` has.
     """
     scene = run.scene
     laws = [HuntCrossley(scene.stiffness, alpha, scene.exponent) for alpha in run.alphas]
@@ -382,9 +422,11 @@ def _targets(study: Study, run: Run) -> list[Target]:
 def _settings(
     study: Study, targets: Sequence[tuple[int, Target]], mapper: Callable[..., Iterable[Any]]
 ) -> list[Setting]:
-    """A setting for each (index of a run, target), in order.
+    """A setting for each (index of a run, target), in order; with the study's device, if it has
+    one.
 
-    mapper: calls the recipes of those that are not kept from an earlier run.
+    mapper: calls the recipes of those that are not kept from an earlier run. Raises what a recipe
+    raises: SettingError for a target that it cannot serve.
     """
     jobs: list[_Job] = []
     for number, target in targets:
@@ -420,7 +462,10 @@ def _make_setting(job: _Job) -> Setting:
 
 
 def _shard_size(grid: LaunchGrid) -> int:
-    """Launches in each shard of a grid: as few shards as may be, of one size."""
+    """Number of launches in each shard of a grid: as few shards as may be, of one size.
+
+    At most _ON_A_DEVICE on a device; else SHARD_IMPACTS, and about _STEPS steps in contact.
+    """
     if "device" in grid.setting.options:
         return even_size(len(grid), _ON_A_DEVICE)
     scene = grid.scene
@@ -447,8 +492,10 @@ def versions_here(*engines: str) -> Mapping[str, str]:
 
 
 def digests_of(scene: Scene, engine: str) -> dict[str, str]:
-    """SHA-256 of an engine's model files, each with the files that it
-    names, by role; "" for what is gone.
+    """SHA-256 of an engine's model files of a scene, by role: each file together with the files
+    that it names; "" for one that is gone.
+
+    engine: its name, with a version or without. OSError for a file that cannot be read.
     """
     digests = {}
     for role, path in sorted(scene.models.get(registry.base_name(engine), {}).items()):
@@ -458,7 +505,9 @@ def digests_of(scene: Scene, engine: str) -> dict[str, str]:
 
 @lru_cache(maxsize=256)
 def _digest(path: Path, _: int) -> str:
-    """Digest of a file and of the files that it names.
+    """SHA-256 of a file and of the files that it names, in hexadecimal digits.
+
+    A named file counts if it exists beside the file; names are found in .xml and .urdf alone.
 
     _: time of the last change, ns, by which the cache tells a changed file.
     """

@@ -59,10 +59,10 @@ _Launched = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Gathered:
-    """Impacts of a setting, α and step.
+    """Impacts of a setting, α and step, folded and scored.
 
-    score: SCORE_FIELDS.
-    loops: those kept, by speed and phase.
+    score: values of SCORE_FIELDS.
+    loops: those kept, simplified, each with its launch speed, m/s, and phase; sorted by them.
     """
 
     key: Key
@@ -72,9 +72,10 @@ class Gathered:
 
 
 def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> list[Gathered]:
-    """Collect the shards of one setting, for each α.
+    """Fold and score the shards of one setting, for each α.
 
-    job: their store, the study as JSON, and their numbers and names.
+    job: their store, the study as `Study.described` gives it, and the shards' numbers and names, in
+    order. Raises UserError for a damaged shard, OutputError for one that cannot be read.
     """
     store, study, shards = job
     seen: dict[Key, _Gathering] = {}
@@ -89,7 +90,10 @@ def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> l
 
 
 def places_of(impacts: bytes) -> dict[Key, slice]:
-    """Rows of a shard's table that belong to each key."""
+    """Rows of a shard's table that belong to each key: those of one α follow one another.
+
+    impacts: bytes of the table.
+    """
     places = {}
     begin = 0
     _loops_digest, summaries = metadata_of(impacts)
@@ -110,6 +114,7 @@ def _loops_in(content: bytes) -> dict[float, dict[_Launched, Loop]]:
         return {}
     columns = columns_in(content, LOOP_COLUMNS)
     launch = np.array([columns[name] for name in ("alpha_s_per_m", "speed_m_per_s", "phase")])
+    # The rows of one loop follow one another: a new one begins where any of the three changes.
     begins = np.flatnonzero(np.r_[True, (launch[:, 1:] != launch[:, :-1]).any(axis=0)])
     loops: dict[float, dict[_Launched, Loop]] = {}
     for begin, end in zip(begins, [*begins[1:], None], strict=True):
@@ -120,13 +125,13 @@ def _loops_in(content: bytes) -> dict[float, dict[_Launched, Loop]]:
 
 
 class _Gathering:
-    """Adds up impacts of one key."""
+    """Folds and scores the impacts of one key, a setting at a step for an α, shard by shard."""
 
     def __init__(self, key: Key, study: Mapping[str, Any]) -> None:
         """Sums without impacts yet, for one setting, step and α.
 
         key: the setting, step and α, values of RUN_KEY.
-        study: the sweep's description, numbers in SI.
+        study: as `Study.described` gives it, numbers in SI.
         """
         self._key = key
         self.alpha = float(key[RUN_KEY.index("alpha_s_per_m")])
@@ -139,7 +144,11 @@ class _Gathering:
         self._loops: dict[_Launched, Loop] = {}
 
     def add(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> None:
-        """Add impacts in the order of their launches, and the loops of some of these."""
+        """Add impacts in the order of their launches, and the loops of some of these.
+
+        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase. Impacts wait
+        until they are _PIECE, and those of the last speed until all of its phases are there.
+        """
         self._waiting.append(columns)
         for launch, loop in loops.items():
             self._loops[launch] = loop.simplified(LOOP_TOLERANCE)
@@ -157,7 +166,10 @@ class _Gathering:
             self._waiting = [_rows(whole, last)]
 
     def _looped(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> Iterator[Impact]:
-        """Impacts of the study's loop speeds, with their loops, from columns in SI."""
+        """Impacts of the study's loop speeds along the normal, with their loops.
+
+        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase.
+        """
         speeds = columns["speed_m_per_s"]
         phases = columns["phase"]
         head_on = columns.get("angle_rad", np.zeros(len(speeds))) == 0.0
@@ -209,7 +221,9 @@ class _Gathering:
         self._folder.add(columns)
 
     def gathered(self) -> Gathered:
-        """Finish and return the collection."""
+        """Fold what still waits, and return the summary of all impacts; to be called once, after one
+        `add` or more.
+        """
         self._use(_joined(self._waiting))
         self._waiting = []
         return Gathered(
@@ -244,8 +258,9 @@ def is_sweep(folder: str | Path) -> bool:
 def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """The results of a finished sweep: for studies of a size that a page can show.
 
-    mapper: as of `results_in`. Raises UserError for a folder that holds no sweep, one that is not
-    finished, or a part that is damaged.
+    folder: a path, or an URL that fsspec opens. mapper: as of `results_in`.
+    Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is
+    damaged; OutputError for one that cannot be read.
     """
     return results_in(Store(open_files(os.fspath(folder))), mapper)
 
@@ -254,7 +269,8 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
     """Read a store in as much memory as its page takes: rows are read when they are asked for.
 
     mapper: scores settings, as `map` does; that of a pool scores them side by side. Raises
-    UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
+    UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged;
+    OutputError for one that cannot be read.
     """
     # Imported here: a sweep itself needs no pandas.
     import pandas as pd
@@ -264,7 +280,8 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
         raise UserError("folder", f"{store.where} holds no sweep", "what `hcbench sweep` wrote")
     study = about["study"]
     shards = list(store.shards(about["parts"]).items())
-    # Keys are those of _SETTING.
+    # By setting, for all α: values of _SETTING. A setting that was planned as several grids,
+    # such as one of two bands of speeds, has the shards of all of them.
     shards_of = dict[Key, list[tuple[int, str]]]()
     for begin, end in itertools.pairwise(about["parts_of_settings"]):
         impacts, _ = store.tables(*shards[begin])
@@ -322,7 +339,10 @@ class _StoredRows:
     of_settings: Mapping[Key, Sequence[tuple[int, str]]]
 
     def __call__(self, keys: Collection[Key]) -> Iterator[pd.DataFrame]:
-        """Rows of these keys, in tables of about _ROWS_AT_ONCE rows."""
+        """Rows of these keys, in their order, in tables of about _ROWS_AT_ONCE rows.
+
+        Raises UserError for a damaged shard, OutputError for one that cannot be read.
+        """
         # One entry for each α of a setting.
         decoded = lru_cache(maxsize=8)(self._decoded)
         pieces: list[dict[str, Any]] = []
@@ -352,7 +372,8 @@ def _setting_of(key: Key) -> Key:
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
-    """A table with measured numbers cut to the digits that every processor computes alike."""
+    """A table with measured numbers rounded to the digits that every processor computes alike."""
+    # What the study gives, and not a simulation, stays as it is.
     given = {*RUN_KEY, *_LAUNCH, "angle_rad"}
     rounded = {}
     for name, column in table.items():
@@ -362,8 +383,8 @@ def _rounded(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _versions(versions: Mapping[str, str]) -> dict[str, str]:
-    """Versions of what made the results, of the sweep, and of what
-    makes their page, of this process.
+    """Versions that a page states: of what made the results, as the sweep has them, and of what
+    makes their page, of this process. Packages first, then engines; pyarrow is left out.
     """
     packages = ("hcbench", "matplotlib", "numpy", "scipy", "python")
     stated = dict(versions)
@@ -375,8 +396,10 @@ def _versions(versions: Mapping[str, str]) -> dict[str, str]:
 
 
 def _drops(store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """TRAIN_COLUMNS and REST_COLUMNS of the drops under gravity.
-    UserError where the store lacks them.
+    """Tables of the drops under gravity: their bounces, and how the bodies lie at the end.
+
+    Columns are TRAIN_COLUMNS and REST_COLUMNS. Raises UserError where the store lacks them,
+    OutputError where it cannot be read.
     """
     import pandas as pd
 

@@ -80,7 +80,11 @@ _Columns = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True)
 class ShownLaunches:
-    """One launch of each speed: in one phase, or the nearest to it that there is."""
+    """One launch of each speed: in one phase, or the nearest to it that there is.
+
+    restitution, speed_in, samples: e, impact speed in m/s and steps in contact, shape (n,), for n
+    speeds. restitution is NaN for an impact without an e.
+    """
 
     phase: float
     restitution: Floats
@@ -102,8 +106,9 @@ class ShownLaunches:
 class Folded:
     """Impacts of one setting, α and step.
 
-    status: how many ended so, in the order in which they came. angle, rad: the smallest, that
-    `curve` and `at_step` are of, 0 as a rule.
+    status: how many ended so, in the order in which they came.
+    angle: the smallest from the normal, rad, 0 as a rule; all that follows up to `at_step` is of
+    launches at this angle.
     curve: e over launch speed against e of (16), speeds rising.
     of_loops, half_way: one launch of each speed of the curve: in the phase whose loops are kept,
     the later of two middle ones; and in the phase nearest to half-way through a step.
@@ -145,17 +150,19 @@ class _Part:
 
 
 class Folder:
-    """Folds impacts of one setting, α and step, all of a speed at once."""
+    """Folds impacts of one setting, α and step into a `Folded`, all of a speed at once."""
 
     def __init__(self, study: Mapping[str, Any]) -> None:
-        """A folder without impacts yet, for one study.
+        """Begin without impacts, for one study.
 
-        study: as JSON.
+        study: as `Study.described` gives it.
         """
         self._step_speed = float(study["step_speed"])
+        # The phases are (k + 1/2) / phases: this is the later of the two middle ones.
         self._loop_phase = (study["phases"] // 2 + 0.5) / study["phases"]
         self._edges = _edges(study)
         self._status = Counter[str]()
+        # The largest of each so far; minus_e is -e, so that its largest is the least e.
         self._most = dict.fromkeys(
             ("depth", "e", "minus_e", "off", "off_parted", "rested", "friction"), math.nan
         )
@@ -170,7 +177,8 @@ class Folder:
         """Add the columns FOLDED of one impact or more, and FOLDED_OBLIQUE if the study has oblique
         launches.
 
-        columns: arrays of shape (n,), SI, for all phases of their speeds.
+        columns: arrays of shape (n,), SI, for all phases of their speeds: a speed whose phases come
+        in two calls would be two points of the curve.
         """
         e = to_digits(columns[RESTITUTION.key])
         law = to_digits(columns[LAW.key])
@@ -189,6 +197,7 @@ class Folder:
             coulomb = to_digits(columns[COULOMB.key])
             self._slid |= bool((slip != 0).any())
             self._reach(friction=np.abs(ratio - coulomb))
+        # Impacts at the smallest angle, 0 as a rule, make the curve.
         head_on = angle == angle.min()
         part = self._part(
             e=e[head_on],
@@ -220,12 +229,13 @@ class Folder:
     ) -> _Part:
         """Fold the impacts of one angle, arrays of shape (n,).
 
-        law: e of the law.
+        law: e of the law at the impact speed.
         speed_in, asked: impact speed and the speed asked for, m/s.
         samples: steps in contact.
         phase: 0 ... 1.
         angle: rad, the same for all.
         """
+        # Speeds that differ by round-off are one point.
         group = np.unique(asked.round(12), return_inverse=True)[1]
         curve = curve_of_columns(
             group,
@@ -256,13 +266,15 @@ class Folder:
         )
 
     def _one_for_neighbours(self, curve: Curve) -> NDArray[np.int64]:
-        """Indices of the points that are shown: of each place, the one with the largest error."""
+        """Indices of the points that are shown: of each place, the one with the largest error in
+        one phase. A place is one speed, or in a study of very many speeds several neighbours.
+        """
         place = self.place(curve.speed)
         worst_first = np.lexsort((-np.abs(curve.worst_phase), place))
         return worst_first[np.unique(place[worst_first], return_index=True)[1]]
 
     def folded(self) -> Folded:
-        """Fold what was added; at least one part was."""
+        """Return the summary of what was added. Raises ValueError where nothing was."""
         angle = min(part.angle for part in self._parts)
         curves = []
         of_loops = []
@@ -298,8 +310,11 @@ class Folder:
 
 
 def _edges(study: Mapping[str, Any]) -> Floats | None:
-    """Speeds between those of curves: evenly over those of a study, where
-    they are too many to be shown.
+    """Speeds, m/s, that divide the band of a study into MOST_SPEEDS places of one width; None where
+    no run has more speeds than that, and all are shown.
+
+    study: as `Study.described` gives it. Shape (MOST_SPEEDS - 1,): the ends of the band are left
+    out.
     """
     bands = [study["speeds"], *(run["speeds"] for run in study["runs"])]
     if max(map(len, bands)) <= MOST_SPEEDS:
@@ -309,10 +324,15 @@ def _edges(study: Mapping[str, Any]) -> Floats | None:
 
 
 def to_digits(values: Floats) -> Floats:
-    """The values rounded to so many digits, for files."""
+    """Values of any shape rounded to _DIGITS significant digits and at most _DECIMALS decimals, for
+    files. Values up to _LEAST become 0; NaN and infinity stay.
+    """
     known = np.isfinite(values) & (np.abs(values) > _LEAST)
+    # Power of ten of the first digit.
     size = np.floor(np.log10(np.abs(values), out=np.zeros_like(values), where=known)).astype(int)
-    scale = _POWERS[np.minimum(_DIGITS - 1 - size, _DECIMALS)]
+    decimals = np.minimum(_DIGITS - 1 - size, _DECIMALS)
+    # Negative decimals of large numbers take their power from the end of the table.
+    scale = _POWERS[decimals]
     small = np.where(np.isfinite(values), 0.0, values)
     return np.asarray(np.where(known, np.round(values * scale) / scale, small))
 
@@ -368,7 +388,11 @@ class ImpactTable:
 
     @classmethod
     def of(cls, rows: pd.DataFrame, study: Mapping[str, Any]) -> ImpactTable:
-        """The table of impacts that are in memory anyway."""
+        """The table of impacts that are in memory anyway.
+
+        rows: one an impact, with IMPACT_COLUMNS, and FOLDED_OBLIQUE in a study with oblique
+        launches. study: as `Study.described` gives it.
+        """
         if rows.empty:
             return cls({}, _InMemory({(): rows}))
         groups = dict(iter(rows.groupby(RUN_KEY, sort=False)))
@@ -433,10 +457,12 @@ class _InMemory:
 class Results(Drawn):
     """Everything a report or a check reads.
 
-    study: the study file's content with its defaults filled in.
-    settings: one record a run key.
-    versions: package -> version.
-    impacts, loops, scores: tables, columns as above.
+    study: as `Study.described` gives it: the file's content with its defaults filled in, SI.
+    settings: one record for each values of RUN_KEY, as `Plan.records`.
+    versions: package or engine -> version.
+    table: the impacts; `impacts` has them as one data frame, of IMPACT_COLUMNS.
+    loops, trains, rests: of LOOP_COLUMNS, TRAIN_COLUMNS and REST_COLUMNS, SI.
+    scores: a row for each values of RUN_KEY, with SCORE_FIELDS.
     answers: what `tune` says of the study's conditions, where that is known without a search, see
     `usual_answers`.
     """
@@ -468,7 +494,7 @@ class Results(Drawn):
         return self.scores.copy()
 
     def summary(self) -> dict[str, Any]:
-        """The part that is not a table, JSON-able."""
+        """The content of summary.json: the study, what it was made with, and the scores."""
         return {
             "schema": SCHEMA,
             "kind": "hcbench results",
@@ -481,7 +507,10 @@ class Results(Drawn):
         }
 
     def write(self, folder: Path) -> None:
-        """Write the files into an existing folder."""
+        """Write the files into an existing folder: a CSV file for each of TABLES, and summary.json.
+
+        Raises UserError for a path at which no file can be, OutputError where it cannot be written.
+        """
         tables = ([self.loops], [self.scores], [self.trains], [self.rests])
         for name, pieces in zip(TABLES, (self.table.pieces(), *tables), strict=True):
             write_bytes(folder / f"{name}.csv", _csv(pieces))
@@ -489,9 +518,10 @@ class Results(Drawn):
 
     @classmethod
     def read(cls, folder: str | Path) -> Results:
-        """Read what `write` wrote, in this schema; UserError for another folder.
+        """Read what `write` wrote, in this schema or the one before.
 
-        folder: written by `hcbench report`.
+        folder: written by `hcbench report`. Raises UserError for anything else than a path, for
+        results of another schema, and for a folder whose files are missing or have another form.
         """
         if not isinstance(folder, str | Path):
             raise UserError("folder", f"{folder!r:.80}", "a path")
@@ -519,7 +549,11 @@ class Results(Drawn):
 
 
 def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The answers of a summary with the keys of this schema."""
+    """The answers of a summary with the keys of this schema; those of schema 3 are renamed in
+    place.
+
+    summary: content of a summary.json. One that was written before answers were kept gives none.
+    """
     answers: list[dict[str, Any]] = summary.get("answers", [])
     for choice in (choice for answer in answers for choice in answer["choices"]):
         if _FORMER_SPEEDS in choice:
@@ -528,7 +562,11 @@ def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """A table of a results folder, each number with its last digit."""
+    """A table of a results folder, each number with its last digit.
+
+    path: of a CSV file that `Results.write` wrote. A claim is True, False or None for "not
+    resolved". Raises OSError for a missing file and for a device, ValueError for another form.
+    """
     import pandas as pd
 
     # A device, or a link to one, has no end.

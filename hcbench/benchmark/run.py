@@ -53,10 +53,9 @@ _TRIES = 2
 class Progress:
     """State of a run.
 
-    impacts, shards: in the store, and `of` the number of all impacts.
-
-    resumed: shards that existed when it began.
-    damaged: those that were, and are run again.
+    impacts, shards: numbers of those in the store; of: the number of all impacts of the study.
+    resumed: how many whole shards the store had when the run began.
+    damaged: numbers of the shards that the store had and that were damaged; they are run again.
     """
 
     impacts: int
@@ -70,11 +69,11 @@ class Progress:
 class Workers:
     """Processes that run a study.
 
-    width: number of tasks at once.
+    width: returns the number of tasks that run at once.
     mapper: like `map`, for recipes.
-
-    task_s: how long a task may take, s, that has several jobs.
-    advice: what to do after it failed.
+    task_s: time that a task should take, s: short jobs are put together until they take so long. 0
+    gives each job a task of its own.
+    advice: what an error tells the user to do after the executor failed.
     """
 
     executor: Executor
@@ -90,8 +89,12 @@ def run_study(
 ) -> Results:
     """Run all of a study and score it.
 
+    jobs: engines at once, each in a worker process.
     progress: called with (impacts done, impacts in all) while it runs.
-    Raises UserError for what the study asks wrongly, and EngineMissing, before anything runs.
+
+    Raises UserError for what the study asks wrongly, and EngineMissing, before any impact is
+    simulated; then UserError for what an engine refuses, CannotRun where the workers fail, and
+    OutputError where the temporary folder cannot take the results.
     """
     with WorkerPool(jobs) as pool:
         return run_in_pool(pool, study, progress)
@@ -100,7 +103,11 @@ def run_study(
 def run_in_pool(
     pool: WorkerPool, study: Study, progress: Callable[[int, int], None] | None = None
 ) -> Results:
-    """Run a study as `run_study` does, in a pool of processes that has other work before or after."""
+    """Run a study as `run_study` does, in a pool of processes that has other work before or after.
+
+    progress: called with (impacts done, impacts in all). Raises as `run_study`; the temporary
+    folder of the results is then removed.
+    """
     from hcbench.benchmark.read import results_in
 
     def report(now: Progress) -> None:
@@ -135,12 +142,14 @@ def sweep(
     resume: go on with what is in the folder; shards that are whole are not run again.
     executor: any of concurrent.futures' kind; it is left open.
     scheduler: the address of a Dask scheduler, instead.
-    progress: called for each shard.
+    progress: called once at the start, and after each shard.
+    timeouts: time limits of an engine; None for the defaults of `Timeouts`.
 
     However it ends, killed included, what is in the folder is whole; a sweep that has been resumed
     leaves the same bytes as one that was never disturbed. Raises UserError for what the study asks
-    wrongly and for a folder of something else, CannotRun where the folder is taken or the workers
-    are not what they should be, OutputError where it cannot be written.
+    wrongly and for a folder of something else, CannotRun where pyarrow or an engine is missing, the
+    folder is taken or the workers are not what they should be, OutputError where the folder cannot
+    be written.
     """
     require_parquet()
     store = Store(open_files(os.fspath(folder)))
@@ -154,8 +163,14 @@ def sweep(
 
 @contextmanager
 def _workers(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
-    """The executor of a sweep: one that is given, a Dask cluster, or a pool of our own."""
+    """The executor of a sweep: one that is given, a Dask cluster, or a pool of our own.
+
+    executor: stays open after the block; the cluster's client and our pool do not.
+    scheduler: address of a Dask scheduler. Raises CannotRun for it as `connected`.
+    jobs: processes of our pool, and tasks at once of an executor that does not tell its width.
+    """
     if executor is not None:
+        # Executors of the standard library have the number here, and in no public name.
         width = int(getattr(executor, "_max_workers", jobs))
         yield Workers(executor, lambda: width)
     elif scheduler is not None:
@@ -177,14 +192,17 @@ def run_plan(
     timeouts: Timeouts,
     encode: Encode = parquet,
 ) -> Progress:
-    """Run what is not in the store.
+    """Run the shards of a plan that are not in the store; return the state at the end.
 
+    store: where finished shards are, and where those to come are written.
+    resume: go on with a store that has the sweep already.
+    report_progress: called once at the start, and after each shard.
+    timeouts: time limits of an engine.
     encode: makes the bytes of a table.
 
-    store: where finished parts are, and where those to come are written.
-    resume: go on with a store that has parts. Raises UserError for such a store without it.
-    report_progress: called after each part.
-    timeouts: time limits of an engine, s.
+    Raises UserError for a store of another sweep, or of this one without `resume`, and for what an
+    engine refuses; CannotRun where the workers fail; OutputError where the store cannot be read or
+    written.
     """
     store.create_or_verify(plan, resume)
     done = set[int]()
@@ -235,11 +253,20 @@ def _imap_unordered(
 ) -> Iterator[tuple[Job, Result]]:
     """(job, its result), the first to finish first. Few are handed out
     ahead; what failed is tried again.
+
+    A task is one job or several: as many as take `workers.task_s`, judged by the task before.
+
+    Raises at once what `function` raises of hcbench's errors. Raises CannotRun where any other
+    error, such as a worker's end, comes twice of one task, and where the executor is shut down.
+    What is not yet begun is cancelled then, as where the caller stops to iterate.
     """
-    waiting, together = iter(jobs), 1
+    waiting = iter(jobs)
+    jobs_a_task = 1
+    # Of each task that is handed out: its jobs, and the number of the try, from 1.
     running: dict[Future[tuple[list[Result], float]], tuple[list[Job], int]] = {}
 
     def submit(task: list[Job], tries: int) -> None:
+        """Hand a task out. Raises CannotRun where the executor takes no work any more."""
         try:
             running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
         except RuntimeError as error:
@@ -251,7 +278,7 @@ def _imap_unordered(
     try:
         while True:
             while len(running) < _AHEAD * workers.width() and (
-                task := list(islice(waiting, together))
+                task := list(islice(waiting, jobs_a_task))
             ):
                 submit(task, 1)
             if not running:
@@ -270,8 +297,8 @@ def _imap_unordered(
                     submit(task, tries + 1)
                 else:
                     yield from zip(task, results, strict=True)
-                    more = len(task) * workers.task_s / max(seconds, 1e-9)
-                    together = int(min(max(more, 1), _TOGETHER))
+                    in_time = len(task) * workers.task_s / max(seconds, 1e-9)
+                    jobs_a_task = int(min(max(in_time, 1), _TOGETHER))
     finally:
         for future in running:
             future.cancel()

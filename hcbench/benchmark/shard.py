@@ -45,10 +45,11 @@ _GIVE_UP = 32
 
 @dataclass(frozen=True, slots=True)
 class Timeouts:
-    """Time limits of an engine, s: for anything at all, and for each impact on top of that.
+    """Time limits of an engine, s: `start` for anything at all, `each` for each impact on top of
+    that.
 
-    each: None for 4 s at steps of 1 µs or more, for smaller ones in
-    proportion: a ball at rest takes 1 s.
+    each: None for 4 s at steps of 1 µs or more; below, inversely proportional to the step. A ball
+    at rest takes 1 s.
     """
 
     start: float = 60.0
@@ -73,8 +74,9 @@ def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> Sha
 
     encode: makes the bytes of a table.
 
-    Raises UserError for what the engine refuses, CannotRun where this is not
-    what the shard was planned with.
+    A launch on which the engine raises, crashes or hangs is an impact CRASHED, with the reason.
+    Raises UserError for what the engine refuses, CannotRun where versions or files are not those
+    that the shard was planned with.
     """
     use_own_worker()
     engine = shard.grid.setting.engine
@@ -89,8 +91,10 @@ def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> Sha
 
 
 def simulate_shard(shard: Shard, scene: Scene, encode: Encode) -> ShardFiles:
-    """Simulate a shard in this process. Raises UserError, and EngineFailed
-    for all that an engine raises.
+    """Simulate a shard in this process; return its files.
+
+    scene: the shard's, with its files as they lie here. encode: makes the bytes of a table.
+    Raises UserError for what the engine refuses, and EngineFailed for anything else that it raises.
     """
     try:
         return _in_batches(shard, scene, run_batch, encode)
@@ -124,6 +128,7 @@ def _in_batches(
         kept = [i - begin for i in looped if begin <= i < end]
         batch = Batch(scene, setting, launches[begin:end], kept, shard.oblique)
         results.append(run(batch))
+        # The batch before tells how many samples a loop has; 1 is added since it may be none.
         mean_samples = results[-1].columns["samples"].mean()
         size = max(_FIRST, int(_SAMPLES // (1 + mean_samples)))
         begin = end
@@ -131,9 +136,11 @@ def _in_batches(
 
 
 def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
-    """Run a batch in a worker process, or where that fails each of its launches.
+    """Run a batch in a worker process, or where that fails each of its launches alone.
 
-    Raises UserError for what the engine refuses.
+    A launch that fails alone is an impact CRASHED, with the reason; after _GIVE_UP of them in a row
+    that killed the worker, the rest is CRASHED without a try. Raises UserError for what the engine
+    refuses.
     """
     timestep = batch.setting.timestep
     where = interpreter_of(registry.engine(batch.setting.engine))
@@ -156,7 +163,9 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
 
 
 def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
-    """Simulate a drop in a worker process. Raises as `run_shard`, and EngineFailed for a crash."""
+    """Simulate a drop in a worker process. Raises as `run_shard`, and EngineFailed where the worker
+    crashes or takes longer than its limit.
+    """
     use_own_worker()
     scene = _scene_here(drop.inputs, drop.setting.engine)
     limit = timeouts.start + _STEP_S * drop.duration / drop.setting.timestep
@@ -165,7 +174,11 @@ def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
 
 
 def _scene_here(inputs: Inputs, engine: str) -> Scene:
-    """The scene with its files as they lie here; CannotRun where anything is not as it was planned."""
+    """The scene of planned inputs, with its model files as they lie on this machine.
+
+    inputs: as planned, perhaps on another machine. engine: its name.
+    Raises CannotRun where versions or files are not those of the plan, and EngineMissing.
+    """
     got = []
     planned = []
     for name, version in versions_here(engine).items():

@@ -49,10 +49,10 @@ class Files:
     """The files of a folder, by names relative to it. OSError for what cannot be done."""
 
     def __init__(self, system: Any, root: str, where: str) -> None:
-        """The files below `root`, on any file system that fsspec knows.
+        """The files of a folder, on any file system that fsspec knows; nothing is opened yet.
 
-        system: of fsspec, where the folder is `root`.
-        where: how the user calls it.
+        system: fsspec's object for the file system. root: path of the folder on it.
+        where: path or URL of the folder as the user wrote it, for errors.
         """
         self._system = system
         self._root = root.rstrip("/")
@@ -77,8 +77,9 @@ class Files:
         return self._entries("", directories=True)
 
     def _entries(self, folder: str, directories: bool) -> list[str]:
-        """Sorted names of the files, or of the folders, in a folder; none where it does not
-        exist.
+        """Sorted names of the files, or with `directories` of the folders, in a folder; none where
+        it does not exist. Names are those within the folder, not paths. OSError for what cannot be
+        read.
         """
         try:
             entries = self._system.ls(self._path(folder), detail=True, refresh=True)
@@ -107,7 +108,12 @@ class Files:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """While no other sweep writes here; CannotRun where one does."""
+        """While no other sweep writes here: by a lock file that a thread keeps fresh.
+
+        Raises CannotRun where another sweep has written the file within _STALE_S, OSError where it
+        cannot be written. Where another sweep took the lock meanwhile, for example since this
+        machine slept, the next `write` raises CannotRun.
+        """
         mine = {**_myself(), "token": secrets.token_hex(8)}
         self._claim(mine)
         self._mine = mine
@@ -132,12 +138,15 @@ class Files:
             self._mine = {}
 
     def _claim(self, mine: dict[str, Any]) -> None:
-        """Write the lock file of this sweep; CannotRun if another sweep holds it.
+        """Write the lock file of this sweep, in place of one that is stale or damaged.
 
         mine: its content, with a token of its own; its time becomes that of this write.
+        Raises CannotRun if another sweep holds the lock, OSError where it cannot be read or
+        written.
         """
         if LOCK in self.names():
             owner = self.read(LOCK).decode("utf-8", "replace")
+            # A file that is not JSON, or has no time, is what a killed sweep left.
             with suppress(ValueError, KeyError, TypeError):
                 other = parse_json(owner)
                 if not _is_stale(other) and other.get("token") != mine["token"]:
@@ -162,7 +171,10 @@ class LocalFiles(Files):
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """While no other sweep writes here; CannotRun where one does."""
+        """While no other sweep writes here; files that a killed one left unfinished are removed.
+
+        Raises CannotRun where another sweep writes, OSError where the folder cannot be written.
+        """
         with super().locked() if sys.platform == "win32" else self._flocked():
             for unfinished in Path(self._root).rglob(".*.new"):
                 # A killed sweep leaves the file that it was writing.
@@ -171,7 +183,10 @@ class LocalFiles(Files):
 
     @contextmanager
     def _flocked(self) -> Iterator[None]:
-        """The lock of POSIX, which ends with its process."""
+        """While this process has the lock of POSIX on the lock file, which ends with the process.
+
+        Raises CannotRun where another process has it, OSError where the file cannot be made.
+        """
         import fcntl
 
         path = Path(self._path_to_write(LOCK))
@@ -315,7 +330,11 @@ class Store:
             raise unwritable("folder", self.where, error, expected, self._advice) from None
 
     def description(self) -> dict[str, Any] | None:
-        """Read the description of the sweep; None without a sweep. UserError for another schema."""
+        """Read the description of the sweep; None for a folder without one.
+
+        Its keys are those of `Plan.described`. Raises UserError for a file of another schema, or
+        that is not what a sweep wrote; OutputError where it cannot be read.
+        """
         with self._output_errors("a folder that can be read"):
             if DESCRIPTION not in self._files.names():
                 return None
@@ -353,7 +372,11 @@ class Store:
         )
 
     def create_or_verify(self, plan: Plan, resume: bool) -> None:
-        """Make the folder that of a plan, or see that it is. UserError for any other."""
+        """Make the folder that of a plan, or see that it is.
+
+        Raises UserError for a folder of other files, of a sweep by another plan, or of this one
+        without `resume`; OutputError where it cannot be read or written.
+        """
         there = self.description()
         content = _json(plan.described())
         if there is None:
@@ -381,7 +404,10 @@ class Store:
         the summary, or None if damaged.
 
         Damaged: cut short, edited or under another's number, it or its loops. It
-        is put aside, out of the table.
+        is moved into the folder DAMAGED, so that it counts no more.
+
+        Raises UserError for a table that is none of these shards, OutputError where the folder
+        cannot be read or written.
         """
         for number, name in self._shards(count).items():
             summary = None
@@ -395,7 +421,10 @@ class Store:
             yield number, summary
 
     def shards(self, count: int) -> dict[int, str]:
-        """The names of all of `count` shards, by number. UserError where one is missing."""
+        """The names of all of `count` shards, by number.
+
+        Raises UserError where one is missing, and as `_shards`.
+        """
         shards = self._shards(count)
         if len(shards) < count:
             got = f"{self.where} holds {len(shards)} of {count} parts"
@@ -403,7 +432,12 @@ class Store:
         return shards
 
     def tables(self, number: int, name: str) -> tuple[bytes, bytes]:
-        """Impacts and kept loops of a shard. UserError for one that is damaged."""
+        """Impacts and kept loops of a shard, bytes of a table each; no bytes where it kept no
+        loops.
+
+        number, name: as `shards` gives them. Raises UserError for a shard that is damaged,
+        OutputError where it cannot be read.
+        """
         with self._output_errors("a folder that can be read"):
             tables = self._read_shard(number, name)
         if tables is None:
@@ -412,11 +446,11 @@ class Store:
         return tables
 
     def _shards(self, count: int) -> dict[int, str]:
-        """The names of the existing shards, by number. UserError for
-        what is none of `count` shards.
+        """The names of the existing shards, by number.
 
-        count: shards of the plan, numbered from 0. Bounces, and files that are not tables, do not
-        count.
+        count: shards of the plan, numbered from 0. Bounces, and files that are not tables, are
+        passed over. Raises UserError for a table that is none of the shards, or one of them twice;
+        OutputError where the folder cannot be read.
         """
         shards: dict[int, str] = {}
         with self._output_errors("a folder that can be read"):
@@ -444,7 +478,11 @@ class Store:
         return shards
 
     def _read_shard(self, number: int, name: str) -> tuple[bytes, bytes] | None:
-        """A shard's impacts and kept loops; None if damaged."""
+        """A shard's impacts and kept loops, bytes of a table each; None if damaged.
+
+        Damaged: a digest is not the one in the name of the file, or the file of loops is missing.
+        OSError where a file cannot be read.
+        """
         impacts = self._files.read(name)
         if _base(name) != _shard_name(number, impacts):
             return None
@@ -459,8 +497,8 @@ class Store:
         return None
 
     def write_shard(self, shard: ShardFiles, count: int) -> None:
-        """One of `count` shards, completely or not at all: it exists
-        when its impacts do, written last.
+        """Write one of `count` shards, completely or not at all: it exists
+        when its impacts do, written last. Raises OutputError.
         """
         folder = f"{shard.number // _IN_A_FOLDER:04d}/" if count > _IN_A_FOLDER else ""
         if shard.loops:
@@ -469,7 +507,9 @@ class Store:
         self._write(folder + _shard_name(shard.number, shard.impacts), shard.impacts)
 
     def bounces(self) -> bytes | None:
-        """The table of bounces under gravity; None where there is none that is whole."""
+        """The table of bounces under gravity, as `write_bounces` got it; None where there is none
+        that is whole. Raises OutputError where the folder cannot be read.
+        """
         with self._output_errors("a folder that can be read"):
             for name in filter(_BOUNCES.fullmatch, self._files.names()):
                 table = self._files.read(name)
@@ -485,7 +525,12 @@ class Store:
         self._write(_bounces_name(table), table)
 
     def write_summary(self, settings: Sequence[Mapping[str, Any]], totals: Totals) -> None:
-        """Bring the summary up to date: one line a setting, α and step, in the study's order."""
+        """Bring the summary up to date: one line a setting, α and step, in the study's order.
+
+        settings: records with the keys of RUN_KEY, as `Plan.records`.
+        totals: sums of all shards until now. A setting of which no shard is done yet gets 0 impacts
+        and empty cells. Raises OutputError.
+        """
         lines = totals.lines()
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -524,8 +569,8 @@ def _json(content: Mapping[str, Any]) -> bytes:
 
 
 def _are_starts(starts: Any, parts: Any) -> bool:
-    """True for the numbers of the settings' first parts, rising from 0,
-    with that of all parts at the end.
+    """True for the numbers of the grids' first parts, rising from 0, with the number of all parts
+    at the end. Both arguments may be anything that JSON has.
     """
     if not isinstance(starts, list) or len(starts) < 2:
         return False
@@ -536,7 +581,11 @@ def _are_starts(starts: Any, parts: Any) -> bool:
 
 
 def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
-    """Name the first difference between two sweeps; None if they are equal."""
+    """Name the first difference between two sweeps, for an error; None if they are equal.
+
+    there, here: descriptions as `Plan.described` gives them, after JSON: of the folder, and of the
+    plan.
+    """
     old = there["versions"]
     new = here["versions"]
     if old != new:

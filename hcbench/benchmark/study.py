@@ -105,6 +105,7 @@ _BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")
 class Run:
     """One line of a study: a recipe at some steps, over some speeds, for some α.
 
+    timesteps: s. alphas: s/m. speeds: at the touch, m/s.
     scene: with the run's own gravity, friction and place off the axis.
     dropped: bodies fall to touch at these speeds; else they are launched at them.
     angles: from the normal, rad: each launch is made at each of them.
@@ -127,7 +128,10 @@ class Run:
         return any(self.angles) or any(self.spin)
 
     def described(self) -> dict[str, Any]:
-        """This part of the study as JSON."""
+        """This part of the study as JSON, SI: a key for each field, and the scene by its name.
+
+        Angles, spin and friction are left out where there are none.
+        """
         left_out = {"scene"}
         if not self.is_oblique:
             left_out |= {"angles", "spin"}
@@ -185,7 +189,7 @@ class Study:
         return any(run.is_oblique for run in self.runs)
 
     def described(self) -> dict[str, Any]:
-        """The study as JSON, defaults filled in."""
+        """The study as JSON, SI, defaults filled in, without what a plain study lacks."""
         left_out = {"scene", "runs"}
         for name in ("left_out", "device"):
             if not getattr(self, name):
@@ -217,8 +221,9 @@ class Study:
         }
 
     def of_engines(self, there: Callable[[str], bool]) -> Study:
-        """Return the study without the runs of missing engines. Raises StudyError if no engine is
-        left.
+        """Return the study without the runs of missing engines, which its `missing` names.
+
+        there: whether the engine of a name is installed. Raises StudyError if no engine is left.
         """
         missing = dict.fromkeys(run.engine for run in self.runs if not there(run.engine))
         runs = tuple(run for run in self.runs if run.engine not in missing)
@@ -230,14 +235,16 @@ class Study:
 
     def quick(self) -> Study:
         """A preview of itself, which takes a fraction of its time.
-        left_out says what it is without.
+        left_out says what it is without. Raises StudyError as `preview`.
         """
-
         return preview(self)
 
 
 def find_study(name: str) -> Path:
-    """The study.toml that a path, a folder or a built-in name means."""
+    """The study.toml that a path, a folder or a built-in name means, looked for in this order.
+
+    Raises StudyError where none is found.
+    """
     path = Path(name)
     if path.is_dir() and (path / "study.toml").is_file():
         return path / "study.toml"
@@ -268,7 +275,11 @@ def name_of(path: Path) -> str:
 
 @checked
 def load_study(path: str | Path) -> Study:
-    """Read a study.toml; StudyError for anything that is not one, with the line's name."""
+    """Read a study.toml. Relative paths of scenes in it start at its folder.
+
+    Raises StudyError for anything that is not one, with the name of the key, and SceneError for a
+    scene that cannot be read.
+    """
     path = Path(path)
     content = read_toml(path, StudyError, "study", "a study.toml or the name of a built-in study")
     return study_from(content, str(path), path.parent)
@@ -280,7 +291,8 @@ def study_from(
     """A Study from a study file's content; `folder` is where relative scene paths start.
 
     where: name of the file in errors. Raises StudyError for content of another form,
-    and for a main α or a step's speed that is not among the study's.
+    and for a main α or a step's speed that is not among the study's; SceneError for a scene that
+    cannot be read.
     """
     file = validate(StudyFile, content, StudyError, f"{where}: {{}}")
     file = _with_alphas(file, where, folder)
@@ -333,8 +345,9 @@ def study_from(
 
 
 def _with_alphas(table: Table, where: str, folder: Path | None) -> Table:
-    """The table with the α of its material, if it names one.
+    """The table with the α of its material, s/m, if it names one; else the table itself.
 
+    where: name of the table in errors. folder: where the path of a material file starts.
     Raises StudyError for a material with alphas, and for one that is not known or has no α.
     """
     if table.material is None:
@@ -352,6 +365,8 @@ def _with_alphas(table: Table, where: str, folder: Path | None) -> Table:
 def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> None:
     """Raise StudyError where bodies are dropped from so high that too
     many steps are to be simulated.
+
+    where: name of the study's file in errors. A study without a height for its drops passes.
     """
     if file.train_height is None:
         return
@@ -359,7 +374,8 @@ def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> Non
     for run in runs:
         if run.dropped:
             steps += run.timesteps
-    # Within this time, s, ten bounces are over, twice.
+    # s: within half of it ten bounces are over, also where none loses energy. A fall from 5 m
+    # takes 1 s, and each bounce after the first fall two falls: 1 + 2 * 10.
     seconds = 42.0 * math.sqrt(file.train_height / 5.0)
     count = seconds / min(steps)
     if count > _MOST_STEPS:
@@ -370,7 +386,12 @@ def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> Non
 def _runs(
     table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None
 ) -> Iterator[Run]:
-    """One run, or one a step over its own band of speeds."""
+    """The runs of a [[run]] table: one, or with `default_band` one for each step, dropped over that
+    step's own band of speeds.
+
+    where: name of the table in errors. folder: where the path of a scene starts.
+    Raises StudyError for keys that contradict one another, and SceneError as `_run`.
+    """
     run = _run(table, where, file, scene, folder)
     if table.default_band is None:
         yield run
@@ -390,7 +411,9 @@ def _runs(
 def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Run:
     """A run of a study's file; what it leaves out is the study's.
 
-    where: the line, for errors.
+    where: name of the table in errors. folder: where the path of a scene starts.
+    Raises StudyError for heights with speeds or without gravity, and for gravity, friction or a
+    place off the axis that its scene cannot have; SceneError for a scene that cannot be read.
     """
     own = scene
     if table.scene is not None:
@@ -409,6 +432,7 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
             raise StudyError(f"{where}: heights", "given with speeds", expected)
         if not own.gravity:
             raise StudyError(f"{where}: heights", "given without gravity", expected)
+        # A fall from rest: v² = 2 g h.
         speeds = tuple(math.sqrt(2.0 * own.gravity * height) for height in table.heights)
     return Run(
         engine=table.engine,
@@ -435,11 +459,12 @@ def _described(scene: Scene) -> dict[str, Any]:
 
 
 def preview(study: Study) -> Study:
-    """The main α alone, every fourth speed, every second height and step, half the phases.
+    """A smaller study: the main α alone, every fourth speed, every second height and step, half the
+    phases; its `left_out` says so.
 
     Without oblique launches, those off the axis, and launches over the band for fewer α than the
     study's: these are the settings that each take a search. A table of engines by step has every
-    second step of the study, so that each has all engines. StudyError where nothing is left.
+    second step of the study, so that each has all engines. Raises StudyError where no run is left.
     """
     speeds = study.speeds[3::4]
     if len(speeds) < 2:
@@ -481,11 +506,11 @@ def _is_shown(run: Run, study: Study) -> bool:
 
 
 def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
-    """A run as a preview has it.
-
-    speeds: m/s, in place of the study's band.
+    """A run as a preview has it: for the main α, and fewer speeds or steps. It may have no steps
+    left.
 
     study: gives the main α and the steps of all runs.
+    speeds: m/s, in place of the study's band; a run with speeds of its own keeps them.
     """
     run = replace(run, alphas=(study.main_alpha,))
     if run.dropped:

@@ -58,10 +58,12 @@ def require_parquet() -> None:
 def arrays(
     tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
 ) -> bytes:
-    """Tables below one another, as NumPy's bytes. A column has values, or
-    one text or float for all rows.
+    """Tables below one another, as NumPy's bytes, which `columns_in` and `metadata_in` read.
 
-    names: of the columns that are written. metadata: kept beside them, by name.
+    tables: each by the names of its columns. A column has values, all of one length, or one text or
+    float that stands for all rows; at least one column has values.
+    names: of the columns that are written; every table has them.
+    metadata: texts kept beside the columns, by name.
     """
     content: dict[str, Any] = {}
     for key, text in metadata.items():
@@ -113,7 +115,10 @@ def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
 def parquet(
     tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
 ) -> bytes:
-    """Tables below one another, as the bytes of a Parquet file."""
+    """Tables below one another, as the bytes of a Parquet file; arguments as of `arrays`.
+
+    It needs pyarrow: callers see to that by `require_parquet`.
+    """
     # Arrow's own pool keeps 10 MB of memory that is freed.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     import pyarrow as pa
@@ -133,7 +138,7 @@ def parquet(
 
 
 def _parquet_type(name: str) -> Any:
-    """Arrow's type of a column: texts by their numbers, whole numbers, or floats."""
+    """Arrow's type of a column, by its name: texts by their numbers, whole numbers, or floats."""
     import pyarrow as pa
 
     if name in _TEXTS:
@@ -143,7 +148,10 @@ def _parquet_type(name: str) -> Any:
 
 # Made from buffers: `pyarrow.array` loads pandas, which takes more memory than the rest of a sweep.
 def _parquet_column(values: Any, length: int, kind: Any) -> Any:
-    """A column of `length` values as an Arrow array; texts are stored once, with their numbers."""
+    """A column as an Arrow array; each text is stored once, with its number in each row.
+
+    values: `length` of them, or one text or float for all rows. kind: of `_parquet_type`.
+    """
     import pyarrow as pa
 
     if not pa.types.is_dictionary(kind):
@@ -151,6 +159,7 @@ def _parquet_column(values: Any, length: int, kind: Any) -> Any:
         return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(plain)])
     words, places = _by_number(values, length)
     texts = [text.encode() for text in words.tolist()]
+    # Arrow keeps texts as one run of bytes, and where in it each begins, and the last one ends.
     offsets = np.cumsum([0, *map(len, texts)], dtype=np.int32)
     once = pa.StringArray.from_buffers(
         len(texts), pa.py_buffer(offsets), pa.py_buffer(b"".join(texts))
@@ -160,9 +169,9 @@ def _parquet_column(values: Any, length: int, kind: Any) -> Any:
 
 
 def metadata_in(content: bytes) -> dict[str, bytes]:
-    """The metadata stored with a table of either kind.
+    """The metadata stored with a table, by name.
 
-    content: bytes of the file, whose first ones tell the kind.
+    content: bytes that `parquet` or `arrays` made; the first ones tell which.
     """
     if content.startswith(_PARQUET):
         import pyarrow.parquet as pq
@@ -178,8 +187,10 @@ def metadata_in(content: bytes) -> dict[str, bytes]:
 
 
 def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str, Any]:
-    """The columns of a table of either kind as arrays, with texts as
-    such; or those of some that it has.
+    """The columns of a table of either kind, by name: arrays of shape (n,), texts as such.
+
+    content: bytes that `parquet` or `arrays` made.
+    names: those to read; one that the table lacks is left out. None for all.
     """
     if content.startswith(_PARQUET):
         return _parquet_columns(content, names)
@@ -193,7 +204,7 @@ def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str
 
 
 def _parquet_columns(content: bytes, names: Collection[str] | None) -> dict[str, Any]:
-    """The columns of a Parquet file; or those of some names that it has."""
+    """The columns of a Parquet file; arguments and result as of `columns_in`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -204,7 +215,7 @@ def _parquet_columns(content: bytes, names: Collection[str] | None) -> dict[str,
 
 
 def _array_column(file: Any, name: str) -> Any:
-    """A column of NumPy's file, texts by their words: shape (n,)."""
+    """A column of NumPy's file by its name: shape (n,); numbers of texts become the texts."""
     numbers_or_values = file[name]
     if name not in _TEXTS:
         return numbers_or_values
@@ -212,7 +223,7 @@ def _array_column(file: Any, name: str) -> Any:
 
 
 def _parquet_values(column: Any) -> Any:
-    """A column of Arrow's as an array, texts by their words: shape (n,)."""
+    """A column of Arrow's as an array, shape (n,); numbers of texts become the texts."""
     import pyarrow as pa
 
     if not pa.types.is_dictionary(column.type):
@@ -264,7 +275,10 @@ Summary = dict[str, Any]
 class ShardFiles:
     """The files of a shard.
 
-    loops: of its kept loops, empty where there are none.
+    number: of all shards of the study.
+    impacts: bytes of the table of its impacts: all for the first α, then all for the next.
+    loops: bytes of the table of its kept loops, empty where there are none.
+    summaries: one for each α, in the same order; the metadata of `impacts` have them too.
     """
 
     number: int
@@ -281,8 +295,8 @@ def digest(content: bytes) -> str:
 def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) -> ShardFiles:
     """The files of a shard from its batches: the same impacts give the same bytes.
 
-    encode: writes tables with the given columns and metadata. A shard without loops has no file of
-    them.
+    results: of all its launches, in order, one batch or more.
+    encode: `parquet` or `arrays`. A shard without loops has no file of them.
     """
     measured = {}
     for name in results[0].columns:
@@ -316,7 +330,10 @@ def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) ->
 
 
 def _loops_of_all(results: Sequence[BatchResult]) -> list[tuple[int, Loop]]:
-    """Kept loops of all batches, each with the number of its impact in the shard."""
+    """Kept loops of all batches, each with the number of its impact in the shard.
+
+    results: of the batches of one shard, in order.
+    """
     loops = []
     begin = 0
     for result in results:
@@ -326,7 +343,10 @@ def _loops_of_all(results: Sequence[BatchResult]) -> list[tuple[int, Loop]]:
 
 
 def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
-    """e of the law at each impact speed, NaN for none."""
+    """e of the law and 1 - α v at each impact speed, m/s; NaN where the speed is.
+
+    alpha: s/m.
+    """
     touched = np.isfinite(speed)
     law = np.full(len(speed), np.nan)
     law[touched] = closed_form.restitution(alpha, speed[touched])
@@ -339,7 +359,11 @@ def _loop_columns(key: Mapping[str, Any], asked: tuple[float, float], loop: Loop
 
 
 def _summary(columns: Mapping[str, Any]) -> Summary:
-    """Share of one shard in its setting's line of the summary."""
+    """Share of one shard in its setting's line of the summary, for one α.
+
+    columns: of its impacts. Errors are of those that parted or came to rest; 0 where none did. The
+    squares are summed, so that `Totals` can make one root of all shards.
+    """
     status = np.asarray(columns["status"])
     parted = status == Status.PARTED
     rested = status == Status.RESTED
@@ -366,7 +390,9 @@ def _largest(values: Floats) -> float:
 @lru_cache(maxsize=1)
 def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
     """Metadata of a shard's table: the digest of its loops, "" for none, and its part of the
-    summary.
+    summary for each α.
+
+    impacts: bytes of the table. Raises KeyError for a table that is not of a shard.
     """
     metadata = metadata_in(impacts)
     summaries: list[Summary] = json.loads(metadata[_SUMMARY])
@@ -382,7 +408,7 @@ class Totals:
         self._by_key: dict[tuple[Any, ...], Summary] = {}
 
     def add(self, summaries: Iterable[Summary]) -> None:
-        """Add the summaries of a shard."""
+        """Add the summaries of a shard, one for each α, with the keys of RUN_KEY."""
         for summary in summaries:
             key = tuple(summary[name] for name in RUN_KEY)
             total = self._by_key.setdefault(key, _no_impacts())
@@ -390,7 +416,8 @@ class Totals:
                 total[name] += summary[name]
             for name in _MOST:
                 total[name] = max(total[name], summary[name])
-            # Exact: whole multiples of the smallest float.
+            # Exact, so that no order of shards changes the sum: in whole multiples of the smallest
+            # float. `below` is a power of two that divides _SMALLEST.
             above, below = float(summary[_SQUARES]).as_integer_ratio()
             total[_SQUARES] += above * (_SMALLEST // below)
 
@@ -404,7 +431,11 @@ def _no_impacts() -> Summary:
 
 
 def _line(total: Summary) -> Summary:
-    """A line of the summary; its errors are NaN where no impact has an e."""
+    """A line of the summary with the names of SUMMARY; its errors are NaN where no impact has an e.
+
+    total: sums of a setting, α and step, with the squares of errors in multiples of the smallest
+    float.
+    """
     line = {name: total[name] for name in _COUNTS}
     good = line["parted"] + line["rested"]
     if not good:

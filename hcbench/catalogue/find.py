@@ -72,7 +72,7 @@ class Materials(Shown, Sequence[MaterialPair]):
             yield f"{each.name}: {each.numbers} {each.at}"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
-        """Columns of the table; speeds in m/s, α in s/m."""
+        """The rows of `to_frame`; speeds in m/s, α in s/m, None for what a measurement lacks."""
         for each in self.all:
             low, high = each.speed_range_m_per_s or (None, None)
             least, most = each.restitution_interval or (None, None)
@@ -155,7 +155,11 @@ def is_material_file(name: object) -> bool:
 
 
 def _named(name: object) -> list[MaterialPair]:
-    """All measurements of a name."""
+    """All measurements of a name, one or more; of one pair, the one to use first.
+
+    name: as of `materials`; a pair counts in either order of its bodies. Raises UserError for a
+    name that is not known, for a file as `read_material`, and for anything else.
+    """
     if isinstance(name, MaterialPair):
         return [name]
     if not isinstance(name, str | Path) or not str(name).strip():
@@ -181,7 +185,10 @@ def _plain(name: str) -> str:
 
 
 def _unknown(name: str, wanted: str) -> UserError:
-    """The error for a name of no material."""
+    """The error for a name of no material, with the nearest names.
+
+    name: as the user wrote it. wanted: the same by `_plain`.
+    """
     names = Materials(_known()).names
     parts = set(re.findall(r"\w+", wanted)) - {"on", "ball"}
 
@@ -203,7 +210,8 @@ def _unknown(name: str, wanted: str) -> UserError:
 def read_material(path: Path) -> MaterialPair:
     """The material of a file that `hcbench materials NAME --json` or `fit --write-material` wrote.
 
-    Raises UserError for another file, with the key that is wrong.
+    Raises UserError for a file that cannot be read or is not such a file, with the key that is
+    wrong.
     """
     try:
         content = parse_json(read_text(path))
@@ -224,7 +232,7 @@ def as_record(material: MaterialPair) -> dict[str, Any]:
 
 
 def as_text(found: Sequence[MaterialPair]) -> str:
-    """Measurements of one pair in full, for a terminal."""
+    """Measurements in full, for a terminal: a block of lines for each, with what it states."""
     blocks = []
     for each in found:
         rows = {

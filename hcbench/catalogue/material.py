@@ -36,7 +36,10 @@ _SPEEDS = 5
 
 
 def _number(low: float, high: float, expected: str) -> PlainValidator:
-    """Reads a finite number, not text and not true or false, of low ... high."""
+    """A validator that reads a number of low ... high, and takes neither text nor true or false.
+
+    expected: the words of its error.
+    """
 
     def read(value: Any) -> float:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -129,7 +132,9 @@ class MaterialPair(FileTable):
 
     @model_validator(mode="after")
     def _require_one_form(self) -> Self:
-        """Refuse a material with none or several of α, e and points, and speeds that contradict."""
+        """Refuse a material with none or several of α, e and points, and speeds that contradict: by
+        an error of Pydantic, which `validate` turns into a UserError.
+        """
         forms = (self.alpha_s_per_m is not None, self.restitution is not None, bool(self.points))
         if sum(forms) != 1:
             raise mistake("exactly one of alpha_s_per_m, restitution and points")
@@ -156,7 +161,7 @@ class MaterialPair(FileTable):
 
     @property
     def at(self) -> str:
-        """The speeds that the numbers hold for, as a phrase."""
+        """The speeds that the numbers hold for, as a phrase, such as "from 0.5 to 2 m/s"."""
         if self.speed_range_m_per_s is None:
             return "at an unstated speed"
         low, high = self.speed_range_m_per_s
@@ -180,7 +185,8 @@ class MaterialPair(FileTable):
     def curve(self, reading: Reading = "law") -> RestitutionCurve:
         """e over the impact speed, to compare with.
 
-        reading: how α gives e. Raises UserError for "linear" without an α.
+        reading: how α gives e: "law", or "linear" for e = 1 - α v. Raises UserError for "linear"
+        where the material has no α.
         """
         if self.alpha_s_per_m is not None:
             return Restitution(self.alpha_s_per_m, reading, of=self.line)
@@ -193,7 +199,10 @@ class MaterialPair(FileTable):
 
     @property
     def band(self) -> tuple[float, float] | None:
-        """The range of speeds, m/s, above 0; None for one speed and where none is stated."""
+        """The range of speeds, m/s, above 0; None for one speed and where none is stated.
+
+        A range from 0 begins at a 20th of its highest speed.
+        """
         if self.speed_range_m_per_s is None:
             return None
         low, high = self.speed_range_m_per_s
@@ -203,7 +212,9 @@ class MaterialPair(FileTable):
 
     @property
     def speeds(self) -> tuple[float, ...] | None:
-        """Speeds, m/s, to measure a pair at that should bounce so; None where none is stated."""
+        """Speeds, m/s, to measure a pair at that should bounce so: those of the points, or evenly
+        over the band, or the only one; None where none is stated.
+        """
         if self.speed_range_m_per_s is None:
             return None
         if self.points:
@@ -221,7 +232,9 @@ class MaterialPair(FileTable):
         raise UserError("material", got, "a material with an α", advice)
 
     def warn_outside(self, low: float, high: float) -> None:
-        """Warn where speeds of low ... high, m/s, are outside the range that was measured."""
+        """Warn where speeds of low ... high, m/s, are outside the range that was measured, or where
+        none is stated.
+        """
         if self.speed_range_m_per_s is not None:
             least, most = self.speed_range_m_per_s
             if least * (1 - 1e-9) <= low and high <= most * (1 + 1e-9):
@@ -243,11 +256,13 @@ def _interval(ends: tuple[float, float] | None) -> str:
 
 
 def falling(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """The e nearest to points (v m/s, e), by least squares, that does not rise with speed.
+    """The e nearest to points (v m/s, e), by least squares, that does not rise with speed: the same
+    speeds, rising, each with its new e.
 
     Measured e scatters; a target that rises by chance has no setting. Neighbours that rise are
     replaced by their mean until none do (pool adjacent violators, Ayer and others 1955).
     """
+    # Each pool has the measured e of neighbouring speeds, whose mean stands for all of them.
     pools: list[list[float]] = []
     for _, e in sorted(points):
         pools.append([e])

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 def target_material(name: MaterialName | None, **others: object) -> MaterialPair | None:
     """The material that a target is given by; None without a name.
 
-    others: other ways to give a target. Raises UserError for one that is given too, and for a name
-    that is not known.
+    others: other ways to give a target, by the names of their options; None for one that is not
+    given. Raises UserError for one that is given too, and for a name or file as `find`.
     """
     if name is None:
         return None

@@ -44,14 +44,16 @@ def add(
 ) -> Environment:
     """Install an engine into an environment of its own, in place of one of the same version.
 
-    package: whose version is the engine's.
+    engine: its name. package: the one whose version is the engine's.
     requirements: what to install, as pip writes it.
     python: a version or a path, of an installed interpreter.
-    trial: uses the environment; what it raises ends all.
+    trial: uses the environment before it is moved into its place; what it raises ends all.
     progress: called with (steps done, steps in all).
 
-    Raises UserError for a version or a Python that is not to be had, CannotRun and OutputError;
-    then nothing is left of it.
+    Raises UserError for a version that the package index does not have, or has no wheel of, and for
+    a Python that is not on this machine or too old; CannotRun without uv, without a network, and
+    for any other failure of uv; OutputError for a full disk and a folder that cannot be written.
+    Then nothing is left of it.
     """
     home = store.home()
     try:
@@ -83,8 +85,8 @@ def add(
 
 
 def interpreters() -> list[str]:
-    """Versions of the Pythons on this machine: those that uv finds,
-    pyenv's, and this one; newest first.
+    """Versions of the Pythons on this machine, such as "3.12.4": those that uv finds,
+    pyenv's, and this one; newest first. Raises CannotRun without uv.
     """
     done = _run_uv(["python", "list", "--only-installed"], Path.cwd())
     versions = {*re.findall(r"(?m)^cpython-(\d+\.\d+\.\d+)\S*\s", done.stdout), *_known_pythons()}
@@ -92,8 +94,8 @@ def interpreters() -> list[str]:
 
 
 def _known_pythons() -> dict[str, str]:
-    """Version to path of the Python of this process, and of pyenv's, whose
-    shims hide all but one from uv.
+    """Version, such as "3.12.4", to path of the Python of this process, and of pyenv's from
+    LOWEST_PYTHON on, whose shims hide all but one from uv.
     """
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
     known = {}
@@ -107,7 +109,9 @@ def _known_pythons() -> dict[str, str]:
 
 
 def _known(python: str) -> str:
-    """Path of the newest of those with a version such as "3.13"; "" for none, and for a path."""
+    """Path of the newest of the `_known_pythons` of a version such as "3.13" or "3"; "" for none of
+    them, and for an argument that is a path.
+    """
     if not re.fullmatch(r"\d+(\.\d+)*", python):
         return ""
     asked = _numbers(python)
@@ -127,7 +131,8 @@ def _make(folder: Path, python: str) -> None:
 
     python: a version or a path.
 
-    Raises UserError for a Python that is not on this machine, or is too old.
+    Raises UserError for a Python that is not on this machine or is too old, CannotRun without uv,
+    and as `_explained` says for any other failure of uv.
     """
     interpreter = _known(python) or python
     done = _run_uv(["venv", "--relocatable", "--python", interpreter, str(folder)], folder.parent)
@@ -156,7 +161,8 @@ def _uv(*arguments: str, folder: Path, about: str) -> None:
 
 
 def _run_uv(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run uv with the user's own settings of indexes, and interpreters of this machine only.
+    """Run uv in a folder, with the user's own settings of indexes, and interpreters of this machine
+    only; return its exit code and output, also where it failed.
 
     Raises CannotRun where uv is not installed.
     """
@@ -179,7 +185,10 @@ def _run_uv(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProce
 def run_with_parent(
     command: Sequence[str], cwd: Path, env: Mapping[str, str]
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program that ends with this process, however that ends; on Linux."""
+    """Run a program to its end, without input, and return its exit code and output as text.
+
+    On Linux it ends with this process, however that ends. OSError for a program that cannot be run.
+    """
     library = ctypes.CDLL(None) if sys.platform == "linux" else None
 
     def begin() -> None:
@@ -205,7 +214,12 @@ def _one_line(text: str) -> str:
 
 
 def _explained(text: str, about: str, folder: Path) -> HcbenchError:
-    """The error of hcbench for a message of uv, in one line."""
+    """The error of hcbench for a failure of uv: OutputError for a full disk, UserError for a
+    version or wheel that does not exist, CannotRun for all else.
+
+    text: message of uv in one line. about: what was to be made, for the error. folder: on the disk
+    whose free space is stated.
+    """
     if "No space left" in text or "os error 28" in text:
         left = f"{shutil.disk_usage(folder).free >> 20} MiB left on the disk of {store.home()}"
         return OutputError("engines", f"no space for {about}: {left}", "more of it")
@@ -234,7 +248,9 @@ def _first(pattern: str, text: str) -> str:
 
 
 def _python_version(folder: Path) -> str:
-    """Version of the Python that an environment was made with."""
+    """Version of the Python that an environment was made with, as the environment's pyvenv.cfg has
+    it.
+    """
     match = re.search(
         r"(?m)^version_info = (\S+)", (folder / "pyvenv.cfg").read_text(encoding="utf-8")
     )

@@ -54,7 +54,7 @@ class Environment:
         return windows if windows.exists() else self.folder / "bin" / "python"
 
     def write(self) -> None:
-        """Put the record into the folder."""
+        """Put the record into the folder. Raises UserError or OutputError as `write_text`."""
         content = {
             "schema": _SCHEMA,
             "engine": self.engine,
@@ -81,7 +81,7 @@ def environments(engine: str = "*") -> list[Environment]:
 
 
 def find(engine: str, version: str = "") -> Environment | None:
-    """The environment of an engine in a version; the newest where none is named.
+    """The environment of an engine in a version; the newest for the version "".
 
     None where there is none.
     """
@@ -90,7 +90,9 @@ def find(engine: str, version: str = "") -> Environment | None:
 
 
 def remove(environment: Environment) -> None:
-    """Take it away, at once: killed in the middle, it is gone all the same. Raises OutputError."""
+    """Take an environment away: by one rename first, so that none is left in part even where this
+    process is killed. Raises OutputError where its folder cannot be moved.
+    """
     try:
         with scratch_folder(home()) as scratch:
             environment.folder.rename(scratch / "removed")
@@ -108,7 +110,8 @@ def replace(made: Path, environment: Environment, scratch: Path) -> None:
 def _read(folder: Path) -> Environment:
     """The environment of a folder, by its record.
 
-    Raises ValueError, LookupError or TypeError for none.
+    Raises OSError for a folder without a record; ValueError, KeyError or TypeError for a record of
+    another form or of another folder.
     """
     record: Mapping[str, Any] = parse_json(read_text(folder / RECORD))
     if record["schema"] != _SCHEMA:
@@ -130,7 +133,7 @@ def _read(folder: Path) -> Environment:
 
 
 def _order(version: str) -> list[tuple[int, str]]:
-    """Sorts 3.9 before 3.10."""
+    """The key by which a version sorts: 3.9 before 3.10, and 3.9rc1 before 3.9.1."""
     order = []
     for part in re.findall(r"\d+|[a-z]+", version):
         if part.isdigit():

@@ -25,9 +25,10 @@ def speed_at(
     depth: Floats | float,
     penetration: Floats | float,
 ) -> Floats:
-    """|v| of eq. (10) at `penetration` (m) of an impact that turns at `depth` (m); they broadcast.
+    """|v|, m/s, of eq. (10) at `penetration` (m) of an impact that turns at `depth` (m); they
+    broadcast.
 
-    At penetration 0 it is v_i of eq. (9), the inverse of (8).
+    stiffness: N/m^exponent. mass: kg. At penetration 0 it is v_i of eq. (9), the inverse of (8).
     """
     n1 = exponent + 1.0
     left = np.asarray(depth, dtype=float) ** n1 - np.asarray(penetration, dtype=float) ** n1
@@ -35,7 +36,10 @@ def speed_at(
 
 
 def inward_share(u: Floats | float) -> Floats:
-    """Share of the loop's area that the way in takes, over u = α v_i > 0; 1/2 as u goes to 0."""
+    """Share of the loop's area that the way in takes, over u = α v_i, same shape; 1/2 at u = 0.
+
+    Raises UserError for a u below 0.
+    """
     d = 1.5 * within("u", u, 0.0, np.inf, "α v_i of 0 or more")
     s = one_minus_restitution(d)
     # 1 - G = 2 d (1/3 - d/4 + d²/5 ...): by its series where the difference would lose digits.
@@ -65,14 +69,15 @@ class Approximation:
         return np.asarray(self.ratio(values, exponent) - 1.0)
 
     def reaches(self, error: float, exponent: float = 1.5) -> float:
-        """The α v_i where it is wrong by `error` (0.01: one per cent),
-        up or down; inf if beyond 100.
+        """The smallest α v_i where it is wrong by `error` (0.01: one per cent),
+        up or down; inf if beyond 100. Raises UserError unless 0 < error < 1.
         """
         require("error", error, 0.0 < error < 1.0, "an error between 0 and 1, such as 0.01")
 
         def excess(u: float) -> float:
             return abs(float(self.error(u, exponent))) - error
 
+        # The first of a fine grid that is over, and its neighbour below, bracket the root.
         grid = np.geomspace(1e-8, 100.0, 400)
         over = np.flatnonzero([excess(float(u)) >= 0.0 for u in grid])
         if not over.size:

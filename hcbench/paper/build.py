@@ -25,9 +25,9 @@ ASKED = (0.3, 0.5, 0.7, 0.9)
 
 
 def drawings(effort: Effort) -> list[Drawing]:
-    """All figures, in the page's order.
+    """All figures, in the page's order; nothing is drawn yet.
 
-    effort: what the forced ones may cost.
+    effort: how much the figures of forced motion may compute.
     """
     functions: dict[str, Any] = {
         "figure-1": impact_figures.figure_1,
@@ -57,14 +57,14 @@ def build(
     tick: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write the page and its figures (SVG, PNG, and their numbers as CSV) into `folder` and return
-    the page. All of it, or nothing.
+    the page. All of it, or nothing. The same version gives the same bytes for any jobs.
 
-    quick: few parameters in the two forced figures.
+    quick: few parameters in the figures of forced motion.
     jobs: processes for the largest of them.
-    tick: called with (figures done, figures in all). The same version gives the same bytes for any
-    jobs.
+    tick: called with (figures done, figures in all).
 
-    Raises OutputError where the folder cannot be written.
+    Raises UserError where a file that hcbench did not write is in the way, OutputError where the
+    folder cannot be written, EngineFailed where an engine crashes in the figure of engines.
     """
     effort = QUICK if quick else FULL
     plan = drawings(replace(effort, jobs=jobs))
@@ -82,7 +82,9 @@ def build(
 
 
 def engines_drawn_in(folder: Path) -> set[str]:
-    """Engines whose motion the page in a folder shows; empty without a page."""
+    """Engines whose motion the page in a folder shows, by their titles in it; empty without a page
+    that can be read.
+    """
     with suppress(OSError, ValueError):
         text = read_text(folder / PAGE)
         return {
@@ -92,7 +94,7 @@ def engines_drawn_in(folder: Path) -> set[str]:
 
 
 def _page(figures: dict[str, dict[str, Any]]) -> str:
-    """The page. figures: each figure's values for the template, by its name."""
+    """The page as HTML text. figures: what `draw` returns of each drawing, by its name."""
     numbers = printed_numbers()
     titles = []
     notes = []

@@ -20,7 +20,9 @@ _LEAST_POINTS = 2
 def curves_of(figure: Figure) -> pd.DataFrame:
     """A row for each point of each curve, in the units of the axes, which `x_axis` and `y_axis` name.
 
-    Lines across a whole panel and single marks guide the eye alone: they are left out.
+    Lines across a whole panel and single marks guide the eye alone: they are left out. A panel is
+    named by its title or its number, a curve by its label or its number. Without curves the table
+    has no rows.
     """
     # pandas is slow to import.
     import pandas as pd
@@ -34,6 +36,7 @@ def curves_of(figure: Figure) -> pd.DataFrame:
             x, y = (np.asarray(each, dtype=float) for each in line.get_data(orig=False))
             if line.get_transform() != axes.transData or len(x) < _LEAST_POINTS:
                 continue
+            # Matplotlib gives a line without a label one that begins with an underscore.
             label = str(line.get_label())
             if label.startswith("_"):
                 label = f"curve {place}"
@@ -47,7 +50,10 @@ def curves_of(figure: Figure) -> pd.DataFrame:
 
 
 def _shared(axes: Axes, which: str) -> str:
-    """The name that another panel gives to an axis which it shares with this one; "" without one."""
+    """The name that another panel gives to an axis which it shares with this one; "" without one.
+
+    which: "x" or "y".
+    """
     group = axes.get_shared_x_axes() if which == "x" else axes.get_shared_y_axes()
     for other in group.get_siblings(axes):
         name: str = other.get_xlabel() if which == "x" else other.get_ylabel()

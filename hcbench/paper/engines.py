@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
     from hcbench.terms.impact import Floats
 
-# Wall time of one simulation, s: an engine that runs longer counts as hung.
+# Processor time of one simulation, s: an engine that runs longer counts as hung.
 LIMIT = 120.0
 
 
@@ -64,10 +64,17 @@ def simulate_in_engine(
     timestep: float = 1e-5,
     tuned_at: float | None = None,
 ) -> EngineTrajectory:
-    """Simulate a system in an engine, by the plug-in, or by its own contact tuned at a speed (m/s).
+    """Simulate a system in an engine, from t = 0 on.
 
-    Both blocks must have the same law (16). timestep, until in s. Raises UserError for a system
-    that an engine cannot have, EngineMissing and EngineFailed.
+    name: of the engine, one of `engines_with_two_blocks`.
+    system: both its blocks must have the same law (16).
+    position, velocity: at the start, m and m/s; `VibroImpact` has the signs.
+    until: duration, s. timestep: s.
+    drive: P, N; None: the mass is free.
+    tuned_at: speed, m/s, at which the engine's own contact is tuned; None: its plug-in is used.
+
+    Raises UserError for a system that an engine cannot have and for numbers that are not above 0,
+    EngineMissing, and EngineFailed where the engine crashes or passes LIMIT.
 
     The drive is leapfrog, so of second order: engines do v += h P/m, then q += h v. With P of the
     step's start, and the first velocity half a step behind, velocities are those half a step before
@@ -88,6 +95,7 @@ def simulate_in_engine(
     forces = np.zeros(count)
     if drive is not None:
         forces[:] = [drive(i * timestep) for i in range(count)]
+    # Half a step before the position, see above.
     start = velocity - 0.5 * timestep * float(forces[0]) / system.mass
     blocks = TwoBlocks(system.mass, system.gap, law, timestep, tuned_at)
     where = interpreter_of(engine)

@@ -62,9 +62,8 @@ def _mark_depth(axes: Axes, x: float) -> None:
 
 
 def figure_1() -> tuple[Figure, str]:
-    """The loops of (4) and of (16), with the same restitution and contact time.
-
-    And, in words, what (4) returns if contact ends as soon as the force does.
+    """The loops of (4) and of (16), with the same restitution and contact time; and, in words for
+    the caption, the e of (4) if contact ends as soon as the force does.
     """
     law = HuntCrossley(1.0, SKETCH_ALPHA_SPEED)
     mass = 1.0
@@ -82,6 +81,7 @@ def figure_1() -> tuple[Figure, str]:
     left.plot(spring, linear.stiffness * spring, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     shock = a.force[0]
     top = int(a.penetration.argmax())
+    # Penetration at which the force is 0; reversed, as `interp` takes forces that rise.
     crossing = float(np.interp(0.0, a.force[top:][::-1], a.penetration[top:][::-1]))
     for letter, x, y, dx, dy in (
         ("O", 0.0, 0.0, -13, 4), ("A", 0.0, shock, -12, -3), ("B", a.penetration[top], a.force[top], 5, 2),
@@ -133,6 +133,7 @@ def figure_2() -> Figure:
     speed = axes.twinx()
     for spine in speed.spines.values():
         spine.set_visible(False)
+    # With this stiffness, mass and depth the impact speed is 1.
     speed.plot(
         x, approximations.speed_at(1.25, 1.0, 1.5, 1.0, x), color=ORANGE, linestyle=(0, (5, 2))
     )
@@ -245,6 +246,7 @@ def approximations_figure() -> Figure:
     for level in LEVELS:
         axes.axhline(level, color=GREY, linewidth=0.8)
         axes.text(3.1, level, f"{100 * level:g} %", va="center", fontsize=8.5)
+    # From its least to its largest α v, s/in times in/s.
     axes.axvspan(0.002 * 4, 0.016 * 16, color=GREY, alpha=0.12, linewidth=0)
     axes.text(0.0085, 1.5e-6, "the paper's own loops", fontsize=8.5, color=INK)
     log_axis(axes, "x")
@@ -258,7 +260,9 @@ def approximations_figure() -> Figure:
 
 
 def quadratic_figure() -> Figure:
-    """Restitution of the q = 2 variant against (16) and (2), and its loop beside that of (16)."""
+    """Restitution over α v of the q = 2 variant, whose damping grows with v², against (16) and (2),
+    and its loop at α v = 0.5 beside that of (16).
+    """
     figure = new_figure(8.4, 3.6)
     left, right = figure.subplots(1, 2)
     u = np.linspace(0.0, 1.5, 300)
@@ -306,7 +310,8 @@ def quadratic_figure() -> Figure:
 def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floats, Floats]:
     """Penetration, m, and force, N, of one loop with q = 2, shape (401,) each.
 
-    Its path is closed: v² is exponential plus linear in x^((n+1)/2).
+    Its path is known in closed form: v² is exponential plus linear in x^((n+1)/2). Points rise from
+    the surface to the turning point, the first half, and go back.
 
     speed: impact speed, m/s.
     """
@@ -330,7 +335,9 @@ def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floa
 
 
 def later_laws_figure() -> Figure:
-    """Restitution delivered less asked over asked, for every law."""
+    """Restitution that every published law delivers over the one that it is set to, and the
+    difference of the two.
+    """
     figure = new_figure(8.4, 4.4)
     left, right = figure.subplots(1, 2)
     asked = np.linspace(0.02, 1.0, 300)

@@ -44,8 +44,9 @@ class Printed:
     @property
     def verdict(self) -> Agreement:
         """agrees: the same after rounding; rounded: within one more
-        unit of the last digit; differs.
+        unit of the last digit that is meant; differs: further away.
         """
+        # Size of one unit of the last digit that is meant.
         last = 10.0 ** (math.floor(math.log10(abs(self.value))) + 1 - self.digits)
         units = abs(self.ours - self.value) / last
         if units <= 0.5 + 1e-9:
@@ -64,6 +65,7 @@ def printed_numbers() -> list[Printed]:
 
 
 def _first_sections() -> Iterator[Printed]:
+    """The numbers of sections 1.1 to 1.9, converted by the units that the paper names."""
     yield Printed("1.1", "impact speeds meant, 20 in/s", "50", 20 * INCH * 100, "cm/s", 2)
     yield Printed("1.2", "smallest α, 0.002 s/in", "0.08", 0.002 / INCH, "s/m", 1)
     yield Printed(
@@ -106,6 +108,9 @@ def _constants() -> Iterator[Printed]:
 
 
 def _stresses() -> Iterator[Printed]:
+    """The stresses of section 1.10; the share of the shear is Hertz's for a Poisson's ratio of
+    0.30.
+    """
     share, _ = largest_shear(1.0, 0.30)
     yield Printed("1.10", "bearing stress, 200 000 lb/in²", "1.38e9", 200_000 * PSI, "N/m²", 3)
     yield Printed("1.10", "its highest limit, 500 000 lb/in²", "3.45e9", 500_000 * PSI, "N/m²", 3)
@@ -115,7 +120,7 @@ def _stresses() -> Iterator[Printed]:
 
 
 def _case() -> Iterator[Printed]:
-    """The numbers of section 3.1 and 3.2, as printed and as computed from the law."""
+    """The numbers of sections 3.1 and 3.2, as printed and as computed from the law."""
     pair = constants.pair()
     k3 = pair.stiffness * INCH**1.5 / POUND_FORCE
     yield Printed("3.1", "weight of one pound", "4.448", POUND_FORCE, "N", 4)
@@ -160,8 +165,8 @@ FACTOR_MASSES = (0.01, POUND, 100.0)
 
 
 def factors() -> list[tuple[float, list[float]]]:
-    """λ/(α k) read off simulated impacts, for every n a row of the masses:
-    eq. (15) has no n and no m in it.
+    """λ/(α k) read off simulated impacts: of each n of FACTOR_EXPONENTS, the factors of
+    FACTOR_MASSES. Eq. (15) has no n and no m in it.
 
     In each λ/k = 1 s/m is put in, and the α of eq. (2) read off e at two speeds, as v goes to 0.
     """

@@ -89,7 +89,10 @@ def figure_6() -> Figure:
 
 
 def _cycle(system: VibroImpact, velocity: float) -> SimulatedMotion:
-    """One cycle of free motion from the middle."""
+    """One cycle of free motion from the middle: until it is crossed in the same direction again.
+
+    velocity: at the start, above 0, in the sketch's own units, of which a cycle takes less than 10.
+    """
     run = simulate(system, 0.0, velocity, 10.0, step_max=0.03)
     forward = (run.position[1:] >= 0.0) & (run.position[:-1] < 0.0)
     return run.during(0.0, float(run.time[int(np.flatnonzero(forward)[0]) + 1]))
@@ -117,7 +120,13 @@ SETTLED = 12
 
 
 def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
-    """The two loops of a squeezed mass and their sum, settled under a drive near its resonance."""
+    """The two loops of a squeezed mass and their sum, over the last of SETTLED cycles of a drive at
+    the
+    resonance of the linearised mass: the figure, that cycle, and the system.
+
+    force: amplitude of the drive, in the sketch's own units. Without touch or parting in the cycle,
+    the ellipse of the linearised mass is drawn too.
+    """
     system = VibroImpact(1.0, -2.0 * SQUEEZE, SOFT, SOFT)
     f = linearized(system).resonance
     whole_run = simulate(
@@ -145,8 +154,8 @@ def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
 
 
 def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tuple[Floats, Floats]:
-    """Position and force of the linearised mass over one cycle: a Kelvin-Voigt ellipse, shape
-    (200,) each.
+    """Position and force, in the sketch's own units, of the linearised mass over one cycle: a
+    Kelvin-Voigt ellipse, shape (200,) each.
 
     frequency: Hz. The amplitude is that of the run.
     """
@@ -211,7 +220,9 @@ STAND_IN_SPEED = 0.4
 
 
 def response_figure(effort: Effort) -> Figure:
-    """Amplitude over force and frequency of the squeezed mass, against the linearised one."""
+    """Amplitude over force, nm/N, of the squeezed mass over the frequency of its drive, kHz, for
+    the amplitudes FORCES, against the linearised one.
+    """
     linear = linearized(SQUEEZED)
     # Two thirds of the frequencies where the peaks are.
     sixth = effort.response_frequencies // 6
@@ -251,7 +262,11 @@ _OVERLAID = (0, 1, 5, 4)
 def _in_engine(
     name: str, tuned_at: float | None, effort: Effort
 ) -> tuple[EngineTrajectory, EngineTrajectory]:
-    """The motion of the clear mass, and the last cycle of the squeezed one. Raises EngineMissing."""
+    """The motion of the clear mass, and the last cycle of the squeezed one.
+
+    name: of the engine. tuned_at: as of `simulate_in_engine`, which raises EngineMissing and
+    EngineFailed.
+    """
     clear = simulate_in_engine(
         name, LOOSE, 0.0, START, CLEAR_FOR, CLEAR, timestep=effort.timestep, tuned_at=tuned_at
     )
@@ -273,6 +288,9 @@ def _contact_names(name: str, tuned_at: float | None) -> list[str]:
 def engines_figure(effort: Effort) -> tuple[Figure, str]:
     """The clear and the squeezed mass in the engines that are installed, over the reference; and,
     in words, the largest distance of each from the reference, over the reference's largest value.
+
+    Each engine is drawn with its plug-in and with its own contact. Raises EngineFailed where one
+    crashes.
     """
     figure = new_figure(8.6, 4.4)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
@@ -329,8 +347,8 @@ def _percent(share: float) -> str:
 
 
 def bifurcation_figure(effort: Effort) -> tuple[Figure, str]:
-    """Velocity once a cycle over the drive's frequency, for (16) and for
-    its piecewise linear stand-in.
+    """Velocity once a cycle, m/s, over the drive's frequency, Hz, for (16) and for
+    its piecewise linear stand-in; and, in words for the caption, how much was simulated.
     """
     figure = new_figure(8.6, 6.0)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
@@ -350,7 +368,11 @@ def bifurcation_figure(effort: Effort) -> tuple[Figure, str]:
 
 
 def _draw_dots(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
-    """Thousands of dots as one line of round ends: a tenth of the bytes that markers take."""
+    """Draw thousands of dots as one line of round ends: a tenth of the bytes that markers take.
+
+    x, y: of the dots, shape (n,).
+    """
+    # The line is broken between dots where a point is NaN.
     nowhere = np.full_like(x, np.nan)
     # Half length of a dot: Matplotlib draws no line of length 0.
     tiny = 5e-4 * float(np.ptp(x))

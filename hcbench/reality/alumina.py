@@ -51,10 +51,11 @@ def body() -> Body:
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> MeasuredBounces:
-    """All throws, of the three figures one after the other; parts, folder and variant change
-    nothing.
+    """All throws, of the three figures one after the other, without spin; parts, folder and variant
+    change nothing.
 
-    Velocities are in m/s; speeds and spins after the bounce are unknown, NaN.
+    Velocities are in m/s, x along the plate and z up; those after the bounce are unknown, NaN, as
+    the spins are.
     """
     angle = np.radians(np.concatenate([TANGENTIAL[:, 0], SPIN_AFTER[:, 0], REBOUND[:, 0]]))
     zero = np.zeros_like(angle)
@@ -74,13 +75,21 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
 ) -> SettingErrors:
-    """Errors of the ratio of tangential speeds."""
+    """Errors of the ratio of tangential speeds, of an engine's setting.
+
+    module: `toss` of the engine. values: of the setting's parameters. bounces: of `cases`.
+    """
     later, spin = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     return judged(bounces, later, spin)
 
 
 def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
-    """Errors of a rigid ball with a constant e and Coulomb's friction."""
+    """Errors of a rigid ball with a constant e and Coulomb's friction.
+
+    bounces: of `cases`, without spin and with z up.
+    """
+    # Impulses over the mass, m/s: of the normal force, and of friction, which slides, or stops the
+    # slip, at 2/7 of it for a solid ball.
     push = -(1.0 + e) * bounces.velocity[:, 2]
     pull = np.minimum(friction * push, bounces.velocity[:, 0] * 2.0 / 7.0)
     later = bounces.velocity * [1.0, 1.0, -e]
@@ -91,7 +100,12 @@ def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
 
 
 def judged(bounces: MeasuredBounces, later: Floats, spin: Floats) -> SettingErrors:
-    """Errors over the throws of the first figure alone."""
+    """Errors over the throws of the first figure alone: of the tangential speed after over that
+    before.
+
+    later, spin: velocities (m/s) and spins (rad/s) after all throws, shape (n, 3); spins count
+    nothing.
+    """
     n = len(TANGENTIAL)
     away = np.abs(later[:n, 0] / bounces.velocity[:n, 0] - TANGENTIAL[:, 1])
     return SettingErrors(away, away)

@@ -56,7 +56,8 @@ def body() -> Body:
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> MeasuredBounces:
     """Bounces whose place in the data, modulo PARTS, is one of `parts`; variant changes nothing.
 
-    Raises UserError without a folder, and for one that has not the archive.
+    folder: of the original repository, since the data are not shipped. Raises UserError for None,
+    and for a folder without the archive.
     """
     if folder is None:
         raise UserError(
@@ -70,7 +71,8 @@ def read(path: Path) -> MeasuredBounces:
     """Read the bounces whose both sides are known, from the published archive.
 
     Speeds are in m/s and spins in rad/s. Kept are bounces with 0.3 < e < 1.2 and an uncertainty of
-    e below 0.04. Raises UserError for an archive that cannot be read.
+    e below 0.04. Raises UserError for an archive that cannot be read, and for one without any
+    bounce that is clear.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
@@ -85,6 +87,8 @@ def read(path: Path) -> MeasuredBounces:
                     bounces.append(bounce)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise UserError("--data", f"{path}: {error}", "trajectories.zip") from None
+    if not bounces:
+        raise UserError("--data", f"{path}: no track with a clear bounce", "trajectories.zip")
     # A row each: number, spin, velocity before and after, u of e.
     numbers, spin_before, before, after, u_e = map(np.array, zip(*bounces, strict=True))
     e = -after[:, 2] / before[:, 2]
@@ -100,6 +104,9 @@ def read(path: Path) -> MeasuredBounces:
 def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:
     """The finite rows of a track, shape (n, 4): time, s, and place, m; none where the archive
     lacks it.
+
+    root: folder of the tracks in the archive, with a slash at the end. Raises what a damaged
+    archive leads to.
     """
     name = f"{root}{number:03d}.csv"
     if name not in archive.namelist():
@@ -126,6 +133,10 @@ class _Bounce(NamedTuple):
 def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
     """The first bounce of a track, shape (n, 4) of time, s, and position,
     m; None where it is not clear.
+
+    number: of the track. spin: before the bounce, rad/s, shape (3,). Not clear: too few frames on a
+    side, no touch near the lowest frame, more than 6 mm off the fitted arcs, or slower than 0.3
+    m/s.
     """
     if len(track) < 20:
         return None
@@ -149,16 +160,19 @@ def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
         return None
     before, error_in, miss_in = _arc(since_touch[falling], place[falling], spin)
     after, error_out, miss_out = _arc(since_touch[rising], place[rising], _SPIN_KEPT * spin)
-    # The first is in m, the second in m/s.
+    # Limits of what the arcs leave, m, and of the speed down, m/s: z points up.
     if max(miss_in, miss_out) > 6e-3 or before[2] > -0.3:
         return None
+    # e = -after/before, by the two independent uncertainties of the speeds.
     u_e = np.hypot(error_out / before[2], after[2] * error_in / before[2] ** 2)
     return _Bounce(number, spin, before, after, float(u_e))
 
 
 def _lowest_frame(height: Floats) -> int | None:
-    """The first frame, not near an end, that is lowest within six frames
-    and near the lowest of all, m.
+    """The first frame, five or more from either end, that is lowest within six frames
+    and less than 8 cm above the lowest of all; None for none.
+
+    height: m, shape (n,).
     """
     for i in range(5, len(height) - 5):
         nearby = height[max(0, i - 6) : i + 7]
@@ -168,7 +182,11 @@ def _lowest_frame(height: Floats) -> int | None:
 
 
 def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float | None:
-    """Time at which the parabolas of both sides meet, s; None if they do not near the lowest frame."""
+    """Time at which the parabolas of both sides meet, s; None if they do not near the lowest frame.
+
+    time: s, from the lowest frame on. height: m. Both have the shape (n,); `before` and `later` are
+    the frames of either side.
+    """
     difference = np.poly1d(np.polyfit(time[before], height[before], 2))
     difference -= np.poly1d(np.polyfit(time[later], height[later], 2))
     near = []
@@ -181,8 +199,10 @@ def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float |
 
 
 def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, float]:
-    """Velocity at time 0, m/s, standard uncertainty of its height's rate, and
-    rms of what the arc leaves, m.
+    """Velocity at time 0, m/s, shape (3,), standard uncertainty of its z, m/s, and
+    root mean square of what the arc leaves, m.
+
+    The arc is a flight with drag and lift, fitted by least squares that count outliers less.
 
     time: s, shape (n,).
     place: m, shape (n, 3).
@@ -210,6 +230,7 @@ def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, floa
     fitted: Any = least_squares(left, np.r_[at_touch, slope], loss="soft_l1", f_scale=3e-3)
     size = len(fitted.fun)
     mean = float(np.mean(fitted.fun**2))
+    # Six unknowns are fitted: place and velocity.
     covariance = np.linalg.inv(fitted.jac.T @ fitted.jac) * mean * size / (size - 6)
     return fitted.x[3:], float(np.sqrt(covariance[5, 5])), float(np.sqrt(mean))
 
@@ -217,17 +238,22 @@ def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, floa
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
 ) -> SettingErrors:
-    """Errors of the normal speed after, m/s."""
+    """Errors of the normal speed after, m/s, of an engine's setting.
+
+    module: `toss` of the engine. values: of the setting's parameters.
+    """
     later, _ = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     return _judged(bounces, later)
 
 
 def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
-    """Errors of a rigid ball with a constant e and Coulomb's friction."""
+    """Errors, m/s, of a rigid ball with a constant e and Coulomb's friction."""
+    # Velocity of the contact's point by the spin, m/s.
     lever = np.cross(bounces.spin, [0.0, 0.0, -RADIUS])[:, :2]
     slip = bounces.velocity[:, :2] + lever
     speed = np.linalg.norm(slip, axis=1)
     push = (1.0 + e) * -bounces.velocity[:, 2]
+    # Change of the speed along the table that stops the slip; friction cannot exceed it.
     stick = speed / (1.0 + MASS * RADIUS**2 / INERTIA)
     later = bounces.velocity * [1.0, 1.0, -e]
     later[:, :2] -= slip * (np.minimum(friction * push, stick) / np.maximum(speed, 1e-9))[:, None]

@@ -62,9 +62,10 @@ _Load = Callable[[str, str], Callable[[], _Numbers]]
 
 @dataclass(frozen=True, slots=True)
 class _Tensor:
-    """A tensor whose numbers may not be read yet, as the file describes it.
+    """A tensor whose numbers may not be read yet, as the file describes it: nothing of it is
+    checked before `array`.
 
-    strides: in numbers.
+    storage: reads its numbers. offset, strides: in numbers.
     """
 
     storage: Callable[[], _Numbers]
@@ -117,7 +118,9 @@ class _Unpickler(pickle.Unpickler):
         self.load_storage = load
 
     def find_class(self, module: str, name: str) -> Any:
-        """The few names that a tensor is made of; refuse any other, which could run code."""
+        """The few names that a tensor is made of. Raises UnpicklingError for any other: it could run
+        code.
+        """
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
             return lambda storage, offset, shape, strides, *_: _Tensor(
                 storage, offset, shape, strides
@@ -140,7 +143,11 @@ class _Unpickler(pickle.Unpickler):
 
 
 def read_tensor(path: Path) -> Floats:
-    """The tensor in a .pt file. UserError for what cannot be read or holds anything else."""
+    """The tensor in a .pt file, as float64 in the tensor's shape.
+
+    Raises UserError for a file that cannot be read, is larger than _MOST_BYTES, or holds anything
+    else than one tensor.
+    """
     try:
         content = read_bytes(path, _MOST_BYTES)
         tensor = _from_zip(content) if content[:2] == b"PK" else _from_stream(io.BytesIO(content))
@@ -206,7 +213,11 @@ def _from_stream(file: io.BytesIO) -> _Tensor:
 
 
 def _unpickled(file: io.BytesIO, load: _Load) -> Any:
-    """The next object of a stream of pickles; ValueError where no tensor is written like that."""
+    """The next object of a stream of pickles, of which the file then stands at the end.
+
+    load: what stands for a storage's key and type. Raises ValueError where no tensor is written
+    like that, and what a damaged pickle leads to.
+    """
     begin = file.tell()
     for count, (opcode, argument, _) in enumerate(pickletools.genops(file)):
         if opcode.name not in _OPCODES:
@@ -272,10 +283,10 @@ def body(corrections: Corrections = CORRECTED) -> Body:
 
 def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:
     """(number, poses) of each toss: shape (n, 7), position in half widths and quaternion (w, x, y,
-    z).
+    z), as published.
 
-    folder: of the original repository; None: the shipped tosses. UserError for a folder of anything
-    else.
+    folder: of the original repository; None: the shipped tosses. Raises UserError for a folder of
+    anything else, and for a file that is not of a toss.
     """
     if folder is None:
         with np.load(SHIPPED) as shipped:
@@ -304,7 +315,8 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     """Tosses with number % 5 in `parts` that have a flight long enough
     to know their start, by number.
 
-    variant: what of the data is left as published.
+    folder: of the original repository; None: the shipped tosses, without part 4.
+    variant: what of the data is left as published, one of VARIANTS. Raises UserError as `poses`.
     """
     corrections = VARIANTS[variant]
     motions = []
@@ -325,7 +337,10 @@ def outcome(
 
 
 def as_motion(number: int, rows: Floats, corrections: Corrections = CORRECTED) -> Motion:
-    """A toss in metres and seconds."""
+    """A toss in metres and seconds, with the plate at z = 0.
+
+    number: of the toss. rows: as `poses` gives them, a frame each.
+    """
     time = np.arange(len(rows), dtype=np.float64) * PERIOD
     place = rows[:, :3] * HALF_WIDTH * corrections.scale
     length: Floats = np.sqrt((rows[:, 3:] ** 2).sum(axis=1, keepdims=True))

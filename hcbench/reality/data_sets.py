@@ -31,10 +31,12 @@ Result = TypeVar("Result")
 class Cell:
     """A setting of an engine on parts of a data set.
 
+    data: name of the set, one of SETS. engine: its name.
     setting: its key.
-    values: of its parameters.
-    folder: of the original data.
-    variant: of the data set.
+    values: of its parameters, in the order in which the setting has them.
+    parts: numbers of the parts of the set, see its TRAINING and VALIDATION.
+    folder: of the original data; None for those that are shipped.
+    variant: of the data set: what of it is left as published, "" for nothing.
     """
 
     data: str
@@ -75,7 +77,10 @@ def _cases(data: str, parts: tuple[int, ...], folder: Path | None, variant: str)
 
 
 def outcome_of(cell: Cell) -> SettingErrors:
-    """Errors of a cell's setting, computed in a worker process."""
+    """Errors of a cell's setting. To be run in a worker process of its engine.
+
+    Raises UserError for a folder that is not of the set's data, and what the engine raises.
+    """
     outcome: SettingErrors = SETS[cell.data].outcome(
         cell.module, cell.contact, cell.values, cell.cases
     )
@@ -83,7 +88,10 @@ def outcome_of(cell: Cell) -> SettingErrors:
 
 
 def require_sets(names: str) -> list[str]:
-    """Names of data sets, from a list with commas; UserError for an unknown one."""
+    """Names of data sets, each once, from a list with commas such as "cube, ball".
+
+    Raises UserError for a name that is not in SETS.
+    """
     chosen = list(dict.fromkeys(name.strip() for name in names.split(",")))
     for name in chosen:
         if name not in SETS:
@@ -126,7 +134,12 @@ def run_each(
     cells: Sequence[Job],
     tick: Tick | None = None,
 ) -> list[Result]:
-    """The results of cells, in order, each where its engine is."""
+    """The results of cells, in order, each computed in a worker process of its engine.
+
+    function: crosses to that process by its name.
+    tick: called with (results so far, results in all). Raises what the function raises, and
+    WorkerDied where an engine crashes.
+    """
 
     def one(cell: Job) -> Result:
         return call(function, cell, limit=None, at=interpreter_of(registry.engine(cell.engine)))
@@ -144,10 +157,12 @@ def run_each(
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A data set.
+    """A data set's origin.
 
-    repository, commit and path: of the original; shipped: whether hcbench has it.
-
+    sentence: what was measured. citation: of the publication. licence: of the data.
+    repository, commit: of the original.
+    path: of its file, or folder of files, in the repository.
+    shipped: whether hcbench has it.
     sha256: of the file at `path`; "" for a folder.
     """
 
@@ -208,7 +223,9 @@ SOURCES = {
 
 def find(name: str, data: Path | None) -> Path | None:
     """Folder of a data set's original repository: `data` itself, or a folder in it; None for
-    neither.
+    neither, and for the set that is in no file.
+
+    name: of the set. data: the user's folder; None for none.
     """
     if data is None or name == "alumina":
         return None
@@ -217,8 +234,8 @@ def find(name: str, data: Path | None) -> Path | None:
 
 
 def missing(name: str) -> str:
-    """Description of the files to download before a data set can be used; "" for one that is
-    shipped.
+    """Description of the files to download before a data set can be used, for an error; "" for one
+    that is shipped.
     """
     source = SOURCES[name]
     if source.shipped:
@@ -231,7 +248,9 @@ def missing(name: str) -> str:
 
 def differs(name: str, folder: Path) -> bool:
     """Say whether a data set's file differs from the one that the parameters and numbers here
-    belong to.
+    belong to; False for a set of many files.
+
+    folder: of the original repository. Raises OSError for a file that cannot be read.
     """
     source = SOURCES[name]
     if not source.sha256:

@@ -47,10 +47,13 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class EllipseImpacts:
-    """Planar impacts: (x, z, spin) velocities before and after, attitude
+    """Planar impacts: (x, z, spin) velocities before and after, m/s and rad/s, and attitude
     (rad), shapes (n, 3) and (n,).
 
-    normal, tangent: rows of the contact's Jacobian, shape (n, 3), the tangent's lever turned.
+    normal, tangent: rows of the contact's Jacobian, shape (n, 3): times a velocity they give the
+    contact point's along the normal and the tangent, m/s. The tangent's lever has the opposite sign
+    of the published one.
+    numbers: of the impacts, shape (n,).
     """
 
     before: Floats
@@ -91,7 +94,8 @@ def body() -> Body:
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> EllipseImpacts:
     """Impacts of parts of the data, shipped or of a folder of the original repository.
 
-    States are velocities in x and z, m/s, and spin, rad/s: shape (n, 3). `variant` changes nothing.
+    parts: those with number % 5 among them. `variant` changes nothing. Raises UserError for a
+    folder without the set's file.
     """
     if folder is None:
         with np.load(SHIPPED) as shipped:
@@ -155,7 +159,11 @@ def errors(impacts: EllipseImpacts, predicted: Floats) -> Floats:
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], impacts: EllipseImpacts
 ) -> SettingErrors:
-    """Errors of an engine's setting, m/s."""
+    """Errors of an engine's setting, see `errors`, m/s.
+
+    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
+    Raises what the engine raises.
+    """
     # The plane of the drops is x, z of the engines' world; they turn about its y.
     zero = np.zeros(len(impacts.before))
     x, z, spin_y = impacts.before.T
@@ -172,17 +180,20 @@ _INVERSE = np.diag([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
 
 
 def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
-    """Velocities after by a rigid law: Newton's e, and Coulomb's
-    friction with the impulse's direction.
+    """Velocities (x, z, spin) after, shape (n, 3), by a rigid law: Newton's e, and Coulomb's
+    friction in the direction of the impulse that would stop the slip.
     """
     normal = impacts.normal
     tangent = impacts.tangent
     before = impacts.before
     inward = np.einsum("ij,ij->i", normal, before)
     slip = np.einsum("ij,ij->i", tangent, before)
+    # Inverse masses of the contact: change of the speed along the first by an impulse along the
+    # second, 1/kg.
     nn = np.einsum("ij,jk,ik->i", normal, _INVERSE, normal)
     tt = np.einsum("ij,jk,ik->i", tangent, _INVERSE, tangent)
     nt = np.einsum("ij,jk,ik->i", normal, _INVERSE, tangent)
+    # Change of the normal speed, m/s.
     parting = -(1.0 + e) * inward
     determinant = nn * tt - nt**2
     # Impulses that stop the slip; where friction cannot, it slides.
@@ -197,7 +208,7 @@ def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
 
 
 def fit_coulomb(impacts: EllipseImpacts) -> tuple[float, float]:
-    """e and friction of `coulomb` that make the mean error least."""
+    """e and friction of `coulomb` that make the mean error least, by a search from 0.5 and 0.1."""
 
     def mean(u: Floats) -> float:
         return float(errors(impacts, coulomb(impacts, float(u[0]), abs(float(u[1])))).mean())

@@ -35,8 +35,8 @@ ELLIPSE_NOISE = 0.09
 class Slope:
     """Change of e per m/s of impact speed, with its 95 % interval; and median e of n impacts.
 
-    constant: the slope that the same reading returns of a constant e.
-    of: what was read.
+    of: what was read, in words.
+    constant: the slope that the same reading returns of a constant e, in words.
     """
 
     of: str
@@ -52,8 +52,8 @@ class Slope:
 class Switch:
     """Errors on a set with some of its corrections.
 
-    on: names of those that are made.
-    errors: by setting.
+    on: names of those that are made, SIGN and LATE.
+    errors: in words, by the description of a law.
     """
 
     on: tuple[str, ...]
@@ -73,15 +73,17 @@ def speeds_and_e(impacts: Sequence[ImpactRead]) -> tuple[Floats, Floats]:
 
 
 def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
-    """Slope of e over impact speed, s/m, by least squares, with a 95 % interval by bootstrap.
+    """Slope of e over impact speed, s/m, by least squares, with a 95 % interval by bootstrap over
+    the impacts. The same numbers give the same interval.
 
+    name: what was read, in words.
     speed, e: m/s and 1, shape (n,).
     constant: the slope that the same reading gives for a constant e, in words.
     """
-    noise = np.random.default_rng(0)
+    generator = np.random.default_rng(0)
     slopes = []
     for _ in range(500):
-        drawn = noise.integers(0, len(e), len(e))
+        drawn = generator.integers(0, len(e), len(e))
         slopes.append(np.polyfit(speed[drawn], e[drawn], 1)[0])
     low, high = np.percentile(slopes, [2.5, 97.5])
     slope = float(np.polyfit(speed, e, 1)[0])
@@ -91,7 +93,11 @@ def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
 def cube_slopes(
     impacts: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]
 ) -> list[Slope]:
-    """Slopes of e of the cube's tosses and of their twins."""
+    """Slopes of e of the cube's tosses, first, and of their twins.
+
+    impacts: read from the tosses. twins: read from simulated tosses, by the name of their law;
+    that of "constant e" tells what the reading makes of a constant e.
+    """
     of_twins = {}
     for law, each in twins.items():
         of_twins[law] = slope_of(f"cube, synthetic: {law}", *speeds_and_e(each), "")
@@ -103,10 +109,14 @@ def cube_slopes(
 
 
 def ellipse_slope(impacts: Any) -> Slope:
-    """Slope of e of the ellipse's drops; noise in the speed before makes a slope of its own."""
+    """Slope of e of the ellipse's drops; noise in the speed before makes a slope of its own.
+
+    impacts: `EllipseImpacts`.
+    """
     speed = -np.einsum("ij,ij->i", impacts.normal, impacts.before)
     out = np.einsum("ij,ij->i", impacts.normal, impacts.after)
     e = out / speed
+    # Noise of variance s² in the speed, the denominator of e, makes about -e/v s²/var(v) of slope.
     alone = -float(np.median(e)) / float(speed.mean()) * ELLIPSE_NOISE**2 / float(speed.var())
     return slope_of(
         "ellipse", speed, e, f"{alone:.3f}, by noise of {ELLIPSE_NOISE} m/s in the speed before"
@@ -127,6 +137,9 @@ LATE = "12 ms of gravity in the speed after"
 def ellipse_switches(training: Any, judged: Any) -> list[Switch]:
     """The rigid law, fitted again, and the best impulse of each drop,
     with and without the corrections.
+
+    training: `EllipseImpacts` that the law is fitted to. judged: those of which errors are given.
+    Both have the sign corrected, as `ellipse.cases` gives them.
     """
 
     def with_corrections(drops: Any, on: tuple[str, ...]) -> Any:
@@ -165,7 +178,11 @@ RIGID = "rigid law"
 
 
 def of_friction(cell: Cell) -> SettingErrors:
-    """Best e of each toss at the friction of the cell, of every third toss; in a worker process."""
+    """Errors with the best e of each toss, of RESTITUTIONS, at the friction of the cell; of every
+    third toss. To be run in a worker process of the cell's engine.
+
+    cell: its setting's first parameter is e; its values are all others.
+    """
     tosses = replace(cell.cases, motions=cell.cases.motions[::EVERY])
     return best(
         [tosses.outcome(cell.module, cell.contact, (e, *cell.values)) for e in RESTITUTIONS]
@@ -173,9 +190,9 @@ def of_friction(cell: Cell) -> SettingErrors:
 
 
 def best(outcomes: list[SettingErrors]) -> SettingErrors:
-    """For each toss, the errors of the outcome with the best score.
+    """For each toss, the errors of the outcome with the least score.
 
-    outcomes: errors of all tosses, one for each point of the floor's grid.
+    outcomes: errors of the same tosses, with rotations, one for each point of the floor's grid.
     """
     pick = np.argmin([each.scores for each in outcomes], axis=0)
 
@@ -187,7 +204,9 @@ def best(outcomes: list[SettingErrors]) -> SettingErrors:
 
 
 def of_noise(cell: Cell) -> SettingErrors:
-    """A setting against itself, from starts as uncertain as the measured ones; in a worker process."""
+    """Errors of a setting against itself, from starts as uncertain as the measured ones: no setting
+    can be told to be nearer to the data. To be run in a worker process of the cell's engine.
+    """
     tosses: Tosses = cell.cases
     exact = tosses.simulated(cell.module, cell.contact, cell.values)
     noise = np.random.default_rng(0)
@@ -200,11 +219,14 @@ def of_noise(cell: Cell) -> SettingErrors:
 def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
     """The motion with another start: the measured one plus the noise that a fit of its flight
     leaves.
+
+    noise: draws it, twelve numbers.
     """
     n = min(motion.flight, MOST_FLIGHT)
     lasts = float(motion.time[n - 1] - motion.time[0])
     start = motion.start
-    # Standard errors of a line's value at its end and of its slope, of n points.
+    # Standard errors, over the noise of a point, of a line's value at its end, 2/√n, and of its
+    # slope, √12/(T √n), of n points evenly over the time T.
     at_end = 2.0 / np.sqrt(n)
     slope = 3.5 / (lasts * np.sqrt(n))
     place = start.position + noise.normal(0.0, POSITION_NOISE * at_end, 3)
@@ -217,7 +239,11 @@ def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
 
 
 def of_ellipse(training: Any, judged: Any) -> dict[str, SettingErrors]:
-    """The nearest rigid law, of one e and friction for all, and the nearest impulse of each drop."""
+    """Floors of the ellipse, by name: the nearest rigid law, of one e and friction for all, and the
+    nearest impulse of each drop.
+
+    training: `EllipseImpacts` that the law is fitted to. judged: those of which errors are given.
+    """
     e, friction = ellipse.fit_coulomb(training)
     law = ellipse.errors(judged, ellipse.coulomb(judged, e, friction))
     nearest = ellipse.free_impulse(judged)
@@ -225,7 +251,10 @@ def of_ellipse(training: Any, judged: Any) -> dict[str, SettingErrors]:
 
 
 def of_ball(training: Any, judged: Any) -> dict[str, SettingErrors]:
-    """The nearest rigid law, of one e for all bounces."""
+    """Floor of the ball, by name: the nearest rigid law, of one e for all bounces.
+
+    training: `MeasuredBounces` that e is fitted to. judged: those of which errors are given.
+    """
     friction = ball.FIXED["friction"]
 
     def mean(u: Floats) -> float:

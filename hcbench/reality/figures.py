@@ -41,11 +41,11 @@ def name_of(score: SettingScore) -> str:
 
 
 def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
-    """One row for each setting, floors as lines.
+    """Errors of settings, a row each, the best one on top, with their 95 % intervals; floors are
+    vertical lines.
 
+    scores: of one data set, with one setting or floor at least; up to two floors are drawn.
     unit: of the errors.
-
-    scores: of one data set.
     """
     settings = []
     floors = []
@@ -93,12 +93,14 @@ def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
 def impacts(read: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]) -> Figure:
     """e of each impact over its speed, m/s, with its standard uncertainty.
 
-    twins: impacts read from simulated motions, by the name of their law; the band is the middle
-    half of their e.
+    read: measured ones, of which the good ones are drawn; at least one is good.
+    twins: impacts read from simulated motions, by the name of their law; up to two are drawn. The
+    band is the middle half of their e in each of _BINS classes of speed.
     """
     figure = new_figure(8.2, 4.4)
     axes = figure.add_subplot()
     speed, e = speeds_and_e(read)
+    # Classes with as many measured impacts each.
     edges = np.quantile(speed, np.linspace(0.0, 1.0, _BINS + 1))
     for (law, of_twin), colour in zip(twins.items(), (GREEN, ORANGE), strict=False):
         twin_speed, twin_e = speeds_and_e(of_twin)
@@ -106,6 +108,7 @@ def impacts(read: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]
         quartiles = []
         for low, high in pairwise(edges):
             inside = twin_e[(twin_speed >= low) & (twin_speed <= high)]
+            # Fewer have no quartiles.
             if len(inside) > 2:
                 middle.append(0.5 * (high + low))
                 quartiles.append(

@@ -40,9 +40,10 @@ def committed() -> Parameters:
 
 
 def values_of(parameters: Parameters, data: str, cell: Cell) -> tuple[float, ...] | None:
-    """A cell's values; None where they are not known.
+    """Values of the parameters of a cell's setting, in their order; None where one is not known.
 
-    parameters: set -> engine -> setting -> name -> value, as `identify` gives them.
+    parameters: set -> engine -> setting -> name -> value, as `identify` gives them. What the data
+    set fixes comes before them.
     """
     searched = parameters.get(data, {}).get(cell.engine, {}).get(cell.setting, {})
     known = {**searched, **SETS[data].FIXED}
@@ -66,6 +67,8 @@ def identify(
     result is the minimum of a parabola fitted to the best third of all tries, not the luckiest try.
 
     sets: names of the data sets. folders: where their data are; None for those that are shipped.
+    tick: called with (searches done, searches in all). Raises UserError for a folder that is not of
+    a set's data; what an engine raises but EngineFailed, which counts as a bad try.
     """
     cells: list[Cell] = []
     for data in sets:
@@ -87,7 +90,11 @@ def identify(
 
 
 def _starts(data: str, folder: Path | None) -> Iterator[Cell]:
-    """A cell for each start of each setting that has parameters to search, on the training part."""
+    """A cell for each start of each setting that has parameters to search, on the training part;
+    the starts of one setting follow one another.
+
+    data: name of the set. folder: where its data are; None for those that are shipped.
+    """
     module = SETS[data]
     for engine, setting in settings_of(data):
         if all(parameter.name in module.FIXED for parameter in setting.parameters):
@@ -98,15 +105,19 @@ def _starts(data: str, folder: Path | None) -> Iterator[Cell]:
 
 
 def search(cell: Cell) -> list[tuple[Floats, float]]:
-    """Tries from the cell's values towards a least mean error:
-    logarithms of what moves, and the error.
+    """Tries of a search from the cell's values towards a least mean error: the natural logarithms
+    of the parameters that move, shape (k,), and the error.
 
-    In a worker process.
+    To be run in a worker process of the cell's engine. A try that the engine fails at, or whose
+    errors are not finite, has the error _FAILED.
     """
     tries: list[tuple[Floats, float]] = []
 
     def error(u: Floats) -> float:
-        """Mean error of the bounces or tosses with these parameters, ln of each, shape (k,)."""
+        """Mean error of the bounces or tosses with some parameters; the try is noted.
+
+        u: natural logarithms of the parameters that move, shape (k,).
+        """
         try:
             mean = float(np.mean(outcome_of(replace(cell, values=_values(cell, u))).errors))
         except EngineFailed:
@@ -128,7 +139,11 @@ def _moving(cell: Cell) -> list[int]:
 
 
 def _values(cell: Cell, u: Floats) -> tuple[float, ...]:
-    """A cell's parameters by the logarithms of those that move."""
+    """Values of all parameters of a cell's setting, in their order.
+
+    u: natural logarithms of those that move, shape (k,). A value is at most the parameter's
+    largest.
+    """
     fixed = SETS[cell.data].FIXED
     moved = dict(zip(_moving(cell), u, strict=True))
     values = []
@@ -147,7 +162,7 @@ def best_values(cell: Cell, tries: Sequence[tuple[Floats, float]]) -> tuple[floa
 
 def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
     """Minimum of a parabola fitted to the best third of the tries, shape (n,); the best try if
-    those are too few, if the parabola has no minimum, or if that is outside of them.
+    those are too few, if the parabola has no minimum, or if that is outside of their ranges.
 
     tries: (point, shape (n,), and its score), one or more.
     """
@@ -160,9 +175,11 @@ def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
     scale = np.maximum(high - low, 1e-12)
     x = (points - best) / scale
     n = x.shape[1]
-    # Columns of c + b x + x A x / 2, A symmetric: of A its upper triangle.
+    # Columns of c + b x + x A x / 2, A symmetric: of A its upper triangle, with half of the
+    # diagonal. With its transpose added below, the triangle is A.
     rows, cols = np.triu_indices(n)
     columns = np.concatenate([np.ones((len(x), 1)), x, x[:, rows] * x[:, cols]], axis=1)
+    # Twice as many tries as coefficients, so that the fit smooths.
     if len(x) < 2 * columns.shape[1]:
         return best
     coefficients = np.linalg.lstsq(columns, scores[better], rcond=None)[0]

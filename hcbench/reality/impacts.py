@@ -59,16 +59,16 @@ class ImpactRead:
     """An impact of a motion at one vertex.
 
     number: the motion's.
-    order: 0 of a motion's first flight.
+    order: place among the motion's pairs of flights, 0 for the one that ends its first flight.
     time: s, from the motion's start.
     speed_in, speed_out: of the vertex, at the plate, m/s; e their ratio; u_e its standard
     uncertainty, without what differs from impact to impact.
-    friction: tangential over normal impulse, against the slip.
-    slip: m/s.
+    friction: tangential over normal impulse, against the slip; u_friction its standard uncertainty.
+    slip: of the vertex along the plate, before, m/s.
     duration: s, between the two crossings of the plate.
-    second: height of the next vertex, m.
-    frames_after: that were fitted.
-    chi_square: a degree of freedom.
+    second: height of the next vertex over the one that touches, m.
+    frames_after: number of frames of the flight after that were fitted.
+    chi_square: of the fit, over its degrees of freedom.
     energy_lost: share of the kinetic energy.
     """
 
@@ -120,7 +120,11 @@ def _flights(height: Floats) -> list[tuple[int, int]]:
 
 
 def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
-    """Impacts of a box's motion, each at the vertex that is lowest after the flight before."""
+    """Impacts of a box's motion, each at the vertex that is lowest after the flight before.
+
+    Two flights that are too short, too far apart or without a frame between them are left out, and
+    impacts that no unknowns fit.
+    """
     corners = vertices(body)
     up = rotation(motion.quaternion).as_matrix()[:, 2, :]
     # Heights of the vertices, m: shape (frames, 8).
@@ -132,6 +136,7 @@ def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
         is_short = end - start + 1 < LEAST_BEFORE or last - again + 1 < LEAST_AFTER
         if is_short or again - end > MOST_GAP or again == end + 1:
             continue
+        # Of the three frames after the flight, the one in which a vertex is lowest.
         touch = end + 1 + int(np.argmin(lowest[end + 1 : min(end + 4, again + 1)]))
         vertex = int(np.argmin(heights[touch]))
         first = max(start, end - MOST_BEFORE + 1)
@@ -144,13 +149,22 @@ def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
 
 
 class _ImpactFit:
-    """One impact: the frames of both flights, and the unknowns' base at the touch."""
+    """The fit of one impact to the frames of the flights before and after it.
+
+    Unknowns are 21 numbers, three each of _PLACE (of the centre at the touch, m), _TURNED (of the
+    attitude then from `base`, rad), _VELOCITY (m/s) and _SPIN (rad/s) before, _IMPULSE (N s), and
+    _JUMPED (m) and _JUMP_TURN (rad), by which the pose jumps while the contact lasts.
+
+    time, place, turns: of the frames, s, m and attitudes.
+    touch: time of the touch, s; since: times from then on; later: mask of the frames after it.
+    """
 
     def __init__(
         self, body: Body, corners: Floats, vertex: int, motion: Motion, frames: Floats, before: int
     ) -> None:
         """Estimate the touch, from which the fit starts.
 
+        motion: measured poses, with the plate at z = 0.
         corners: vertices in the body's frame, m, shape (8, 3).
         vertex: number of the one that touches.
         frames: numbers of the frames of both flights, shape (n,).
@@ -169,8 +183,8 @@ class _ImpactFit:
         self.later = self.since > 0.0
 
     def _arc(self, touch: float) -> tuple[Floats, Floats, Rotation, Floats]:
-        """Place (m), velocity (m/s), attitude and spin (rad/s) at a time, by the flight before the
-        impact.
+        """Place (m) and velocity (m/s), shape (3,), attitude and spin (rad/s, (3,)) at a time, by
+        the flight before the impact.
 
         touch: time, s, in the time of the motion. Straight lines are fitted to the place in free
         fall and to the turn.
@@ -197,6 +211,7 @@ class _ImpactFit:
         for _ in range(6):
             place, velocity, base, spin = self._arc(touch)
             arm = base.apply(self.corners[self.vertex])
+            # Speed of the vertex upwards, m/s: one that hardly falls has no time of touch.
             rate = velocity[2] + np.cross(spin, arm)[2]
             if rate >= -0.02:
                 break
@@ -207,6 +222,7 @@ class _ImpactFit:
         moved = (
             self.place[self.before :] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0]) - place
         )
+        # The velocity whose straight line from the touch is nearest to the frames after it.
         leaving = (moved * since[:, None]).sum(axis=0) / (since**2).sum()
         start = np.zeros(len(_SCALES))
         start[_PLACE] = place
@@ -216,18 +232,24 @@ class _ImpactFit:
         return touch, start, base
 
     def _after(self, u: Floats) -> tuple[Rotation, Floats, Floats, Floats]:
-        """Attitude and the vertex' arm at the touch, velocity and spin
-        after, of unknowns, shape (b, 21).
+        """Attitude at the touch, the vertex' arm from the centre then, m, and velocity (m/s) and
+        spin (rad/s) after the impulse, in the world's frame, shape (b, 3) each.
+
+        u: unknowns, shape (b, 21).
         """
         turn = Rotation.from_rotvec(u[:, _TURNED]) * self.base
         arm = turn.apply(self.corners[self.vertex])
         velocity = u[:, _VELOCITY] + u[:, _IMPULSE] / self.body.mass
+        # Angular impulse in the body's frame, where the inertia is diagonal.
         twist = turn.inv().apply(np.cross(arm, u[:, _IMPULSE]))
         spin = u[:, _SPIN] + turn.apply(twist / np.array(self.body.inertia))
         return turn, arm, velocity, spin
 
     def left(self, u: Floats) -> Floats:
-        """Residuals of unknowns of shape (b, 21), in standard deviations, shape (b, 6 n + 6)."""
+        """Residuals of unknowns of shape (b, 21), in standard deviations, shape (b, 6 n + 6): of
+        each of n frames the place, then of each the attitude, then the priors of the jump and its
+        turn.
+        """
         sets, frames = len(u), len(self.time)
         turn, _, velocity, spin = self._after(u)
         since = self.since[None, :, None]
@@ -251,8 +273,8 @@ class _ImpactFit:
         return np.concatenate([part.reshape(sets, -1) for part in parts], axis=1)
 
     def derived(self, u: Floats) -> Floats:
-        """Speed in, out, friction, slip, duration, lost energy, shape (b,
-        6), of unknowns, shape (b, 21).
+        """Speed in and out, m/s, friction, slip, m/s, duration, s, and share of the energy that is
+        lost, of unknowns, shape (b, 21): shape (b, 6), see `ImpactRead`.
         """
         turn, arm, velocity, spin = self._after(u)
         arriving = u[:, _VELOCITY] + np.cross(u[:, _SPIN], arm)
@@ -269,7 +291,8 @@ class _ImpactFit:
     def _energy(self, turn: Rotation, velocity: Floats, spin: Floats) -> Floats:
         """Twice the kinetic energy, J, shape (b,).
 
-        velocity, spin: in the world's frame, shape (b, 3).
+        turn: attitudes, since the inertia is known in the body's frame. velocity (m/s), spin: in
+        the world's frame, shape (b, 3).
         """
         own = turn.inv().apply(spin)
         energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + own**2 @ np.array(
@@ -280,8 +303,8 @@ class _ImpactFit:
     def _up(
         self, u: Floats, turn: Rotation, velocity: Floats, spin: Floats
     ) -> tuple[Floats, Floats]:
-        """Time, s after the touch, and speed, m/s, at which the flight after carries the vertex up
-        through the plate, shape (b,) each.
+        """Time, s after the touch, and speed, m/s, at which the flight after the impact carries the
+        vertex up through the plate, shape (b,) each.
 
         u: unknowns, shape (b, 21).
         turn: attitude at the touch. velocity (m/s), spin (rad/s): after the impulse, shape (b, 3).
@@ -313,6 +336,7 @@ class _ImpactFit:
         if fitted is None:
             return None
         best, curvature, square = fitted
+        # 6 n + 6 residuals, of the frames and the priors, less 21 unknowns.
         chi_square = square / (6 * len(self.time) - 15)
         # Noise that is smaller than expected makes nothing surer.
         covariance = np.linalg.pinv(curvature) * max(chi_square, 1.0)
@@ -356,8 +380,8 @@ def _least_squares(
     """Unknowns that make the squares least, the matrix of normal equations
     there, and the sum of squares.
 
-    By Gauss and Newton, with differences for slopes, all in one call; None where it does not
-    settle.
+    By Gauss and Newton, with differences for slopes, all in one call; None where the unknowns do
+    not stay finite.
 
     left: residuals, shape (b, n), of unknowns, shape (b, 21).
     start: shape (21,).

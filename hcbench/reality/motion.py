@@ -27,8 +27,10 @@ from hcbench.terms.impact import Floats
 
 @dataclass(frozen=True, slots=True)
 class SettingErrors:
-    """Errors in the set's unit, shape (n,); of tosses rotations
-    (rad), and scores that combine both.
+    """Errors of n tosses or bounces, shape (n,), in the unit of the data set.
+
+    rotations: mean angles between the attitudes, rad, of tosses; None for bounces.
+    scores: by which one setting is preferred to another: errors and rotations in one number.
     """
 
     errors: Floats
@@ -45,7 +47,9 @@ def least(
     """Minimize a function of some unknowns by Nelder and Mead; return the minimum's place and
     value.
 
+    start: shape (n,).
     step: by which the first simplex differs from the start, in each unknown.
+    evaluations: of the function, at most; None for SciPy's 200 n.
     """
     simplex = np.vstack([start, start + step * np.eye(len(start))])
     options: Any = {"initial_simplex": simplex, "maxfev": evaluations}
@@ -122,10 +126,12 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
     position: of the centre, m, shape (n, 3), over any level.
     quaternion: w first, shape (n, 4).
     """
+    # z of the body's axes: the body lies on the face whose axis is most upright.
     up = np.abs(rotation(quaternion[-REST:]).as_matrix()[:, 2, :].mean(axis=0))
     stands_on = body.half_sizes[int(np.argmax(up))]
     position = position - np.array([0.0, 0.0, position[-REST:, 2].mean() - stands_on])
     is_low = lowest(body, position, quaternion) < NEAR
+    # The start is fitted to three frames at least.
     flight = max(int(np.argmax(is_low)), 3) if is_low.any() else len(time)
     n = min(flight, MOST_FLIGHT)
     return Motion(
@@ -159,9 +165,10 @@ def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
 
 
 def at_times(states: Floats, timestep: float, time: Floats) -> tuple[Floats, Floats]:
-    """Positions (m) and quaternions at times, linear between the ends of steps.
+    """Positions (m), shape (n, 3), and quaternions, shape (n, 4), at times, linear between the ends
+    of steps; beyond the last state they go on as in the last step.
 
-    states: shape (steps, components).
+    states: shape (steps, components), in columns POSITION and QUATERNION.
     timestep: s.
     time: s from the first state on, shape (n,).
     """
@@ -172,6 +179,7 @@ def at_times(states: Floats, timestep: float, time: Floats) -> tuple[Floats, Flo
     position = first[:, POSITION] * (1.0 - share) + second[:, POSITION] * share
     one = first[:, QUATERNION]
     other = second[:, QUATERNION]
+    # q and -q are one attitude: the nearer one of the two is gone to.
     sign = np.sign((one * other).sum(axis=1, keepdims=True))
     turn = one * (1.0 - share) + other * share * sign
     return position, turn / np.linalg.norm(turn, axis=1, keepdims=True)
@@ -195,7 +203,12 @@ class Tosses:
         values: Sequence[float],
         timestep: float = TIMESTEP,
     ) -> list[Floats]:
-        """States of an engine's setting, from the measured starts."""
+        """States of an engine's setting, from the measured starts: of each toss shape (steps,
+        components).
+
+        module: `toss` of the engine, which runs in this process. values: of the setting's
+        parameters. timestep: s. Raises what the engine raises.
+        """
         starts = [each.toss(timestep) for each in self.motions]
         return module.simulate(self.body, setting, values, timestep, starts)
 
@@ -215,7 +228,7 @@ class Tosses:
         timestep: float = TIMESTEP,
     ) -> SettingErrors:
         """Errors of an engine's setting: mean distances over a toss,
-        in per cent of the body's width.
+        in per cent of the body's width, see `judged`; arguments as of `simulated`.
         """
         return self.judged(self.simulated(module, setting, values, timestep), timestep)
 
@@ -225,7 +238,8 @@ class Tosses:
         simulated: states of each toss, a row for each step.
         timestep: s.
 
-        Distances are in per cent of the body's width, angles in rad.
+        Distances are in per cent of the body's width, angles in rad. A score adds the
+        distance of the centres, _WORST at most, and a corner's way by the angle, in widths.
         """
         width = 2.0 * float(np.mean(self.body.half_sizes))
         rows = [
@@ -233,13 +247,18 @@ class Tosses:
             for measured, states in zip(self.motions, simulated, strict=True)
         ]
         distance, angle = np.array(rows).reshape(-1, 2).T
+        # Distance of a corner from the centre, in widths.
         corner = float(np.linalg.norm(self.body.half_sizes)) / width
         scores = np.minimum(distance / width, _WORST) + corner * np.minimum(angle, np.pi)
         return SettingErrors(100.0 * distance / width, scores, angle)
 
 
 def _away(measured: Motion, position: Floats, quaternion: Floats) -> tuple[float, float]:
-    """Mean distance (m) and angle (rad) over frames; far for what is not finite."""
+    """Mean distance (m) and angle (rad) over frames. What is not finite counts as 1 m and half a
+    turn away.
+
+    position: m, shape (n, 3); quaternion: shape (n, 4), at the times of the measured ones.
+    """
     distance = np.linalg.norm(position - measured.position, axis=1)
     cosine = np.abs((quaternion * measured.quaternion).sum(axis=1))
     angle = 2.0 * np.arccos(np.clip(np.where(np.isfinite(cosine), cosine, 0.0), 0.0, 1.0))
@@ -247,7 +266,10 @@ def _away(measured: Motion, position: Floats, quaternion: Floats) -> tuple[float
 
 
 def interval(values: Floats, seed: int = 0, draws: int = 1000) -> tuple[float, float]:
-    """95 % interval of a mean, by bootstrap over the values."""
+    """95 % interval of a mean, low and high, by bootstrap over the values, shape (n,).
+
+    seed: of the draws: the same gives the same interval.
+    """
     generator = np.random.default_rng(seed)
     means = values[generator.integers(0, len(values), (draws, len(values)))].mean(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])
@@ -299,7 +321,11 @@ def bounced(
     duration: float,
 ) -> tuple[Floats, Floats]:
     """Velocities (m/s) and spins (rad/s) with which an engine's bodies
-    leave the plate, shape (n, 3) each.
+    leave the plate, shape (n, 3) each; of one that does not leave, see `_after`.
+
+    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
+    bounces: the states at the touch to start from. timestep, duration: s.
+    Raises what the engine raises.
     """
     tosses = _launches(body, bounces, timestep, duration)
     return _after(body, module.simulate(body, setting, values, timestep, tosses), timestep)
@@ -308,7 +334,8 @@ def bounced(
 def _launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: float) -> list[Toss]:
     """Tosses that begin a step or two before the touch, each in another phase of the step.
 
-    timestep, duration: s. The state at the touch is followed back through free flight.
+    timestep, duration: s. The state at the touch is followed back through free flight. The same
+    bounces have the same phases.
     """
     phases = np.random.default_rng(0).random(len(bounces))
     tosses = []
@@ -327,7 +354,9 @@ def _after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Fl
     """Velocities and spins where bodies leave the plate, shape (n, 3) each.
 
     One that has not left at the end has the velocity along the plate of
-    the last step, and none upwards.
+    the last step, and none upwards. Units are m/s and rad/s.
+
+    simulated: states of each body, shape (steps, components). timestep: s.
     """
     velocities = []
     spins = []

@@ -50,7 +50,7 @@ _NEAR = 1.5
 
 
 def page_text(results: RealityResults) -> str:
-    """The page as HTML text."""
+    """The page of the study as HTML text; parts without results are left out."""
     scores: dict[str, list[SettingScore]] = {}
     drawn = {}
     for name in results.request.sets:
@@ -108,9 +108,10 @@ def _toss(results: RealityResults) -> dict[str, Any]:
 def _of(
     scores: Sequence[SettingScore], data: str, setting: str, cone: str | None = None
 ) -> list[SettingScore]:
-    """Scores of engines' settings of one name in a data set.
+    """Scores of engines' settings of one name in a data set; floors are left out.
 
-    cone: None for any.
+    data: name of the set. setting: name of the setting, in all engines that have it.
+    cone: of friction; None for any.
     """
     chosen = []
     for score in scores:
@@ -158,7 +159,11 @@ def verdicts(results: RealityResults) -> Iterator[str]:
 
 
 def _comparable(scores: Sequence[SettingScore]) -> list[SettingScore]:
-    """Identified settings of the cube that are near the best."""
+    """Scores of the engines' settings on the cube that are near the best: within _NEAR of its
+    error.
+
+    Without engines as they are with nothing set, and without pyramidal cones.
+    """
     tried = []
     for score in scores:
         is_identified = score.engine != NO_ENGINE and score.setting != NOTHING
@@ -174,6 +179,7 @@ def _with_interval(score: SettingScore) -> str:
 
 def _noise_verdict(scores: Sequence[SettingScore]) -> Iterator[str]:
     """Conclusion on the share of the noise in the cube's errors; none without both floors."""
+    # In the order of `study._floors`: the best law of each toss, then the noise of the start.
     floors = [s for s in scores if s.set == "cube" and s.engine == NO_ENGINE]
     near = _comparable(scores)
     if len(floors) == 2 and near:
@@ -193,7 +199,11 @@ PUBLISHED_SLOPES = (
 
 
 def _slope_verdict(results: RealityResults) -> Iterator[str]:
-    """Conclusions on the slope of e over speed; none without slopes."""
+    """Conclusions on the slope of e over speed, with what is published; none without slopes.
+
+    The last one, on the law of one α, needs the tosses' slope and that of their twins under this
+    law, and comes only where their intervals are apart.
+    """
     if results.slopes:
         names = [
             slope.of.partition(",")[0] for slope in results.slopes if "synthetic" not in slope.of
@@ -214,7 +224,9 @@ def _slope_verdict(results: RealityResults) -> Iterator[str]:
 
 
 def _elastic(scores: Sequence[SettingScore]) -> list[tuple[str, list[SettingScore]]]:
-    """Scores of the elastic sets, by set."""
+    """Scores of the sets whose bodies bounce well, by set: floors, and the settings that the page
+    compares. A set without such scores is left out.
+    """
     wanted = (NOTHING, FRICTION, RESTITUTION, PLUGIN_E)
     rows = []
     for name in ("ellipse", "ball", "alumina"):
@@ -231,7 +243,8 @@ def _elastic(scores: Sequence[SettingScore]) -> list[tuple[str, list[SettingScor
 def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore]]]:
     """Scores with all corrections, then with parts of the data as published.
 
-    Of the settings alone that ran with such parts; empty where none did.
+    Each variant of the data, by its name in `cube.VARIANTS`, and its scores; of the settings alone
+    that ran with such parts. Empty where none did.
     """
     if not results.changed:
         return []
@@ -255,8 +268,11 @@ PARAMETERS = "parameters.json"
 
 
 def build_own(own: Own, folder: Path) -> None:
-    """Write the tables of a user's tosses into `folder`: all impacts,
+    """Write the tables of a user's tosses into `folder`, all of them or none: all impacts,
     those for `hcbench fit`, scores.
+
+    Raises UserError where a file that hcbench did not write is in the way, OutputError where the
+    folder cannot be written.
     """
     with atomic_folder(folder, IMPACTS) as scratch:
         write_text(scratch / IMPACTS, impacts_text(own.impacts))
@@ -268,7 +284,8 @@ def build(results: RealityResults, folder: Path) -> Path:
     """Write the study into `folder` and return its page. All of it appears, or nothing.
 
     The same results give the same bytes. Raises OutputError where the folder cannot be written,
-    UserError where it holds a study of more data sets.
+    UserError where it holds a study of data sets that these results lack, or files that hcbench did
+    not write.
     """
     if lost := study.sets_in(folder) - set(results.request.sets):
         raise UserError(
@@ -285,7 +302,7 @@ def build(results: RealityResults, folder: Path) -> Path:
 
 
 def impacts_text(impacts: Sequence[ImpactRead]) -> str:
-    """Everything that was read of the impacts, a line each."""
+    """Everything that was read of the impacts, as CSV with COLUMNS: a line each, six digits, SI."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

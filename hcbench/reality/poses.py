@@ -56,9 +56,10 @@ class Own:
 
 
 def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Body:
-    """Build a box from its edges (m) and mass (kg). UserError unless all are positive.
+    """Build a box from its three edges (m) and mass (kg).
 
-    inertia: about its axes, kg m², or one for all; that of a solid box where none is given.
+    inertia: three about its axes, kg m², or one for all; that of a solid box where none is given.
+    Raises UserError for another number of edges or moments, and unless all numbers are above 0.
     """
     if len(size) != 3:
         raise UserError("--size", f"{len(size)} numbers", "three edges, such as '0.1 0.1 0.1' (m)")
@@ -109,10 +110,12 @@ def _first_box(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementT
 
 
 def read(paths: Sequence[Path], body: Body) -> Tosses:
-    """A toss of each file: times in s, places in m, quaternions (w, x, y, z), a row for each frame.
+    """A toss of each CSV file, a row for each frame, in COLUMNS: time in s, place in m, and
+    quaternion.
 
-    Raises UserError for other columns, times that do not rise, quaternions that are not rotations,
-    and fewer than five frames of flight before the first touch.
+    body: that was tossed. Raises UserError for a file that cannot be read, other columns, times
+    that do not rise, quaternions that are not rotations, and fewer than five frames of flight
+    before the first touch.
     """
     motions = []
     for number, path in enumerate(paths):
@@ -140,7 +143,11 @@ def read(paths: Sequence[Path], body: Body) -> Tosses:
 
 
 def _rows(path: Path) -> Floats:
-    """The frames of a CSV file, shape (n, columns): time, s, position, m, and quaternion."""
+    """The frames of a CSV file, in COLUMNS, shape (n, 8): time, s, position, m, and quaternion.
+
+    Raises UserError for a file that cannot be read, lacks a column, has text or no finite number in
+    one, or has fewer than _LEAST frames.
+    """
     try:
         frames = csv.DictReader(read_text(path, "utf-8-sig").splitlines(), skipinitialspace=True)
         numbers = [[float(frame[name]) for name in COLUMNS] for frame in frames]
@@ -165,6 +172,10 @@ def judge(
 
     identify: search the parameters of all settings on the tosses themselves.
     Settings with other parameters are left out unless they are searched.
+    tick: called with (cells done, cells in all), for the search and again for the runs.
+
+    Engines that are not installed are left out: without any there are no scores. Raises what an
+    engine raises.
     """
     impacts = read_impacts(tosses.body, tosses.motions)
     known = read_values(impacts)
@@ -188,7 +199,9 @@ def judge(
 
 
 def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
-    """Median e and friction of impacts at one vertex; empty if no impact qualifies."""
+    """Median e, within 0 to 1, and friction, 0 or more, of the good impacts, by the names of an
+    engine's parameters; empty if no impact is good.
+    """
     sure = [(each.e, each.friction) for each in impacts if each.good]
     if not sure:
         return {}
@@ -199,7 +212,7 @@ def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
 def text(own: Own, folder: Path) -> Iterator[str]:
     """Lines to print: impacts, errors of settings, and the commands that go on from here.
 
-    folder: where the tables are.
+    folder: where `page.build_own` wrote the tables.
     """
     yield f"{len(own.tosses.motions)} tosses, {len(own.impacts)} impacts read"
     if own.impacts:

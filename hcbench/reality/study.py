@@ -52,8 +52,10 @@ NO_ENGINE = "none"
 class SettingScore:
     """A line: a mean error with its 95 % interval over n tosses or bounces.
 
-    cone: of friction, where the engine has several.
-    rotation_deg: mean angle, of tosses.
+    set: name of the data set. engine: NO_ENGINE for a floor.
+    cone: of friction, where the engine has several; else "".
+    unit: of the three errors.
+    rotation_deg: mean angle between the attitudes, degrees, of tosses; None for other sets.
     """
 
     set: str
@@ -76,7 +78,11 @@ def of_cell(cell: Cell, outcome: SettingErrors) -> SettingScore:
 def of_outcome(
     data: str, engine: str, setting: str, cone: str, outcome: SettingErrors
 ) -> SettingScore:
-    """The score of a setting or of a floor."""
+    """The score of a setting or of a floor.
+
+    data: name of the data set, whose unit the errors have. For the others see
+    `SettingScore`.
+    """
     low, high = interval(outcome.errors)
     turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))
     mean = float(outcome.errors.mean())
@@ -86,9 +92,8 @@ def of_outcome(
 
 
 def csv_text(scores: Iterable[SettingScore]) -> str:
-    """The table.
-
-    A line each, with a header; numbers in five digits.
+    """The table scores.csv: a header of the fields of `SettingScore`, and a line for each score;
+    numbers in five digits.
     """
     text = io.StringIO()
     names = [field.name for field in fields(SettingScore)]
@@ -125,7 +130,12 @@ def twins(
     module: TossModule, body: Body, setting: ContactSetting, values: Sequence[float],
     motions: Sequence[Motion], timestep: float = TIMESTEP, seed: int = 3,
 ) -> list[Motion]:  # fmt: skip
-    """A twin of each motion, by an engine's setting whose law is exact."""
+    """A twin of each motion: the same start and frames, by an engine's setting whose law is exact,
+    with the noise of the measured poses.
+
+    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
+    timestep: s. seed: of the noise: the same gives the same twins.
+    """
     noise = np.random.default_rng(seed)
     tosses = [each.toss(timestep) for each in motions]
     made = []
@@ -145,6 +155,8 @@ def twins(
 # and the α that has this mean e.
 TWIN_E = 0.235
 TWIN_ALPHA = 2.6
+_TWIN_FRICTION = 0.18
+# Every so many tosses have a twin.
 _TWIN_EVERY = 3
 
 
@@ -152,8 +164,10 @@ _TWIN_EVERY = 3
 class RealityRequest:
     """Options of the study.
 
-    folders: of the original data.
-    part: to judge; None: the validation parts.
+    sets: names of the data sets.
+    folders: of the original data, by set; None, or none, for the data that are shipped.
+    part: number of the part to judge; None: the validation parts.
+    identify: whether to search the settings' parameters; else they are those that are shipped.
     """
 
     sets: Sequence[str]
@@ -179,7 +193,7 @@ class RealityResults:
     twins: the same of synthetic ones, by law.
     slopes: of e over speed.
     switches: of the ellipse's corrections.
-    drawn: poses of one toss at its frames, measured and by setting.
+    drawn: poses of one toss at its frames, see `drawn_toss`.
     """
 
     request: RealityRequest
@@ -194,7 +208,13 @@ class RealityResults:
 
 
 def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> RealityResults:
-    """Run the whole study. EngineMissing where no engine that can simulate a toss is installed."""
+    """Run the whole study.
+
+    tick: called with (cells done, cells in all), for the search and again for the runs.
+
+    Engines that are not installed are left out: without any there are only floors. Raises UserError
+    for a folder that is not of a set's data, and what an engine raises.
+    """
     parameters = committed()
     if request.identify:
         parameters = identify(pool, request.sets, request.folders, tick)
@@ -244,7 +264,10 @@ def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> 
 
 
 def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
-    """The training part of a data set, and what is judged."""
+    """The training part of a data set, and what is judged: as the set's `cases` gives them.
+
+    Raises UserError for a folder that is not of the set's data.
+    """
     folder = request.folders.get(data)
     return tuple(
         SETS[data].cases(parts, folder)
@@ -253,8 +276,11 @@ def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
 
 
 def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
-    """Poses at the frames of the first toss that is judged: measured, and by each setting of the
-    first engine that has a plug-in.
+    """Poses at the frames of the first toss that is judged: "measured", and simulated, by the key of
+    each setting of the first engine that has a plug-in. Shape (n, 7): position, m, and quaternion,
+    w first.
+
+    Empty where no cell of the cube is of such an engine.
     """
     plugged = {cell.engine for cell in cells if cell.contact.name == PLUGIN_E}
     engine = next((cell.engine for cell in cells if cell.engine in plugged), "")
@@ -267,7 +293,9 @@ def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
 
 
 def _poses(cell: Cell) -> tuple[Floats, Floats]:
-    """Measured and simulated, shape (n, 7); in a worker process."""
+    """Measured and simulated poses of a cell's first toss, shape (n, 7) each: position, m, and
+    quaternion, w first. To be run in a worker process of the cell's engine.
+    """
     tosses = Tosses(cell.cases.body, cell.cases.motions[:1])
     simulated = tosses.as_simulated(tosses.simulated(cell.module, cell.contact, cell.values))
     measured, other = (
@@ -278,7 +306,10 @@ def _poses(cell: Cell) -> tuple[Floats, Floats]:
 
 
 def _cells(request: RealityRequest, parameters: Parameters, data: str) -> Iterator[Cell]:
-    """A cell for each setting of a data set whose parameters are known."""
+    """A cell on the parts to judge for each setting of a data set whose parameters are known.
+
+    data: name of the set.
+    """
     for engine, setting in settings_of(data):
         values = values_of(parameters, data, request.cell(data, engine, setting))
         if values is not None:
@@ -290,7 +321,11 @@ def _is_in_switches(cell: Cell) -> bool:
 
 
 def _exact(data: str) -> tuple[str, ContactSetting, ContactSetting] | None:
-    """An engine whose plug-in sets e of every impact, with its settings of constant e and of α."""
+    """The first installed engine whose plug-in sets e of every impact, with its settings of
+    constant e and of α; None without one.
+
+    data: name of a set, whose body the engine has to know.
+    """
     for engine in installed():
         own = {}
         for name, setting in settings_of(data):
@@ -306,7 +341,8 @@ def _floors(
 ) -> Iterator[SettingScore]:
     """Scores of what no engine gives: the best that a law can do, and what noise alone does.
 
-    data: name of the set.
+    data: name of the set. Those of the cube need an engine with a plug-in: there are none without.
+    Raises UserError for a folder that is not of the set's data, and what an engine raises.
     """
     outcomes: dict[str, Any] = {}
     exact = None
@@ -338,7 +374,12 @@ def _floors(
 def _impacts(
     request: RealityRequest, parameters: Parameters, pool: WorkerPool
 ) -> tuple[list[ImpactRead], dict[str, list[ImpactRead]]]:
-    """Impacts of the tosses that are judged and those of the training part, and of their twins."""
+    """Impacts of the tosses that are judged and those of the training part, and of their twins,
+    every third toss, by the name of their law; of the part alone where the request names one.
+
+    There are no twins without an engine whose plug-in sets e. Raises UserError for a folder that is
+    not of the cube's data, and what the engine raises.
+    """
     parts: tuple[int, ...] = (*SETS["cube"].TRAINING, *SETS["cube"].VALIDATION)
     if request.part is not None:
         parts = (request.part,)
@@ -348,7 +389,8 @@ def _impacts(
     exact = _exact("cube")
     if exact is not None:
         engine, constant, falling = exact
-        friction = 0.18
+        # Of the cube, where none was searched.
+        friction = _TWIN_FRICTION
         known = values_of(parameters, "cube", request.cell("cube", engine, constant))
         if known:
             _e, friction = known

@@ -80,7 +80,10 @@ def report(
     Raises
     ------
     UserError
-        For a study that cannot be read, and a folder that holds other files.
+        For a study that cannot be read, what an engine refuses, and a folder that holds other
+        files.
+    CannotRun
+        Where an engine is not installed, unless the study is built in, and where a worker fails.
     OutputError
         For a folder that cannot be written.
 
@@ -115,12 +118,16 @@ def write_report(
 ) -> StudyReport:
     """Write a report as `report` does.
 
+    study: a path, the folder of a finished sweep, or a built-in name.
+    out: the folder; None: the default one.
+    quick: a preview; a finished sweep is always shown whole.
+    jobs: worker processes.
     stage: shows, by a name, how far a part of the work is.
-    warn: takes what was left out.
+    warn: takes a line on each thing that was left out.
+    device: of the engines, "" for any.
 
-    out: the folder; None: the default one. quick: a preview. device: of the engines, "" for any.
-
-    Raises UserError and StudyError for a study, OutputError for a folder.
+    Raises as `report`; UserError also for a device with a sweep that has run, and for a folder that
+    holds a report with engines that are missing now.
     """
     with WorkerPool(jobs) as pool:
         with stage("reading the study"):
@@ -160,7 +167,13 @@ def write_report(
 
 
 def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple[str, Study]:
-    """A study and its name. A built-in one leaves out what is not installed, with a line to `warn`."""
+    """The name of a study, and the study. A built-in one leaves out engines that are not installed,
+    any one plug-ins that cannot be compiled, with a line to `warn`.
+
+    name: of a file, a folder or a built-in study. device: that the engines compute on; "" for any.
+    Raises as `find_study` and `load_study`; StudyError where no engine of a built-in study is
+    installed; NotCompiled where nothing but such plug-ins is in it.
+    """
     path = find_study(name)
     study = load_study(path)
     if is_built_in(path):
@@ -173,7 +186,8 @@ def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple
 def _without_uncompiled(study: Study, warn: Callable[[str], None]) -> Study:
     """A study without the runs of plug-ins that cannot be compiled here, with a line to `warn`.
 
-    Raises NotCompiled where nothing else is in it.
+    Raises NotCompiled where nothing else is in it, and UserError for an engine or a recipe that is
+    not known.
     """
     from hcbench.sim import registry
     from hcbench.sim.capabilities import HasPlugin
@@ -201,7 +215,9 @@ def _without_uncompiled(study: Study, warn: Callable[[str], None]) -> Study:
 
 
 def missing_engines(engines: Iterable[str], warn: Callable[[str], None]) -> tuple[str, ...]:
-    """Engines that are not installed; `warn` takes a line with the commands that add them."""
+    """Engines that are not installed, of these; where there are any, `warn` takes a line with the
+    commands that add them.
+    """
     from hcbench.sim import install, registry
 
     missing = tuple(name for name in engines if not registry.is_there(name))
@@ -219,7 +235,12 @@ def default_folder(name: str, quick: bool) -> Path:
 def folder_for(
     out: Path | None, default: Path, missing: tuple[str, ...], present: set[str]
 ) -> Path:
-    """The folder of a report, never one that holds engines that this report lacks."""
+    """The folder of a report, never one that holds engines that this report lacks.
+
+    out: the user's; None: `default`, or in place of it one whose name tells the missing engines.
+    missing: engines that the report lacks. present: those of the report that is in the folder.
+    Raises UserError where the user's folder would lose engines.
+    """
     folder = out or default
     if not (lost := present & set(missing)):
         return folder
@@ -232,7 +253,7 @@ def folder_for(
 
 
 def engines_in(folder: Path) -> set[str]:
-    """Engines of the report in a folder; empty without a report."""
+    """Engines of the report in a folder, by its scores.csv; empty without one that can be read."""
     import csv
 
     try:

@@ -36,10 +36,14 @@ def build(
     All of it appears, or nothing.
 
     pool: draws the figures of a field's page, side by side; None: this process does.
-    tick: called with figures (drawn, of all). index.html; figures/overview.svg; restitution.csv,
-    loops.csv, scores.csv, summary.json.
+    tick: called with (figures drawn, figures in all).
 
-    The same results give the same bytes. Raises OutputError where the folder cannot be written.
+    The folder then has index.html, figures/overview.svg and the files of `Results.write`; for a
+    study whose page is "field", what `field.page.build` writes. The same results give the same
+    bytes.
+
+    Raises UserError where a file that hcbench did not write is in the way, OutputError where the
+    folder cannot be written.
     """
     if results.study.get("page") == "field":
         from hcbench.reporting.field import page
@@ -56,7 +60,10 @@ def build(
 
 
 def overview_drawing(view: View) -> Drawing:
-    """The one figure that needs no script: what stands in for the explorer, and in README."""
+    """The one figure that needs no script: what stands in for the explorer, and in README.
+
+    Its alternative text has the largest error of each run shown. Without such runs it is empty.
+    """
     runs = ranking.overview_runs(view)
     errors = []
     for run in runs:
@@ -74,9 +81,9 @@ def overview_drawing(view: View) -> Drawing:
 
 
 def page_text(by_gravity: Views, results: Results, overview: dict[str, Any]) -> str:
-    """The page.
+    """The page of a report as HTML text.
 
-    overview: what `draw` returns of `overview_drawing`.
+    by_gravity: `views` of the results. overview: what `draw` returns of `overview_drawing`.
     """
     view = by_gravity.main
     explored = explorer(by_gravity)
@@ -109,7 +116,7 @@ def band_text(view: View) -> str:
 def _speed_span(view: View, unit: float) -> str:
     """Ends of the study's band, in two digits.
 
-    unit: of speed, m/s.
+    unit: size of the unit that they are shown in, m/s.
     """
     low, high = view.band / unit
     return wording.span(f"{low:.2g}", f"{high:.2g}")

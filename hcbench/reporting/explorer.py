@@ -36,10 +36,9 @@ _USUAL_STEP = 2e-3
 class Explorer:
     """Values for the page's templates.
 
-    data: JSON.
-    choice: the best of the answer that the page opens with.
-
+    data: JSON for the page's script.
     tabs: id -> title of the panels under the plots.
+    choice: the best of the answer that the page opens with, as JSON.
     """
 
     data: str
@@ -63,13 +62,19 @@ def explorer_script() -> Script:
 
 @dataclass(slots=True)
 class LoopStore:
-    """Loops, each once: many settings do the same for every α."""
+    """Loops, each once: many settings do the same for every α.
+
+    stored: the loops, by their numbers. places: number of a loop, by its JSON.
+    """
 
     stored: list[Any] = field(default_factory=list)
     places: dict[str, int] = field(default_factory=dict)
 
     def add(self, columns: Iterable[Sequence[float]]) -> int:
-        """The number of a loop of times (s), penetrations (m) and forces (N)."""
+        """Store a loop, unless it is stored; return its number.
+
+        columns: times (s), penetrations (m) and forces (N); four digits of each are kept.
+        """
         loop = [digits(values, 4) for values in columns]
         place = self.places.setdefault(json.dumps(loop), len(self.stored))
         if place == len(self.stored):
@@ -78,7 +83,11 @@ class LoopStore:
 
 
 def explorer(by_gravity: Views) -> Explorer | None:
-    """The explorer of a report; None where no engine ran over a band."""
+    """The explorer of a report; None where no engine ran over a band.
+
+    Its choice is the best of the answer that the page opens with, or, where `tune` has no answer
+    there, the command that finds one.
+    """
     data = explorer_data(by_gravity)
     if not data:
         return None
@@ -90,7 +99,9 @@ def explorer(by_gravity: Views) -> Explorer | None:
 
 
 def explorer_data(by_gravity: Views) -> dict[str, Any]:
-    """Everything that the explorer knows, JSON-able; {} where no engine ran over a band."""
+    """Everything that the explorer knows, JSON-able, SI, by the names that its script reads; {}
+    where no engine ran over a band.
+    """
     ran = _conditions_run(by_gravity)
     if not ran:
         return {}
@@ -161,7 +172,12 @@ def as_json(content: Any) -> str:
 
 
 def _start(keys: Sequence[Any], view: View) -> _Where:
-    """Conditions that the page opens with: the first engine at the usual step, for the main α."""
+    """Conditions that the page opens with: the first engine at the step nearest to the usual one,
+    by ratio, for the α nearest to the main one.
+
+    keys: conditions to choose from, one or more; of another gravity or engine only where the view's
+    gravity and first engine have none.
+    """
 
     def distance(key: _Where) -> tuple[float, float]:
         _, _, step, alpha = key
@@ -174,7 +190,10 @@ def _start(keys: Sequence[Any], view: View) -> _Where:
 
 
 def _answer(view: View, answer: Mapping[str, Any]) -> dict[str, Any]:
-    """An answer of `hcbench tune` as the script takes it, under the study's own α."""
+    """An answer of `hcbench tune` as the script takes it, under the study's own α.
+
+    answer: as JSON. Raises StopIteration for an α that the study does not have.
+    """
     alpha = next(a for a in view.alphas if math.isclose(a, answer["alpha"], rel_tol=1e-9))
     return {
         "gravity": view.gravity,
@@ -191,7 +210,7 @@ def _errors(engines: Collection[str]) -> list[dict[str, Any]]:
 
 
 def _choice(choice: PageChoice) -> dict[str, Any]:
-    """A choice as the script takes it."""
+    """A choice of an answer as the script takes it; runs to draw by their names there."""
     return {
         "kind": choice.kind,
         "setting": choice.setting,
@@ -205,7 +224,10 @@ def _choice(choice: PageChoice) -> dict[str, Any]:
 
 
 def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
-    """Text in place of an unknown answer: the command that finds one."""
+    """A choice in place of an unknown answer: the command that finds one.
+
+    start: engine, step (s), gravity (m/s²) and alpha (s/m).
+    """
     engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
     asked = f'--alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g} --friction 0'
     command = f"hcbench tune {engine} {asked}"
@@ -215,7 +237,9 @@ def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
 
 def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[dict[str, Any]]:
     """Curves of every setting, step (s) and α (s/m) of the engines that ran over a band; numbers in
-    SI.
+    SI, by the names that the script reads. A speed without a kept loop has the loop number -1.
+
+    loops: takes the loops in. texts: gives the numbers of the texts to paste.
     """
     kept = _kept_loops(view)
     for (run, alpha), one in view.head_on.items():
@@ -253,7 +277,7 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
 def _kept_loops(view: View) -> dict[tuple[RunKey, float], dict[float, tuple[Any, ...]]]:
     """Loops of the main α: run and α -> launch speed (m/s) -> phase, times, penetrations, forces.
 
-    Times are in s, penetrations in m, forces in N.
+    Times are in s, penetrations in m, forces in N. Empty for results without loops.
     """
     columns = ["speed_m_per_s", "phase", "time_s", "penetration_m", "force_n"]
     loops: dict[tuple[RunKey, float], dict[float, tuple[Any, ...]]] = {}
@@ -318,7 +342,7 @@ def _scans(view: View) -> list[dict[str, Any]]:
 
 def _drops(view: View) -> list[dict[str, Any]]:
     """Touch and parting times (s) and heights (m) of dropped balls for
-    the main α; few, where they rest.
+    the main α, by run; `ended`: fewer than ten bounces, since the ball came to rest.
     """
     drops = []
     columns = {"touch": "touch_s", "parting": "parting_s", "height": "height_m"}

@@ -49,10 +49,11 @@ _MOST_SAMPLES = 4000
 def fit_page(
     result: FitResult, next_lines: Sequence[str], typed: Sequence[str], scene: Replay | None = None
 ) -> str:
-    """The page as HTML text.
+    """The page on one fit as HTML text.
 
+    next_lines: commands that go on from here, to print.
     typed: the words after `hcbench` that led here.
-    scene: one that bounces as the recording did, to be drawn.
+    scene: touches of one that bounces as the recording did, to be drawn; None for none.
     """
     sounds = []
     heard = []
@@ -106,8 +107,8 @@ def _curve_figure(result: FitResult) -> Figure:
 
 
 def _residual_figure(result: FitResult) -> Figure:
-    """The change of each e that the data make likeliest, and what is left
-    of measuring, over their noise.
+    """The likeliest difference of each impact's e from the law, in per cent, and what is then left
+    of each reading, over its noise; a band of two standard deviations on either.
     """
     figure = new_figure(6.4, 3.4)
     upper, lower = figure.subplots(2, 1)
@@ -138,7 +139,7 @@ def _residual_figure(result: FitResult) -> Figure:
 
 
 def _scene_figure(scene: Replay) -> Figure:
-    """The recorded touches over those of the scene, and how late each of the scene's is."""
+    """The recorded touches over those of the scene, s, and how late each of the scene's is, ms."""
     figure = new_figure(6.4, 3.0)
     upper, lower = figure.subplots(2, 1, sharex=True)
     trains = ((scene.recorded, 1.0, SLATE, "recorded"), (scene.simulated, 0.0, LIMIT, "scene"))
@@ -154,7 +155,10 @@ def _scene_figure(scene: Replay) -> Figure:
 
 
 def _sound_figure(s: TouchTimes) -> Figure:
-    """The waveform with the touches found, and the first of them from near."""
+    """The waveform with the touches found, and up to four of them, the first, from near.
+
+    s: touches with their recording.
+    """
     assert s.recording is not None
     sound = s.recording.sound
     rate = s.recording.rate
@@ -179,7 +183,9 @@ def _sound_figure(s: TouchTimes) -> Figure:
 def _draw_waveform(
     axes: Axes, recording: Recording, first: int, last: int, touches: Iterable[float]
 ) -> None:
-    """Samples first ... last - 1 of a recording over time, with a line at each touch (s)."""
+    """Draw samples first ... last - 1 of a recording over time, with a line at each touch (s, in
+    the time of the recording's file).
+    """
     sound = recording.sound[first:last]
     # The least and the largest of every `stride` samples, so that no peak is lost.
     stride = math.ceil(len(sound) / _MOST_SAMPLES)
@@ -196,6 +202,10 @@ def _heard(
 ) -> tuple[str, str, list[tuple[str, str, object, str]]]:
     """Name and sound of a recording, and per train: letter, description, its touches, and the
     command for it.
+
+    i: number of the recording, for the names of its figures.
+    s: touches with their recording, in which one train or more was heard.
+    typed: the words after `hcbench` that led here; the command adds `--touches` to them.
     """
     trains: list[tuple[str, str, object, str]] = []
     for (letter, count, first, last, alpha, *_), picks in zip(trains_of(s), s.heard, strict=True):
@@ -210,7 +220,9 @@ def _heard(
 
 
 def _around(s: TouchTimes) -> tuple[int, int]:
-    """First sample of the part about all trains of a recording, and the one after its last."""
+    """First sample of the part about all trains of a recording, _BESIDE s longer at either end, and
+    the one after its last.
+    """
     assert s.recording is not None
     times = np.concatenate([picks.times for picks in s.heard]) - s.recording.begin
     first = round((times.min() - _BESIDE) * s.recording.rate)
@@ -219,7 +231,7 @@ def _around(s: TouchTimes) -> tuple[int, int]:
 
 
 def _played(s: TouchTimes) -> str:
-    """The part of the sound that holds the trains, as a WAV file in base 64."""
+    """The part of the sound that holds the trains, at full level: a WAV file in base 64."""
     assert s.recording is not None
     first, last = _around(s)
     part = s.recording.sound[first:last]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -40,7 +41,8 @@ from hcbench.terms.impact import LOOP_TOLERANCE, Impact
 
 
 def measurement_page(measurement: Measurement) -> str:
-    """The page as HTML text."""
+    """The page on one measurement as HTML text; parts for which it has no impacts are left out."""
+    # e that the model asks for at each launch speed; NaN where it asks for none.
     asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
     explored = explorer_of(measurement)
     make_loops = None
@@ -61,7 +63,9 @@ def measurement_page(measurement: Measurement) -> str:
 
 
 def summary(measurement: Measurement) -> str:
-    """The result in a sentence."""
+    """The result in up to three sentences: e over its speeds, how far the phase changes it, and
+    whether the contact adds energy.
+    """
     curve = measurement.curve.measured()
     if not len(curve):
         return "No impact of it could be measured."
@@ -78,7 +82,9 @@ def summary(measurement: Measurement) -> str:
 
 
 def curve_figure(measurement: Measurement) -> Figure:
-    """e over approach speed, m/s: a band over the phases, what the model asks for, and the target."""
+    """e over approach speed, m/s: a band over the phases, what the model asks for, and the target,
+    of the latter two what there is.
+    """
     curve = measurement.curve.measured()
     speeds = curve.speed_in
     figure = new_figure(6.4, 3.6)
@@ -100,7 +106,7 @@ def curve_figure(measurement: Measurement) -> Figure:
 
 
 def _loops_figure(measurement: Measurement) -> Figure:
-    """Force over penetration, one loop a speed."""
+    """Force, N, over penetration, µm: one loop or more, one a speed, the faster the darker."""
     fastest = max(impact.speed_in for impact in measurement.loops)
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
@@ -124,9 +130,9 @@ _PANEL = 3.4, 2.4
 
 
 def landing_page(robots: Sequence[Landings]) -> str:
-    """The page as HTML text.
+    """The page on landings as HTML text.
 
-    robots: dropped in the same way.
+    robots: landings of one robot or more, from the same heights and tilts.
     """
     names = labels(robots)
     return render(
@@ -142,6 +148,8 @@ def landing_page(robots: Sequence[Landings]) -> str:
 def force_figure(robots: Sequence[Landings]) -> Figure:
     """Force of the floor over weight, over time in ms: a column a robot, a row a tilt, a line a
     height.
+
+    robots: as of `landing_page`; the tilts are those of the first one.
     """
     tilts = list(dict.fromkeys(drop.tilt for drop in robots[0].drops))
     panel_width, panel_height = _PANEL
@@ -170,20 +178,25 @@ def force_figure(robots: Sequence[Landings]) -> Figure:
 
 
 def explorer_of(measurement: Measurement) -> Explorer | None:
-    """Build the explorer of one measurement; its data are in SI.
+    """Build the explorer of one measurement; its data are in SI, by the names that `explorer_data`
+    has for them. Impacts along the normal alone are shown.
 
-    None without a law to compare with, or if no contact has steps enough for a loop.
+    None without a law to compare with, without a measured impact along the normal, or if no contact
+    has steps enough for a loop.
     """
     law = measurement.law
     facts = measurement.facts
     measured = measurement.curve.measured()
     head_on = measured.take(measured.angle == 0.0)
-    if law is None or not len(head_on) or not measurement.loops:
+    # An oblique impact has another e at the same speed: only loops along the normal are shown.
+    along_normal = [impact for impact in measurement.impacts if impact.launch.angle == 0.0]
+    with_loop = replace(measurement, impacts=tuple(along_normal)).loops
+    if law is None or not len(head_on) or not with_loop:
         return None
     loops = LoopStore()
     gravity = float(np.linalg.norm(facts.gravity))
     where = {"engine": facts.engine, "step": facts.timestep, "gravity": gravity, "alpha": law.alpha}
-    runs = [{**where, **_measured(measurement, head_on, loops)}]
+    runs = [{**where, **_measured(with_loop, head_on, loops)}]
     if facts.asked:
         asked = dict(zip(measurement.request.speeds, facts.asked, strict=True))
         values = [asked[speed] for speed in head_on.speed.tolist()]
@@ -210,12 +223,15 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
     return Explorer(as_json(data), {name: TABS[name] for name in ("loop", "numbers")})
 
 
-def _measured(measurement: Measurement, curve: Curve, loops: LoopStore) -> dict[str, Any]:
-    """The curve as the script takes it, by the impacts whose loops there are.
+def _measured(impacts: Sequence[Impact], curve: Curve, loops: LoopStore) -> dict[str, Any]:
+    """The curve as the script takes it, by the impacts whose loops there are; a speed without one
+    has the mean e of its phases, no steps and the loop number -1.
 
+    impacts: with loops, at most one for each speed of the curve, and one at least.
+    curve: points along the normal.
     loops: takes the loops in.
     """
-    with_loop = {impact.launch.speed: impact for impact in measurement.loops}
+    with_loop = {impact.launch.speed: impact for impact in impacts}
     phases = []
     e = []
     samples = []
@@ -261,7 +277,10 @@ def _asked(curve: Curve, e: Sequence[float]) -> dict[str, Any]:
 
 
 def _line(name: str, colour: str, curve: Curve) -> dict[str, Any]:
-    """Names, colour and speeds (m/s) of a curve."""
+    """Names, colour and speeds (m/s) of a curve, as the script takes them.
+
+    name: of the line. curve: its points give launch and impact speeds.
+    """
     return {
         "setting": name,
         "label": name,

@@ -68,9 +68,11 @@ def _rows(rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def draw_curve(axes: Axes, result: FitResult, of_law: str, of_data: Sequence[str]) -> None:
-    """e over impact speed: the data as one reads them off, the law with its 95 % band.
+    """Draw e over impact speed, m/s: the data as one reads them off, the likeliest law with its 95
+    % band.
 
-    of_law, of_data: colours, of the data one a file.
+    of_law: colour of the law. of_data: colours of the data, one a file, from the first again where
+    they are too few.
     """
     speeds, e, low, high = band(result)
     axes.fill_between(speeds, low, high, color=of_law, alpha=0.18, linewidth=0)
@@ -88,14 +90,20 @@ def draw_curve(axes: Axes, result: FitResult, of_law: str, of_data: Sequence[str
 
 
 def figure_of(result: Any) -> Figure:
-    """Draw the main figure of a result, in hcbench's style, regardless of matplotlib's settings."""
+    """Draw the main figure of a result, in hcbench's style, regardless of matplotlib's settings.
+
+    Raises TypeError for a type that no function below draws.
+    """
     with figure_defaults():
         return _figure(result)
 
 
 @singledispatch
 def html_of(result: Any) -> str:
-    """A result in words and its main figure, as a part of a page that loads nothing."""
+    """A result in words and its main figure, as HTML that loads nothing.
+
+    Raises TypeError for a type that no function below draws and describes.
+    """
     title, facts, paste = _words(result)
     figure = draw(Drawing("figure", lambda: _figure(result), title))
     return render("notebook.html", title=title, facts=facts, paste=paste, figure=figure)
@@ -127,6 +135,7 @@ _figure.register(Measurement)(measurement_page.curve_figure)
 
 @_words.register
 def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
+    """The pair, its e and the causes that were found; to paste are the corrections of these."""
     title, *where, _ = measurement.headline
     causes = wording.listed([cause.title for cause in measurement.causes])
     facts = {
@@ -139,7 +148,9 @@ def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
 
 @_figure.register
 def _(tuned: Tuned) -> Figure:
-    """e at the launches that it was judged by, a band over the phases, and what was wanted."""
+    """e at the launches that a setting was judged by, simulated again, its largest error as a band,
+    and the target. Raises what the engine raises.
+    """
     target = tuned.target
     launches = [launch for launch in held_out_launches(target) if not launch.is_oblique]
     impacts = registry.engine(tuned.setting.engine).run(tuned.scene, tuned.setting, launches)
@@ -167,6 +178,7 @@ def _(answer: Answer) -> Figure:
 
 @_words.register
 def _(answer: Answer) -> tuple[str, dict[str, str], str]:
+    """The best choice, the others, and what to know of them; to paste is the best choice's text."""
     best = answer.best
     others = [choice.line for choice in answer.choices if choice is not best]
     facts = {
@@ -181,6 +193,7 @@ def _(answer: Answer) -> tuple[str, dict[str, str], str]:
 
 @_words.register
 def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
+    """The setting, its largest error beside that of the best constant e, and how it rests."""
     target = tuned.target
     constant = wording.error(tuned.evaluation.constant_error)
     rests = (
@@ -212,7 +225,10 @@ def _(laws: ImpactLaws) -> Figure:
 
 
 def _laws_figure(laws: Sequence[ImpactLaw], colours: Sequence[str]) -> Figure:
-    """e of each law over the impact speed, and 1 - α v, from which they part."""
+    """e of each law over impact speeds up to 2 m/s, and dashed its 1 - α v, from which it parts.
+
+    colours: one for each law.
+    """
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
     speeds = np.linspace(0.0, 2.0, 101)
@@ -248,6 +264,7 @@ def _(results: Results) -> Figure:
 
 @_words.register
 def _(results: Results) -> tuple[str, dict[str, str], str]:
+    """The study's title, its advice in short, and the versions that ran; nothing to paste."""
     view = views(results).main
     facts = {
         "in short": " ".join(advised(view)),

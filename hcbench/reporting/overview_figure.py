@@ -31,7 +31,7 @@ _LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2
 
 
 class _Line(NamedTuple):
-    """Curve of a run, and the place of the run among those of the figure."""
+    """Curve of a run, and the place of the run among those of the figure, from 0."""
 
     nth: int
     run: RunKey
@@ -63,7 +63,8 @@ def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> 
 def overview_figure(view: View, runs: list[RunKey]) -> Figure:
     """The page in one picture: the main α, the settings that matter, each named beside its line.
 
-    What lies far below the rest has a frame of its own at the bottom.
+    runs: those to draw; one without a curve is left out. What lies far below the rest has a frame
+    of its own at the bottom.
     """
     alpha = view.main_alpha
     fastest = view.speeds[-1]
@@ -79,6 +80,8 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
             lowest = min(lowest, float(line.curve.lowest.min()))
     far = [line for line in lines if line.highest < lowest - _GAP]
     near = [line for line in lines if line not in far]
+    # Left, bottom, width and height of the frames, as shares of the figure: the names of the lines
+    # stand to the right.
     lower = 0.2 if far else 0.0
     axes = figure.add_axes((0.075, 0.115 + lower, 0.615, 0.765 - lower))
     _draw_law(axes, view, alpha)
@@ -106,9 +109,10 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
 def _draw_named(
     axes: Axes, view: View, lines: list[_Line], labels: list[tuple[float, str, str, str]]
 ) -> None:
-    """Curves, and beside them their names and those of other lines.
+    """Draw curves, and beside them their names and those of other lines.
 
-    labels: of other lines: e where they end, text, colour, weight of the font.
+    labels: of other lines, which are drawn already: e where they end, text, colour, weight of the
+    font.
     """
     all_labels = list(labels)
     for line in lines:
@@ -121,8 +125,12 @@ def _draw_named(
 
 
 def _label_ends(axes: Axes, labels: list[tuple[float, str, str, str]]) -> None:
-    """Names in the right margin, each led to its line's end, none over another."""
+    """Write names in the right margin, each led to its line's end, none over another.
+
+    labels: e where the line ends, text, colour, weight of the font.
+    """
     low, high = axes.get_ylim()
+    # As shares of the frame's height, as are the places of the names.
     ends = (np.clip([label[0] for label in labels], low, high) - low) / (high - low)
     height = axes.get_position().height
     places = declutter(ends, 0.0444 / height, 0.0, 1.0)

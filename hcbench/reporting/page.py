@@ -42,9 +42,10 @@ class Drawing:
     """A figure of a page, by the name of its files; its title and
     caption stand in the page's template.
 
-    draw: makes the figure and, where something is measured in it, the sentence that ends the
-    caption; None where there is nothing to show, and `why` says so.
-    alt: what the figure shows, for who cannot see it.
+    draw: makes the figure, or a pair of it and the sentence that ends the caption, where something
+    is measured in it; None where there is nothing to show.
+    alt: text in place of the figure, for readers who cannot see it.
+    why: the reason where there is nothing to show.
     """
 
     name: str
@@ -62,9 +63,14 @@ def draw(
     """Draw a figure, save it in a folder, if any, as SVG and PNG, and
     return what a template needs of it.
 
+    folder: an existing one; None: nothing is saved. png: whether to save a PNG too.
     csv: makes the table of a figure's numbers, which is saved beside it.
 
-    A drawing without a function gives the record of an empty figure, with the reason.
+    The record has name, alt, why, source (the SVG as a data URL), width and height in pixels of
+    CSS, and `measured`, the caption's end. A drawing without a function gives the record of an
+    empty figure: source is "", and the last three are missing.
+
+    Raises UserError or OutputError as `write_bytes`, and what the drawing raises.
     """
     record: dict[str, Any] = {
         "name": drawing.name,
@@ -136,6 +142,9 @@ def script(*names: str) -> Script:
 def render(template: str, script: Script | None = None, **content: Any) -> str:
     """A page as text. Content is escaped, and the page's own policy forbids requests and all
     scripts but `script`: no name in a model or a study can make it run anything.
+
+    template: name of a file in this package's templates. content: its variables; a template that
+    names another raises Jinja's UndefinedError.
     """
     environment = Environment(
         loader=PackageLoader("hcbench.reporting"),
@@ -152,6 +161,7 @@ def render(template: str, script: Script | None = None, **content: Any) -> str:
 def svg_bytes(figure: Figure) -> bytes:
     """The figure as SVG with no date, no program name and no digits that cannot be seen."""
     buffer = io.BytesIO()
+    # A dot of SVG is a point.
     figure.set_dpi(72)
     # Straight to the canvas: `savefig` would lay out and walk the whole figure twice.
     canvas: Any = FigureCanvasSVG(figure)
@@ -175,8 +185,8 @@ _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
 
 def _shortened(svg: str) -> str:
-    """Coordinates to 1/100 point: a third of the bytes gone and no
-    pixel moved. Text keeps its scale.
+    """An SVG with its coordinates rounded to 1/100 point: a third of the bytes gone and no
+    pixel moved. Scales and other attributes stay, so that text keeps its size.
     """
 
     def short(number: re.Match[str]) -> str:

@@ -75,7 +75,7 @@ _STOCK_DASHES = (2.5, 1.5)
 
 @contextmanager
 def figure_defaults() -> Iterator[None]:
-    """Matplotlib's defaults for all figures of hcbench, and those of before afterwards."""
+    """Set matplotlib's defaults for all figures of hcbench; after the block they are as before."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(mpl.rc_params_from_file(_STYLE_FILE, use_default_template=False))
@@ -94,10 +94,10 @@ def new_figure(width: float, height: float) -> Figure:
 class PlotStyle:
     """Style of one setting of one engine.
 
-    dashes: on-off lengths in points; () is a full line.
-
     kind: "exact" (a law in place of the contact), "settings", "constant"
     (one e for all speeds) or "stock".
+    marker: as matplotlib names it.
+    dashes: on-off lengths in points; () is a full line.
     """
 
     kind: str
@@ -115,7 +115,10 @@ class PlotStyle:
         return "white" if self.dashes else self.colour
 
     def line(self, **more: Any) -> dict[str, Any]:
-        """Keyword arguments for `Axes.plot`."""
+        """Keyword arguments for `Axes.plot` of a line in this style.
+
+        more: further ones, which come before those of the style.
+        """
         style: dict[str, Any] = {
             "color": self.colour,
             "linestyle": (0, self.dashes) if self.dashes else "-",
@@ -132,6 +135,7 @@ MEASURED = PlotStyle("exact", "o", ())
 def plot_styles(settings: Iterable[tuple[str, str]], law: str) -> dict[tuple[str, str], PlotStyle]:
     """A style for each (engine, setting).
 
+    settings: pairs in the study's order; law: name of an engine.
     A known setting has its own marker, and a kind has its hue, in every study. Engines differ in
     their dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
     """
@@ -191,7 +195,7 @@ def second_axis(
     axes: Axes, where: Literal["top", "right"], label: str, scale: float = INCH
 ) -> None:
     """A second axis along x (top) or y (right) in other units; `scale`
-    is one such unit in the first's.
+    is one such unit in the first's: 0.0254 for in/s over an axis in m/s.
     """
     functions = (lambda x: np.asarray(x) / scale, lambda x: np.asarray(x) * scale)
     if where == "top":
@@ -206,7 +210,7 @@ def second_axis(
 
 
 def log_axis(axes: Axes, which: Literal["x", "y"]) -> None:
-    """A log axis with plain powers of ten."""
+    """Make an axis logarithmic, with powers of ten alone as ticks, labelled as "10⁻³"."""
     if which == "x":
         axes.set_xscale("log")
         axis: Axis = axes.xaxis
@@ -231,15 +235,15 @@ def set_ticks(
 
 
 def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high: float) -> Floats:
-    """Positions nearest to these, at least `gap` apart, within low ...
-
-    high: for labels beside lines.
+    """Positions nearest to these by least squares, at least `gap` apart, within `low` to `high`:
+    for labels beside lines.
 
     positions: shape (n,), in any order; the result has their order.
     The gap gives way if there are more labels than room.
     """
     count = len(positions)
     gap = min(gap, (high - low) / max(count - 1, 1))
+    # Less k gaps, the k-th position must only not fall: then each gap is kept.
     order = np.argsort(positions, kind="stable")
     steps = gap * np.arange(count)
     unclipped = _rising(np.asarray(positions, dtype=float)[order] - steps)
@@ -249,8 +253,10 @@ def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high:
 
 
 def _rising(values: Floats) -> Floats:
-    """The nearest values that do not fall, by pooling neighbours that do;
-    SciPy's takes longer to import.
+    """The values nearest to these by least squares that do not fall, by pooling neighbours that do
+    (isotonic regression); SciPy's takes longer to import.
+
+    values: shape (n,), as is the result.
     """
     # Mean of each pool so far.
     means: list[float] = []
@@ -269,7 +275,10 @@ def _rising(values: Floats) -> Floats:
 
 
 def legend_below(figure: Figure, handles: list[Line2D]) -> None:
-    """One legend for all panels, under them, in as many columns as fit."""
+    """One legend for all panels, under them, in as many columns as fit.
+
+    handles: a line for each entry, one or more, which has its label.
+    """
     labels = [str(h.get_label()) for h in handles]
     # Width of the longest entry in points, at the legend's font size.
     entry = 52 + 5.9 * max(map(len, labels))

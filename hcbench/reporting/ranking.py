@@ -17,13 +17,16 @@ _VERBS = {"exact": "Attach", "settings": "Set", "constant": "Set"}
 
 @dataclass(frozen=True, slots=True)
 class PageChoice:
-    """One of an answer's choices.
+    """One of an answer's choices, for the page's first screen.
 
+    kind: "exact", "settings" or "constant".
+    setting: its name.
+    error: the largest of e over the band.
+    band: lowest and highest impact speed, m/s.
     say: one sentence with its error and band.
-    error: the largest of e over the band, m/s.
-    more: what else to know of it.
+    more: sentences on what else to know of it; some are empty.
     text: to paste.
-    shown: the runs to draw, its own and stock.
+    shown: the runs to draw, its own first and then stock.
     """
 
     kind: str
@@ -45,7 +48,7 @@ def choices(view: View, answer: Mapping[str, Any]) -> list[PageChoice]:
 def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) -> PageChoice:
     """One of an answer's choices as the page shows it.
 
-    answer, choice: as JSON.
+    view: results under the answer's gravity. answer, choice: as the JSON of `hcbench tune`.
     """
     kind = str(choice["kind"])
     setting = str(choice["setting"])
@@ -72,8 +75,9 @@ def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) ->
 def _more(answer: Mapping[str, Any], choice: Mapping[str, Any]) -> Iterator[str]:
     """Sentences on what else to know of a choice; some are empty.
 
-    answer, choice: as JSON.
+    answer, choice: as the JSON of `hcbench tune`.
     """
+    # The answer's caution is about the engine's own contact: the first choice of it says it.
     natives = [each["kind"] for each in answer["choices"] if each["kind"] != "exact"]
     if natives and choice["kind"] == natives[0]:
         yield answer["caution"]
@@ -93,7 +97,9 @@ def _more(answer: Mapping[str, Any], choice: Mapping[str, Any]) -> Iterator[str]
 
 
 def answered(view: View) -> Iterator[Mapping[str, Any]]:
-    """The answers to what a study ran over a band: its engines, steps and α."""
+    """The answers, as JSON, for the engines and steps that ran over a band, under the view's
+    gravity.
+    """
     ran = {(run.engine, run.timestep) for run in view.band_runs}
     for answer in view.answers.values():
         if (answer["engine"], answer["timestep"]) in ran and math.isclose(
@@ -118,7 +124,8 @@ def best_of(answer: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
-    """An answer's choice whose setting a run has; None where it is none of its choices.
+    """The choice, as JSON, of the answer for a run's engine and step that has the run's setting;
+    None without such an answer or choice.
 
     alpha: s/m; None: the study's main one.
     """
@@ -134,7 +141,9 @@ def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[st
 
 def error_of(view: View, run: RunKey, alpha: float | None = None) -> float:
     """Largest error of e against the law: as `tune` found it, else over the
-    study's impacts; NaN for none.
+    study's impacts; NaN where the run has no score.
+
+    alpha: s/m; None: the study's main one.
     """
     score = view.score(run, alpha)
     if score is None:
@@ -176,9 +185,9 @@ _OTHER_SIZE = 2.0
 class RunVerdict:
     """Verdict on one run, in words.
 
+    restitution: on its e. loop: on its force loops, see `loop_verdict`.
     grade: "good", "even", "bad", for colour beside the words.
-
-    lacks: what keeps it from being used under gravity.
+    lacks: what keeps it from being used under gravity, see `lacks`.
     """
 
     restitution: str
@@ -197,9 +206,9 @@ def over_constant(view: View, run: RunKey, alpha: float) -> float:
 
 
 def grade(view: View, ratio: float) -> str:
-    """ "good", "even" or "bad" against the best constant.
+    """ "good", "even" or "bad" against the best constant e.
 
-    ratio: of the largest error to the best constant's.
+    ratio: of the largest error to the best constant's; NaN is "bad".
     """
     if ratio < 1 - TIE:
         return "good"
@@ -214,9 +223,8 @@ def tie(view: View) -> float:
 
 
 def error_ratio(view: View, run: RunKey) -> float:
-    """`over_constant` of the main α under gravity, else of the worst α.
-
-    inf for a run that gained energy, lost impacts or has no score.
+    """`over_constant` of the main α under gravity, else of the worst α; the number by which runs
+    are ranked. inf for a run that gained energy, lost impacts or has no score.
     """
     if any(score["failed"] or score["energy_gained"] for score in _judged(view, run)):
         return math.inf
@@ -228,7 +236,9 @@ def error_ratio(view: View, run: RunKey) -> float:
 
 
 def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
-    """The scores that a verdict goes by: under gravity settings are fitted for the main α."""
+    """The scores that a verdict goes by: under gravity that of the main α, which settings are
+    fitted for there; else those of all α. Empty where there is none.
+    """
     if not view.gravity:
         return view.scores(run)
     score = view.score(run)
@@ -238,7 +248,11 @@ def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
 
 
 def lacks(view: View, run: RunKey) -> tuple[str, ...]:
-    """Reasons not to use a run under gravity, in words; empty if it ran without gravity."""
+    """Reasons not to use a run under gravity, in words; empty for none, and if it ran without
+    gravity.
+
+    It does not come to rest, sinks too deep at rest, or goes too deep in a bounce.
+    """
     reasons = []
     rest = view.rests.get(run)
     if rest is not None:
@@ -264,7 +278,7 @@ def lies_still(view: View, run: RunKey) -> bool:
 
 
 def verdict(view: View, run: RunKey) -> RunVerdict:
-    """The words for one run.
+    """The verdict on one run, against the best constant e and the law.
 
     Energy that is gained weighs most, then lost impacts, then the error against the best
     constant's.
@@ -288,7 +302,9 @@ def verdict(view: View, run: RunKey) -> RunVerdict:
 
 
 def loop_verdict(view: View, run: RunKey) -> str:
-    """Verdict on a run's loops at the main α, in words."""
+    """Verdict on a run's loops at the main α, in words: by the distance of the force from the
+    law's, then by the depth. "no loop to judge" without a score or a resolved loop.
+    """
     score = view.score(run)
     if score is None or not score["loops"]:
         return "no loop to judge"
@@ -307,9 +323,10 @@ def loop_verdict(view: View, run: RunKey) -> str:
 
 def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
     """Select the runs with the least error among those that are set and lack nothing: several if
-    they tie.
+    they tie, none if there is no such run.
 
-    If `tune` has advised a setting for their one step, those with that setting.
+    If all are of one engine at one step, and `tune` has an answer for that, the runs with its
+    setting instead, if any.
     """
     conditions = {(run.engine, run.timestep) for run in runs}
     if len(conditions) == 1:
@@ -330,8 +347,8 @@ def _least(
     """Select the runs with the least error, engines with nothing set left out: a user who asks has
     those already.
 
-    margin: of e, that counts as a tie besides the share TIE. Runs without a finite error are left
-    out.
+    error: of a run, for comparison; one without a finite error is left out.
+    margin: of that error, that counts as a tie besides the share TIE.
     """
     errors = {}
     for run in runs:
@@ -348,7 +365,9 @@ def stock_runs(view: View) -> list[RunKey]:
 
 
 def advised(view: View) -> list[str]:
-    """A sentence on engines with nothing set, and one on each engine's best setting at each step."""
+    """A sentence on engines with nothing set that do not bounce like the law, if any, and one on
+    each engine's best setting at each step.
+    """
     sentences = []
     # Titles of the engines, each once.
     wrong = {}
@@ -371,9 +390,11 @@ def advised(view: View) -> list[str]:
 
 
 def overview_runs(view: View) -> list[RunKey]:
-    """Runs of the overview figure: engines with nothing set, and each engine's best.
+    """Runs of the overview figure, each once: engines with nothing set, and each engine's best.
 
-    Under gravity at its shortest step, else in either class of steps.
+    Under gravity, at the shortest step of each engine with nothing set: the best by an engine's own
+    settings, and the best by its plug-in. Else without plug-ins: the best that does not resolve the
+    contact, and the best that does.
     """
     picked = stock_runs(view)
     groups: list[list[RunKey]] = []

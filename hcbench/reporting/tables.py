@@ -35,8 +35,10 @@ _RUN = ["engine", "setting", "timestep_s"]
 
 
 class Views(NamedTuple):
-    """The same study with and without gravity, either of which may be
+    """The same study with and without gravity, one of which may be
     missing, and where bodies slid.
+
+    sliding: the impacts with friction, under every gravity; None where there are none.
     """
 
     with_gravity: View | None
@@ -55,7 +57,7 @@ class Views(NamedTuple):
 
 
 def views(results: Results) -> Views:
-    """A view for each gravity; the strongest where there are several."""
+    """The views of a study. With gravity is the strongest, where it has several."""
     gravities = {float(record["gravity_m_per_s2"]) for record in results.settings}
     strongest = max(gravities, default=0.0)
     with_gravity = None
@@ -75,7 +77,9 @@ def views(results: Results) -> Views:
 def under(results: Results, gravity: float) -> Results:
     """Select the results under a gravity, m/s², on the axis and with the least friction.
 
-    In the study's own scene, or else in another one.
+    A run that was made in several scenes is taken in the study's own, else in the first of them.
+    The study's gravity is then this one; if that is another than its own, its speeds are those
+    launched, and it has no loop speeds.
     """
     import pandas as pd
 
@@ -131,6 +135,9 @@ _LAUNCH = ["speed_m_per_s", "phase"]
 def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
     """Runs of the main α at several places: the largest error of e on the cup's axis, and at each
     other place the largest difference of e from there, launch by launch.
+
+    Keys of a row: run, dropped, error, off_axis and flat; the last three are text. Empty for a
+    study that is not of a cup.
     """
     study = results.study
     view = by_gravity.main
@@ -162,7 +169,9 @@ def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
 
 
 def _keys_by_run(results: Results, alpha: float) -> dict[tuple[Any, ...], list[Key]]:
-    """Values of _RUN -> keys of its impacts without friction, for one α (s/m), at every place."""
+    """Values of _RUN_AT_GRAVITY -> keys of its impacts without friction, for one α (s/m), at every
+    place.
+    """
     runs: dict[tuple[Any, ...], list[Key]] = {}
     for key in results.table.folded:
         values = dict(zip(RUN_KEY, key, strict=True))
@@ -203,9 +212,9 @@ def rankings(by_gravity: Views) -> list[Cells]:
 
 def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
     """Runs over a band, best first; their error for each α, numbers under
-    `HEADS` of the gravity, a verdict.
+    `HEADS` of the gravity, a verdict. Those that lack something under gravity come last.
 
-    with_gravity: the same study under gravity, for what a setting lacks there.
+    with_gravity: the same study under gravity, for what a setting lacks there; None without it.
     """
     runs = [run for run in view.band_runs if run.engine != REFERENCE]
     # Ties stay in the study's order.
@@ -214,9 +223,10 @@ def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
 
 
 def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
-    """A row of `ranking`.
+    """A row of `ranking`, by the names that the page's script reads.
 
-    with_gravity: the same study under gravity, if it has it.
+    `step` is in s, `errors` has a cell for each α in nine digits, and `cells` are under `HEADS`.
+    with_gravity: the same study under gravity; None without it.
     """
     outcome = verdict(view, run)
     score = view.score(run) or {}
@@ -244,7 +254,9 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
 
 
 def _of_drop(view: View, run: RunKey) -> list[str]:
-    """Cells under HEADS of a run under gravity."""
+    """Cells under HEADS of a run under gravity: its largest depth, and its depth at rest, "–" where
+    it did not come to rest.
+    """
     rest = view.rests.get(run)
     lying = "–"
     if rest is not None and lies_still(view, run):
@@ -253,7 +265,10 @@ def _of_drop(view: View, run: RunKey) -> list[str]:
 
 
 def _of_contact(score: Mapping[str, Any]) -> list[str]:
-    """Cells under HEADS of a run without gravity; "–" for what its score has no number of."""
+    """Cells under HEADS of a run without gravity; "–" for what its score has no number of.
+
+    score: with the names of SCORE_FIELDS; empty for a run without one.
+    """
     loop = "–"
     if score.get("loops"):
         loop = wording.percent(score["loop_rms"])
@@ -286,7 +301,9 @@ def _error_cell(view: View, run: RunKey, alpha: float) -> list[str]:
 
 
 def constants(by_gravity: Views) -> list[Cells]:
-    """Largest error of the best constant e for each α, over the launches of a step's runs."""
+    """Largest error of the best constant e for each α, over the launches of a step's runs: a row
+    for each gravity and step, with gravity (m/s²), step (s) and errors by α in nine digits.
+    """
     rows = []
     for view in by_gravity.shown:
         runs_at: dict[float, list[RunKey]] = {}
@@ -310,13 +327,14 @@ def _constant(view: View, runs: Iterable[RunKey], alpha: float) -> str:
 
 
 class PastedTexts:
-    """The texts to paste of all runs, every text once."""
+    """The texts to paste of all runs, every text once.
+
+    stored: the texts, by their numbers.
+    settings: summary and notes of each recipe, by engine and setting: "engine label".
+    """
 
     def __init__(self, by_gravity: Views) -> None:
-        """Texts to paste for the settings of one study.
-
-        by_gravity: the study.
-        """
+        """Make the texts to paste for the settings of one study, for a ball on a floor."""
         self.stored: list[str] = []
         self.settings: dict[str, Cells] = {}
         self._places: dict[tuple[float, RunKey, float], int] = {}
@@ -341,8 +359,9 @@ def oblique(view: View | None) -> list[Cells]:
     """Runs for the main α with friction in which some body slid: largest
     errors over all angles of launch.
 
-    view: of the rough impacts; None where there are none. e is that of the normal direction;
-    friction is the impulse over the normal one, against Coulomb's law.
+    view: of the impacts with friction; None where there are none. e is that of the normal
+    direction; friction is the impulse over the normal one, against Coulomb's law. Keys of a row:
+    run, and as text e, friction and largest_e.
     """
     if view is None:
         return []
@@ -366,7 +385,10 @@ def oblique(view: View | None) -> list[Cells]:
 
 
 def failed_impacts(by_gravity: Views) -> list[str]:
-    """Impacts without a bounce, counted by what became of them."""
+    """Impacts without a bounce, counted by what became of them: "3 diverged", one text a status.
+
+    The commonest comes first, under each gravity.
+    """
     counts = Counter[str]()
     for view in by_gravity.shown:
         here = Counter[str]()

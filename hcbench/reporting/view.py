@@ -40,7 +40,8 @@ _PLACES = {"plane": "on a flat plate", "cup": "in the cup"}
 class RunKey(NamedTuple):
     """One setting of one engine at one step.
 
-    place: where, if not in the study's own scene.
+    timestep: s.
+    place: a phrase for the scene, such as "in the cup", if it is not the study's own; else "".
     """
 
     engine: str
@@ -79,7 +80,7 @@ class RunKey(NamedTuple):
 
 @dataclass(frozen=True)
 class View:
-    """Results under one gravity as a report looks at them: `under` picks them."""
+    """Results under one gravity as a report looks at them: `tables.under` picks them."""
 
     results: Results
 
@@ -90,8 +91,8 @@ class View:
 
     @cached_property
     def head_on(self) -> dict[tuple[RunKey, float], Folded]:
-        """Impacts of runs and α at the study's smallest angle, 0 as a rule:
-        what curves over speed are of.
+        """Impacts by run and α, s/m, whose smallest angle is the study's, 0 as a rule:
+        curves over speed are of these.
         """
         least = min((one.angle for one in self.folded.values()), default=0.0)
         chosen = {}
@@ -138,7 +139,10 @@ class View:
         return np.array([min(self.study["speeds"]), max(self.study["speeds"])], dtype=float)
 
     def band_text(self, timestep: float) -> str:
-        """The impact speeds at a step, m/s."""
+        """The impact speeds of all runs at a step, as text: "0.025 … 0.51 m/s".
+
+        timestep: s, of one run at least; raises ValueError for any other.
+        """
         curves = [
             one.curve.speed for (run, _), one in self.head_on.items() if run.timestep == timestep
         ]
@@ -188,7 +192,9 @@ class View:
 
     def runs_by_resolution(self, resolved: bool) -> list[RunKey]:
         """Band runs that resolve the contact, or do not; each setting at
-        the step that most of them share.
+        the step that most of them share, or the nearest to it, by ratio, that the setting ran with.
+
+        resolved: which of the two, by `resolves_contact`. The order is the study's.
         """
         group = [run for run in self.band_runs if self.resolves_contact(run) == resolved]
         steps = [run.timestep for run in group]
@@ -217,7 +223,9 @@ class View:
 
     @cached_property
     def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
-        """Style of each (engine, setting) of the study."""
+        """Style of each (engine, setting) of the study: those planned, those that ran and those
+        that were dropped, so that one setting looks the same in every figure.
+        """
         settings = [(run["engine"], run["recipe"]) for run in self.study["runs"]]
         settings += [(run.engine, run.setting) for run, _ in self.head_on]
         settings += [(run.engine, run.setting) for run in self.bounces]
@@ -280,7 +288,7 @@ class View:
         """Run without its step -> (step, s, point at the study's step
         speed) for its main α, steps rising.
 
-        Runs at one step only are left out.
+        The run's own step is then 0. Runs at one step only are left out.
         """
         rows: dict[RunKey, list[tuple[float, CurvePoint]]] = {}
         for (run, alpha), one in self.head_on.items():
@@ -295,7 +303,7 @@ class View:
     @cached_property
     def bounces(self) -> dict[RunKey, pd.DataFrame]:
         """Successive bounces under gravity for the main α: run ->
-        heights in the order of the bounces.
+        rows of TRAIN_COLUMNS in the order of the bounces.
         """
         groups = self._of_main_alpha(self.results.trains).groupby(_RUN, sort=False)
         return {self._run(*cast("tuple[Any, ...]", key)): rows for key, rows in groups}
@@ -314,7 +322,10 @@ class View:
         return self._run(*(record[name] for name in _RUN))
 
     def _run(self, scene: Any, engine: Any, setting: Any, timestep: Any = 0.0) -> RunKey:
-        """The run with these values of its key; `timestep` in s."""
+        """The run with these values of its key; `timestep` in s.
+
+        scene: its name. Raises KeyError for a scene that the study does not have.
+        """
         place = ""
         if scene != self.study["scene"]:
             place = _PLACES[self.study["scenes"][scene]["form"]]

@@ -22,7 +22,9 @@ def engine_title(name: str) -> str:
 
 
 def time(seconds: float) -> str:
-    """ "1 µs", "0.2 ms", "4.17 ms": three digits; "1/240 s" and "1/60 s", the steps that engines use."""
+    """A time, s, in three digits: "1 µs", "0.2 ms", "4.17 ms"; "1/240 s" and "1/60 s", the steps
+    that engines use.
+    """
     for rate in (240, 60):
         if math.isclose(seconds, 1 / rate, rel_tol=1e-9):
             return f"1/{rate}{NBSP}s"
@@ -33,7 +35,7 @@ def time(seconds: float) -> str:
 
 
 def length(metres: float) -> str:
-    """ "3 µm", "0.98 mm", "1.2 m": two digits, plain from 0.1 of a unit on."""
+    """A length, m, in two digits: "3 µm", "0.98 mm", "1.2 m"; "0 µm" below 0.1 µm, "–" for NaN."""
     for size, unit in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
         if abs(metres) >= 0.0995 * size:
             return f"{float(f'{metres / size:.2g}'):g}{NBSP}{unit}"
@@ -56,8 +58,8 @@ def span(low: str, high: str, space: str = NBSP) -> str:
 
 
 def number(value: float) -> str:
-    """A number in two or three digits: "0.065", "2.1·10⁻⁵", "0";
-    "<10⁻¹²" for round-off, "–" for none.
+    """A number in two or three digits: "0.065", "2.1·10⁻⁵", "0"; from 1000 to 10⁵ all digits before
+    the point; "<10⁻¹²" for round-off, "–" for no finite number.
     """
     if not math.isfinite(value):
         return "–"

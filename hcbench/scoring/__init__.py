@@ -50,6 +50,8 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
 
     impacts: one or more, over speeds and phases; a launch is one (speed, phase).
     mass: effective mass, kg.
+
+    Raises UserError for no impacts, and for a mass that is not above 0.
     """
     require("impacts", list(impacts), bool(impacts), "one or more")
     positive("mass", mass, "kg")
@@ -67,6 +69,8 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
 def phase_spread(impacts: Sequence[Impact]) -> float:
     """The largest difference in e between launches that differ in phase
     only; NaN with nothing to compare.
+
+    impacts: measured ones: an impact without an e has NaN, which is the difference then.
     """
     columns = _columns(impacts)
     return tally.phase_spread(columns.launch, columns.e)
@@ -76,7 +80,7 @@ def _columns(impacts: Sequence[Impact]) -> Measured:
     """Impacts as columns of shape (n,): speeds in m/s, energies lost over the kinetic energy
     before.
 
-    Launches that differ in phase alone share a number.
+    Launches that differ in phase alone share a number. What an impact does not have is NaN.
     """
     count = len(impacts)
     launch = np.zeros(count, dtype=np.int64)

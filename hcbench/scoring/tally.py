@@ -26,8 +26,13 @@ class LoopScore:
     """One loop against the law's loop at the same impact speed; ratios are engine / law.
 
     rms: distance in force at equal penetration and branch, root mean square over the loop's path in x, over
-        the law's largest force. touch_force, parting_force: the force at x = 0 that the first and last two
-        samples point to, over the largest. tension_share: the share of the impulse that pulls.
+        the law's largest force.
+    area_ratio: of the energy lost; NaN for a law without damping, which encloses no area.
+    touch_force, parting_force: the force at x = 0 that the first and last two samples point to,
+    over
+        the largest.
+    tension_share: the share of the impulse that pulls.
+    samples: steps in contact.
     """
 
     rms: float
@@ -48,8 +53,10 @@ def _law_loop(law: HuntCrossley, mass: float, speed: float) -> Loop:
 
 
 def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | None:
-    """Compare one impact's loop with the law's at the same speed; None unless it parted with a
-    resolved loop.
+    """Compare one impact's loop with the law's at the same speed.
+
+    mass: effective, kg. None for an impact that did not part, has no loop, or whose loop has fewer
+    steps than STEPS_TO_COMPARE.
     """
     loop = impact.loop
     if loop is None or impact.status is not Status.PARTED or impact.samples < STEPS_TO_COMPARE:
@@ -89,16 +96,18 @@ def _at_surface(x: Floats, f: Floats) -> float:
 
 
 def loop_area(loop: Loop) -> float:
-    """∮ F dx, J: from the surface, by trapezoids, to where the force has gone.
+    """∮ F dx, J, the energy that the contact takes: from the surface, by trapezoids, to where the
+    force has gone.
 
     Before the first sample the force is what the first two point to at x = 0;
-    after the last it ends in a step.
+    after the last it ends in a step. NaN for fewer than two samples.
     """
     x = loop.penetration
     f = loop.force
     if len(x) < 2:
         return math.nan
     at_touch = float(np.clip(_at_surface(x[:2], f[:2]), 0.0, max(f[0], 0.0)))
+    # Penetration one step after the last sample, or the surface if that comes first, m.
     gone = max(0.0, float(x[-1] + loop.rate[-1] * (loop.time[-1] - loop.time[-2])))
     before = (at_touch + float(f[0])) / 2 * float(x[0])
     inside = float(np.sum((f[1:] + f[:-1]) / 2 * np.diff(x)))
@@ -110,7 +119,9 @@ def _force_distance(loop: Loop, truth: Loop) -> float:
     """Root mean square of F - F_law at equal penetration on the same branch,
     N, weighted by path length in x.
 
-    Past the law's own largest penetration its two branches end in one point, whose force stands in.
+    truth: the law's loop at the same impact speed. Up to its largest penetration a loop goes in,
+    from there on it comes out. Past the law's own largest penetration its two branches end in one
+    point, whose force stands in.
     """
     x = loop.penetration
     top = int(x.argmax())
@@ -120,6 +131,7 @@ def _force_distance(loop: Loop, truth: Loop) -> float:
     # Reversed, as `interp` takes x that rise.
     coming_out = np.interp(x, law_x[law_top:][::-1], truth.force[law_top:][::-1])
     wrong = loop.force - np.where(np.arange(len(x)) <= top, going_in, coming_out)
+    # With equal weights the many slow steps near the top would decide.
     weight = np.abs(np.gradient(x))
     return math.sqrt(float(np.sum(wrong**2 * weight) / np.sum(weight)))
 
@@ -190,8 +202,12 @@ class Measured:
     """Impacts as columns, shape (n,).
 
     speed: asked for, m/s.
-    launch: a number that launches share which differ in phase only. speed_in, m/s, e and
-    energy_lost (a share) are NaN where there is none.
+    launch: a number that launches share which differ in phase only.
+    parted, rested: whether it ended so; an impact that is neither has failed, and counts for no
+    error.
+    speed_in: m/s. energy_lost: a share of the kinetic energy. These and e are NaN where there is
+    none.
+    samples: steps in contact.
     gained: whether any is known to have gained energy.
     """
 
@@ -216,7 +232,7 @@ class Tally:
     def __init__(self, law: HuntCrossley, mass: float) -> None:
         """A tally without impacts yet.
 
-        mass: effective mass, kg.
+        law: to score against. mass: effective mass, kg.
         """
         self._law = law
         self._mass = mass
@@ -243,7 +259,8 @@ class Tally:
     def add(self, some: Measured) -> None:
         """Add one or more impacts; all phases of a launch have to come in one call.
 
-        some: columns of shape (n,), speeds in m/s.
+        some: columns of shape (n,), speeds in m/s. Impacts that neither parted nor came to rest are
+        counted, and change no other figure than the ends of the band of speeds.
         """
         good = some.parted | some.rested
         speed_in = some.speed_in[good]
@@ -268,7 +285,9 @@ class Tally:
         self._pairs.append((speed_in, e))
 
     def score(self) -> Score:
-        """Score all impacts that were added. A number that they do not determine is NaN."""
+        """Score all impacts that were added, at least one. A number that they do not determine is
+        NaN.
+        """
         impacts, parted, rested = self._counts.tolist()
         constant, constant_error = best_constant(self._law.alpha, self._ends)
         exponent = self._loss.value()
@@ -290,7 +309,8 @@ class Tally:
             constant_restitution=constant,
             constant_error_law=constant_error,
             constant_error_linear=float(self._law.alpha * np.ptp(self._ends) / 2),
-            # Phases of a fall change the speed too: what e, or its error, does not owe to that.
+            # In a fall the phase changes the impact speed too, and e with it: the smaller of the
+            # two ranges, of e and of its error, is what the speed does not explain.
             phase_spread=float(self._spreads.min()),
             alpha_fit=alpha_fit,
             alpha_fit_rms=alpha_fit_rms,
@@ -316,10 +336,12 @@ class _Errors:
         self._count = 0
 
     def add(self, errors: Floats, speeds: Floats) -> None:
-        """Add errors of e and the speeds at which they occurred, m/s; both of shape (n,), n > 0."""
+        """Add errors of e and the impact speeds at which they occurred, m/s; both of shape (n,),
+        n > 0.
+        """
         worst = int(np.abs(errors).argmax())
         size = abs(float(errors[worst]))
-        # Also true where the size is NaN.
+        # Also true where either is NaN, and so for the first errors.
         if not size <= self.largest:
             self.largest = size
             self.worst_speed = float(speeds[worst])
@@ -359,7 +381,9 @@ class _Slope:
         self._fastest = max(self._fastest, float(speeds.max()))
 
     def value(self) -> float:
-        """NaN unless the losses span speeds a factor of 1.5 apart."""
+        """The exponent p; NaN for fewer than three losses, and unless they span speeds a factor of
+        1.5 apart.
+        """
         n, x, y, xx, xy = self._sums.tolist()
         if n < 3 or not self._fastest >= 1.5 * self._slowest:
             return math.nan
@@ -374,6 +398,7 @@ def phase_spread(launch: NDArray[np.int64], values: Floats) -> float:
     launch: number of each value's launch, shape (n,).
     values: shape (n,).
     """
+    # By launch, and its values rising: the first and last of each launch are its extremes.
     order = np.lexsort((values, launch))
     _, first, count = np.unique(launch[order], return_index=True, return_counts=True)
     has_several = count > 1
@@ -392,8 +417,10 @@ def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
 
 
 def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]:
-    """α (s/m) and what is left (rms, of e), by pairs of impact speeds
-    (m/s) and e; at least one number.
+    """The least-squares α (s/m) of measured pairs, and the root mean square of the errors of e that
+    are left.
+
+    pairs: arrays of impact speeds (m/s) and of e, of the same shape; at least one number in all.
     """
     # Imported here: simulating without scoring needs no SciPy optimizer.
     from scipy.optimize import minimize_scalar
@@ -409,7 +436,7 @@ def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]
             total += float(np.sum(off**2))
         return total / count
 
-    # The search spans α from hardly any loss to hardly any bounce.
+    # The search, over ln α, spans α v from hardly any loss to hardly any bounce.
     bounds = (math.log(1e-6 / mean_speed), math.log(1e3 / mean_speed))
     best = minimize_scalar(misfit, bounds=bounds, method="bounded")
     return math.exp(best.x), math.sqrt(best.fun)
@@ -417,16 +444,20 @@ def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]
 
 def best_constant(alpha: float, speeds: Floats) -> tuple[float, float]:
     """The one constant e that is least wrong over `speeds` (m/s), and
-    its largest error against (16).
+    its largest error against the law (16).
 
-    e of (16) falls with speed, so the minimax constant is half-way between the ends of the band.
+    alpha: of the law, s/m. e of (16) falls with speed, so the minimax constant is half-way between
+    the ends of the band; only the lowest and the highest speed count.
     """
     ends = closed_form.restitution(alpha, np.array([np.min(speeds), np.max(speeds)]))
     return float(ends.mean()), float(abs(ends[0] - ends[1]) / 2)
 
 
 def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
-    """Figures of all loops together: the worst of each."""
+    """Figures of all loops together, by the names that `Score` has for them: the worst of each.
+
+    The worst ratio is the one furthest from 1. Without loops all are NaN, but their number.
+    """
     worst: dict[str, Any] = {"loops": len(loops)}
     worst["loop_rms"] = max((loop.rms for loop in loops), default=math.nan)
     for ratio in ("area_ratio", "force_ratio", "penetration_ratio", "duration_ratio"):
@@ -437,8 +468,11 @@ def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
 
 
 def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, Any]:
-    """Judge the paper's claims about a sound contact model by the measured loops; None if not
-    resolved.
+    """Judge the paper's claims about a sound contact model, by the names of CLAIMS; None for one
+    that is not resolved.
+
+    loops: of all scored impacts; each claim about the force needs STEPS_AT_ITS_ENDS in every one.
+    exponent, law_exponent: p of the energy lost ∝ v^p, measured and by the law; NaN where unknown.
     """
     claims: dict[str, bool | None] = dict.fromkeys(CLAIMS)
     if loops and min(s.samples for s in loops) >= STEPS_AT_ITS_ENDS:
@@ -453,7 +487,10 @@ def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dic
 
 
 def _furthest(ratios: list[float]) -> float:
-    """The ratio furthest from 1, either way."""
+    """The ratio furthest from 1, either way by its factor: 1/2 is as far as 2. NaN without any.
+
+    A ratio that is not above 0 is the furthest of all; NaN is passed over.
+    """
 
     def distance(ratio: float) -> float:
         return abs(math.log(ratio)) if ratio > 0 else math.inf

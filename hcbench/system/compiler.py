@@ -46,8 +46,9 @@ class NotCompiled(CannotRun):
 
 
 def compiler() -> list[str]:
-    """Return the command that compiles C. NotCompiled if none is found, UserError if $CC cannot be
-    parsed.
+    """Return the command that compiles C, without arguments of its own.
+
+    Raises NotCompiled if none is found, UserError if $CC cannot be parsed.
     """
     if named := os.environ.get("CC"):
         try:
@@ -68,7 +69,7 @@ def compiler() -> list[str]:
 
 def is_private(folder: Path) -> bool:
     """Say whether `folder` exists and this user alone can write to it: no other may leave a library
-    there. Creates it if missing.
+    there. Creates it if missing; False where that fails.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -87,7 +88,7 @@ def _is_ours(status: os.stat_result) -> bool:
 
 def is_whole(library: Path) -> bool:
     """Say whether a compiled library is unchanged: it belongs to this user and has the digest
-    stored beside it.
+    stored beside it, in a file that this user alone can write too. False for a missing one.
     """
     digest = library.with_suffix(".sha256")
     try:
@@ -119,7 +120,9 @@ def _folder() -> Path:
 def _compile(command: list[str], target: Path) -> None:
     """Compile a library, and put it and its digest at `target`, whole or not at all.
 
-    command: the compiler's, without its output. Raises NotCompiled with what the compiler said.
+    command: the compiler's, without its output. target: in an existing folder. Raises NotCompiled
+    with what the compiler said, or why it could not be run; OSError where the file cannot be
+    written.
     """
     # Built beside its place and renamed into it: another process may be building the same.
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
@@ -161,6 +164,7 @@ def _run(command: list[str], folder: str) -> tuple[int, str]:
     """Exit status of a compiler and what it said; however this ends, none of its processes is left.
 
     folder: takes its temporary files, which a compiler that is killed leaves behind.
+    Raises OSError where it cannot be run, subprocess.TimeoutExpired after _LIMIT_S.
     """
     with subprocess.Popen(
         command,
@@ -192,7 +196,10 @@ def _kill_group(process: subprocess.Popen[str]) -> None:
 
 
 def _failure(name: str, said: str, folder: Path) -> NotCompiled:
-    """The error for what a compiler said: its first one, as the last line often only counts them."""
+    """The error for what a compiler said: its first one, as the last line often only counts them.
+
+    name: of the compiler. said: its messages. folder: where the library was to be written.
+    """
     if os.strerror(errno.ENOSPC) in said:
         reason = f"{name} failed in {folder}: {os.strerror(errno.ENOSPC)}"
         return NotCompiled(reason, "room for the library", "Or name another folder: HCBENCH_CACHE")
@@ -210,10 +217,12 @@ def build(
     """The shared library made of the C file `source` of this package; compiled
     unless the cache has it whole.
 
+    source: relative to the package, such as "laws/impacts.c".
     flags, link: for the compiler, before and after the source.
-    headers: of others; where they change, so does the library.
+    headers: of others; where they change, so does the library. So it does with the command, the
+    machine, and any C of the source's folder and of the laws.
 
-    Raises NotCompiled with the reason.
+    Raises NotCompiled with the reason, UserError if $CC cannot be parsed.
     """
     path = _HERE / source
     command = [*compiler(), *FLAGS, *flags, str(path), *link, "-lm"]
@@ -231,8 +240,10 @@ def build(
 
 
 def loaded(source: str) -> Path | None:
-    """The library made of `source` that this process has loaded, whoever
-    compiled it; None without one.
+    """The library made of `source` that this process has loaded, in any version that is in the
+    cache; None without one, and on systems that cannot tell.
+
+    source: as of `build`.
     """
     mode = getattr(os, "RTLD_NOLOAD", 0)
     if not mode:

@@ -34,6 +34,12 @@ class HcbenchError(Exception):
     exit_code = 3
 
     def __init__(self, slot: str, got: str, expected: str, advice: str = "") -> None:
+        """An error with the message "slot: got; expected ... . advice", in one line.
+
+        slot: the option, key or thing that is wrong. got: what came. expected: what was expected;
+        "" for a message without it. advice: what to do next, a sentence without its point; "" for
+        none. Each is kept whole as an attribute; the message is cut to LONGEST characters.
+        """
         self.slot = slot
         self.got = got
         self.expected = expected
@@ -42,7 +48,7 @@ class HcbenchError(Exception):
         for part in (slot, got, expected, advice):
             in_one_line = " ".join(part.split())
             parts.append(sanitized(in_one_line, LONGEST))
-        # The longest part gives way until the message fits.
+        # The longest part gives way until the message fits; cutting it adds three dots.
         while (excess := len(_message(*parts)) - LONGEST) > 0:
             longest = max(parts, key=len)
             i = parts.index(longest)
@@ -116,9 +122,11 @@ class LimitPassed(HcbenchError):  # noqa: N818
 
 @contextmanager
 def foreign_errors(slot: str, *kinds: type[Exception], advice: str = "") -> Iterator[None]:
-    """The one gate for errors of other packages: they leave it as EngineFailed, in one line.
+    """The one gate for errors of other packages: raised within the block, they leave it as
+    EngineFailed, in one line; those of hcbench pass as they are.
 
-    kinds: those whose text says enough; without any, every error but hcbench's own, with its type.
+    slot, advice: of the error. kinds: types to catch, whose text says enough; without any, every
+    error is caught, and its type is in the message.
     """
     caught = kinds or (Exception,)
     try:

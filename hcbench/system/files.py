@@ -39,8 +39,10 @@ _SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")
 
 
 def user_folder(kind: Literal["cache", "data"]) -> Path:
-    """The folder where hcbench keeps files for this user;
-    $HCBENCH_CACHE, $HCBENCH_DATA override it.
+    """The folder where hcbench keeps files of a kind for this user; it may not exist yet.
+
+    It is the folder "hcbench" in $HCBENCH_CACHE or $HCBENCH_DATA, else in $XDG_CACHE_HOME or
+    $XDG_DATA_HOME, else where the system has such files.
     """
     base = os.environ.get(f"HCBENCH_{kind.upper()}") or os.environ.get(f"XDG_{kind.upper()}_HOME")
     if not base and sys.platform == "darwin":
@@ -57,8 +59,8 @@ def json_text(content: Any) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Parse JSON. ValueError for invalid text, for text nested too deeply for Python, and for a key
-    that an object has twice.
+    """Parse JSON. Raises ValueError for invalid text, for text nested too deeply for Python, and
+    for a key that an object has twice.
     """
     if isinstance(text, str):
         # Editors in Windows begin a file with a byte-order mark.
@@ -70,7 +72,9 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The object of these pairs. Of two values of a key Python would silently keep the last."""
+    """The object of these pairs. Raises ValueError for a key that comes twice: Python would
+    silently keep the last value.
+    """
     content: dict[str, Any] = {}
     for key, value in pairs:
         if key in content:
@@ -100,7 +104,7 @@ def is_file(path: str | Path) -> bool:
 
 
 def why_no_file(path: Path) -> str:
-    """The reason why a path cannot be read as a file, after its name."""
+    """The reason why a path cannot be read as a file, as it follows its name: "is a folder"."""
     if path.is_dir():
         return "is a folder"
     if path.exists():
@@ -119,8 +123,8 @@ def open_input(path: Path) -> BinaryIO:
     """Open a user's file for reading, or a stream that this process was given: /dev/stdin, the
     shell's <(...).
 
-    OSError for a folder and for any other pipe or device, which might never end; ValueError for a
-    name with a null character.
+    Raises OSError for a missing file, for a folder, and for any other pipe or device, which might
+    never end; ValueError for a name with a null character.
     """
     status = path.stat()
     if stat.S_ISREG(status.st_mode):
@@ -137,8 +141,9 @@ def open_input(path: Path) -> BinaryIO:
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """A file of at most `most` bytes, opened by `open_input`; OSError for a longer one,
-    regardless of the size that it states.
+    """The content of a file of at most `most` bytes, opened by `open_input`.
+
+    Raises as `open_input`, and OSError for a longer file, regardless of the size that it states.
     """
     with open_input(path) as file:
         content = file.read(most + 1)
@@ -154,7 +159,7 @@ def read_text(path: Path, encoding: str = "utf-8-sig", most: int = MOST_BYTES) -
 
 def require_small_archive(content: bytes) -> None:
     """Raise ValueError where the members of a zip file come to more than
-    MOST_BYTES; BadZipFile for none.
+    MOST_BYTES by the sizes that it states; zipfile.BadZipFile for another content.
     """
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
@@ -169,8 +174,8 @@ def write_text(path: Path, text: str) -> None:
 def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write a file whole or not at all, or through a device or pipe, and through links to either.
 
-    content: or its pieces, one after the other. UserError, or
-    OutputError, where it cannot be written.
+    content: or its pieces, one after the other. Raises as `unwritable`: UserError for a path at
+    which no file can be, OutputError where it cannot be written.
     """
     try:
         stream = _open_stream(path)
@@ -185,8 +190,8 @@ def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
 
 
 def _remove_left(folder: Path) -> None:
-    """Take away what killed processes were writing here: neighbours that
-    are older than any write lasts.
+    """Take away what killed processes were writing in a folder: files of `replace_file` that
+    are older than any write lasts. What cannot be removed stays.
     """
     for left in folder.glob(".hcbench-*.new"):
         with suppress(OSError):
@@ -229,8 +234,11 @@ def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = Fals
     """Write a file whole or not at all: a neighbour first, which is then
     renamed; OSError where that fails.
 
-    sync: wait until it is on disk.
+    path: of a regular or a missing file; a link is replaced, not followed.
+    content: or its pieces, one after the other.
+    sync: wait until the content is on disk.
     """
+    # Two processes, or two threads, never write the same neighbour.
     neighbour = path.parent / f".hcbench-{os.getpid()}-{threading.get_ident()}.new"
     try:
         with neighbour.open("wb") as file:
@@ -247,8 +255,10 @@ def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = Fals
 def unwritable(
     slot: str, path: Path | str, error: OSError, expected: str, advice: str = ""
 ) -> HcbenchError:
-    """A UserError for a path at which no file can be, an OutputError
-    for a full disk or a permission.
+    """The error of hcbench for a path that could not be written: a UserError where no file can be,
+    an OutputError for a full disk, a permission and anything else.
+
+    error: of the system. slot, expected, advice: of the new error.
     """
     if error.errno == errno.ENAMETOOLONG:
         return UserError(slot, f"{str(path)[:80]}...: {error.strerror}", "a shorter path")
@@ -264,8 +274,11 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
 
     names: files that it will write, as far as they are known before. Files that an earlier block
     wrote and this one did not are deleted, unless they were modified since: MANIFEST lists what was
-    written, with a digest of each. UserError, and nothing is written, where a file that is not of
-    an earlier block, or a link within the folder, is in the way.
+    written, with a digest of each.
+
+    Raises UserError, and nothing is written, where a file that is not of an earlier block, or a
+    link within the folder, is in the way; UserError or OutputError as `unwritable`; OutputError
+    where another process is writing into the folder.
     """
     made: list[Path] = []
     scratch: Path | None = None
@@ -294,10 +307,11 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
 
 @contextmanager
 def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
-    """A new folder in `folder`, locked until the block ends; those go
-    that killed processes left there.
+    """A new folder in `folder`, locked until the block ends and removed then; those that killed
+    processes left there are removed too.
 
-    alone: raises OutputError where another process, or block, has one there.
+    alone: raises OutputError where another process, or block, has one there. OSError where none can
+    be made.
     """
     # Locked, so that none is taken for left between its making and its locking;
     # one's own scratch folder is.
@@ -323,8 +337,10 @@ def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
-    """While no other process has the folder; OSError where one has it and
-    `wait` is False. Not on Windows.
+    """While no other process has the folder; on Windows, always.
+
+    wait: until the other process ends; else OSError where one has it, and where the folder is a
+    link.
     """
     try:
         import fcntl
@@ -343,7 +359,8 @@ def _move_all(scratch: Path, folder: Path) -> None:
     """Move all files of a scratch folder into `folder`. Files that an earlier block wrote there, and
     this one did not, are deleted, unless they were modified since.
 
-    Raises UserError where a file that is not of an earlier block is in the way.
+    Raises UserError, and moves nothing, where a file that is not of an earlier block is in the way;
+    OSError where a file cannot be moved.
     """
     earlier = _read_manifest(folder)
     # An atomic_folder within this one leaves its own manifest.
@@ -373,7 +390,11 @@ def _is_behind_link(folder: Path, name: str) -> bool:
 
 
 def _require_ours(folder: Path, names: Iterable[str], earlier: Mapping[str, str]) -> None:
-    """Raises UserError where writing a file would replace what an earlier block did not write."""
+    """Raise UserError where writing a file would replace what an earlier block did not write, or
+    would go through a link out of the folder.
+
+    names: of files to write, relative to the folder. earlier: digests of what was written, by name.
+    """
     for name in (MANIFEST, *names):
         path = folder / name
         is_ours = path.is_file() and (name == MANIFEST or name in earlier)
@@ -392,8 +413,8 @@ def _write_manifest(folder: Path, files: dict[str, str]) -> None:
 
 
 def _read_manifest(folder: Path) -> dict[str, str]:
-    """Files below `folder` that were written earlier, and their
-    digests; none where nothing says so.
+    """Names, relative to `folder`, of files that were written earlier, and their
+    digests; none without a MANIFEST that can be read.
     """
     try:
         content = parse_json(read_text(folder / MANIFEST))
@@ -417,7 +438,9 @@ def _digest(path: Path) -> str:
 
 @contextmanager
 def deferred_signals() -> Iterator[None]:
-    """Ctrl-C, TERM and HUP wait until the block is through; for moments, in the main thread."""
+    """Let Ctrl-C, TERM, HUP and ALRM wait until the block is through; for moments, in the main
+    thread. The first that came is then raised again. In another thread nothing changes.
+    """
     pending: list[int] = []
     handlers: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():

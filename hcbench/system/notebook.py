@@ -20,7 +20,10 @@ _LINES = 12
 
 
 class Shown:
-    """A result in at most 12 lines of text, as a table of pandas, and as that table in a notebook."""
+    """A result in at most 12 lines of text, as a table of pandas, and as that table in a notebook.
+
+    A subclass states `_lines` and `_rows`.
+    """
 
     __slots__ = ()
 

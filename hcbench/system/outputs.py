@@ -38,8 +38,9 @@ _TEXTS = {".xml", ".mjcf", ".urdf", ".sdf", ".toml", ".json", ".py", ".csv"}
 def write_output(path: Path, content: str | bytes, option: str, force: bool = False) -> None:
     """Write an output with its mark, whole or not at all, or through a device or a pipe.
 
-    option: the option that names it, such as "--page". Raises UserError where a file is in the way
-    that the same option did not write, and OutputError where it cannot be written.
+    option: the option that names it, such as "--page". force: replace any file.
+    Raises UserError where a file is in the way that the same option did not write, and for a path
+    at which no file can be; OutputError where it cannot be written.
     """
     _require_replaceable(path, option, force)
     if isinstance(content, str):
@@ -52,10 +53,12 @@ def require_outputs(
 ) -> None:
     """Raise what `write_output` would, before anything is computed.
 
-    Raises UserError also for an output that is an input, or the file of another option.
     outputs: files, by the options that name them.
-    inputs: arguments. Those that name files or folders, or functions of Python files, are read.
-        What these name in quotes, such as meshes, is an input too.
+    inputs: arguments of any type. Those that name files or folders, or functions of Python files,
+        are read. What these name in quotes, such as meshes, is an input too.
+    force: other files may be replaced, but never an input.
+    Raises UserError also for an output that is an input, a folder or in none, a circle of links, or
+    the file of another option; OutputError for a missing permission.
     """
     read = list(_existing(list(inputs)))
     seen: dict[Path, str] = {}
@@ -72,7 +75,7 @@ def require_outputs(
 
 
 def _leads_to_itself(path: Path) -> bool:
-    """Say whether a path is of links in a circle."""
+    """Say whether a path leads through links in a circle; False for any other error."""
     try:
         path.stat()
     except OSError as error:
@@ -93,7 +96,9 @@ def _without_function(name: str) -> str:
 
 
 def _existing(value: object) -> Iterator[Path]:
-    """Files and folders that an argument names, or several arguments."""
+    """Files and folders that an argument names, or several arguments; those that do not exist, and
+    arguments that name nothing, are passed over.
+    """
     if isinstance(value, tuple | list):
         for each in value:
             yield from _existing(each)
@@ -106,6 +111,9 @@ def _existing(value: object) -> Iterator[Path]:
 def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool) -> None:
     """Refuse an output that is a folder or in none, that is an input, or that would replace a file
     which the option did not write: UserError. OutputError for a missing permission.
+
+    option: the one that names it. inputs: files and folders that exist, see `_all_inputs`.
+    force: a file of another option may be replaced.
     """
     shown = sanitized(path)
     folder = path.absolute().parent
@@ -127,7 +135,8 @@ def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool
 def _require_replaceable(path: Path, option: str, force: bool) -> None:
     """Raise UserError for a file that does not have the mark of this option near its begin or end.
 
-    Nothing is in the way with `force`, nor of an empty file, a device or a standard stream.
+    path: of an output, which may not exist. Nothing is in the way with `force`, nor of an empty
+    file, a device or a standard stream.
     """
     if force or not path.is_file() or not path.stat().st_size or _is_standard_stream(path):
         return
@@ -158,7 +167,10 @@ def _is_same(path: Path, other: Path) -> bool:
 
 
 def _all_inputs(inputs: Iterable[Path]) -> Iterator[Path]:
-    """Inputs and the files that they name in quotes, and those name in turn."""
+    """Inputs and the files that they name in quotes, and those name in turn, each once.
+
+    inputs: files, and folders, whose texts count. Of more than _MOST_NAMED the rest is left out.
+    """
     waiting = list(inputs)
     seen = set[Path]()
     while waiting and len(seen) < _MOST_NAMED:
@@ -177,7 +189,9 @@ def _all_inputs(inputs: Iterable[Path]) -> Iterator[Path]:
 
 def _named(path: Path, content: bytes) -> list[Path]:
     """Files that a text names in quotes, beside it or in a folder that
-    it names, such as its meshes'.
+    it names, such as its meshes'; those that do not exist are left out.
+
+    path: of the text. content: its bytes.
     """
     names = set()
     for match in _QUOTED.findall(content):
@@ -203,10 +217,15 @@ def _mark(option: str) -> bytes:
 
 
 def _marked(content: bytes, option: str) -> bytes:
-    """The content with its mark: a last comment, or a text chunk before the last of a PNG."""
+    """The content with its mark: a last comment, or a text chunk before the last of a PNG. JSON
+    stays as it is, since it takes no comment.
+
+    option: the one that writes it.
+    """
     mark = _mark(option)
     if content.startswith(_PNG):
         chunk = b"tEXtComment\0" + mark
+        # Length of the data, type and data, checksum of these two. The last chunk has 12 bytes.
         framed = (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
         return content[:-12] + framed + content[-12:]
     if content.startswith((b"{", b"[")):

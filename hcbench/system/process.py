@@ -21,7 +21,11 @@ NAMES_OPTIONS = ContextVar("names_options", default=False)
 
 @contextmanager
 def memory_limit(more: int) -> Iterator[None]:
-    """Hold this process to `more` bytes above what it has, where the system knows such a limit."""
+    """Hold this process to `more` bytes above what it has, within the block, where the system knows
+    such a limit; elsewhere than on Linux nothing is limited.
+
+    Beyond it Python raises MemoryError. A lower limit that the process has already stays.
+    """
     try:
         import resource
 
@@ -30,6 +34,7 @@ def memory_limit(more: int) -> Iterator[None]:
         yield
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    # The first number of statm is the size of the address space, in pages.
     limits = [pages * resource.getpagesize() + more]
     limits += [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
     resource.setrlimit(resource.RLIMIT_AS, (min(limits), hard))

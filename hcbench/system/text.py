@@ -18,9 +18,10 @@ _UNSEEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 
 
 def sanitized(text: object, longest: int = _LONGEST) -> str:
-    """One line without control characters: no name can move a cursor, break a line or end a table.
+    """The text in one line without control characters, each of which is a "?": no name can move a
+    cursor, break a line or end a table.
 
-    longest: characters, before what is cut off.
+    longest: characters that are kept; a longer text then ends in "...".
     """
     shown = ""
     for character in str(text)[: longest + 1]:
@@ -34,8 +35,10 @@ def sanitized(text: object, longest: int = _LONGEST) -> str:
 
 
 def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines of a table, columns to the right, two spaces between;
-    one, where the lines are too long.
+    """Lines of a table, cells at the right of their columns, two spaces between columns;
+    one, where the lines would be longer than COLUMNS.
+
+    rows: of as many cells as the header.
     """
     lines = [header, *rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -53,7 +56,9 @@ def joined_names(names: Sequence[str]) -> str:
 
 
 def split_names(text: str) -> list[str]:
-    """Names of "a,b"; one with a comma in it is quoted, as in '"a, left",b'."""
+    """Names of "a,b"; one with a comma in it is quoted, as in '"a, left",b'. The inverse of
+    `joined_names`. Empty for a name that is too long.
+    """
     if '"' not in text:
         return text.split(",")
     try:
@@ -66,7 +71,9 @@ def split_names(text: str) -> list[str]:
 def without_empty(
     header: tuple[str, ...], rows: Sequence[tuple[str, ...]], name: str
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """A table without the column `name`, where no row has anything in it."""
+    """The header and rows of a table without the column `name`, where no row has anything in it;
+    else with it. Raises ValueError for a column that the table does not have.
+    """
     at = header.index(name)
     if any(row[at] for row in rows):
         return header, list(rows)
@@ -97,7 +104,7 @@ def number(value: float, digits: str = ".4f") -> str:
 
 
 def arguments(values: Mapping[str, Any]) -> str:
-    """Keyword arguments of a call."""
+    """Keyword arguments of a call as Python writes them: "alpha=0.3, kind='law'"."""
     words = []
     for name, value in values.items():
         text = shortest(value) if isinstance(value, float) else repr(value)
@@ -106,7 +113,9 @@ def arguments(values: Mapping[str, Any]) -> str:
 
 
 def time_step(step: float) -> str:
-    """A time step in s; as 1/240 where that is exact and no short decimal is."""
+    """A time step, s, as text that the command line reads: "0.001"; "1/240" where that is exact and
+    no decimal of six digits is.
+    """
     plain = f"{step:.6g}"
     if float(plain) == step or step <= 0:
         return plain

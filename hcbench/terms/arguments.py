@@ -71,8 +71,10 @@ _PARAMETERS = {
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Decorate a function so that it checks its arguments. NumPy numbers become
-    Python's; an argument of another type than annotated, or of an unknown name,
-    raises a UserError that names it.
+    Python's; an argument of another type than annotated, of an unknown name, that is missing or
+    one too many raises a UserError that names it.
+
+    Errors of hcbench that the function raises name its parameters, not options of commands.
     """
     signature = _spelled_out(function)
     names = signature.parameters
@@ -89,6 +91,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def outer(*args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the function with its arguments checked. Its own docstring takes this one's place."""
+        # Types are read at the first call: at import some are not defined yet.
         hints = _hints(function)
         # Each argument of `*files` counts as one of them.
         places = [*in_places, *after_them * len(args)]
@@ -106,6 +110,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             name_parameters(error, names)
             raise
         except TypeError:
+            # Of the call, if it does not fit the signature; else of the function itself.
             _require_bound(signature, args, kwargs, _hints(function))
             raise
 
@@ -119,7 +124,11 @@ def _require_bound(
     kwargs: Mapping[str, Any],
     hints: Mapping[str, Any],
 ) -> None:
-    """Raise a UserError that names the argument which a call lacks, or has too many of."""
+    """Raise a UserError that names the argument which a call lacks, or has too many of; return for
+    a call that fits the signature.
+
+    hints: types of the parameters, by name, for the words of the error.
+    """
     try:
         signature.bind(*args, **kwargs)
     except TypeError as error:
@@ -132,8 +141,8 @@ def _require_bound(
 
 
 def name_parameters(error: HcbenchError, names: Collection[str]) -> None:
-    """Let an error that leaves a function of Python name its parameters,
-    not options of the command line.
+    """Change an error in place so that it names parameters of a function, not options of the
+    command line; in a process that runs a command it stays as it is.
 
     names: of the parameters. Messages are written for the command line, which has an option for
     nearly every parameter; an option without a parameter, such as one of another program, stays.
@@ -157,7 +166,9 @@ def name_parameters(error: HcbenchError, names: Collection[str]) -> None:
 
 
 def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
-    """The signature, with each option of `**options: Unpack[...]` as a keyword of its own."""
+    """The signature of a function, with each option of `**options: Unpack[...]` as a keyword of its
+    own, whose default is None.
+    """
     signature = inspect.signature(function)
     parameters = list(signature.parameters.values())
     if not parameters or not str(parameters[-1].annotation).startswith("Unpack["):
@@ -172,7 +183,7 @@ def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
 
 def _plain(value: Any) -> Any:
     """Turn a NumPy number, or an array without dimensions, into a number of Python, which prints as
-    one; also inside lists, tuples, mappings.
+    one; also inside lists, tuples and dicts. Any other value is returned as it is.
     """
     if isinstance(value, np.ndarray) and not value.ndim:
         value = value[()]
@@ -194,8 +205,8 @@ def checked_fields(cls: C) -> C:
 
 @functools.cache
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
-    """Parameter -> annotation; those of types that are imported for
-    type checking only are left out.
+    """Type of each parameter, by its name, and of each option of `Unpack[...]`; parameters whose
+    types are imported for type checking only are left out, and so are not checked.
     """
     hints: dict[str, Any] = {}
     for name, annotation in function.__annotations__.items():
@@ -214,9 +225,9 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
 
 def _fits(value: Any, hint: Any) -> bool:
     """Say whether a value fits an annotated type; a list serves for a tuple, any real number for a
-    float.
+    float. True also for a type that cannot be told apart at run time.
     """
-    # The usual case, answered at once.
+    # The usual case, answered at once. An int may still be too large.
     if type(value) is hint and hint is not int:
         return True
     origin = get_origin(hint)
@@ -225,6 +236,7 @@ def _fits(value: Any, hint: Any) -> bool:
         test = next((test for kind, test in _GENERIC.items() if issubclass(origin, kind)), None)
     if test is not None:
         return test(value, get_args(hint))
+    # `isinstance` takes no protocol but those marked `runtime_checkable`.
     is_told_apart = getattr(hint, "_is_runtime_protocol", not getattr(hint, "_is_protocol", False))
     is_class = origin is None and isinstance(hint, type) and is_told_apart
     return not is_class or hint is Any or isinstance(value, hint)
@@ -253,6 +265,8 @@ def _is_array(value: Any, _: _Parts) -> bool:
 def _is_tuple(value: Any, parts: _Parts) -> bool:
     """Say whether a value is a tuple or list of such parts, or of any number of one where `...` is
     the last.
+
+    parts: types, as `tuple[...]` has them.
     """
     if not isinstance(value, tuple | list):
         return False
@@ -262,6 +276,9 @@ def _is_tuple(value: Any, parts: _Parts) -> bool:
 
 
 def _is_several(value: Any, parts: _Parts) -> bool:
+    """Say whether a value can be iterated and each of its items fits the first of the types; text
+    and mappings are one value. An iterator is used up by this.
+    """
     if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
         return False
     try:
@@ -306,7 +323,9 @@ _GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {
 
 
 def _words(hint: Any) -> str:
-    """Describe a type in words, for an error."""
+    """Describe an annotated type in words, for what an error expected: "a number", "text or a
+    path".
+    """
     origin = get_origin(hint)
     parts = get_args(hint)
     if origin in (Union, types.UnionType):

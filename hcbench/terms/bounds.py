@@ -63,9 +63,14 @@ def admits_beyond_bounds() -> bool:
 def require_bounds(
     slot: str, values: Iterable[float], quantity: str, unit: str = "", smallest: float | None = None
 ) -> None:
-    """Raise QuantityError for the first value beyond its bounds; 0 is none.
+    """Raise QuantityError for the first value that is not finite or whose size is beyond its
+    bounds; 0 is within them.
 
-    smallest: in place of the table's.
+    slot: what to call the value in the error.
+    values: SI. quantity: a name in BOUNDS; any other has SMALLEST and LARGEST, as all have within
+    `beyond_bounds`.
+    unit: SI, for the error.
+    smallest: in place of the table's, also within `beyond_bounds`.
     """
     low = 0.0
     high = math.inf

@@ -64,9 +64,9 @@ class ResultTable(FileTable):
 
 
 def mistake(expected: str, got: str = "", advice: str = "") -> PydanticCustomError:
-    """Make the error that a validator raises.
+    """Make the error that a validator raises, which `validate` turns into one of hcbench.
 
-    got: "" for the value as given.
+    expected, got, advice: of that error; got: "" for the value as given.
     """
     return PydanticCustomError(
         "mistake", "{expected}", {"expected": expected, "got": got, "advice": advice}
@@ -78,8 +78,8 @@ class InUnits:
     """Marks a field as a quantity: a number (SI) or text with a unit, read as SI.
 
     quantity: a name in `units.QUANTITIES`.
-    several: a tuple of them, each once.
-    least, above: bounds, SI.
+    several: a tuple of them, each once, in their order.
+    least, above: the lowest value that may be, and one that all must exceed, SI.
     """
 
     quantity: str
@@ -100,7 +100,11 @@ class InUnits:
         return core_schema.no_info_plain_validator_function(self.read)
 
     def read(self, value: Any) -> float | tuple[float, ...]:
-        """The quantity in SI; an error of Pydantic's for anything that is not one."""
+        """The quantity in SI, or with `several` a tuple of them.
+
+        Raises Pydantic's error of `mistake`, which `validate` turns into a UserError, for anything
+        that is not one.
+        """
         try:
             if not self.several:
                 return units.parse(value, self.quantity, least=self.least, above=self.above)
@@ -147,9 +151,10 @@ Steps = Annotated[tuple[float, ...], InUnits("timestep", several=True, above=0.0
 def read_toml(
     path: Path, error: type[UserError], slot: str, expected: str = "a TOML file"
 ) -> dict[str, Any]:
-    """The content of a TOML file; raises `error` where there is none.
+    """The content of a TOML file of at most 16 MiB.
 
-    expected: what the file should be.
+    error: its type, raised for a missing file, one that cannot be read, and one that is not TOML.
+    slot: what to call the file in it. expected: what the file should be, where it is missing.
     """
     # Imported here: it takes as long as most of what reads fields.
     import tomllib
@@ -170,9 +175,10 @@ def read_toml(
 def validate(
     table: type[T], content: Mapping[str, Any], error: type[UserError], slot: str = "{}"
 ) -> T:
-    """The content as a table; raises `error` for the first mistake.
+    """The content of a file, or a part of it, as a table.
 
-    slot: what an error calls a key, with {} for the path to it.
+    error: its type, raised for the first key that is wrong, unknown or missing.
+    slot: what it calls a key, with {} for the path to it, such as "run[0].speeds".
     """
     try:
         return table.model_validate(dict(content))
@@ -198,7 +204,12 @@ def validate(
 def _place(
     table: type[FileTable], location: Sequence[int | str]
 ) -> tuple[str, type[FileTable], str]:
-    """(path, innermost table, what was expected there) of what an error of Pydantic is about."""
+    """(path, innermost table, what was expected there, "" if nothing says it) of what an error of
+    Pydantic is about.
+
+    table: the whole. location: keys and places in lists from it on, and Pydantic's own words for
+    types, which are passed over.
+    """
     path = ""
     expected = ""
     # The type that the path leads to.
@@ -253,7 +264,11 @@ def read_numbers(
     error: type[UserError],
     slot: str,
 ) -> dict[str, float]:
-    """Options that are all numbers; raises `error` for what is unknown, missing or no number."""
+    """Options that are all numbers, as floats; those that are not given are left out.
+
+    options: by name. required, optional: names. error, slot: as of `validate`; raised for what is
+    unknown, missing, or no finite number.
+    """
     table = _numbers(tuple(required), tuple(optional))
     return validate(table, options, error, slot).model_dump(exclude_unset=True)
 

@@ -64,6 +64,9 @@ class Launch:
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        """Raise QuantityError for a speed or height below 0 or not finite, and a phase outside 0 to
+        1.
+        """
         if not 0.0 <= self.speed < math.inf:
             raise QuantityError("speed", f"{self.speed!r} m/s", "0 m/s or more, towards the plate")
         if not 0.0 <= self.phase < 1.0:
@@ -77,9 +80,8 @@ class Launch:
     ) -> Launch:
         """Drop a body so that it touches at `speed`, m/s, in a step's `phase`.
 
-        It starts at rest, or with less than one step's gain in speed.
-
-        share: as in `touching`.
+        It starts at rest, or with less than one step's gain in speed; without gravity it is
+        launched at its speed. Arguments are those of `touching`, which raises QuantityError.
         """
         return cls.touching(speed, phase, timestep, gravity, steps_most=math.inf, share=share)
 
@@ -102,10 +104,14 @@ class Launch:
         `steps_most` whole steps and the phase, or fewer, so that the body is never thrown upwards;
         if no whole step fits, it falls from rest, at the phase that results.
 
+        timestep: s. gravity: into the plate, m/s²; 0 gives a plain `Launch`.
+        slip, spin: at release, as of `Launch`.
         share: of g h, see `SpeedReading`: steps h keep (v + share g h)² + 2 g z.
+        Raises QuantityError as `Launch`.
         """
         if gravity <= 0.0:
             return cls(speed, phase, None, slip, spin)
+        # Speed that gravity gives in a step, m/s.
         gain = gravity * timestep
         steps = min(steps_most, math.floor(speed / gain - share - phase))
         if steps < 0:
@@ -124,8 +130,9 @@ class Launch:
         height: float | None = None,
         spin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> Launch:
-        """One that arrives at an angle from the normal, rad: the slip
-        is tan(angle) times the speed.
+        """One that is sent at an angle from the normal, rad: its slip, along the direction that it
+        is sent in, is tan(angle) times the speed, which is along the normal. Raises QuantityError
+        as `Launch`.
         """
         return cls(speed, phase, height, (speed * math.tan(round(angle, _ANGLE_DIGITS)), 0.0), spin)
 
@@ -154,9 +161,9 @@ class Launch:
 
     def clearance_in_phase(self, timestep: float, gravity: float) -> float:
         """`clearance`, m, with a height changed by up to half a step's way, so that the touch falls
-        into its phase.
+        into its phase; at the middle phase the height is as given.
 
-        gravity: into the plate, m/s².
+        timestep: s. gravity: into the plate, m/s².
         """
         if self.height is None:
             return self.clearance(timestep)
@@ -166,7 +173,7 @@ class Launch:
     def touch_speed(self, timestep: float, gravity: float) -> float:
         """Approach speed at touch, m/s: sqrt(v² + 2 g clearance).
 
-        gravity: into the plate, m/s².
+        timestep: s. gravity: into the plate, m/s².
         """
         if gravity == 0.0:
             return abs(self.speed)
@@ -175,10 +182,14 @@ class Launch:
         )
 
     def flight_time(self, timestep: float, gravity: float) -> float:
-        """Time from release to touch, s; infinite where the body does not arrive."""
+        """Time from release to touch, s; infinite where the body does not arrive.
+
+        timestep: s. gravity: into the plate, m/s².
+        """
         clearance = self.clearance(timestep)
         if clearance <= 0.0:
             return 0.0
+        # The mean speed of a fall is that of its ends.
         both = self.speed + self.touch_speed(timestep, gravity)
         return 2.0 * clearance / both if both > 0.0 else math.inf
 
@@ -212,13 +223,15 @@ class Trajectory:
         """The steps that matter, by the algorithm of Douglas and Peucker (1973).
 
         Straight lines over time between the kept steps pass all others within `tolerance` times the
-        largest penetration, rate and force. Both ends stay.
+        largest penetration, rate and force. Both ends stay. It has one step or more.
         """
         columns = np.array([self.penetration, self.rate, self.force])
         largest = np.abs(columns).max(axis=1, keepdims=True)
         columns = columns / np.where(largest > 0.0, largest, 1.0)
         last = len(self.time) - 1
-        kept, waiting = {0, last}, [(0, last)]
+        # Indices of the steps that stay, and stretches between two of them that may be split.
+        kept = {0, last}
+        waiting = [(0, last)]
         while waiting:
             start, end = waiting.pop()
             share = (self.time[start + 1 : end] - self.time[start]) / (
@@ -319,7 +332,7 @@ class Impact:
 
     @property
     def restitution(self) -> float:
-        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that
+        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975, of a body that parted; 0 for one that
         rested, NaN for any other end.
         """
         if self.status is Status.RESTED:
@@ -341,8 +354,8 @@ class Impact:
 
 
 def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:
-    """Mask of the places at which any of three arrays is not finite; of shape () if all numbers are
-    finite.
+    """Mask of the places at which any of three arrays, of one shape, is not finite; of shape () if
+    all numbers are finite.
     """
     # The sum is finite nearly always, and takes a tenth of the time.
     if np.isfinite(x.sum() + v.sum() + f.sum()):

@@ -57,7 +57,7 @@ class Field:
         return f"{self.meaning}, {self.unit}" if self.unit else self.meaning
 
     def of(self, source: Any) -> Any:
-        """The value that an object has, as JSON takes it."""
+        """The value that an object has, as JSON takes it. Raises AttributeError for none."""
         value = attrgetter(self.attribute or self.name)(source)
         return value.value if isinstance(value, Enum) else value
 

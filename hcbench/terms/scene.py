@@ -48,6 +48,7 @@ class Material:
     poisson_ratio: float
 
     def __post_init__(self) -> None:
+        """Raise SceneError for numbers that no body has."""
         E = self.young_modulus
         nu = self.poisson_ratio
         _require("young_modulus", 0 < E < math.inf, f"{E!r} Pa", "above 0 Pa")
@@ -59,7 +60,9 @@ class Material:
 class Scene:
     """The truth about a drop, SI, and the engine files that say the same.
 
+    name: of its folder. title: for people.
     form: "cup", the true concave plate; "plane", the equivalent sphere 1/(1/R1 + 1/R2) on a plane.
+    mass: of the ball, kg; the plate does not move.
     ball_radius: R1, m.
     plate_radius: R2, m, negative when concave, inf when flat.
     stiffness: k, N/m^exponent.
@@ -88,7 +91,7 @@ class Scene:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raise SceneError for a value that no such scene has."""
+        """Raise SceneError for the first value that no scene has, by its name in a scene.toml."""
         R1 = self.ball_radius
         R2 = self.plate_radius
         _require("ball.mass", 0 < self.mass < math.inf, f"{self.mass!r} kg", "above 0 kg")
@@ -119,6 +122,7 @@ class Scene:
         _require("gravity", 0 <= g < math.inf, f"{g!r} m/s^2", "0 m/s^2 or more, towards the plate")
         _require("friction", 0 <= self.friction < math.inf, f"{self.friction!r}", "0 or more")
         off = self.off_axis
+        # Distance from the axis that the ball's centre can have, m.
         room = 0.0
         allowed = "0 m: a plane has no axis"
         if self.form == "cup":
@@ -158,9 +162,12 @@ class Scene:
 
     @property
     def touch_offset(self) -> tuple[float, float, float]:
-        """From where the ball's centre is when it touches on the axis to where it touches, m."""
+        """Way of the ball's centre, (x, y, z) in m, from where it is in a touch on the axis to
+        where it is in this scene's touch.
+        """
         lift = 0.0
         if self.off_axis:
+            # The centre is on a circle of this radius about that of the plate.
             room = -self.plate_radius - self.ball_radius
             lift = room * (1.0 - math.cos(self.tilt))
         return self.off_axis, 0.0, lift
@@ -239,7 +246,8 @@ def built_in_folder(name: str) -> Path:
 def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
     """The scene in a folder (or of its scene.toml), else the built-in one of that name.
 
-    folder: where relative paths are looked up first. Raises SceneError.
+    folder: where relative paths are looked up first, before the current one and the built-in
+    scenes. Raises SceneError where none is found, and as `read_scene`.
     """
     if not isinstance(name_or_path, str | Path) or not str(name_or_path):
         raise SceneError("scene", f"{name_or_path!r}", "a scene's folder or name")
@@ -257,7 +265,11 @@ def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
 
 
 def read_scene(folder: Path) -> Scene:
-    """The scene of one folder; SceneError names the file, the slot and what to do."""
+    """The scene of one folder, by its scene.toml.
+
+    Raises SceneError, with the file and the key, for a file that cannot be read, a key that is
+    wrong, and a model file that is missing.
+    """
     path = folder / FILE
     file = validate(_File, read_toml(path, SceneError, "scene"), SceneError, f"{path}: {{}}")
     try:
@@ -267,7 +279,10 @@ def read_scene(folder: Path) -> Scene:
 
 
 def _models(file: _File, folder: Path) -> dict[str, dict[str, Path]]:
-    """Paths of an engine's own models, by engine and role. Raises SceneError."""
+    """Paths of an engine's own models, by engine and role. Raises SceneError for a missing file.
+
+    folder: of the scene, where the names start.
+    """
     models = {}
     for engine, roles in file.models.items():
         models[engine] = {role: _model(folder, engine, role, name) for role, name in roles.items()}
@@ -275,8 +290,10 @@ def _models(file: _File, folder: Path) -> dict[str, dict[str, Path]]:
 
 
 def _scene(file: _File, folder: Path) -> Scene:
-    """The scene that a file describes; values with units become SI. Raises SceneError or
-    QuantityError.
+    """The scene that a file describes; values with units become SI.
+
+    folder: of the scene, absolute, whose name the scene has. Raises SceneError for values that no
+    scene has and a missing model file, QuantityError for a stiffness that is none.
     """
     ball = file.ball
     plate = file.plate
@@ -299,7 +316,10 @@ def _scene(file: _File, folder: Path) -> Scene:
 
 
 def _model(folder: Path, engine: str, role: str, name: str) -> Path:
-    """The path of a model file; SceneError where it is not there."""
+    """The path of a model file in a scene's folder. Raises SceneError where it is not there.
+
+    engine, role: what the file is for, for the error. name: of the file, relative to the folder.
+    """
     path = folder / name
     _require(
         f"models.{engine}.{role}",

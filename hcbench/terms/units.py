@@ -30,8 +30,10 @@ RANGE_COUNT = 20
 
 @dataclass(frozen=True, slots=True)
 class QuantityKind:
-    """A kind of number: its SI unit, which a text must convert to, an
-    example for errors, an upper bound.
+    """A kind of number.
+
+    unit: SI, which a text must convert to; "" for a plain number.
+    example: for errors. below: a bound that no value reaches, SI.
     """
 
     name: str
@@ -122,7 +124,11 @@ def _registry() -> Any:
 
 @cache
 def _factor(unit: str, si: str) -> float:
-    """Return one `unit` in `si`. Raises Pint's own error for text that is not such a unit."""
+    """Return the size of one `unit` in the unit `si`.
+
+    Raises Pint's own error for text that is not such a unit, ValueError where an angle is in one of
+    the two alone.
+    """
     registry = _registry()
     quantity = registry.Quantity(1.0, registry.parse_units(unit))
     if ("radian" in str(quantity.to_root_units().units)) != ("rad" in si):
@@ -131,9 +137,10 @@ def _factor(unit: str, si: str) -> float:
 
 
 def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
-    """Return one `unit` in the SI unit of the kind.
+    """Return the size of one `unit` in the SI unit of the kind; 1 for the unit "".
 
-    text: all that the user wrote, for errors. exponent: n of N/m^n.
+    slot: what to call the quantity in an error. text: all that the user wrote, for errors.
+    exponent: n of N/m^n.
 
     Raises QuantityError for text that is not a unit, or one of another kind.
     """
@@ -181,10 +188,10 @@ def parse(
     quantity: a name in QUANTITIES.
     slot: what to call it in an error.
     exponent: n in N/m^n, for a stiffness.
-    least, above: bounds, SI.
+    least, above: the lowest value that may be, and one that it must exceed, SI.
 
     Raises QuantityError for text that is not such a quantity and for values not finite or out of
-    bounds.
+    bounds, those of `bounds.BOUNDS` among them.
     """
     kind = QUANTITIES[quantity]
     slot = slot or quantity
@@ -221,7 +228,7 @@ def is_real(value: object) -> bool:
 def without_pint(value: object, quantity: str, slot: str, exponent: float = 1.5) -> Any:
     """A quantity of Pint's as a number or an array, SI; any other value as it is.
 
-    quantity: a name in QUANTITIES. exponent: n in N/m^n.
+    quantity: a name in QUANTITIES. slot: what to call it in an error. exponent: n in N/m^n.
 
     Raises QuantityError for a unit of another kind.
     """
@@ -263,9 +270,8 @@ def parse_uncertain(
 
     The unit may stand behind both, or behind a pair in brackets.
 
-    least, above: bounds, SI.
-
-    Raises QuantityError.
+    value, quantity, slot, least, above: as of `parse`, which raises QuantityError. The bounds are
+    of the quantity; an uncertainty is 0 or more.
     """
     match = _UNCERTAIN.fullmatch(value) if isinstance(value, str) else None
     if match is None:
@@ -293,7 +299,10 @@ def _unit_of(text: str) -> str:
 
 
 def parse_max_error(value: object) -> float:
-    """Largest error of e that is allowed, 0 ... 1, from a number or its text. Raises QuantityError."""
+    """Largest error of e that is allowed, from a number or its text.
+
+    Raises QuantityError for anything else than a number of 0 ... 1.
+    """
     max_error = parse(value, "number", "max-error")
     # Also true for NaN, which no error is larger than.
     if not 0 <= max_error <= 1:
@@ -312,12 +321,13 @@ def parse_values(
     """Several quantities, shape (n,), SI: "4, 8, 16 in/s", "1:20 in/s" (20
     even values), "1:20:5 in/s" (5).
 
-    A list may mix all of these. A unit at the end alone holds for the whole list; otherwise each
-    item has its own, or none has one. Order is kept.
+    A list, in text or of Python, may mix all of these. A unit at the end of a text alone holds for
+    the whole text; otherwise each item has its own, or none has one. Order is kept.
 
-    least, above: bounds, SI.
+    quantity, slot, least, above: as of `parse`, for each value.
 
-    Raises QuantityError.
+    Raises QuantityError as `parse`, and for an empty list, another form, units at some values
+    only, and a comma that may be a decimal one.
     """
     kind = QUANTITIES[quantity]
     slot = slot or quantity
@@ -342,7 +352,12 @@ def parse_values(
 
 
 def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
-    """Numbers of a list or range in text, SI. Raises QuantityError."""
+    """Numbers of a list or range in text, SI, not held to any bounds.
+
+    slot: what to call it in an error. Raises QuantityError for another form, a comma that may be a
+    decimal one, units at some values only, text that is not a unit of the kind, and a range's count
+    as `_expand`.
+    """
     pieces = []
     for part in text.split(","):
         piece = _PIECE.fullmatch(part)
@@ -369,8 +384,9 @@ def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
 def _expand(text: str, slot: str, value: str) -> Floats:
     """The numbers of "first", "first:last" or "first:last:count".
 
-    value: all that the user wrote, for errors. Raises QuantityError for another count than 2 to
-    100 000.
+    Of a range without a count there are RANGE_COUNT, evenly from first to last, in the unit of the
+    text. slot, value: for errors, the latter all that the user wrote. Raises QuantityError for a
+    count that is not a whole number from 2 to 100 000.
     """
     first, *rest = map(_fraction, text.split(":"))
     if not rest:
@@ -387,7 +403,9 @@ def _require_bounds(
 ) -> None:
     """Raise QuantityError unless all numbers, in SI, are finite and within the kind's bounds.
 
-    value: what the user gave, for the message.
+    Bounds are those given here, the kind's `below`, and `bounds.BOUNDS`.
+
+    numbers: one or more. value: what the user gave, and slot: what to call it, for the message.
     least, above: the lowest number that may be, and one that all must exceed.
     """
     if not np.isfinite(numbers).all():
@@ -409,8 +427,10 @@ def _require_bounds(
 
 
 def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:
-    """Angular velocity, rad/s, about the directions of `Launch`: three numbers, or one about
-    that across, with which the body rolls on. Raises QuantityError.
+    """Angular velocity, rad/s, about the directions of `Launch`: along, across and the normal.
+
+    value: three numbers, or one about that across, with which the body rolls on; as numbers or as
+    text with a unit. Raises QuantityError as `parse_values`, and for any other count.
     """
     spin = parse_values(value, "spin", slot).tolist()
     if len(spin) not in (1, 3):

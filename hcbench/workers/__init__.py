@@ -63,13 +63,16 @@ def call(
     longest: float = math.inf,
     at: Interpreter | None = None,
 ) -> Result:
-    """Call `function(*args)` in a worker process and return its result.
+    """Call `function(*args)` in the worker process of this thread and return its result.
+
+    In a worker process of that interpreter already, it is called in place, without limits.
 
     limit: s of its processor time, after which the worker counts as hung; None: never.
     longest: s of the clock, likewise.
-    at: the interpreter of another environment.
+    at: the interpreter of another environment; None for this process' own.
 
-    Raises what the function raises, and WorkerDied.
+    Raises what the function raises; WorkerDied where the process crashed or passed a limit;
+    EngineMissing where the environment is gone; CannotRun where the pool of this thread was closed.
     """
     if _is_here(at):
         return function(*args)
@@ -82,7 +85,7 @@ def begin(module: str, function: str, *args: Any) -> None:
     """Start the worker process that `call` will use, and let it call a function of a module first.
 
     For what takes a worker a while, such as to import an engine, and this
-    process has other work meanwhile.
+    process has other work meanwhile. Nothing is waited for; what the function raises is dropped.
     """
     if not in_worker():
         worker_of_thread().begin(module, function, *args)
@@ -112,16 +115,20 @@ def map_surviving_crashes(
 
     function: `function(jobs, *args)` yields one result for each job, in order.
     lost: makes the result of a job that the worker died on, from the job and the reason.
-    limit: s for each job. together: how many jobs `function` has under way at a time; those that a crash
-        interrupted are run one by one, to find the one that causes it.
+    limit: s of processor time for each job. together: how many jobs `function` has under way at a
+    time;
+        those that a crash interrupted are run one by one, to find the one that causes it.
     give_up: crashes in a row, with no result in between, after which no other job is tried.
     at: as for `call`.
+
+    Raises what the function raises, EngineMissing and CannotRun as `call`. In a worker process
+    already, it is called in place, where a crash ends that process.
     """
     if _is_here(at):
         return list(function(jobs, *args))
     worker = worker_of_thread().at(at)
     results: list[Result] = []
-    # Jobs before suspects_end are run one by one.
+    # Crashes in a row, and the end of the jobs that are run one by one.
     crashes = suspects_end = 0
     while (done := len(results)) < len(jobs):
         alone = done < suspects_end
@@ -140,6 +147,7 @@ def map_surviving_crashes(
             results += death.results
             if death.results:
                 crashes = 0
+            # Any of the jobs that were under way may have caused it.
             if together > 1 and not alone:
                 suspects_end = len(results) + together
                 continue
@@ -190,7 +198,9 @@ class WorkerPool:
         return self._results(self.threads.map(partial(call, function, limit=None), jobs))
 
     def _results(self, results: Iterator[Result]) -> Iterator[Result]:
-        """Results as they come. Raises CannotRun where a process died."""
+        """Results as they come, in order. Raises what a job raises, and CannotRun where a process
+        died.
+        """
         try:
             yield from results
         except WorkerDied as death:

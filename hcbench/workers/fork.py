@@ -26,10 +26,16 @@ _POLL_S = 1e-3
 class Fork:
     """A copy of this process that runs a function and ends; waited for as subprocess.Popen's are.
 
+    Only on Linux. The copy is killed where this process ends first.
+
     returncode: as of Popen; None while the copy is not known to have ended.
     """
 
     def __init__(self, function: Callable[[], object]) -> None:
+        """Fork, and let the copy run `function`; in the copy this never returns.
+
+        Raises OSError where the system has no room for another process.
+        """
         self.returncode: int | None = None
         parent = os.getpid()
         # Python warns of forks where there are other threads: here those of BLAS.
@@ -62,6 +68,10 @@ class Fork:
                 os.kill(self.pid, signal.SIGKILL)
 
     def _wait(self, options: int) -> int | None:
+        """The exit code, negative for a signal; None while the copy runs, with WNOHANG.
+
+        options: of waitpid: 0 waits for the end.
+        """
         if self.returncode is None:
             try:
                 ended, status = os.waitpid(self.pid, options)
@@ -74,7 +84,11 @@ class Fork:
 
 
 def _run(parent: int, function: Callable[[], object]) -> NoReturn:
-    """Run a function; only os._exit leaves, as this is a copy of its parent's program."""
+    """Run a function in the copy and end with exit code 0, also where it raises.
+
+    parent: id of the process that forked. Only os._exit leaves: anything else would run on in the
+    program of the parent.
+    """
     try:
         ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
         # Objects of the parent's are not looked at again, so that both go on sharing its memory.
@@ -83,6 +97,7 @@ def _run(parent: int, function: Callable[[], object]) -> NoReturn:
             # The parent's own way to end at a signal is not the copy's.
             if callable(signal.getsignal(number)):
                 signal.signal(number, signal.SIG_DFL)
+        # A parent that ended before prctl was called has sent no signal.
         if os.getppid() == parent:
             function()
     finally:

@@ -30,8 +30,13 @@ from hcbench.workers.serve import CallEnd, FirstCall, pickled, serve, serve_fork
 
 
 def processor_seconds(number: int) -> float:
-    """Processor time of a process and its children, s; 0 if the system does not report it."""
+    """Processor time of a process and its ended children, s; 0 if the system does not report it.
+
+    number: of the process.
+    """
     try:
+        # proc(5): the name in brackets may hold spaces. utime, stime, cutime and cstime are fields
+        # 14 to 17, in ticks.
         fields = (
             Path(f"/proc/{number}/stat")
             .read_text(encoding="ascii", errors="replace")
@@ -89,7 +94,7 @@ class Worker:
         _workers.add(self)
 
     def reset_after_fork(self) -> None:
-        """Begin again: in the child of a fork, the process is its parent's."""
+        """Forget the process, without ending it: in the child of a fork, it is the parent's."""
         if self._process is not None:
             # There is nothing to wait for here.
             self._process.returncode = 0
@@ -117,8 +122,12 @@ class Worker:
         """Run the generator `function(*args)` in the worker and return all it yields, each within
         `limit` s of its processor time, and within `longest` s of the clock.
 
+        limit, longest: None and infinity for no limit.
+
         Raises what the function raises, and WorkerDied, with the results until then,
-        where it crashed or took longer.
+        where it crashed or took longer; EngineMissing where the environment of the interpreter is
+        gone; CannotRun where this worker was closed. The process that raised goes on, and serves
+        the next call; after any other end the next call starts another.
         """
         results: list[Result] = []
         with self._lock:
@@ -148,7 +157,8 @@ class Worker:
         """Start the process, unless there is one, and let it call a function of a module first.
 
         In a command it is a copy of this one, which imports nothing again, where the system can.
-        Nothing is waited for, and what the function raises is dropped.
+        Nothing is waited for, and what the function raises is dropped. Raises EngineMissing where
+        the environment of the interpreter is gone.
         """
         with self._lock:
             if self._process is None and not self._closed:
@@ -158,7 +168,7 @@ class Worker:
         """Start a process in place of the one before, as a copy of this one where that is safe.
 
         first: called in it before anything else. Raises CannotRun where
-        the worker was closed meanwhile.
+        the worker was closed, EngineMissing as `_spawn`.
         """
         self._kill()
         self._pipe, end = Pipe()
@@ -176,7 +186,7 @@ class Worker:
     def _spawn(self, end: Connection, first: FirstCall | None) -> subprocess.Popen[bytes]:
         """A fresh interpreter that serves one end of a pipe.
 
-        EngineMissing where its environment is gone.
+        first: called in it before any request. Raises EngineMissing where its environment is gone.
         """
         path = [str(entry) for entry in sys.path]
         setup = f"import sys; sys.path[:] = {path!r}"
@@ -203,9 +213,11 @@ class Worker:
     def _receive(
         self, results: list[Any], limit: float | None, longest: float = math.inf
     ) -> Exception | None:
-        """Append what the worker sends to `results`, and return the error that ended it.
+        """Append what the worker sends to `results`, until it says that the call has ended; return
+        the error that the function raised, None for none.
 
-        Raises TimeoutError after `limit` s of its time, or `longest` s, without an answer.
+        Raises TimeoutError after `limit` s of its time, or `longest` s, without an answer; EOFError
+        or OSError where the process has ended.
         """
         while self._answers(limit, longest):
             answer = self._pipe.recv()
@@ -224,6 +236,7 @@ class Worker:
         if limit is None or self._process is None:
             return self._pipe.poll(limit)
         begun = used = processor_seconds(self._process.pid)
+        # The pipe takes no longer wait; `longest` may be infinite.
         limit = min(limit, _LONGEST_S)
         end = time.monotonic() + longest
         wait = min(limit, longest)
@@ -239,7 +252,9 @@ class Worker:
 
     def _cause_of_death(self, error: Exception) -> str:
         """The reason why the process no longer answers, in words: too
-        late, a signal, or its exit code.
+        late, a signal, or its exit code; it has up to 5 s to end.
+
+        error: what `_receive`, or sending, raised.
         """
         if isinstance(error, TimeoutError):
             return str(error)
@@ -266,7 +281,7 @@ class Worker:
         self._kill()
 
     def _kill(self) -> None:
-        """End the process at once, and wait for its end."""
+        """End the process at once, and wait for its end; the next call starts another."""
         process = self._process
         self._process = None
         self._is_up = False
@@ -278,7 +293,7 @@ class Worker:
 
 def _inherit(handle: int) -> dict[str, Any]:
     """The arguments of Popen by which the process, and no other that is
-    just being started, gets a handle.
+    just being started, gets a handle: a file descriptor, or a handle of Windows.
     """
     if sys.platform == "win32":
         os.set_handle_inheritable(handle, True)
@@ -309,6 +324,8 @@ def worker_of_thread() -> Worker:
 def use_own_worker(worker: Worker | None = None) -> None:
     """Give the calling thread a worker process of its own, unless it
     has one; other threads share one.
+
+    worker: None for a new one, which is started at its first use.
 
     For the threads of executors other than a WorkerPool's: so many engines then run at once.
     """

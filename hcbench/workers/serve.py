@@ -39,7 +39,10 @@ class CallEnd:
 
 
 def pickled(value: Any) -> bytes:
-    """A value as every Python from 3.11 on reads it."""
+    """The bytes of a value, which `pickle.loads` of every Python from 3.11 on reads.
+
+    Raises what pickle raises for a value that it cannot take.
+    """
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer, _PROTOCOL)
     # Paths cross as text: Python 3.13 has their class in a module that others lack.
@@ -58,9 +61,11 @@ def as_path(text: str) -> Path:
 
 
 def portable(error: Exception) -> Exception:
-    """An error of Python's own or of hcbench as it is, any other in words.
+    """An error that the parent can read: one of Python's own or of hcbench as it is, any other as
+    an EngineFailed with its type and text.
 
-    Other packages' errors do not cross: to read one, the parent would have to import the engine.
+    Python's own get their traceback as a note, since a traceback does not cross. Other packages'
+    errors do not cross: to read one, the parent would have to import the engine.
     """
     package = type(error).__module__.partition(".")[0]
     if package not in ("builtins", "hcbench"):
@@ -81,7 +86,7 @@ def _c() -> Any:
 
 @contextmanager
 def redirect_output() -> Iterator[None]:
-    """Discard what is printed, also by C code.
+    """Discard what is printed within the block, also by C code.
 
     It concerns all threads, so it is for worker processes.
     """
@@ -111,7 +116,10 @@ def captured_output() -> Iterator[list[str]]:
 
 @contextmanager
 def _redirected(target: int) -> Iterator[None]:
-    """Let standard output and standard error go to an open file."""
+    """Let standard output and standard error go to an open file within the block.
+
+    target: its descriptor; it stays open.
+    """
     sys.stdout.flush()
     sys.stderr.flush()
     copies = [(fd, os.dup(fd)) for fd in (1, 2)]
@@ -160,8 +168,11 @@ def environment() -> str:
 
 
 def serve_forked(end: Connection, first: FirstCall | None) -> None:
-    """Be a worker process as a copy of its parent: with nothing open of
-    the parent's but a pipe's end.
+    """Be a worker process as a copy of its parent, until the pipe closes; it never returns.
+
+    Of what the parent has open, the copy keeps the pipe's end alone: another worker then sees its
+    own pipe close where the parent ends.
+    first: as for `serve`.
     """
     null = os.open(os.devnull, os.O_RDWR)
     for stream in range(3):
@@ -172,8 +183,13 @@ def serve_forked(end: Connection, first: FirstCall | None) -> None:
 
 
 def serve(handle: int, environment: str = "", first: FirstCall | None = None) -> NoReturn:
-    """The main loop of a worker process: answers requests on a pipe until it closes.
+    """The main loop of a worker process: answers requests on a pipe until it closes, and ends the
+    process then.
 
+    A request is a pickled (folder, function, arguments). The answer is each value that the function
+    yields, then a `CallEnd` with what it raised; the first `CallEnd` says that the process is up.
+
+    handle: descriptor of the pipe's end. environment: name of its Interpreter, "" for the user's.
     first: a module, a function of it and arguments, called before any
     request; what it raises is dropped.
     """

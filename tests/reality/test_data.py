@@ -160,6 +160,14 @@ def test_of_data_without_a_licence_the_download_is_named() -> None:
     assert data_sets.missing("cube") == ""
 
 
+def test_an_archive_without_a_clear_bounce_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "trajectories.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("tracks/index.csv", "number,x,y,z\n1,0,10,0\n2,0,20,0\n")
+    with pytest.raises(UserError, match="no track with a clear bounce"):
+        ball.read(path)
+
+
 def test_another_version_of_downloaded_data_is_noticed(tmp_path: Path) -> None:
     file = tmp_path / "spindoe" / ball.FILE
     file.parent.mkdir(parents=True)

@@ -22,7 +22,7 @@ from hcbench.benchmark.results import REST_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Impa
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.reporting.build import overview_drawing, page_text
-from hcbench.reporting.measurement_page import measurement_page
+from hcbench.reporting.measurement_page import explorer_of, measurement_page
 from hcbench.reporting.page import draw
 from hcbench.reporting.tables import views
 
@@ -461,3 +461,17 @@ def test_a_measurements_page_has_the_same_explorer(
     assert f"at most {slow.force_max:.3g} N" in words(page, "loop-words")
     assert page.locator("#explorer-panel-loop .plot:visible").count() == 2
     assert not page.locator(".still img").first.is_visible()
+
+
+def test_a_measurements_explorer_shows_impacts_along_the_normal_alone(tmp_path: Path) -> None:
+    (tmp_path / "soft.xml").write_text(SOFT)
+    launches = {"pair": "ball,plate", "speeds": [0.2, 0.4], "phases": 1, "alpha": 0.1}
+    verb: Any = hcbench.measure
+    curves = []
+    for angle in ("0, 80 deg", "80 deg, 0 deg"):
+        explored = explorer_of(verb(tmp_path / "soft.xml", angle=angle, **launches))
+        assert explored is not None
+        curves.append(json.loads(explored.data)["runs"][0]["e"])
+    straight = verb(tmp_path / "soft.xml", **launches)
+    assert curves[0] == curves[1]
+    assert curves[0] == pytest.approx([i.restitution for i in straight.impacts], abs=6e-6)

@@ -2,7 +2,7 @@
 pictures, and linear stand-ins.
 
 Section 3.1: "in some instances the response is significantly at variance with that of an equivalent
-linearized model". All values of a parameter are simulated side by side by `batched_ode`.
+linearized model". All values of a parameter are simulated side by side by `simulate.integrate`.
 """
 
 import math
@@ -37,8 +37,9 @@ class Orbits:
     """Motion over the values of a parameter, each from the same start; arrays of shape (values,
     kept cycles).
 
-    values: of the parameter, SI, shape (values,). position (m), velocity (m/s): at the end of each
-    cycle.
+    over: the parameter.
+    values: of the parameter, SI, shape (values,).
+    position (m), velocity (m/s): at the end of each cycle.
     highest, lowest: the largest and smallest q within each cycle, m.
     touches: impacts in each cycle.
     """
@@ -73,11 +74,14 @@ def orbits(
     """Simulate each value of the parameter for `cycles` periods of the
     drive and keep the last `keep`.
 
+    drive: its other numbers hold for all values.
     values: frequencies (Hz), amplitudes (N) or gaps (m).
+    position, velocity: at t = 0, m and m/s.
     tolerance: error of a step over the size of the motion.
     jobs: processes that share the values; the answer is the same to the last bit.
 
-    Raises UserError for values the system or the drive refuses.
+    Raises UserError for values the system or the drive refuses, and for a start without motion;
+    EngineFailed where no step is short enough; CannotRun where a process dies.
     """
     values = np.atleast_1d(np.asarray(values, dtype=float))
     require("values", values.size, values.size >= 1, "at least one value")
@@ -114,8 +118,11 @@ def _simulate(
     start: Floats,
     tolerance: float,
 ) -> Floats:
-    """Simulate these systems and drives side by side; rows as `Orbits` keeps them, shape (5, cases,
-    keep).
+    """Simulate these systems and drives side by side: position, velocity, highest, lowest and
+    touches, see `Orbits`, shape (5, cases, keep).
+
+    cases: systems that differ in their gap alone, and the drive of each.
+    start: position (m) and velocity (m/s). Raises as `orbits`.
     """
     system, _ = cases[0]
     position, velocity = start.tolist()
@@ -143,11 +150,19 @@ def _simulate(
 
 
 class _CycleRecorder:
-    """State at the end of each cycle, extremes of q and number of impacts within it."""
+    """State at the end of each cycle, extremes of q and number of impacts within it.
+
+    record: of the last cycles, shape (5, oscillators, keep): position (m), velocity (m/s), highest
+    and lowest q (m), and touches.
+    """
 
     def __init__(self, position: Floats, cycles: int, keep: int) -> None:
+        """Begin with the positions at t = 0, m, shape (oscillators,).
+
+        cycles: how many there will be. keep: how many of them, the last ones, are recorded.
+        """
         self.record = np.empty((5, position.size, keep))
-        # Column of `record` for the cycle that is under way.
+        # Column of `record` for the cycle that is under way; below 0 for one that is not kept.
         self.column = np.full(position.size, keep - cycles)
         self.highest = position.copy()
         self.lowest = position.copy()
@@ -221,7 +236,8 @@ def kelvin_voigt_blocks(system: VibroImpact, speed: float) -> VibroImpact:
 
     Each has the contact time and the restitution of its law (16) at `speed` (m/s), its
     contact ending at F = 0. It is what "equivalent linearized model" can mean with
-    clearance (reference [3] of the paper).
+    clearance (reference [3] of the paper). Raises UserError for blocks of another law, and for a
+    speed that is not above 0.
     """
     positive("speed", speed, "m/s")
 

@@ -68,9 +68,11 @@ def integrate(
 ) -> None:
     """Move every oscillator from y at t = 0 through its checkpoints.
 
+    system: the equations of all oscillators.
     y: shape (components, oscillators).
     checkpoints: times in s, rising, shape (checkpoints, oscillators).
     step_max: the longest step of each, s.
+    observe: called with each step that is taken, see `Observer`.
 
     Raises EngineFailed when an oscillator makes no headway.
     """
@@ -102,7 +104,7 @@ class _Batch:
     ) -> None:
         """Begin at t = 0, with the first step that the system proposes.
 
-        y: shape (components, oscillators).
+        system: the equations of all oscillators. y: states, shape (components, oscillators).
         checkpoints: times, s, rising, shape (checkpoints, oscillators).
         step_max: longest step, s, shape (oscillators,).
         observe: called with each step that is taken.
@@ -127,7 +129,7 @@ class _Batch:
 
         A good step is taken; a bad one is tried again with a shorter length. A step that passes a
         turning point or a switch begins a search for the length that ends there, which the next
-        tries go on with.
+        tries go on with. Raises EngineFailed where no step is short enough.
         """
         goal = self.goal[rows]
         no_goal = goal == NOTHING
@@ -157,7 +159,10 @@ class _Batch:
             self._take(rows[takes], h[takes], y[:, takes])
 
     def _try(self, rows: Indices, h: Floats) -> tuple[Floats, Floats]:
-        """y after steps of h (s), and the errors of these steps over the tolerance."""
+        """y after steps of h (s), and the errors of these steps over the tolerance, shape (rows,).
+
+        An error is Hairer's, of the embedded methods of orders 5 and 3.
+        """
         t = self.t[rows]
         y = self.y[:, rows]
         mode = self.mode[:, rows]
@@ -177,6 +182,7 @@ class _Batch:
         a limit says little about growth. Raises EngineFailed where no step is short enough.
         """
         good = error <= 1.0
+        # The error grows with h⁸: this factor makes it 0.9⁸ of the tolerance.
         factor = np.where(
             np.isfinite(error), 0.9 * np.maximum(error, 1e-16) ** -0.125, _LARGEST_CUT
         )
@@ -203,8 +209,8 @@ class _Batch:
         """Choose the next step of a search from the last one: by
         Newton's method, else by bisection.
 
-        h: length of the last step, s.
-        y: at its end.
+        h: length of the last step, s, shape (rows,).
+        y: states at its end, shape (components, rows).
         """
 
         def value(y: Floats) -> Floats:
@@ -224,7 +230,12 @@ class _Batch:
         self.h[rows] = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
 
     def _take(self, rows: Indices, h: Floats, y: Floats) -> None:
-        """Take these steps to y, and change the modes where they end on a switch."""
+        """Take these steps to y, and change the modes where they end on a switch; tell the
+        observer.
+
+        h: lengths of the steps, s, shape (rows,). y: states at their ends, shape (components,
+        rows).
+        """
         until = self.checkpoints[self.passed[rows], rows]
         arrived = h >= until - self.t[rows]
         before = self.mode[:, rows]
@@ -278,8 +289,11 @@ def simulate(
     drive: P in N over t in s, a `Sinusoid` or any smooth function (a rough one needs `step_max`,
     s).
     tolerance: error of a step over the size of the motion.
+    step_max: longest step, s; for a `Sinusoid` at most a tenth of its period.
 
-    Raises UserError for numbers that are not finite, from the caller or from the drive.
+    Raises UserError for numbers that are not finite, from the caller or from the drive, for a start
+    without motion, and for contacts too shallow to resolve over their gap; EngineFailed where no
+    step is short enough.
     """
     for slot, value, unit in (("position", position, "m"), ("velocity", velocity, "m/s")):
         require(slot, value, math.isfinite(value), f"a finite number in {unit}")
@@ -353,7 +367,9 @@ def _force_of(drive: Drive | None, times: Floats) -> Floats:
 
 
 def _checked(drive: Drive, time: float) -> float:
-    """Evaluate P in N at `time` (s); UserError unless it is a finite force."""
+    """P in N at `time` (s). Raises UserError unless the drive gives a number below _STRONGEST, and
+    where it raises; its errors of hcbench pass.
+    """
     expected = "a finite force, a number in N, at every time"
     try:
         value: object = drive(time)
@@ -385,7 +401,9 @@ def motion_size(
     its energy and the largest P (N).
 
     A depth X and a speed V with F(X, 0) X = m V², about those of an impact;
-    for a squeezed mass its swing.
+    for a squeezed mass its swing. position (m), velocity (m/s): of the start. force: largest P, N.
+
+    Raises UserError for a start without any energy.
     """
     half = system.gap / 2.0
     squeeze = system.squeeze
@@ -438,7 +456,7 @@ def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
 
 def _solve(rising: Drive, wanted: float) -> float:
     """Find x > 0, m, at which a rising function reaches a value, by bisection on a logarithmic
-    scale.
+    scale, from 1e-15 to 1e6 m; beyond, the nearer end.
     """
     low, high = 1e-15, 1e6
     for _ in range(60):

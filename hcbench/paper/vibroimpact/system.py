@@ -50,6 +50,7 @@ class Sinusoid:
 class VibroImpact:
     """The mass (kg), the gap g (m; negative: squeezed) and the law of each block.
 
+    right, left: laws of the blocks at q = g/2 and q = -g/2.
     depth_max: penetration (m) up to which the laws hold, such as `EllipticContact.depth_max()`; a
     gap that squeezes the mass further is refused.
     """
@@ -61,6 +62,9 @@ class VibroImpact:
     depth_max: float = math.inf
 
     def __post_init__(self) -> None:
+        """Raise UserError for a mass or depth that is not above 0, and for a gap that is not finite
+        or squeezes the mass too far.
+        """
         positive("mass", self.mass, "kg")
         require("gap", self.gap, math.isfinite(self.gap), "a finite gap in m; negative: squeezed")
         require("depth_max", self.depth_max, self.depth_max > 0.0, "a depth above 0 m")
@@ -79,8 +83,8 @@ class VibroImpact:
         return max(0.0, -self.gap / 2.0)
 
     def resultant(self, position: Floats | float, velocity: Floats | float) -> Floats:
-        """F_R - F_L in N, what the blocks do against q; positions (m)
-        and velocities (m/s) broadcast.
+        """F_R - F_L in N, the force of both blocks towards smaller q; positions (m)
+        and velocities (m/s) broadcast, and the result has their common shape.
         """
         q, v = np.broadcast_arrays(
             np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
@@ -98,7 +102,10 @@ def pressing(law: ForceLaw, penetration: Floats, rate: Floats) -> Floats:
 
 
 def stored(law: ForceLaw, penetration: float) -> float:
-    """Elastic energy ∫ F(x, 0) dx from 0 to `penetration` (m), J; 0 outside contact."""
+    """Elastic energy ∫ F(x, 0) dx from 0 to `penetration` (m), J; 0 outside contact.
+
+    In closed form for eq. (16), k x^(n+1)/(n+1); by quadrature for other laws.
+    """
     if penetration <= 0.0:
         return 0.0
     if isinstance(law, HuntCrossley):
@@ -159,7 +166,7 @@ class SimulatedMotion:
         return SimulatedMotion(**arrays, events=events)
 
 
-# The equations of a mass between two blocks for `batched_ode`: rates, switches and modes.
+# The equations of a mass between two blocks for `simulate.integrate`: rates, switches and modes.
 
 Modes: TypeAlias = NDArray[np.int8]
 Indices: TypeAlias = NDArray[np.intp]
@@ -190,9 +197,13 @@ class TwoSidedContact:
     belong to. Switch 0 or 1 is the surface of the right or left block, 2 or 3 where its force ends
     or returns.
 
-    half_gap: g/2 of each, m.
-    length, speed: the size of each motion, m, m/s; size: that of each component of y.
+    laws: of the right and the left block. mass: of every one, kg.
+    half_gap: g/2 of each, m, shape (masses,).
+    drive: P of each.
+    length, speed: the size of each motion, m, m/s, shape (masses,); size: that of each component
+    of y.
     tolerance: error of a step over those sizes.
+    energy_balance: whether y has the energies.
     """
 
     laws: tuple[ForceLaw, ForceLaw]
@@ -219,7 +230,12 @@ class TwoSidedContact:
         object.__setattr__(self, "size", np.array([self.length, self.speed, *rest]))
 
     def rates(self, t: Floats, y: Floats, mode: Modes, rows: Indices) -> Floats:
-        """dy/dt, shape of y."""
+        """dy/dt, shape of y: velocity, acceleration and, with the energy balance, the powers that
+        are lost and put in, W.
+
+        t: times, s, shape (r,). y: states, shape (components, r). mode: of both contacts, shape
+        (2, r). rows: numbers of the masses, shape (r,).
+        """
         x, w = self._sides(y, rows)
         force = np.where(mode == CONTACT, self._forces(x, w), 0.0)
         drive = self.drive(t, rows)
@@ -227,6 +243,8 @@ class TwoSidedContact:
         out[0] = y[1]
         out[1] = (drive - force[0] + force[1]) / self.mass
         if self.energy_balance:
+            # The force at rest stores energy. What the rest of the force takes is lost, and so is
+            # what was stored where the block no longer presses.
             elastic = np.where(mode == APART, 0.0, self._forces(x, np.zeros_like(w)))
             out[2] = ((force - elastic) * w).sum(axis=0)
             out[3] = drive * y[1]
@@ -250,7 +268,7 @@ class TwoSidedContact:
         return distances.min(axis=0), distances.argmin(axis=0)
 
     def transition(self, y: Floats, mode: Modes, switch: Indices, rows: Indices) -> Modes:
-        """The modes after these switches, shape (2, r).
+        """The modes of both contacts after these switches, shape (2, r).
 
         Surfaces switch between apart and contact, forces between contact and pulled off.
 
@@ -268,7 +286,10 @@ class TwoSidedContact:
         return np.where(surface, np.where(w > 0.0, CONTACT, APART), mode).astype(np.int8)
 
     def first_modes(self, y: Floats) -> Modes:
-        """The modes at t = 0, shape (sides, masses): at x = 0 the speed, then the drive, tells."""
+        """The modes at t = 0, shape (sides, masses): at x = 0 the speed, then the drive, tells.
+
+        y: states of all masses, shape (components, masses).
+        """
         rows = np.arange(y.shape[1])
         x, w = self._sides(y, rows)
         push = SIGNS * self.drive(np.zeros(rows.size), rows)
@@ -282,7 +303,9 @@ class TwoSidedContact:
         x^n begins without derivatives.
 
         With n = 3/2 the motion begins as x = v t - C t^(7/2): the error of
-        the step is about the tolerance.
+        the step is about the tolerance. Infinite where neither block is touched.
+
+        mode: of both contacts, shape (2, r). rows: numbers of the masses, shape (r,).
         """
         short = (
             min(0.05, 2.0 * self.tolerance ** (2.0 / 7.0)) * self.length[rows] / self.speed[rows]

@@ -51,13 +51,13 @@ _LOST = {"diverged": "loses the ball", "no-touch": "no contact", "crashed": "cra
 
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
-    """text, and what stands below it.
+    """One cell of a table of the page.
 
-    grade: of GRADES.
-    order: to sort by; None is last.
-    case: what it is of.
-
-    note: a sentence for who clicks it.
+    text: its words. below: a second, smaller line.
+    grade: its colour, one of GRADES.
+    order: number to sort its column by; None is last.
+    case: the one that it is of, shown on a click.
+    note: a sentence shown on a click.
     """
 
     text: str
@@ -69,9 +69,10 @@ class MatrixCell:
 
 
 def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, MatrixCell]]:
-    """Cells by column of each engine that ran under a gravity (m/s²) at a step (s).
+    """Cells by column, see COLUMNS, of each engine that ran under a gravity (m/s²) at a step (s).
 
-    First the engines that are nearest to the law by their own settings.
+    First the engines that are nearest to the law by settings whose e falls with speed, then by one
+    e, then by a plug-in.
     """
     made: dict[str, dict[str, MatrixCell]] = {}
     for engine in view.engines:
@@ -79,6 +80,7 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
             made[engine] = _row(view, engine, gravity, timestep)
 
     def order(engine: str) -> list[float]:
+        """Errors by which the rows are sorted, the first one deciding."""
         orders = []
         for column in (SETTINGS, CONSTANT, PLUGIN):
             value = made[engine][column].order
@@ -92,7 +94,7 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
 
 
 def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, MatrixCell]:
-    """One engine's cells by column.
+    """One engine's cells by column, see COLUMNS.
 
     gravity: m/s².
     timestep: s.
@@ -113,7 +115,11 @@ def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[
 
 
 def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> MatrixCell:
-    """Cell of the engine's default: its e, without gravity where it did not run under gravity."""
+    """Cell of the engine's default: the range of its e over speeds and phases, or in words why it
+    has none.
+
+    here: under the table's gravity; None where it did not run so: `without_gravity` stands in.
+    """
     case = here or without_gravity
     if case is None:
         return MatrixCell("not run", note=_ELSEWHERE)
@@ -130,9 +136,10 @@ def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> 
 
 
 def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> MatrixCell:
-    """The least error of a kind of settings, and which setting has it.
+    """Cell of the least error of a kind of settings, and which setting has it. Its note names
+    settings that are nearer by e, but add energy or lose impacts.
 
-    here: engine, gravity (m/s²), time step (s).
+    here: engine, gravity (m/s²), time step (s). kind: CONSTANT, SETTINGS or PLUGIN.
     """
     engine, gravity, timestep = here
     case = view.best(engine, gravity, timestep, kind)
@@ -174,7 +181,8 @@ def left_out(view: FieldView, case: Case) -> str:
 def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
     """Cell that says whether any setting of the engine adds energy at this step.
 
-    cases: of the engine at this step. The engine's own note on its energy stands beside.
+    cases: of the engine at this step. The engine's own note on its energy, with its source, is in
+    the cell's note.
     """
     about = energy_note(engine)
     note = ""
@@ -193,8 +201,8 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
 
 
 def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
-    """Below which impact speed a body stays down, with the engine's best
-    settings and with the plug-in.
+    """Cell of the impact speed below which a body stays down, m/s: the higher one of the engine's
+    best setting and its plug-in; None for one that did not run.
     """
     downs = [(view.stays_down(case), case) for case in (own, plugin) if case is not None]
     if not downs:
@@ -208,7 +216,10 @@ def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
 
 
 def _loop(view: FieldView, case: Case | None) -> MatrixCell:
-    """Cell that says whether the force over penetration of the best setting follows the law, too."""
+    """Cell that says whether the force over penetration of the best setting follows the law, too.
+
+    case: the best setting; None for none.
+    """
     if case is None:
         return MatrixCell("–")
     score = view.scores[case]
@@ -225,7 +236,10 @@ def _loop(view: FieldView, case: Case | None) -> MatrixCell:
 
 
 def _files(engine: str) -> MatrixCell:
-    """Cell of the kinds of files that hcbench opens with an engine."""
+    """Cell of the kinds of files that hcbench opens with an engine; "–" for none.
+
+    engine: its name, with a version or without.
+    """
     adapter = registry.adapter(registry.base_name(engine))
     if not isinstance(adapter, OpensModels):
         return MatrixCell(
@@ -268,10 +282,11 @@ _OBEDIENCE = {
 class CaseTable:
     """Verdicts of the conformance cases on each engine.
 
+    sentence: on which engines obey a restitution that is set.
     titles: of the cases, by id.
-    rows: of each engine its name and cells.
-    why: id -> engine -> reason.
-    changes: what another version of an engine changed.
+    rows: of each engine its name with its version, and its cells.
+    why: id -> engine with its version -> reason of a verdict.
+    changes: sentences on what another version of an engine changed.
     """
 
     sentence: str
@@ -284,6 +299,8 @@ class CaseTable:
 def case_table(scores: Sequence[EngineScore]) -> CaseTable:
     """The table of the engines that were measured: those that pass most
     first, versions in their order.
+
+    scores: of one engine in one version each, as `cases.score.measured` gives them.
     """
     most: dict[str, int] = {}
     for one in scores:
@@ -314,6 +331,8 @@ def _title(one: EngineScore) -> str:
 def _sentence(scores: Sequence[EngineScore]) -> str:
     """Sentence that sorts the engines, in the last version of each, by their obedience to a set
     restitution.
+
+    scores: versions of an engine in their order, the last one counts.
     """
     last = {one.engine: one for one in scores}
     parts = []
@@ -325,7 +344,7 @@ def _sentence(scores: Sequence[EngineScore]) -> str:
 
 
 def _cells(one: EngineScore) -> Iterable[MatrixCell]:
-    """Cells of one engine: its obedience, how many cases pass, then each verdict."""
+    """Cells of one engine: how it obeys a restitution, how many cases pass, then each verdict."""
     text, grade, _ = _OBEDIENCE.get(one.restitution or "", ("–", "none", ""))
     yield MatrixCell(text.format(f"{one.threshold:.2g}{NBSP}m/s"), grade=grade)
     yield MatrixCell(f"{one.passed} of {len(one.verdicts)}")

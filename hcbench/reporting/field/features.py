@@ -34,7 +34,11 @@ if TYPE_CHECKING:
 
 BALLS = (1, 100)
 _LAUNCHES = (Launch(0.1, 0.25), Launch(0.2, 0.5), Launch(0.4, 0.75))
+# Launch speed of the balls whose cost is measured, m/s.
+_SPEED = 0.4
+# Steps of one measurement of the cost.
 _STEPS = 100
+# Processor time of a probe, s: an engine that runs longer counts as hung.
 _LIMIT_S = 240.0
 # Duration of one measurement, about, s.
 _REPEAT_S = 0.3
@@ -44,8 +48,8 @@ _REPEAT_S = 0.3
 class Probe:
     """Probe of one setting.
 
-    repeats: whether the same launches give the same bits.
-    alone: and each by itself.
+    repeats: whether the same launches give the same bits again.
+    alone: whether each launch alone gives the same bits as together with the others.
     cost: number of balls that were simulated together -> s a ball and step.
     """
 
@@ -55,7 +59,9 @@ class Probe:
 
 
 def probe(setting: Setting, scene: Scene) -> Probe | None:
-    """Ask an engine, in its worker process; None where it cannot answer."""
+    """Probe a setting in the worker process of its engine; None for an engine that hcbench does not
+    step, and where it fails: missing, refusing, crashed or slower than _LIMIT_S.
+    """
     engine = registry.engine(setting.engine)
     if not isinstance(adapter_of(engine), SteppedEngine):
         return None
@@ -66,7 +72,9 @@ def probe(setting: Setting, scene: Scene) -> Probe | None:
 
 
 def _probe_here(setting: Setting, scene: Scene) -> Probe:
-    """Probe of a setting, in this process. Raises what the engine raises."""
+    """Probe of a setting, in this process, which is the engine's worker. Raises what the engine
+    raises.
+    """
     engine = cast("SteppedEngine", registry.engine(setting.engine))
     first = list(map(_bits, engine.run(scene, setting, _LAUNCHES)))
     again = list(map(_bits, engine.run(scene, setting, _LAUNCHES)))
@@ -92,10 +100,14 @@ def _bits(impact: object) -> bytes:
 def _cost(engine: SteppedEngine, setting: Setting, scene: Scene, balls: int) -> dict[int, float]:
     """Number of balls that were simulated together -> s a ball and
     step, the least of several times.
+
+    balls: how many are wanted; a world that has fewer places takes as many as it has. Each ball is
+    launched in another phase. Raises what the engine raises.
     """
-    with engine.load(scene, setting, 0.4) as world:
+    with engine.load(scene, setting, _SPEED) as world:
         together = min(balls, world.places)
-        launches = [Launch(0.4, (i + 0.5) / together) for i in range(together)]
+        launches = [Launch(_SPEED, (i + 0.5) / together) for i in range(together)]
+        # The least is that which other programs of the machine disturbed least.
         least = float("inf")
         begun = time.perf_counter()
         while least == float("inf") or time.perf_counter() - begun < _REPEAT_S:
@@ -116,9 +128,10 @@ def scene_of(view: FieldView) -> Scene:
 
 
 def csv_of(costs: Sequence[tuple[str, str, float, dict[int, float]]], machine: str) -> str:
-    """The costs as a file of its own.
+    """The costs as CSV: a line for each number of balls, in µs a ball and step.
 
-    costs: (engine, setting, step, as `Probe.cost`).
+    costs: (engine, setting, step in s, as `Probe.cost`). machine: a description, for a comment at
+    the top.
     """
     lines = [
         f"# CPU and load of one machine at one time: {machine}",
@@ -155,15 +168,18 @@ def energy_note(engine: str) -> Feature | None:
 def features(
     view: FieldView, probes: Mapping[str, Probe | None]
 ) -> list[tuple[str, list[Feature]]]:
-    """(engine, its cells in the order of FEATURES).
+    """(engine, its cells in the order of FEATURES) of each engine of the page.
 
-    probes: by engine.
+    probes: by engine; None, or none, for one that could not be probed.
     """
     return [(engine, _cells(view, engine, probes.get(engine))) for engine in view.engines]
 
 
 def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
-    """Cells of an engine, in the order of FEATURES."""
+    """Cells of an engine, in the order of FEATURES; "–" for one that nothing is known of.
+
+    engine: with its version. probe: None where it could not run.
+    """
     base = registry.base_name(engine)
     adapter = registry.adapter(base)
     # An engine that steps another's models has that engine's contact, except what its notes say.
@@ -195,7 +211,7 @@ def _threshold(stated: Feature, seen: str) -> Feature:
 
 
 def _bits_text(probe: Probe | None) -> str:
-    """Cell on whether a run repeats to the bit."""
+    """Text of the cell on whether a run repeats to the bit; "–" without a probe."""
     if probe is None:
         return "–"
     if not probe.repeats:

@@ -68,7 +68,9 @@ _LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", 
 
 
 def drawings(view: FieldView) -> list[Drawing]:
-    """The figures of a page, by name."""
+    """The figures of a page: errors over the step, and loops, which are empty where no contact of
+    the study is resolved.
+    """
     missing = ""
     make_loops = partial(loops_figure, view)
     if not any(_with_loops(view)):
@@ -82,8 +84,8 @@ def drawings(view: FieldView) -> list[Drawing]:
 
 
 def steps_figure(view: FieldView) -> Figure:
-    """Largest error of e over the step: nothing set, best setting,
-    plug-in; without gravity and with.
+    """Largest error of e over the step (s), a panel an engine: nothing set, best setting,
+    plug-in; without gravity and with, dashed. Errors beyond the panel are drawn at its edge.
     """
     figure, panels = _panels(view, view.engines)
     kinds: list[tuple[Callable[[str, float, float], Case | None], dict[str, Any]]] = [
@@ -124,7 +126,9 @@ def steps_figure(view: FieldView) -> Figure:
 
 
 def loops_figure(view: FieldView) -> Figure:
-    """Force over penetration of the finest step's best setting, the law's loop under it."""
+    """Force, kN, over penetration, µm, at the study's speed for steps: each engine's best setting
+    at the finest step that has a loop, the law's loop under it.
+    """
     cases = dict(_with_loops(view))
     figure, panels = _panels(view, list(cases))
     study = view.study
@@ -141,8 +145,8 @@ def loops_figure(view: FieldView) -> Figure:
 
 
 def _with_loops(view: FieldView) -> Iterator[tuple[str, Case]]:
-    """Each engine with its best setting at the finest step that has a loop; without those that
-    have none.
+    """Each engine with its best setting at the finest step that has a loop, under the study's first
+    gravity; without engines that have none.
     """
     for engine in view.engines:
         for step in view.steps:
@@ -153,7 +157,7 @@ def _with_loops(view: FieldView) -> Iterator[tuple[str, Case]]:
 
 
 def _panels(view: FieldView, engines: list[str]) -> tuple[Figure, list[tuple[str, Axes]]]:
-    """A panel for each engine, titled."""
+    """A figure, and a panel for each engine with its title: up to _COLUMNS side by side."""
     columns = min(_COLUMNS, max(1, len(engines)))
     rows = math.ceil(len(engines) / columns)
     figure = new_figure(0.6 + 2.55 * columns, 0.8 + 2.2 * rows)
@@ -166,7 +170,10 @@ def _panels(view: FieldView, engines: list[str]) -> tuple[Figure, list[tuple[str
 
 
 def _label(panels: list[tuple[str, Axes]], x: str, y: str) -> None:
-    """Labels of the outer axes alone: y on the left, x on the lowest panel of each column."""
+    """Label the outer axes alone: y on the left, x on the lowest panel of each column.
+
+    panels: of `_panels`. x, y: the labels.
+    """
     columns = min(_COLUMNS, len(panels))
     for i, (_, axes) in enumerate(panels):
         if i % columns == 0:
@@ -180,10 +187,12 @@ def _label(panels: list[tuple[str, Axes]], x: str, y: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class StepMatrix:
-    """The matrix at a step.
+    """The matrix at a step (s) under a gravity (m/s²).
 
     sentences: of `headline`.
-    rows: of `cells.rows`.
+    band: impact speeds, as text.
+    constant: largest error of the best constant e, as text.
+    rows: of `cells.rows`: engine -> column -> cell.
     """
 
     gravity: float
@@ -195,7 +204,7 @@ class StepMatrix:
 
 
 def tables(view: FieldView) -> list[StepMatrix]:
-    """The matrix of engines by condition at every step, with gravity and without."""
+    """The matrix of engines by condition at every step, under every gravity, the least first."""
     made = []
     for gravity in view.gravities:
         for step in view.steps:
@@ -212,7 +221,7 @@ def tables(view: FieldView) -> list[StepMatrix]:
 
 
 def setting_of(view: FieldView, case: Case) -> Setting:
-    """The setting that a case ran with."""
+    """The setting that a case ran with. Raises AssertionError for a case of another study."""
     for record in view.results.settings:
         key = (
             record["engine"],
@@ -226,7 +235,10 @@ def setting_of(view: FieldView, case: Case) -> Setting:
 
 
 def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
-    """Data for the page's script, as JSON: the tables, and each of their cases and texts once."""
+    """Data for the page's script, as JSON: the tables, and each of their cases and texts once.
+
+    made: the matrices, of `tables`. No name in it can end a script element of the page.
+    """
     numbers: dict[Case, int] = {}
     shown = [_table(table, numbers) for table in made]
     recipes = {}
@@ -249,7 +261,7 @@ def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
 def _table(table: StepMatrix, numbers: dict[Case, int]) -> dict[str, Any]:
     """A table as the script takes it.
 
-    numbers: of the cases so far; new ones are added.
+    numbers: of the cases so far; new ones are added in place.
     """
     table_rows = []
     for engine, row in table.rows.items():
@@ -279,9 +291,10 @@ def _cell(cell: MatrixCell, numbers: dict[Case, int]) -> list[Any]:
 
 
 def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
-    """e over speed (m/s): its mean, and its range over the launches where they differ.
+    """The panel of a case as the script takes it: title, sentences, e over impact speed (m/s), and
+    the number of its text to paste, None for none. `low` and `high` are there where phases differ.
 
-    texts: numbers of the texts to paste so far; that of the case is added.
+    texts: numbers of the texts so far; that of the case is added in place.
     """
     setting = "nothing set" if case.setting == STOCK else case.setting
     text = snippet(setting_of(view, case), "plane")
@@ -307,7 +320,7 @@ def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
 
 
 def _lines(view: FieldView, case: Case) -> list[str]:
-    """Sentences on a setting's error of e, its energy, and slow impacts."""
+    """Sentences on a setting's error of e, its energy, and slow impacts; none on what is not known."""
     off = view.off(case)
     down = view.stays_down(case)
     lines = []
@@ -325,7 +338,7 @@ def _lines(view: FieldView, case: Case) -> list[str]:
 
 
 def _source(view: FieldView, case: Case) -> str:
-    """The command that gives the same setting and its error."""
+    """The command that gives the same setting and its error; "" for nothing set."""
     if case.setting == STOCK:
         return ""
     low, high = view.speeds(case.timestep)[[0, -1]]
@@ -349,9 +362,13 @@ def build(
     """Write the field report into `folder` and return its page. All of it appears, or nothing.
 
     index.html, tables and figures are the same bytes for the same
-    results; cost.csv is of this machine.
+    results; cost.csv is of this machine: engines are run for it once more.
 
-    pool: draws figures side by side; tick: takes how many are drawn, and of how many.
+    pool: draws figures side by side; None: this process does.
+    tick: called with (figures drawn, figures in all).
+
+    Raises UserError where a file that hcbench did not write is in the way, OutputError where the
+    folder cannot be written.
     """
     view = FieldView(results)
     with atomic_folder(folder, PAGE) as scratch:
@@ -369,9 +386,8 @@ def build(
 
 
 def _probes(view: FieldView) -> dict[Case, features.Probe | None]:
-    """Each engine's best setting at the step nearest to 1 ms, else its default, with its features.
-
-    None for a setting whose probe could not run.
+    """Run the probe of each engine's usual setting, see `_usual_case`; an engine without one is
+    left out. None for a setting whose probe could not run.
     """
     probes = {}
     scene = features.scene_of(view)
@@ -383,7 +399,9 @@ def _probes(view: FieldView) -> dict[Case, features.Probe | None]:
 
 
 def _usual_case(view: FieldView, engine: str) -> Case | None:
-    """An engine's best setting without gravity at the step nearest to 1 ms, else its default."""
+    """An engine's best setting without gravity at the step nearest to 1 ms, by ratio; where it has
+    none at any step, its default; None where that did not run without gravity either.
+    """
     steps = sorted(view.steps, key=_far_from_usual)
     for pick in (view.best, view.stock):
         for step in steps:
@@ -398,7 +416,7 @@ def _far_from_usual(step: float) -> float:
 
 
 def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str:
-    """The table of computing time as CSV: engine, setting, step in s, and the cost by balls."""
+    """The table of computing time as CSV, see `features.csv_of`, of the settings probed."""
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     costs = []
     for case, of_case in probes.items():
@@ -410,10 +428,11 @@ def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str
 def page_text(
     view: FieldView, figures: list[dict[str, Any]], probes: dict[str, features.Probe | None]
 ) -> str:
-    """The page.
+    """The field page as HTML text. It opens with the strongest gravity and the step nearest to 1
+    ms.
 
     figures: what `draw` returns of each of `drawings`.
-    probes: by engine.
+    probes: by engine; None where it could not run.
     """
     made = tables(view)
     usual = min(made, key=lambda table: (-table.gravity, _far_from_usual(table.step)))

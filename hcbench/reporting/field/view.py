@@ -110,7 +110,9 @@ class FieldView:
 
     @cached_property
     def loops(self) -> dict[Case, pd.DataFrame]:
-        """Each case's loop at the study's speed for loops, in time order."""
+        """Each case's loop at the study's speed for steps, rows of LOOP_COLUMNS in time order; a
+        case without a kept loop at that speed is left out.
+        """
         table = self._of_alpha(self.results.loops)
         if table.empty:
             return {}
@@ -147,8 +149,8 @@ class FieldView:
         return registry.recipes(registry.base_name(case.engine)).get(case.setting)
 
     def kind(self, case: Case) -> str:
-        """STOCK; CONSTANT, one e for all speeds; SETTINGS, whose e falls with speed; or PLUGIN. ""
-        where this hcbench has no such recipe.
+        """Kind of a case's setting: STOCK; CONSTANT, one e for all speeds; SETTINGS, whose e falls
+        with speed; or PLUGIN. "" where this hcbench has no such recipe.
         """
         recipe = self.recipe(case)
         if recipe is None or not recipe.native:
@@ -157,7 +159,9 @@ class FieldView:
 
     def cases(self, engine: str, gravity: float, timestep: float, *kinds: str) -> list[Case]:
         """An engine's settings of some kinds at a step, OWN where none
-        is named, in the study's order.
+        is named, in the study's order; empty where it ran none.
+
+        engine: as it ran, with its version. gravity: m/s². timestep: s.
         """
         wanted = kinds or OWN
         cases = []
@@ -170,7 +174,8 @@ class FieldView:
     def best(self, engine: str, gravity: float, timestep: float, *kinds: str) -> Case | None:
         """The setting nearest to the law that loses no impact and gains no energy; None for none.
 
-        One that bounces over the whole band is before any that stays down somewhere.
+        One that bounces over the whole band is before any that stays down somewhere. Arguments are
+        those of `cases`.
         """
         cases = [
             c for c in self.cases(engine, gravity, timestep, *kinds) if math.isfinite(self.error(c))
@@ -192,8 +197,8 @@ class FieldView:
         return off
 
     def choice(self, case: Case) -> Mapping[str, Any] | None:
-        """Choice of `hcbench tune` that equals the case's setting, over the same speeds; None if
-        there is none.
+        """Choice of `hcbench tune`, as JSON, for the case's engine, gravity, step and α that has
+        its setting and the same band of speeds; None if there is none.
         """
         speeds = self.speeds(case.timestep)
         ends = [speeds[0], speeds[-1]]
@@ -215,8 +220,8 @@ class FieldView:
         return len(self.folded[case]) if choice is None else int(choice["scenes"])
 
     def off(self, case: Case) -> float:
-        """Largest |e - e of the law| of the impacts that bounced, as `tune` says
-        it where it does; NaN for none.
+        """Largest |e - e of the law| of the impacts that parted: as `tune` has found it, where it
+        has an answer with this setting; NaN where no impact parted.
         """
         choice = self.choice(case)
         if choice is not None:
@@ -228,6 +233,7 @@ class FieldView:
 
         Slower ones that come to rest have no e and do not count as errors.
         """
+        # The fastest that came to rest, m/s; NaN for none.
         rested = self.folded[case].rested
         if math.isnan(rested):
             return 0.0
@@ -293,7 +299,7 @@ _WORDS = (
 
 def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
     """Sentences that sort the engines at a step (s): those that follow the law by settings, by a
-    plug-in, or not.
+    plug-in alone, or not. An engine that ran in several versions is named once.
 
     gravity: m/s².
     """
@@ -338,7 +344,8 @@ def _following(
 ) -> list[str]:
     """Engines whose best setting of some kinds follows the law, by their names without versions.
 
-    timestep: s; gravity: m/s². kinds: of settings, such as PLUGIN.
+    engines: with their versions, as they ran. timestep: s; gravity: m/s². kinds: of settings, such
+    as PLUGIN.
     """
     following = []
     for engine in engines:
@@ -374,7 +381,9 @@ def band(view: FieldView, timestep: float) -> str:
 
 
 def versions(view: FieldView) -> str:
-    """Sentence on the differences between versions of an engine; "" if no engine ran in two."""
+    """Sentence on how far e differs between versions of an engine, each two of them; "" if no
+    engine ran in two.
+    """
     words = []
     for one, other in combinations(view.engines, 2):
         if registry.base_name(one) != registry.base_name(other):
@@ -393,8 +402,10 @@ def versions(view: FieldView) -> str:
 
 
 def _differences_of_e(view: FieldView, one: str, other: str) -> list[float]:
-    """Largest |difference of e| in each case that both engines ran; NaN
+    """Largest |difference of e| over the launches of each case that both engines ran; NaN
     where an e is missing in all rows.
+
+    one, other: engines with their versions.
     """
     differences = []
     for case, impacts in view.impacts.items():
