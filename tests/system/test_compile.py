@@ -148,7 +148,9 @@ def test_a_compiler_that_writes_no_library_is_named_and_its_file_is_not_kept(
 
 
 @pytest.mark.parametrize("named", [" ", "''", "'"])
-def test_a_cc_that_names_no_compiler_is_refused(named: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cc_that_names_no_compiler_is_refused(
+    named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("CC", named)
     with pytest.raises(UserError, match=r"^\$CC: .*CC=gcc"):
         _compile.compiler()
