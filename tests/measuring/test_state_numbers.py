@@ -17,7 +17,7 @@ from hcbench.system.errors import QuantityError
 def test_a_state_file_has_numbers_alone(value: Any, tmp_path: Path) -> None:
     state = tmp_path / "state.json"
     state.write_text(json.dumps({"hip": value}))
-    with pytest.raises(QuantityError, match="hip: .* expected numbers"):
+    with pytest.raises(QuantityError, match=r"hip: .* expected numbers"):
         read_state(state)
 
 
