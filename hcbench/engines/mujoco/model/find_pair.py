@@ -266,7 +266,7 @@ def require_collisions(pair: ContactPair) -> ContactPair:
 
 
 def _disabling(model: Any) -> str:
-    """The flag of the model that disables contacts, or all constraints, as MJCF has it; or ""."""
+    """The MJCF flag that disables contacts, or all constraints; "" where none does."""
     flags = backend().mjtDisableBit
     both = {"constraint": flags.mjDSBL_CONSTRAINT, "contact": flags.mjDSBL_CONTACT}
     off = [f'{name}="disable"' for name, bit in both.items() if model.opt.disableflags & bit]
