@@ -109,7 +109,8 @@ def _next_line(answer: Answer, script: Path | None, material: str | None) -> str
         if target.is_constant:
             asked = f"--restitution {target.points[0][1]:g}"
     line = f"hcbench measure {model} --pair {quote(joined_names(pair))} {asked}".rstrip()
-    return f'{line} --speeds "{low:.3g}:{high:.3g}:5 m/s"'
+    speeds = f"{low:.3g}:{high:.3g}:5" if low < high else f"{low:.10g}"
+    return f'{line} --speeds "{speeds} m/s"'
 
 
 def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:

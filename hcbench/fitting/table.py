@@ -9,6 +9,7 @@ import io
 import itertools
 import math
 import re
+import zipfile
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -148,7 +149,7 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
     except FileNotFoundError:
         raise UserError(str(path), "does not exist", "a file of measurements") from None
     except UnicodeDecodeError:
-        if path.suffix.lower() == ".zip":
+        if zipfile.is_zipfile(path):
             advice = "Unpack it and give its .csv"
             raise UserError(name, "a zip archive", "a file of numbers", advice) from None
         expected = "text in columns, or .wav"
@@ -410,6 +411,7 @@ _UNITS = frozenset(
         "cm/s",
         "mm/s",
         "km/h",
+        "mph",
         "ft/s",
         "in/s",
         "n",
@@ -429,9 +431,11 @@ _SHORT = re.compile(r"\s*([-+]?\d*[.,]?(\d*))\((\d+)\)\s*")
 
 def with_unit(name: str, unit: str) -> tuple[str, str]:
     """(name, unit) of "t/s", "time_s", "time, s", "height in cm"; "Latest: " is left out."""
+    # Keyboards have the Greek letter, Unicode the sign of micro too.
+    name, unit = (text.replace("\N{GREEK SMALL LETTER MU}", "µ") for text in (name, unit))
     name = _LATEST.sub("", name.strip()).strip().rstrip("/").strip()
     if unit:
-        return name, unit.replace("\N{GREEK SMALL LETTER MU}", "µ")
+        return name, unit
     match = _SUFFIX.fullmatch(name)
     if match is None or match[2] not in _UNITS:
         return name, ""

@@ -97,7 +97,7 @@ def read_joints(text: Any) -> Pose:
     if text is None:
         return ()
     if isinstance(text, Mapping):
-        return tuple((str(name), _numbers(name, values)) for name, values in text.items())
+        return tuple((str(name), _joint(name, values)) for name, values in text.items())
     pose: list[tuple[str, tuple[float, ...]]] = []
     for part in str(text).split(","):
         name, equals, values = map(str.strip, part.rpartition("="))
@@ -113,22 +113,32 @@ def read_joints(text: Any) -> Pose:
     return tuple(pose)
 
 
+def _joint(name: Any, values: Any) -> tuple[float, ...]:
+    """The values of a joint, or of a field of the state, in a mapping. Raises QuantityError."""
+    if isinstance(values, str):
+        return tuple(_values(name, values))
+    if name == "eq_active" and np.asarray(values).dtype == bool:
+        # MuJoCo's own are True and False.
+        values = np.asarray(values, dtype=float)
+    return _numbers(name, values)
+
+
 def _values(name: str, text: str) -> list[float]:
     """Numbers of a joint in text, rad or m: "-30 deg", "1 0 0 0", "2 cm". Raises QuantityError."""
     number, _, unit = text.rpartition(" ")
     if unit in _ANGLES:
-        return [_ANGLES[unit] * x for x in _numbers(name, number.split())]
+        text = number
     try:
-        return list(_numbers(name, text.split()))
-    except QuantityError:
+        numbers = _numbers(name, list(map(float, text.split())))
+        return [_ANGLES.get(unit, 1.0) * x for x in numbers]
+    except ValueError:
         return [units.parse(text, "position", f"qpos: {name}")]
 
 
 def _numbers(name: Any, values: Any) -> tuple[float, ...]:
     """The values of a joint as finite numbers; raises QuantityError for anything else."""
     try:
-        array = np.asarray(values)
-        numbers = () if array.dtype.kind == "c" else tuple(array.astype(float).reshape(-1).tolist())
+        numbers = tuple(units.real_array(values).reshape(-1).tolist())
     except (TypeError, ValueError):
         numbers = ()
     if not numbers or not all(map(math.isfinite, numbers)):

@@ -24,6 +24,7 @@ from hcbench.system.text import sanitized, table, without_empty
 from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Floats
 from hcbench.terms.options import BodyPair, ModelSource, Quantity
+from hcbench.terms.units import real_array
 
 _HEADER = (
     *("part", "on", "times", "normal m/s", "95 %", "most", "slide m/s", "most"),
@@ -74,7 +75,7 @@ def _arrays(trajectory: Any) -> dict[str, Floats]:
     try:
         for name in ("qpos", "qvel", "time"):
             if name in trajectory:
-                arrays[name] = np.asarray(trajectory[name], dtype=float)
+                arrays[name] = real_array(trajectory[name])
     except (TypeError, ValueError):
         raise UserError(
             "trajectory", "no numbers in it", "arrays qpos and qvel, a row a state"

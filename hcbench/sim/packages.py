@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from hcbench.system.errors import SceneError, UserError
-from hcbench.system.files import is_file, read_bytes
+from hcbench.system.files import is_file, is_folder, read_bytes
 
 Id = TypeVar("Id")
 
@@ -78,7 +78,7 @@ def read_packages(given: str | Mapping[str, str]) -> Packages:
     """
     packages = named_folders(given)
     for name, folder in packages:
-        if not (name and folder and Path(folder).is_dir()):
+        if not (name and folder and is_folder(folder)):
             got = name
             if folder:
                 got += f"={folder}"

@@ -34,6 +34,8 @@ _A_COMPILER = "a C compiler, such as cc, gcc or clang"
 _GET_ONE = "Install one, or: pip install 'hcbench[plugin]'"
 _WORKING = "a C compiler that works"
 _ANOTHER = "Name another by $CC, or: pip install 'hcbench[plugin]' and CC='python -m ziglang cc'"
+# A program that loads the library which its argument names.
+_LOAD = "import ctypes, sys; ctypes.CDLL(sys.argv[1])"
 # s: a new ziglang builds its own C library before the first compilation.
 _LIMIT_S = 600.0
 
@@ -51,12 +53,16 @@ def compiler() -> list[str]:
     Raises NotCompiled if none is found, UserError if $CC cannot be parsed.
     """
     if named := os.environ.get("CC"):
+        reason = "it names none"
+        command: list[str] = []
         try:
-            return shlex.split(named)
+            command = shlex.split(named)
         except ValueError as error:
-            raise UserError(
-                "$CC", f"{named!r}: {error}", "a compiler, as the shell would read it"
-            ) from None
+            reason = str(error)
+        if not command or not command[0]:
+            expected = "a compiler, as the shell would read it"
+            raise UserError("$CC", f"{named!r}: {reason}", expected, "Unset it, or: CC=gcc")
+        return command
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return [name]
@@ -121,26 +127,33 @@ def _compile(command: list[str], target: Path) -> None:
     """Compile a library, and put it and its digest at `target`, whole or not at all.
 
     command: the compiler's, without its output. target: in an existing folder. Raises NotCompiled
-    with what the compiler said, or why it could not be run; OSError where the file cannot be
-    written.
+    with what the compiler said, why it could not be run, or that what it wrote does not load;
+    OSError where the file cannot be written.
     """
+    name = command[0]
+    if named := os.environ.get("CC"):
+        name = f"CC={named}"
     # Built beside its place and renamed into it: another process may be building the same.
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         built = Path(folder) / target.name
         try:
             status, said = _run([*command, "-o", str(built)], folder)
         except subprocess.TimeoutExpired as error:
-            raise NotCompiled(f"{command[0]} ran for {_LIMIT_S:g} s", _WORKING, _ANOTHER) from error
+            raise NotCompiled(f"{name} ran for {_LIMIT_S:g} s", _WORKING, _ANOTHER) from error
         except (OSError, subprocess.SubprocessError) as error:
-            raise NotCompiled(
-                f"{command[0]} could not be run: {error}", _WORKING, _ANOTHER
-            ) from error
+            raise NotCompiled(f"{name} could not be run: {error}", _WORKING, _ANOTHER) from error
         if status:
-            raise _failure(command[0], said, target.parent)
+            raise _failure(name, said, target.parent)
         if not built.is_file():
-            raise NotCompiled(
-                f"{command[0]} ended without an error and wrote no library", _WORKING, _ANOTHER
-            )
+            reason = f"{name} ended without an error and wrote no library"
+            raise NotCompiled(reason, _WORKING, _ANOTHER)
+        # In a process of its own: a library that this one has loaded stays, and a bad one may end it.
+        status, said = _run([sys.executable, "-I", "-S", "-c", _LOAD, str(built)], folder)
+        if status:
+            lines = said.strip().splitlines() or [f"status {status}"]
+            why = lines[-1].removeprefix("OSError: ").removeprefix(f"{built}: ")
+            reason = f"{name} wrote what does not load as a library: {why}"
+            raise NotCompiled(reason, _WORKING, _ANOTHER)
         # Set regardless of the umask: hcbench loads no library that others may write to.
         built.chmod(0o755)
         digest = _digest(built).encode()

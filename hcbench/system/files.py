@@ -98,8 +98,16 @@ def is_file(path: str | Path) -> bool:
     """True for a file, or a link to one; False also for a name that no file can have."""
     try:
         return Path(path).is_file()
-    except OSError:
-        # For example a name that is too long.
+    except (OSError, ValueError):
+        # For example a name that is too long, or has a null character.
+        return False
+
+
+def is_folder(path: str | Path) -> bool:
+    """True for a folder, or a link to one; False also for a name that no folder can have."""
+    try:
+        return Path(path).is_dir()
+    except (OSError, ValueError):
         return False
 
 

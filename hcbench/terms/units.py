@@ -225,6 +225,21 @@ def is_real(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating)
 
 
+def real_array(values: object) -> Floats:
+    """Numbers as an array of floats, of the shape that they have.
+
+    Raises ValueError for text, booleans and anything else that NumPy would turn into numbers.
+    """
+    array = np.asarray(values)
+    has_others = array.dtype.kind not in "iuf"
+    if isinstance(values, list | tuple):
+        # NumPy makes 1 of a True beside numbers.
+        has_others |= any(isinstance(each, bool) for each in np.asarray(values, object).flat)
+    if has_others:
+        raise ValueError("not numbers alone")
+    return array.astype(float)
+
+
 def without_pint(value: object, quantity: str, slot: str, exponent: float = 1.5) -> Any:
     """A quantity of Pint's as a number or an array, SI; any other value as it is.
 

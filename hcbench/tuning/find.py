@@ -62,6 +62,8 @@ def find_answer(
     SearchInterrupted with the best so far where an interrupt ends a search.
     """
     registry.require(engine)
+    if integrator is not None:
+        _require_integrator(engine, integrator)
     scene = replace(scene, mass=target.mass, gravity=target.gravity, friction=target.friction)
     # A solid ball of the radius that the scene shows: friction acts on its spin.
     if target.friction and scene.form == "plane":
@@ -76,6 +78,19 @@ def find_answer(
         named = finder.choice("settings", make_tuned(*recipes[0], target, scene, integrator))
         return _answered(finder, asked, [named], named)
     return _answered(finder, asked, finder.choices(recipes, asked))
+
+
+def _require_integrator(engine: str, integrator: str) -> None:
+    """Raise SettingError for an integrator with which no recipe of the engine works."""
+    names: dict[str, None] = {}
+    for recipe in registry.recipes(engine).values():
+        if recipe.integrators is not None:
+            names |= dict.fromkeys(recipe.integrators.names)
+    if integrator not in names:
+        expected = "none: the engine has one alone"
+        if names:
+            expected = f"one of: {', '.join(names)}"
+        raise SettingError("integrator", f"{integrator!r} for {engine!r}", expected)
 
 
 def _answered(
@@ -329,7 +344,7 @@ class _Finder:
             return self.choice("exact", tuned)
         setting = recipe(target)
         low = exact_from(recipe, target)
-        if not low < target.speed_max:
+        if low > target.speed_max:
             return None
         train = LongestTrain(target.curve, _EXACT, target.speed_max)
         try:
@@ -378,7 +393,7 @@ def exact_from(recipe: Recipe, target: Target) -> float:
     low = target.speed_min
     # e at that speed decides how high the speed is: a fixed point.
     for _ in range(_TURNS):
-        if recipe.exact_above is None or not low < target.speed_max:
+        if recipe.exact_above is None or low > target.speed_max:
             break
         above = recipe.exact_above(float(target.restitution(low)))
         low = max(target.speed_min, above * target.gravity * target.timestep)

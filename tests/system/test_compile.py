@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from hcbench.system import compiler as _compile
+from hcbench.system.errors import UserError
 
 
 @pytest.fixture(scope="module")
@@ -133,3 +134,23 @@ def test_a_full_disk_is_not_answered_with_a_compiler(
     with pytest.raises(_compile.NotCompiled, match="expected room for the library") as caught:
         _compile.build("laws/impacts.c")
     assert "plugin" not in str(caught.value).partition(":")[2]
+
+
+@pytest.mark.parametrize("options", ["-E", "-c", "-S"])
+def test_a_compiler_that_writes_no_library_is_named_and_its_file_is_not_kept(
+    options: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path))
+    monkeypatch.setenv("CC", f"cc {options}")
+    with pytest.raises(_compile.NotCompiled, match=f"CC=cc {options} wrote .* not load"):
+        _compile.build("laws/impacts.c")
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("named", [" ", "''", "'"])
+def test_a_cc_that_names_no_compiler_is_refused(
+    named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", named)
+    with pytest.raises(UserError, match=r"^\$CC: .*CC=gcc"):
+        _compile.compiler()

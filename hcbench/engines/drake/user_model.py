@@ -346,8 +346,9 @@ def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
         else:
             raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, joints))
         if len(values) != count:
+            slot = "state" if name == "qpos" else "qpos"
             raise UserError(
-                "qpos", f"{name}: {len(values)} numbers", f"{count}: m, rad, quaternion w x y z"
+                slot, f"{name}: {len(values)} numbers", f"{count}: m, rad, quaternion w x y z"
             )
         positions[start : start + count] = values
     plant.SetPositions(context, positions)

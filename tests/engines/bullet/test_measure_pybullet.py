@@ -301,6 +301,10 @@ def test_a_restitution_in_another_simulators_tag_is_reported(files: tuple[Path, 
         (urdf("ball", SPHERE, float("nan")), "mass: 'nan'"),
         (urdf("ball", '<mesh filename="gone.obj"/>', 1), "gone.obj"),
         (
+            urdf("ball", SPHERE, 1, '<contact><restitution value="abc"/></contact>'),
+            "restitution: 'abc'; expected a finite number",
+        ),
+        (
             urdf("ball", '<sphere radius="five"/>', 1),
             "sphere: radius 'five'; expected a number above 0",
         ),

@@ -1,4 +1,4 @@
-"""What `tune pybullet` promises stays with the body, and `measure` reads it again."""
+"""Promises of `tune pybullet` stay with the body, and `measure` reads them again."""
 
 from __future__ import annotations
 

@@ -406,7 +406,12 @@ NO_TOUCH = 'contype="0" conaffinity="0"'
         (
             world(option="").replace("<option />", '<option><flag contact="disable"/></option>'),
             None,
-            "disabled",
+            'Remove <flag contact="disable"/> from <option>',
+        ),
+        (
+            world(option="").replace("<option />", '<option><flag constraint="disable"/></option>'),
+            None,
+            'Remove <flag constraint="disable"/> from <option>',
         ),
         (
             world().replace(

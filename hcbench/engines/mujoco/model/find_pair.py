@@ -268,7 +268,7 @@ def require_collisions(pair: ContactPair) -> ContactPair:
     second = pair.second
     every = itertools.product(first.geoms, second.geoms)
     meeting = [geoms for geoms in every if can_meet(model, geoms)]
-    if not meeting or _are_contacts_off(model):
+    if not meeting or _disabling(model):
         if model.body_weldid[first.body] or model.body_weldid[second.body]:
             raise no_contact_error(pair)
         raise immobile_error(pair)
@@ -280,10 +280,12 @@ def require_collisions(pair: ContactPair) -> ContactPair:
     )
 
 
-def _are_contacts_off(model: Any) -> bool:
-    """True if a flag of the model disables contacts, or all constraints."""
+def _disabling(model: Any) -> str:
+    """The MJCF flag that disables contacts, or all constraints; "" where none does."""
     flags = backend().mjtDisableBit
-    return bool(model.opt.disableflags & (flags.mjDSBL_CONTACT | flags.mjDSBL_CONSTRAINT))
+    both = {"constraint": flags.mjDSBL_CONSTRAINT, "contact": flags.mjDSBL_CONTACT}
+    off = [f'{name}="disable"' for name, bit in both.items() if model.opt.disableflags & bit]
+    return f"<flag {' '.join(off)}/>" if off else ""
 
 
 def no_contact_error(pair: ContactPair) -> UserError:
@@ -306,9 +308,14 @@ def no_contact_error(pair: ContactPair) -> UserError:
         kinds.append(kind.removeprefix("mjGEOM_").lower())
         mask = f"{model.geom_contype[geom]}/{model.geom_conaffinity[geom]}"
         masks.append(f"{geom_name(model, geom)} has {mask}")
-    reason = "disabled" if _are_contacts_off(model) else collision_filter(model, *geoms)
+    flag = _disabling(model)
+    reason = "disabled" if flag else collision_filter(model, *geoms)
     got, *expected = {
-        "disabled": ("contacts are disabled", 'no <flag contact="disable"/>'),
+        "disabled": (
+            f"contacts are disabled, by {flag}",
+            "contacts",
+            f"Remove {flag} from <option>",
+        ),
         "exclude": ("<exclude> names their bodies", "no <exclude> for them"),
         "masks": (
             f"contype/conaffinity do not match ({', '.join(masks)})",

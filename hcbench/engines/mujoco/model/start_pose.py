@@ -193,8 +193,9 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
     else:
         raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, names))
     if len(values) != len(target):
+        slot = "state" if name in STATE_FIELDS else "qpos"
         raise UserError(
-            "qpos", f"{name}: {len(values)} numbers", f"{len(target)}: m, rad, quaternion w x y z"
+            slot, f"{name}: {len(values)} numbers", f"{len(target)}: m, rad, quaternion w x y z"
         )
     target[:] = values
 

@@ -237,6 +237,9 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
     for mass in root.iter("mass"):
         text = mass.get("value") or mass.text or ""
         _check_number(path, "mass", text, "0 kg (fixed) or more", lambda mass: 0 <= mass < math.inf)
+    for element in root.iterfind(".//link/contact/*[@value]"):
+        # Bullet takes text for 0.
+        _check_number(path, element.tag, element.get("value"), "a finite number", math.isfinite)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
         # Bullet itself looks for packages and absolute paths.
