@@ -136,6 +136,9 @@ class PybulletWorld(World):
     gravity and the contact changes a ball's velocity.
     """
 
+    # Looking at a chunk takes as long as some fifty steps of a ball.
+    least_steps = 32
+
     def __init__(
         self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float
     ) -> None:
