@@ -10,13 +10,15 @@ import signal
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
 
 from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.sim import registry
+from hcbench.tuning import find
+from hcbench.tuning.tuned import Tuned, make_tuned
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -147,3 +149,22 @@ def with_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """
     if not os.access(Path.home(), os.W_OK):
         monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path / "cache"))
+
+
+_TUNED: dict[str, Tuned] = {}
+
+
+def _tuned_once(recipe: Any, why: str, *question: Any) -> Tuned:
+    """What `make_tuned` returns, which depends on nothing but its arguments."""
+    key = repr((recipe.engine, recipe.name, why, *question))
+    if key not in _TUNED:
+        _TUNED[key] = make_tuned(recipe, why, *question)
+    return _TUNED[key]
+
+
+@pytest.fixture
+def tuned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`tune` finds what an earlier test has asked: pages, commands and
+    Python ask the same, and tests of texts are about how it is told.
+    """
+    monkeypatch.setattr(find, "make_tuned", _tuned_once)

@@ -12,6 +12,8 @@ from hcbench.benchmark.plan import versions_here
 from hcbench.cli import COMMANDS, run
 from hcbench.sim.backend import installed_version
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 # The case of section 3.1, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf. e
 # from the closed form in 50 digits; depth and force are the true extremes of the loop, which the
 # steps of an ODE miss by up to 0.1 and 0.3 %.

@@ -9,6 +9,8 @@ import pytest
 
 from hcbench.cli import run
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PLUG_IN = """<mujoco><option timestep="0.002"/>
 <extension><plugin plugin="hcbench.restitution"><instance name="bounce">

@@ -16,6 +16,8 @@ from hcbench.sim import registry
 from hcbench.terms.setting import Setting
 from hcbench.tuning.answer import Answer, Choice
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 G, STEP = 9.81, 2e-3
 SLOPE = math.radians(5)
 BALL = (0.05, 'type="sphere" size="0.05"')
