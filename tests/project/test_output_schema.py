@@ -46,7 +46,7 @@ COMMANDS = (
         "--friction",
         "0",
     ),
-    ("tune MODEL", *BALL, "--restitution", "0.5"),
+    ("tune MODEL", *BALL, "--restitution", "0.5", "--max-error", "1"),
     ("fit", "examples/recording/drop.wav"),
     ("pairs", "examples/good.xml"),
     ("land", "examples/good.xml", "--heights", "2 cm"),
