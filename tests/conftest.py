@@ -155,7 +155,7 @@ _TUNED: dict[str, Tuned] = {}
 
 
 def _tuned_once(recipe: Any, why: str, *question: Any) -> Tuned:
-    """What `make_tuned` returns, which depends on nothing but its arguments."""
+    """The result of `make_tuned`, which depends on nothing but its arguments."""
     key = repr((recipe.engine, recipe.name, why, *question))
     if key not in _TUNED:
         _TUNED[key] = make_tuned(recipe, why, *question)
@@ -165,6 +165,6 @@ def _tuned_once(recipe: Any, why: str, *question: Any) -> Tuned:
 @pytest.fixture
 def tuned_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """`tune` finds what an earlier test has asked: pages, commands and
-    Python ask the same, and tests of texts are about how it is told.
+    Python ask the same, and a test of a text needs no second search.
     """
     monkeypatch.setattr(find, "make_tuned", _tuned_once)
