@@ -41,6 +41,8 @@ def pytest_configure(config: pytest.Config) -> None:
     # Engines that a user added are none of the tests', but for those of `make test-engines`.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as of a shell's job in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    # The tests start hundreds of processes: each would compile all that it imports.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     os.environ["HCBENCH_DATA"] = os.environ.get("HCBENCH_ENGINES") or os.devnull
     config.addinivalue_line("markers", "slow: half a minute; -m 'not slow' leaves it out")
     config.addinivalue_line(

@@ -35,7 +35,7 @@ COMMANDS = [
     'law --alpha "0.008 s/in" --speed "4, 8, 12, 16 in/s"',
     "engines",
     "materials",
-    'tune pybullet --alpha "0.3 s/m" --timestep "2 ms" --speeds "0.1:2 m/s" --write-scene drop.py',
+    'tune pybullet --alpha "0.3 s/m" --timestep "2 ms" --plugin --write-scene drop.py',
     "fit drop.wav",
     "pairs my.xml",
     "measure my.xml --pair ball,plate",
