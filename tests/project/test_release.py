@@ -44,7 +44,7 @@ COMMANDS = [
     'convert --alpha "0.008 s/in" --speed "8 in/s" --timestep 1e-3',
     "report my/study.toml --out my/report --jobs 2",
     "sweep my/study.toml --out my/sweep --jobs 2",
-    "cases run mujoco pybullet",
+    "cases run mujoco pybullet --case C01 --case C09",
     "plugin mujoco",
 ]
 README = re.findall(
