@@ -217,7 +217,7 @@ MODEL = """<mujoco><option timestep="0.001"/><worldbody><geom name="plate" type=
 
 def test_the_scene_that_tune_writes_passes_its_own_check_under_gravity(tmp_path: Path) -> None:
     scene, law = str(tmp_path / "tuned.xml"), ["--alpha", "0.301 s/m"]
-    band = ["--timestep", "1e-3", "--speeds", "0.2:1.4 m/s", "--write-scene", scene]
+    band = ["--timestep", "1e-3", "--speeds", "0.2:1.4 m/s", "--plugin", "--write-scene", scene]
     assert run(["tune", "mujoco", *law, *band]) == 0
     assert run(["check", scene, "--pair", "ball,plate", *law, "--speeds", "0.3, 1 m/s"]) == 0
 
