@@ -7,6 +7,7 @@ unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of processes: each 
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+COMPILED := $(VENV)/.compiled
 REPORTING := $(VENV)/.reporting
 LOWEST := .venv-lowest
 NEWEST := .venv-newest
@@ -27,7 +28,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check mutants test-plugins test-answers answers test-searches test-lowest test-newest versions test-models test-reality test-engines bench site check format lock clean
+.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check mutants test-plugins test-answers answers test-searches test-lowest test-newest versions test-models test-reality test-engines bench site check lint types format lock clean
 
 DIGESTS := reports/steel-1lb/hcbench-files.json
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
@@ -131,10 +132,19 @@ mutants: $(INSTALLED)  ## small changes of the physics in a copy, one by one: th
 site: docs  ## the documentation and the reports in one folder, site/, that any static host takes
 	$(BIN)/python docs/site_folder.py docs/_build/html site
 
-check: $(INSTALLED) docs
+check: $(INSTALLED)  ## the documentation, lint and types, side by side; in a new environment the tests are compiled, too
+	+@$(MAKE) --no-print-directory -j3 docs lint types $(COMPILED)
+
+lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)
 	$(BIN)/mypy
+
+$(COMPILED): $(INSTALLED)  # once, in place of once in each tester
+	$(BIN)/python -m pytest --collect-only --quiet >/dev/null
+	touch $@
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -270,7 +270,7 @@ TUNE_MODEL = record(
         "material": NotRequired[Text],
         "max_error": Number,
         "gains": bool,
-        "passive": dict[str, bool],
+        "passive": dict[str, bool | None],
         "pairs": list[TUNED_PAIR],
         "before": record("Before", {**STANDING, "pairs": list[TUNED_PAIR]}),
         "after": record("After", STANDING),

@@ -10,13 +10,15 @@ import signal
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
 
 from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.sim import registry
+from hcbench.tuning import find
+from hcbench.tuning.tuned import Tuned, make_tuned
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,6 +41,8 @@ def pytest_configure(config: pytest.Config) -> None:
     # Engines that a user added are none of the tests', but for those of `make test-engines`.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as of a shell's job in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    # The tests start hundreds of processes: each would compile all that it imports.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     os.environ["HCBENCH_DATA"] = os.environ.get("HCBENCH_ENGINES") or os.devnull
     config.addinivalue_line("markers", "slow: half a minute; -m 'not slow' leaves it out")
     config.addinivalue_line(
@@ -147,3 +151,22 @@ def with_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """
     if not os.access(Path.home(), os.W_OK):
         monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path / "cache"))
+
+
+_TUNED: dict[str, Tuned] = {}
+
+
+def _tuned_once(recipe: Any, why: str, *question: Any) -> Tuned:
+    """The result of `make_tuned`, which depends on nothing but its arguments."""
+    key = repr((recipe.engine, recipe.name, why, *question))
+    if key not in _TUNED:
+        _TUNED[key] = make_tuned(recipe, why, *question)
+    return _TUNED[key]
+
+
+@pytest.fixture
+def tuned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`tune` finds what an earlier test has asked: pages, commands and
+    Python ask the same, and a test of a text needs no second search.
+    """
+    monkeypatch.setattr(find, "make_tuned", _tuned_once)

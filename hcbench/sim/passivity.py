@@ -96,12 +96,18 @@ class LongestTrain:
         speeds = np.geomspace(min(_SLOWEST, speed.min()), speed.max(), _TABLE)
         restitutions = self.restitution(speeds)
         next_touch = speed / gravity
-        bounces = next_touch <= seconds
-        while bounces.any():
-            speed[bounces] *= np.interp(speed[bounces], speeds, restitutions)
-            speed[speed < _SLOWEST] = 0.0
-            next_touch[bounces] += 2.0 * speed[bounces] / gravity
-            bounces = (next_touch <= seconds) & (speed > 0.0)
+        # Places, speeds and next touches of the drops that still bounce.
+        going = np.flatnonzero(next_touch <= seconds)
+        bouncing = speed[going]
+        touch = next_touch[going]
+        while going.size:
+            bouncing *= np.interp(bouncing, speeds, restitutions)
+            bouncing[bouncing < _SLOWEST] = 0.0
+            touch += 2.0 * bouncing / gravity
+            on = (touch <= seconds) & (bouncing > 0.0)
+            if not on.all():
+                speed[going] = bouncing
+                going, bouncing, touch = going[on], bouncing[on], touch[on]
         return speed
 
 

@@ -12,6 +12,8 @@ from hcbench.benchmark.plan import versions_here
 from hcbench.cli import COMMANDS, run
 from hcbench.sim.backend import installed_version
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 # The case of section 3.1, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf. e
 # from the closed form in 50 digits; depth and force are the true extremes of the loop, which the
 # steps of an ODE miss by up to 0.1 and 0.3 %.
@@ -215,7 +217,7 @@ MODEL = """<mujoco><option timestep="0.001"/><worldbody><geom name="plate" type=
 
 def test_the_scene_that_tune_writes_passes_its_own_check_under_gravity(tmp_path: Path) -> None:
     scene, law = str(tmp_path / "tuned.xml"), ["--alpha", "0.301 s/m"]
-    band = ["--timestep", "1e-3", "--speeds", "0.2:1.4 m/s", "--write-scene", scene]
+    band = ["--timestep", "1e-3", "--speeds", "0.2:1.4 m/s", "--plugin", "--write-scene", scene]
     assert run(["tune", "mujoco", *law, *band]) == 0
     assert run(["check", scene, "--pair", "ball,plate", *law, "--speeds", "0.3, 1 m/s"]) == 0
 

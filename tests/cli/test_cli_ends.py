@@ -85,7 +85,7 @@ def test_other_streams_may_be_closed(redirection: str) -> None:
 
 @pytest.mark.parametrize("warnings", [[], ["-W", "error"]])
 def test_a_reader_that_goes_away_is_no_failure(warnings: list[str]) -> None:
-    many = ["law", "--alpha", "0.1", "--speed", "1:2:3000", "--json"]
+    many = ["law", "--alpha", "0.1", "--speed", "1:2:700", "--json"]
     command = [HCBENCH[0], *warnings, *HCBENCH[1:], *many]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None and process.stderr is not None

@@ -17,6 +17,8 @@ from hcbench.cli import app, run
 from hcbench.cli.help import examples
 from hcbench.cli.terminal import WIDTH, folded
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 ROOT = Path(__file__).parents[2]
 GOOD = str(ROOT / "examples" / "good.xml")
 FEW = ["--pair=ball,plate", "--speeds=0.2, 0.5 m/s", "--phases=1"]

@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import pytest
 from long_searches import long_study
 
@@ -17,6 +18,7 @@ from hcbench.laws.ode import impact
 from hcbench.laws.published import LAWS
 from hcbench.paper import constants, impact_figures, vibroimpact_figures
 from hcbench.paper.build import build, drawings
+from hcbench.paper.curves import COLUMNS
 from hcbench.paper.printed_numbers import Printed, factors, printed_numbers
 from hcbench.paper.vibroimpact_figures import QUICK
 from hcbench.reporting.plot_style import COLOURS, DASHES, figure_defaults, numbered_line
@@ -80,6 +82,18 @@ def test_all_nine_figures_are_there_and_say_what_they_show(folder: Path) -> None
     for drawing in drawings(QUICK):
         for suffix in ("svg", "png", "csv"):
             assert (folder / "figures" / f"{drawing.name}.{suffix}").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", [drawing.name for drawing in drawings(QUICK)])
+def test_a_figure_has_its_numbers(folder: Path, name: str) -> None:
+    """They are those of `hb.paper.data` (test_paper_data.py)."""
+    found = pd.read_csv(folder / "figures" / f"{name}.csv")
+    assert tuple(found.columns) == COLUMNS
+    assert len(found) > 100
+    assert found[["x", "y"]].notna().any().all()
+    # One curve of a panel has one pair of axes.
+    axes = found.groupby(["panel", "curve"], dropna=False)[["x_axis"]].nunique()
+    assert (axes == 1).all().all()
 
 
 def test_the_page_needs_nothing_from_outside(folder: Path) -> None:

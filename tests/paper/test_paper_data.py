@@ -10,22 +10,6 @@ from hcbench.paper.curves import COLUMNS, csv_of
 from hcbench.system.errors import UserError
 from hcbench.terms.units import INCH, POUND_FORCE
 
-# The forced motions, and the engines, take a minute: `hcbench paper` writes them in the same way.
-QUICK = tuple(
-    name for name in hb.paper.names() if name not in ("response", "bifurcation", "engines")
-)
-
-
-@pytest.mark.parametrize("name", QUICK)
-def test_a_figure_has_its_numbers(name: str) -> None:
-    found = hb.paper.data(name)
-    assert tuple(found.columns) == COLUMNS
-    assert len(found) > 100
-    assert found[["x", "y"]].notna().any().all()
-    # One curve of a panel has one pair of axes.
-    axes = found.groupby(["panel", "curve"])[["x_axis"]].nunique()
-    assert (axes == 1).all().all()
-
 
 def test_the_loops_of_figure_4_are_those_of_the_law() -> None:
     found = hb.paper.data("figure-4")

@@ -12,6 +12,8 @@ from same_text import LEFT_OUT, is_within
 
 from hcbench.cli import run
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reference" / "answers.md").read_text(encoding="utf-8")
 ANSWERS = re.findall(r"```sh\n(.*?)```\n\n```text\n(.*?)```", PAGE, re.DOTALL)

@@ -17,6 +17,8 @@ from sybil.parsers.markdown import PythonCodeBlockParser, SkipParser
 from hcbench.cli import app
 from hcbench.laws import closed_form
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = [

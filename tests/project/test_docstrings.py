@@ -15,6 +15,8 @@ import pytest
 
 import hcbench
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 ROOT = Path(__file__).parents[2]
 VERBS = ["check", "convert", "fit", "law", "measure", "pairs", "report", "tune", "tune_model"]
 STUDY = """scene = "steel-plane"

@@ -9,6 +9,7 @@ import io
 import re
 import tokenize
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,10 @@ SENTENCES = {
     r"\b(is|are) theirs\b": "name the thing, or say what decides it",
     r"\b(nothing|none) of what\b|\bnone do(es)? not\b|\bwhere even\b": "one negation: 'empty if ...'",
     r"\b(is|are|was|were) (off|out) by\b|\berrs? by\b": "'is wrong by'",
+}
+SPACED = {
+    re.compile(pattern.replace(" ", r"[\s*/#]+"), re.MULTILINE): better
+    for pattern, better in SENTENCES.items()
 }
 
 SUFFIXES = (".py", ".md", ".html", ".toml", ".yml", ".c", ".h", ".mplstyle")
@@ -58,15 +63,20 @@ ROOMS = sorted({_room(p) for p in FILES})
 CODE_ROOMS = sorted({_room(p) for p in FILES if p.suffix == ".py"})
 
 
-def _strings(tree: ast.AST) -> Iterator[tuple[int, str]]:
+Text = tuple[int, str]
+
+
+@cache
+def _read(path: Path) -> tuple[list[Text], list[Text]]:
+    """(line, text) of every string and every docstring of a file of Python."""
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    return list(_strings(nodes)), list(_docstrings(nodes))
+
+
+def _strings(nodes: list[ast.AST]) -> Iterator[Text]:
     """(line, text) of every string, a formatted one whole with {} for its fields."""
-    parts = {
-        id(part)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.JoinedStr)
-        for part in node.values
-    }
-    for node in ast.walk(tree):
+    parts = {id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+    for node in nodes:
         if isinstance(node, ast.JoinedStr):
             text = "".join(
                 str(v.value) if isinstance(v, ast.Constant) else "{}" for v in node.values
@@ -95,15 +105,16 @@ def _texts(path: Path) -> Iterator[tuple[int, str]]:
     """(line, text) of all that a reader of the file reads."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
-        yield from _strings(ast.parse(text))
+        strings, _ = _read(path)
+        yield from strings
         yield from _comments(text)
     else:
         yield 1, text
 
 
-def _docstrings(tree: ast.AST) -> Iterator[tuple[int, str]]:
+def _docstrings(nodes: list[ast.AST]) -> Iterator[Text]:
     """(line, text) of every docstring."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             text = ast.get_docstring(node)
             if text is not None:
@@ -112,8 +123,7 @@ def _docstrings(tree: ast.AST) -> Iterator[tuple[int, str]]:
 
 def _hits(line: int, text: str) -> Iterator[str]:
     """Sentences of a text that have a shape of SENTENCES, each with its line."""
-    for pattern, better in SENTENCES.items():
-        spaced = re.compile(pattern.replace(" ", r"[\s*/#]+"), re.MULTILINE)
+    for spaced, better in SPACED.items():
         for match in spaced.finditer(text):
             where = line + text.count("\n", 0, match.start())
             yield f"{where}: {' '.join(match.group().split())!r}: write: {better}"
@@ -144,7 +154,7 @@ def test_a_docstring_begins_with_a_noun_or_a_verb(room: str) -> None:
         f"{path.relative_to(ROOT)}:{hit}"
         for path in FILES
         if path.suffix == ".py" and _room(path) == room
-        for line, text in _docstrings(ast.parse(path.read_text(encoding="utf-8")))
+        for line, text in _read(path)[1]
         for hit in _openings(line, text)
     ]
     assert not hits, "\n".join(hits)

@@ -35,7 +35,7 @@ COMMANDS = [
     'law --alpha "0.008 s/in" --speed "4, 8, 12, 16 in/s"',
     "engines",
     "materials",
-    'tune pybullet --alpha "0.3 s/m" --timestep "2 ms" --speeds "0.1:2 m/s" --write-scene drop.py',
+    'tune pybullet --alpha "0.3 s/m" --timestep "2 ms" --plugin --write-scene drop.py',
     "fit drop.wav",
     "pairs my.xml",
     "measure my.xml --pair ball,plate",
@@ -44,7 +44,7 @@ COMMANDS = [
     'convert --alpha "0.008 s/in" --speed "8 in/s" --timestep 1e-3',
     "report my/study.toml --out my/report --jobs 2",
     "sweep my/study.toml --out my/sweep --jobs 2",
-    "cases run mujoco pybullet",
+    "cases run mujoco pybullet --case C01 --case C09",
     "plugin mujoco",
 ]
 README = re.findall(

@@ -12,6 +12,8 @@ import pytest
 from same_text import is_same
 from sessions import PAGES, ROOT, Shell, agrees, page_steps, prepare, rewritten
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 WITH_SESSIONS = [page for page in PAGES if page_steps(page)]
 
 

@@ -26,6 +26,8 @@ from hcbench.terms.setting import Setting
 from hcbench.tuning import usual
 from hcbench.tuning.ask import make_target
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 ROOT = Path(__file__).parents[2]
 ALPHA, SPEED = 0.315, 0.3
 KNOWN = [a for a in usual.file_content()["answers"] if a["gravity"] or a["timestep"] == 2e-3]

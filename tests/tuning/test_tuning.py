@@ -25,6 +25,8 @@ from hcbench.tuning.evaluate import held_out_launches
 from hcbench.tuning.model import snippet
 from hcbench.tuning.tune import tune
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 SCENE = load_scene("steel-plane")
 ALPHA = 0.008 / 0.0254
 

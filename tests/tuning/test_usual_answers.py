@@ -21,6 +21,8 @@ from hcbench.sim import registry
 from hcbench.tuning import usual
 from hcbench.tuning.usual import Question, usual_answers
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 STUDY = load_study(Path(__file__).parents[2] / "reports" / "steel-1lb" / "study.toml").described()
 # The answers' own versions: a file has them, and the page leaves it out for others.
 VERSIONS = usual.file_content()["versions"]

@@ -119,9 +119,9 @@ def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterato
     """
     under = str(options)
     grew = 0.0
+    thrown = _model(contact, options, body, contact.falls)
     for speed, (slip, spin) in product(_THROWS, _MOTIONS):
         velocity = (*slip, -speed, *spin)
-        thrown = _model(contact, options, body, contact.falls)
         path = _followed(thrown, body, velocity, _THROWN_S, 2.4 * contact.timestep * speed)
         grew = max(grew, path.grew)
     throws = len(_THROWS) * len(_MOTIONS)
@@ -132,8 +132,9 @@ def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterato
     if body.axle:
         rolls = np.array(body.axle) * _SLIDES / body.high
         laid["rolling"] = (_SLIDES, 0.0, 0.0, *rolls)
+    lying = _model(contact, options, body, contact.gravity)
     for how, velocity in laid.items():
-        path = _followed(_model(contact, options, body, contact.gravity), body, velocity, _LAID_S)
+        path = _followed(lying, body, velocity, _LAID_S)
         limit = max(_RISES, contact.gravity * contact.timestep**2)
         yield Finding(f"hop of a {body.name}, laid down {how}", under, path.rose, limit, "m")
     if body.along and contact.friction > _HOLDS * math.tan(_SLOPE):
@@ -191,6 +192,12 @@ def _followed(
     gained = 0.0 if is_rk4 else g * h / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
     slowest = (_SLOWEST * g * h) ** 2 / 2
+    # Views of the state: hundred thousands of steps are taken here.
+    linear = data.qvel[:3]
+    turning = data.qvel[3:6]
+    ahead = np.array([0.0, 0.0, gained])
+    place = data.qpos
+    step = mujoco.mj_step
     # J/kg: in the last step of free flight, what the contacts have added since the start, and the
     # least that there was.
     before = math.nan
@@ -204,8 +211,8 @@ def _followed(
         if data.ncon:
             in_contact = True
         else:
-            v = data.qvel[:3] - [0.0, 0.0, gained]
-            here = (v @ v + inertia @ data.qvel[3:6] ** 2) / 2 + g * (data.qpos[2] - body.high)
+            v = linear - ahead
+            here = (v @ v + inertia @ turning**2) / 2 + g * (place[2] - body.high)
             if math.isnan(energy):
                 energy = here
             elif in_contact:
@@ -214,8 +221,8 @@ def _followed(
             least = min(least, energy)
             before = here
             in_contact = False
-        mujoco.mj_step(model, data)
-        rose = max(rose, float(data.qpos[2]) - body.high)
+        step(model, data)
+        rose = max(rose, float(place[2]) - body.high)
     if not np.isfinite(data.qpos).all():
         return _Path(math.inf, math.inf)
     return _Path(grew, rose)
@@ -232,10 +239,8 @@ def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
     model.opt.gravity[:] = contact.gravity * np.array([math.sin(_SLOPE), 0.0, -math.cos(_SLOPE)])
     steps = min(round(_SLOPE_S / contact.timestep), 2 * _STEPS)
     last = steps // 4
-    start = 0.0
-    for step in range(steps):
-        if step == steps - last:
-            start = float(data.qpos[0])
-        backend().mj_step(model, data)
+    backend().mj_step(model, data, nstep=steps - last)
+    start = float(data.qpos[0])
+    backend().mj_step(model, data, nstep=last)
     drift = (float(data.qpos[0]) - start) / (last * contact.timestep)
     return abs(drift) if math.isfinite(drift) else math.inf

@@ -142,6 +142,9 @@ class PybulletWorld(World):
     in a cup or a law that the step does not resolve, EngineFailed where PyBullet fails.
     """
 
+    # Looking at a chunk takes as long as some fifty steps of a ball.
+    least_steps = 32
+
     def __init__(
         self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float
     ) -> None:
