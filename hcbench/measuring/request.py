@@ -118,7 +118,7 @@ def _joint(name: Any, values: Any) -> tuple[float, ...]:
     if isinstance(values, str):
         return tuple(_values(name, values))
     if name == "eq_active" and np.asarray(values).dtype == bool:
-        # MuJoCo's own are True and False.
+        # The engine's own are True and False.
         values = np.asarray(values, dtype=float)
     return _numbers(name, values)
 

@@ -100,7 +100,7 @@ class Choice:
             return "gains energy"
         words = f"energy never grew in {self.judged} launches and drops"
         if self.flat is False:
-            return f"{words} of a ball; a box that lands flat gains energy"
+            return f"{words} of a ball; a flat face gains energy"
         return words
 
     @property

@@ -379,7 +379,7 @@ TUNED = ["tune", *MEASURE[1:], "--alpha=0.3"]
         ),
         (
             [*TUNE, "--alpha=.1", "--integrator=magic"],
-            "--integrator: 'magic' with 'compliant-pairs'",
+            "--integrator: 'magic' for 'mujoco'; expected one of: Euler",
         ),
         ([*TUNE, "--alpha=.1", "--scene=nowhere"], "--scene: 'nowhere' was not found"),
         ([*TUNE, "--alpha=.1", "--pair=a"], "--pair: 'a'; expected two names"),

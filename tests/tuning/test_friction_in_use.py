@@ -151,7 +151,7 @@ def test_a_setting_for_one_point_says_that_a_flat_box_gains_energy_and_measure_n
     one_point = hb.tune("mujoco", timestep=STEP, **question).of("constant")
     assert one_point is not None
     assert one_point.flat is False
-    assert "a box that lands flat gains energy" in one_point.energy
+    assert "a flat face gains energy" in one_point.energy
     exact = hb.tune("mujoco", timestep=STEP, **question).of("exact")
     assert exact is not None
     assert "flat" not in exact.energy

@@ -21,11 +21,6 @@ class DartBodies:
     length = 20.0
 
     def make(self, world: dict[str, Any]) -> None:
-        """Build a world of DART, its bodies at their start.
-
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a body
-        that is a mesh.
-        """
         self.world = dart.simulation.World()
         self.world.setTimeStep(world["timestep"])
         self.world.setGravity(np.array(world["gravity"], float) * self.length)
@@ -47,11 +42,6 @@ class DartBodies:
             self.world.addSkeleton(ground)
 
     def _body(self, name: str, body: dict[str, Any]) -> tuple[Any, Any]:
-        """(node, skeleton) of a new body at its start, without a shape.
-
-        name: of its skeleton. body: of the case, SI; fixed ones are welded to the world. Raises
-        NotImplementedError for a mesh.
-        """
         skeleton = dart.dynamics.Skeleton(name)
         at = np.array(body["position"]) * self.length
         if body.get("fixed"):
@@ -77,11 +67,6 @@ class DartBodies:
 
     @staticmethod
     def _shape(node: Any, solid: Any, e: float, friction: float) -> Any:
-        """Add a shape to a node, and return it.
-
-        solid: its geometry. e, friction: of this shape; DART multiplies two restitutions, and takes
-        the smaller friction.
-        """
         shape = node.createShapeNode(solid)
         shape.createVisualAspect()
         shape.createCollisionAspect()
@@ -96,9 +81,6 @@ class DartBodies:
         self.world.step()
 
     def state(self) -> list[list[float]]:
-        """Position m, velocity m/s and spin rad/s of each body that moves, in the world: nine
-        numbers.
-        """
         states = []
         for node, _ in self.moving:
             at = node.getWorldTransform().translation() / self.length

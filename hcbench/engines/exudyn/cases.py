@@ -23,12 +23,6 @@ class ExudynBodies:
     name, version, combine = "exudyn", exudyn.__version__, None
 
     def make(self, world: dict[str, Any]) -> None:
-        """Build a system of mass points, with a contact of every two balls and of each with the
-        floor.
-
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for
-        friction, for shapes other than balls and for restitutions of materials.
-        """
         self._require(world)
         self.h = world["timestep"]
         self.mbs = exudyn.SystemContainer().AddSystem()
@@ -62,10 +56,6 @@ class ExudynBodies:
             raise NotImplementedError("has a contact of balls without friction alone")
 
     def _contact(self, e: float, a: tuple[Any, ...], b: tuple[Any, ...]) -> None:
-        """Add the contact of two balls, with a spring of CONTACT_STEPS steps.
-
-        e: of the pair. a, b: (marker, radius m, 1/mass 1/kg) of each; 1/mass is 0 of the floor.
-        """
         (on_a, radius_a, share_a), (on_b, radius_b, share_b) = a, b
         start = [0.1, 0, 0, 0]
         touch = self.mbs.AddNode(
@@ -89,7 +79,6 @@ class ExudynBodies:
         self.mbs.AddObject(contact)
 
     def _solver(self) -> None:
-        """Choose a solver that takes one step of fixed length at a time."""
         self.settings = exudyn.SimulationSettings()
         time = self.settings.timeIntegration
         # The default of 1e-8 s ends one impact in five at parting.

@@ -19,11 +19,6 @@ class NewtonBodies:
     def __init__(
         self, solver: str, combine: str | None, options: dict[str, Any], suffix: str = ""
     ) -> None:
-        """Choose a solver by its name.
-
-        combine: how two restitutions become one, None for a solver without any. options: of the
-        solver. suffix: of the adapter's name.
-        """
         self.name, self.combine, self.options = f"newton-{solver.lower()}{suffix}", combine, options
         self.solver, self.builder = (
             getattr(newton.solvers, f"Solver{solver}"),
@@ -31,11 +26,6 @@ class NewtonBodies:
         )
 
     def make(self, world: dict[str, Any]) -> None:
-        """Add a world to those that `start` will step.
-
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for an e
-        above 0 under a solver without restitution.
-        """
         self.h, angle = world["timestep"], 1.5
         e, floor = world.get("materials", [world.get("restitution")] * 2)
         common = {"mu": max(world["friction"], 1e-5), "mu_torsional": 0.0, "mu_rolling": 0.0}
@@ -79,7 +69,6 @@ class NewtonBodies:
         self.builder.end_world()
 
     def start(self) -> None:
-        """Start all worlds added since the last start, with one step captured as a graph."""
         self.builder.color()
         model = self.builder.finalize()
         # For the worlds to come.

@@ -128,7 +128,7 @@ _SAME_GRAVITY = 0.02
 
 
 def broken_promise(
-    model: Any, promise: Promise, geoms: tuple[int, int], gravity: float, contacts: int
+    model: Any, promise: Promise, geoms: tuple[int, int], gravity: float, contacts: int = 0
 ) -> Iterator[Suspect]:
     """Yield each difference by which the pair is no longer the one that was tuned.
 
@@ -136,7 +136,7 @@ def broken_promise(
     gravity's unit and the time step alone count.
     geoms: numbers of the two.
     gravity: of the model, m/s².
-    contacts: of the pair at touch, each <pair> its own at each point.
+    contacts: of the pair at touch, each <pair> its own at each point; 0 where that is not known.
     """
     yield from _gravity(promise, gravity)
     if not promise.rows:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import body_name, response
+from hcbench.engines.mujoco.model.bodies import body_name, explicit_pairs, response
 from hcbench.engines.mujoco.model.find_pair import contact_in_force
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
 from hcbench.engines.mujoco.recipes.compliant_fit import (
@@ -484,7 +484,12 @@ def _write_rows(
         }
         if i > 0:
             values["condim"] = 1
-        elif not known:
+        elif known:
+            # A line that takes the place of the user's own <pair> keeps its friction.
+            (own, *_) = explicit_pairs(model, geoms)
+            values["condim"] = int(model.pair_dim[own])
+            values["friction"] = model.pair_friction[own].tolist()
+        else:
             sliding, torsional, rolling = before["friction"]
             values["condim"] = int(before["condim"])
             values["friction"] = [sliding, sliding, torsional, rolling, rolling]
@@ -496,6 +501,10 @@ def _write_rows(
             values |= {"margin": place.contact.onset, "gap": 0.0}
         if known and i == 0:
             element = known[0]
+            # What an earlier setting wrote and this one does not: the line has neither.
+            element.solreffriction = [0.0, 0.0]
+            if hasattr(element, "adhesion"):
+                element.adhesion = 0.0
         else:
             element = spec.add_pair(geomname1=names[0], geomname2=names[1])
         lines.append(_set(element, names, values))

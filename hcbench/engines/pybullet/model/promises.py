@@ -36,7 +36,12 @@ def promise_line(pair: Pair, promise: Promise) -> str:
     first, second = pair
     # Braces of an f-string: the script's own number of the second body.
     key = f'f"{_key("{" + second + "}", -1)}"'
-    return f"pybullet.addUserData({first}, {key}, {json.dumps(promise.text)})"
+    # Parts of one text, which Python joins, in lines that a page can show.
+    words = [f"{part}; " for part in promise.text.split("; ")]
+    words[-1] = words[-1].removesuffix("; ")
+    half = len(words) // 2
+    parts = [json.dumps("".join(some)) for some in (words[:half], words[half:])]
+    return f"pybullet.addUserData({first}, {key},\n    {parts[0]}\n    {parts[1]})"
 
 
 def promise_in(bullet: BulletClient, place: BulletPlacement) -> Promise | None:

@@ -332,8 +332,13 @@ class PybulletModel(ModelUnderTest):
             gravity=self._gravity(),
             unread=self.world.unread,
         )
-        suspects = what_distorts(context) if self.law is not None else find_suspects(context)
-        suspects = [*changed, *suspects]
+        if self.law is None:
+            suspects = [*changed, *find_suspects(context)]
+        else:
+            suspects = changed
+            promise = promise_in(self.bullet, self.place)
+            if promise is not None and not promise.is_kept(impacts):
+                suspects += what_distorts(context)
         # A live client: no fix is tried on it.
         if self.build is None:
             return [dataclasses.replace(suspect, apply=None) for suspect in suspects]

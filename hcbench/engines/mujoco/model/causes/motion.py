@@ -52,7 +52,9 @@ def servo_damping(context: Context) -> Iterator[Suspect]:
     off = context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
     if context.integrator not in ("implicit", "implicitfast") or off or not model.nu:
         return
-    damped = np.flatnonzero(model.actuator_biasprm[:, 2])
+    # The same place is a force of a muscle, and nothing where there is no bias.
+    is_servo = model.actuator_biastype == int(backend().mjtBias.mjBIAS_AFFINE)
+    damped = np.flatnonzero(is_servo & (model.actuator_biasprm[:, 2] != 0.0))
     if damped.size:
         names = ", ".join(model.actuator(int(i)).name or f"actuator:{i}" for i in damped[:_SHOWN])
         yield Suspect(
