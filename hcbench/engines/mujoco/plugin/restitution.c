@@ -13,6 +13,8 @@
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
 #include "advance.c"
+#include "stability.c"
+#include "velocity_forces.c"
 #include "again.c"
 #include "rest.c"
 
@@ -505,6 +507,7 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
   if (sound) {
     mju_addToScl(d->qfrc_passive, impulse, 1 / m->opt.timestep, nv);
     shift_bias(m, d, impulse, 1, d->qfrc_passive);
+    if (!stage) shift_velocity_forces(m, d, impulse, d->qfrc_passive);
   }
   if (!sound || !is_sound(d->qfrc_passive, nv)) {
     mju_zero(impulse, nv);
@@ -527,6 +530,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   double h = m->opt.timestep;
   check_options(m, memory, first);
   warn_of_iterations(m, d, memory);
+  warn_of_servos(m, d, memory);
   mj_markStack(d);
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
   if (stage < 2) follow_mocaps(m, d, memory);
