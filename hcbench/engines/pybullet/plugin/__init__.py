@@ -86,7 +86,7 @@ def command(
     require_law(law)
     keys: dict[str, Any]
     if isinstance(law, ConstantRestitution):
-        keys = {"constant": law.restitution}
+        keys = {"restitution": law.restitution}
     elif isinstance(law, Restitution):
         keys = {"alpha": law.alpha}
         if law.reading == "linear":
@@ -233,9 +233,10 @@ def find(
 
 def restitution_of(command: str) -> RestitutionCurve | None:
     """Restitution that a command which adds a law asks for; None for a law later than 1975."""
-    keys = dict(part.split("=", 1) for part in command.split()[1:])
-    if "constant" in keys:
-        return ConstantRestitution(float(keys["constant"]))
+    name, *parts = command.split()
+    keys = dict(part.split("=", 1) for part in parts)
+    if name == "restitution" and (e := keys.get("restitution", keys.get("constant"))):
+        return ConstantRestitution(float(e))  # `constant` is an earlier name of the key
     if "alpha" not in keys:
         return None
     reading: Reading = "linear" if keys.get("reading") == "linear" else "law"
