@@ -69,8 +69,6 @@ def test_it_is_not_so_early_with_bullets_own_threshold_for_contacts_from_afar(e:
     of it: by chance of the phase.
     """
     low = (1 + math.sqrt(1 - 0.75 * e**2)) / e**2
-    above, below = worst_error(
-        e, (1.01 * low, 0.9 * low), {"contactProcessingThreshold": FAR}
-    )
+    above, below = worst_error(e, (1.01 * low, 0.9 * low), {"contactProcessingThreshold": FAR})
     assert above < 1e-6
     assert below > 0.01

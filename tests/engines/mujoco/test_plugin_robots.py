@@ -172,7 +172,9 @@ def errors_of_e(law: Law, seed: int, *, motors: bool) -> list[float]:
     alone.qpos[:] = data.qpos
     mujoco.mj_step(model, data)
     acceleration, parting = np.zeros((1, model.nv)), data.qvel.copy()
-    for _ in range(20):  # the velocities after the impact are those of the step's end less what acts in it
+    for _ in range(
+        20
+    ):  # the velocities after the impact are those of the step's end less what acts in it
         alone.qvel[:] = parting
         mujoco.mj_forward(free, alone)
         force = alone.qfrc_passive + alone.qfrc_actuator - alone.qfrc_bias + data.qfrc_constraint

@@ -48,7 +48,7 @@ def servos(limit: str = "") -> str:
     return f"<actuator>{both}</actuator>"
 
 
-def leg(integrator: str = "Euler", *, h: float = H, **parts: str) -> Any:
+def leg(parts: dict[str, str], integrator: str = "Euler", h: float = H) -> Any:
     """A leg of two joints under a base, with the law on its foot.
 
     parts: of `LEG`: attributes of option, flag and joint, and the rest of the model.
@@ -114,7 +114,7 @@ EXPLICIT: dict[str, dict[str, str]] = {
 @pytest.mark.parametrize("parts", EXPLICIT.values(), ids=EXPLICIT)
 def test_a_step_goes_on_from_the_velocities_after_the_impact(parts: dict[str, str]) -> None:
     """With dampers of the velocities before it e of a foot would be 0.25 higher."""
-    assert off_any_impact(leg(**parts)) < 1e-10
+    assert off_any_impact(leg(parts)) < 1e-10
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_step_goes_on_from_the_velocities_after_the_impact(parts: dict[str, st
     [{"joint": 'damping=".15"'}, {"rest": servos()}, {"rest": servos('forcerange="-.5 .5"')}],
 )
 def test_so_it_does_where_damping_is_implicit(parts: dict[str, str]) -> None:
-    assert off_any_impact(leg("implicitfast", **parts)) < 1e-9
+    assert off_any_impact(leg(parts, "implicitfast")) < 1e-9
 
 
 def warnings_of(model: Any, steps: int = 1) -> list[str]:
@@ -164,18 +164,18 @@ FAST = [
 def test_a_servo_is_named_where_mujocos_own_step_gains_energy(
     integrator: str, parts: dict[str, str]
 ) -> None:
-    named = warnings_of(leg(integrator, **parts))
-    assert bool(named) == grows(leg(integrator, **parts))
+    named = warnings_of(leg(parts, integrator))
+    assert bool(named) == grows(leg(parts, integrator))
     if not named:
         return
     finer = float(named[0].split("timestep of ")[1].split(",")[0])
-    assert not warnings_of(leg(integrator, h=0.98 * finer, **parts))
-    assert warnings_of(leg(integrator, h=1.1 * finer, **parts))
+    assert not warnings_of(leg(parts, integrator, 0.98 * finer))
+    assert warnings_of(leg(parts, integrator, 1.1 * finer))
 
 
 def test_it_is_named_once() -> None:
     parts = {"joint": 'damping="8"', "flag": 'eulerdamp="disable"'}
-    assert len(warnings_of(leg(**parts), steps=600)) == 1
+    assert len(warnings_of(leg(parts), steps=600)) == 1
 
 
 PAIR = """
@@ -203,8 +203,18 @@ PAIR = """
     [
         (("a", "floor"), "", "", None),
         (("a", "c"), "", "", None),
-        (("a", "floor"), "", 'contype="0" conaffinity="0"', "contype and conaffinity keep them apart"),
-        (("a", "floor"), '<exclude body1="one" body2="world"/>', "", "an <exclude> of their bodies"),
+        (
+            ("a", "floor"),
+            "",
+            'contype="0" conaffinity="0"',
+            "contype and conaffinity keep them apart",
+        ),
+        (
+            ("a", "floor"),
+            '<exclude body1="one" body2="world"/>',
+            "",
+            "an <exclude> of their bodies",
+        ),
         (("a", "b"), "", "", "one's body is the parent of the other's"),
         (("a", "b"), '<pair geom1="a" geom2="b"/>', "", None),
     ],
@@ -228,6 +238,6 @@ def test_a_pair_that_never_meets_is_named_at_load(
 
 @pytest.mark.parametrize("solver", ["CG", "PGS"])
 def test_sleep_under_rk4_is_refused_with_solvers_that_let_bodies_sink(solver: str) -> None:
-    model = leg("RK4", option=f'solver="{solver}"', flag='sleep="enable"')
+    model = leg({"option": f'solver="{solver}"', "flag": 'sleep="enable"'}, "RK4")
     with pytest.raises(mujoco.FatalError, match="under RK4 the flag sleep wakes"):
         mujoco.mj_step(model, start_of(model))
