@@ -44,17 +44,27 @@ static int has_velocity_forces(const mjModel* m) {
   return any;
 }
 
+/* Whether the damping of joints is not linear, and can be told from that of tendons and flexes, which Euler does not take. */
+static int has_curved_damping(const mjModel* m) {
+  int curved = 0;
+#ifdef HCB_ACTUATOR_DAMPING
+  for (int j = 0; j < m->njnt && !curved; j++) curved = m->jnt_actuatorid[j] >= 0; /* may be so, too */
+  for (int j = 0; j < mjNPOLY * m->nv && !curved; j++) curved = m->dof_dampingpoly[j] != 0;
+#endif
+  for (int k = 0; k < m->ntendon && curved; k++) curved = m->tendon_damping[k] == 0;
+  return curved && m->nflex == 0;
+}
+
 /* D times a change of the velocities, of the integrator: of Euler the damping of joints, or nothing. */
 static void implicit_forces(const mjModel* m, mjData* d, const double* velocity, const double* change, double* out) {
-  int nv = m->nv, euler = m->opt.integrator == mjINT_EULER, others = m->nflex > 0;
+  int nv = m->nv, euler = m->opt.integrator == mjINT_EULER;
   mju_zero(out, nv);
   if (euler && !takes_forces(m)) return;
-  double *near = stack(d, nv), *damper = stack(d, nv), *before = stack(d, nv);
-  for (int k = 0; k < m->ntendon; k++) others |= m->tendon_damping[k] != 0;
-  if (euler && others) { /* whose damping is not implicit, and cannot be told from that of joints */
+  if (euler && !has_curved_damping(m)) {
     for (int j = 0; j < nv; j++) out[j] = -joint_damping(m, j) * change[j];
     return;
   }
+  double *near = stack(d, nv), *damper = stack(d, nv), *before = stack(d, nv);
   forces_at(m, d, velocity, before);
   mju_copy(damper, d->qfrc_damper, nv);
   mju_addScl(near, velocity, change, HCB_NEAR, nv);
