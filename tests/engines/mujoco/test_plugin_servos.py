@@ -69,7 +69,7 @@ def start_of(model: Any) -> Any:
 
 
 def off_any_impact(model: Any) -> float:
-    """How far the step's velocities are from those of a step without
+    """Distance of the step's velocities from those of a step without
     contact after the impulse at the foot that fits them best.
     """
     data, free = start_of(model), start_of(model)
