@@ -75,7 +75,8 @@ SANITIZED = CC="gcc -g -fsanitize=address,undefined -fno-sanitize-recover=undefi
   LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libstdc++.so.6)"
 test-sanitizers: $(INSTALLED)  ## the plug-ins compiled by gcc with AddressSanitizer and UBSan: states, threads, random scenes
 	$(SANITIZED) $(BIN)/python -m pytest -q -p no:cacheprovider tests/engines/mujoco/test_plugin_state.py \
-	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/bullet/test_contact_pybullet.py
+	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_servos.py \
+	  tests/engines/mujoco/test_plugin_robots.py tests/engines/bullet/test_contact_pybullet.py
 
 answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answers.json
 	$(BIN)/python -c 'from hcbench.tuning import usual, usual_errors; usual.write(); usual_errors.write()'

@@ -8,7 +8,8 @@ touch plane. Energy, as flight keeps it: its largest rise above the start, as a 
 start, over 10 s at 1, 2 and 5 ms, less what steps from the same states win with contact off.
 Costs: CPU time, in turns with MuJoCo's own contact, a spring-damper (rollouts on one thread), and
 with a bare stepSimulation of PyBullet's. --costs measures steps with many contacts and robots
-alone, and writes their table into README.md.
+alone, and writes their table into README.md, and the ratios of MuJoCo into
+docs/reference/plugins.md.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "engines" / "mujoco
 import bullet_scenes
 import contact_scenes as scenes
 from _many_contacts import in_bullet_steps, in_mujoco_steps, robots_settle
+from gain_tables import write_table
 from test_plugin_mujoco import oblique
 
 from hcbench.contact.mujoco import ConstantRestitution, HuntCrossley, Restitution
@@ -259,6 +261,16 @@ def write_costs(claims: list[Claim]) -> None:
     before, _, rest = README.read_text(encoding="utf-8").partition(BEGIN)
     table = "\n".join([BEGIN, "", *rows, "", END])
     README.write_text(before + table + rest.partition(END)[2], encoding="utf-8")
+    ratios = ["| MuJoCo, a step | over native contact |", "|---|---|"]
+    for what, _, measured in claims:
+        if what.startswith("mujoco") and "over native" in what:
+            ratios.append(f"| {_of_page(what)} | {measured:.2f} |")
+    write_table("costs", ratios)
+
+
+def _of_page(what: str) -> str:
+    """The row's name on the page, without the time of this machine."""
+    return what.removeprefix("mujoco ").partition(": ")[0]
 
 
 def main() -> None:

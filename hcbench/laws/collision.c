@@ -9,7 +9,11 @@
 #include "exact_step.c"
 
 #define HCB_SWEEPS 200
-#define HCB_SETTLED 1e-12 /* of the approach: a sweep that changes less is the last */
+#define HCB_SETTLED 1e-12 /* of the approach: a sweep that changes less is the last, */
+#define HCB_RUBBED 1e-9   /* and of several contacts' friction */
+#define HCB_LEAP 10 /* sweeps of friction after which those to come are guessed, */
+#define HCB_STALLED 0.9995 /* where they shrink by no less than that; else they lead nowhere, */
+#define HCB_NOWHERE 1e-5 /* by no more than that of the approach */
 #define HCB_LEAST_FRICTION 1e-9
 
 enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
@@ -54,7 +58,7 @@ typedef struct {
   const hcb_system* s;
   int n, parts;
   const int *of, *part;
-  double *base, *before, *block, *lam, *target, *p, *best_p, *v, *add, *best_v; /* block: J M^-1 J^T, 9 each */
+  double *base, *before, *block, *lam, *target, *p, *best_p, *kept_p, *v, *add, *best_v; /* block: J M^-1 J^T, 9 each */
 } hcb_group;
 
 static double length(double x, double y) { return sqrt(x * x + y * y); } /* hypot is five times as dear */
@@ -205,16 +209,39 @@ static void start_friction(hcb_group* g) {
   }
 }
 
+/* The sweeps to come at once, after one from kept_p and `add`. Contacts of one face bear what they bear in many ways: sweeps then
+   settle slowly, along one mode that shrinks by `ratio` each, and are worth ratio/(1 - ratio) of the last. What leaves the cones by
+   that the next sweep puts back, and how much a sweep changes tells as before whether they have settled. */
+static void leap(hcb_group* g, double ratio) {
+  double more = ratio / (1 - ratio);
+  for (int k = 0; k < 3 * g->n; k++) g->p[k] += more * (g->p[k] - g->kept_p[k]);
+  blend(g, g->v, g->add, g->v, 1 + more);
+}
+
+/* Sweeps until one changes no more than `settled`; the change of the last, 0 where more would lead nowhere. */
+static double sweep_until(hcb_group* g, double scale, int tangents, double fastest, double settled) {
+  double change = INFINITY;
+  for (int sweep = 1; sweep <= HCB_SWEEPS && change > settled; sweep++) {
+    int leaps = g->n > 1 && sweep % HCB_LEAP == 0 && sweep < HCB_SWEEPS;
+    double last = change;
+    if (leaps) {
+      memcpy(g->kept_p, g->p, 3 * g->n * sizeof(double));
+      blend(g, g->add, NULL, g->v, 1);
+    }
+    change = friction_sweep(g, scale, tangents);
+    if (leaps && change > settled && change < HCB_STALLED * last) leap(g, change / last);
+    if (leaps && change >= HCB_STALLED * last && change < HCB_NOWHERE * fastest) return 0; /* impulses of a face against each other */
+    if (g->n == 1 && !tangents) break;
+  }
+  return change;
+}
+
 /* Sweeps until they settle; whether they did, and the cones are kept. */
 static int settle(hcb_group* g, double fastest) {
-  double change = INFINITY, settled = HCB_SETTLED * fastest;
-  for (double scale = 1; scale > 0.1 && change > settled; scale *= 0.5) {
-    for (int sweep = 0; sweep < HCB_SWEEPS && change > settled; sweep++) change = friction_sweep(g, scale, 1);
-  }
-  for (int sweep = 0; sweep < HCB_SWEEPS && change > 0.01 * settled; sweep++) {
-    change = friction_sweep(g, 1, 0); /* the parting speeds come last: they are exact, the cones nearly */
-    if (g->n == 1) break;
-  }
+  double change = INFINITY, rubbed = (g->n > 1 ? HCB_RUBBED : HCB_SETTLED) * fastest;
+  for (double scale = 1; scale > 0.1 && change > rubbed; scale *= 0.5) change = sweep_until(g, scale, 1, fastest, rubbed);
+  /* The parting speeds come last: they are exact, the cones nearly. */
+  if (g->n > 1 || change > 0.01 * rubbed) change = sweep_until(g, 1, 0, fastest, HCB_SETTLED * fastest);
   return (change <= 1e-6 * fastest || g->n == 1) && cones_kept(g);
 }
 

@@ -40,6 +40,17 @@ _TOUCH_SPEED = (
 _DELIVERED = "The delivered e follows from χ. It differs from the target, except with `exact`."
 
 
+def exact_above(slowest: float, e: float) -> float:
+    """Impact speed over g h from which the restitution plug-ins' e is exact.
+
+    slowest: g h of the impacts that rest by chance of where in the step they touch.
+
+    Gravity pulls a body that parts at less than g h/2 back within the step: it stays down, as with
+    e = 0.
+    """
+    return max(slowest, 0.5 / e) if e > 0.0 else slowest
+
+
 def plug_in_recipes(
     engine: str, native: Sequence[Recipe], common: Options, exact_above: Callable[[float], float]
 ) -> tuple[Recipe, ...]:

@@ -44,11 +44,14 @@ class Scene:
     start: Sequence[tuple[str, ArrayLike]] = ()
 
     def model(self) -> Any:
-        """Compiled, with an instance of the plug-in for each pair of bodies that have geoms."""
+        """Compiled, with an instance of the plug-in for each pair of bodies
+        that have geoms and may meet.
+        """
         require_plugins_in_specs()
         bodies = [body for body in self.spec.bodies if body.geoms]
+        apart = [{one.bodyname1, one.bodyname2} for one in self.spec.excludes]
         for one, two in combinations(bodies, 2):
-            if self.law is not None:
+            if self.law is not None and {one.name, two.name} not in apart:
                 add_to_spec(self.spec, self.law, bodies=(one.name, two.name))
         return self.spec.compile()
 

@@ -66,8 +66,8 @@ class Gains:
         """Write the page's table of this mark."""
         lines = [
             "| class | scenes | median, % | 90 %, % | 99 %, % | largest, % | deeper, mm |"
-            " named | largest of these, % | NaN |",
-            "|---|---|---|---|---|---|---|---|---|---|",
+            " named | largest of these, % | NaN | fine of the named, % |",
+            "|---|---|---|---|---|---|---|---|---|---|---|",
         ]
         for name, chosen in classes.items():
             seen = np.isfinite(self.gain) & np.isin(np.arange(len(self.gain)), chosen)
@@ -76,7 +76,8 @@ class Gains:
             depth = np.quantile(self.deeper[seen & ~self.named], 0.99) * 1e3
             worst = percent(np.max(loud, initial=0.0)) if len(loud) else ""
             counts = self.named[chosen].sum(), worst, self.diverged[chosen].sum()
-            row = [name, len(quiet), *cells, f"{depth:.1f}", *counts]
+            fine = f"{100 * np.mean(loud <= LARGEST_GAIN):.0f}" if len(loud) else ""
+            row = [name, len(quiet), *cells, f"{depth:.1f}", *counts, fine]
             lines.append(f"| {' | '.join(map(str, row))} |")
         write_table(mark, lines)
 

@@ -337,11 +337,11 @@ MUTANTS = (
         ("tests/engines/bullet/test_measure_pybullet.py",),
     ),
     Mutant(
-        "engines/pybullet/recipes.py",
-        "_exact_above",
-        "0.75 * e**2",
-        "0.25 * e**2",
-        "the speed from which Bullet's e is exact is the lowest such speed",
+        "recipes/law_recipes.py",
+        "exact_above",
+        "0.5 / e",
+        "0.4 / e",
+        "the speed from which a plug-in's e is exact is the lowest such speed",
         ("tests/engines/bullet/test_plugin_slow_impacts.py",),
     ),
     Mutant(

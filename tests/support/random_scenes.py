@@ -251,11 +251,14 @@ def energy(model: Any, data: Any) -> float:
     return total + 0.5 * float(model.opt.timestep) * power
 
 
+NAMED = ("rad in a step", "too fast for a step")  # that MuJoCo's own step may gain energy
+
+
 @dataclass
 class Seen:
     """gain: of contact, over the first energy; depth: the largest, m; both NaN where the state was.
 
-    named: whether the plug-in warned of a joint that turns too far in a step.
+    named: whether the plug-in warned that MuJoCo's own step may gain energy.
     """
 
     gain: float
@@ -275,7 +278,8 @@ def simulate(made: Made, seconds: float, native: bool = False) -> Seen:
         gain, depth = _follow(made, seconds, native)
     finally:
         mujoco.set_mju_user_warning(None)
-    return Seen(gain, depth, any("rad in a step" in words for words in warned))
+    named = any(reason in words for words in warned for reason in NAMED)
+    return Seen(gain, depth, named)
 
 
 def _follow(made: Made, seconds: float, native: bool) -> tuple[float, float]:

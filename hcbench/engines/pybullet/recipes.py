@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import Any
 
 from hcbench.engines.pybullet.staggered_fit import Contacts, fit_contacts
 from hcbench.recipes import constant
 from hcbench.recipes.constant import minimax_constant, resolvable_law
-from hcbench.recipes.law_recipes import plug_in_recipes
+from hcbench.recipes.law_recipes import exact_above, plug_in_recipes
 from hcbench.recipes.recipe import Recipe, Role, stock
 from hcbench.recipes.target import Target
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
@@ -173,13 +172,7 @@ _NO_DRAG = {
 # In g h: at 1.6 itself, where round-off decides, some bodies stay down.
 _SLOWEST = 1.601
 
-
-def _exact_above(e: float) -> float:
-    """Impact speed over g h from which the plug-in's e is exact: Bullet adds g h after the impact."""
-    if not e**2 > 0.0:
-        return math.inf
-    root = math.sqrt(max(0.0, 1.0 - 0.75 * e**2))
-    return max(_SLOWEST, (1.0 + root) / e**2)
-
-
-RECIPES = (*_NATIVE, *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG, _exact_above))
+RECIPES = (
+    *_NATIVE,
+    *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG, partial(exact_above, _SLOWEST)),
+)

@@ -14,6 +14,7 @@ import pytest
 from hcbench.cli import run as run_command
 from hcbench.contact import pybullet as contact
 from hcbench.contact.pybullet import ConstantRestitution, Friction, HuntCrossley, Restitution
+from hcbench.engines.pybullet.plugin import restitution_of
 from hcbench.laws import closed_form
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.system.errors import SettingError, UserError
@@ -565,12 +566,13 @@ COMMANDS = [
     ("hunt_crossley stiffness=3e10 law=flores restitution=0", "needs one above 0"),
     ("hunt_crossley stiffness=3e10 alpha=.3 cup=.1", "cup=.1: needs radius,x,y,z"),
     ("hunt_crossley stiffness=3e10 alpha=.3 cup=.01,0,0,0", "smaller sphere"),
-    ("restitution", "either alpha= or constant="),
-    ("restitution alpha=.3 constant=.5", "either alpha= or constant="),
-    ("restitution constant=1.5", "constant=1.5: needs 0 ... 1"),
+    ("restitution", "either alpha= or restitution="),
+    ("restitution alpha=.3 restitution=.5", "either alpha= or restitution="),
+    ("restitution restitution=1.5", "restitution=1.5: needs 0 ... 1"),
+    ("restitution constant=1.5", "restitution=1.5: needs 0 ... 1"),
     ("restitution alpha=.3 reading=quick", "reading=quick: needs law or linear"),
     ("restitution alpha .3", 'key=value after "alpha"'),
-    ("restitution alfa=.3", 'no key "alfa", only: alpha constant'),
+    ("restitution alfa=.3", 'no key "alfa", only: alpha restitution'),
     ("bounce alpha=.3", 'no command "bounce", only: hunt_crossley'),
 ]
 
@@ -584,6 +586,20 @@ def test_a_wrong_command_says_what_is_wrong(
     sides = [ball, -1, plate, -1]
     assert bullet.executePluginCommand(plugin, text, sides, physicsClientId=world.client) == -1
     assert says in capfd.readouterr().err
+
+
+def test_an_earlier_name_of_a_key_is_read_and_named(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    ball, plate = world.ball(MASS), world.plate()
+    plugin, sides = contact.load(world.client), [ball, -1, plate, -1]
+    added = bullet.executePluginCommand(
+        plugin, "restitution constant=.5", sides, physicsClientId=world.client
+    )
+    assert added >= 0
+    assert "constant= is restitution= now" in capfd.readouterr().err
+    assert restitution_of("restitution constant=.5") == ConstantRestitution(0.5)
+    assert restitution_of("restitution restitution=.5") == ConstantRestitution(0.5)
 
 
 def test_what_cannot_be_a_pair_is_refused(world: World) -> None:

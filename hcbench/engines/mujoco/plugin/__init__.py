@@ -82,6 +82,8 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
     }
     flags = [f"-I{include}"]
     flags += [f"-D{name}" for name, is_so in differs.items() if is_so]
+    if " nactuator;" in model:  # one may have several controls
+        flags.append("-DHCB_ACTUATORS=m->nactuator")
     # The rows of the inertia matrix were once in mjData, by other names.
     for name in ("M", "C"):
         if f" {name}_rownnz;" in data and " M_rownnz;" not in model:

@@ -12,6 +12,16 @@ static int is_dual(const mjModel* m) { return m->opt.solver == mjSOL_PGS || m->o
 /* Whether Newton stops before its end as a rule. */
 static int stops_early(const mjModel* m) { return m->opt.solver == mjSOL_NEWTON && m->opt.iterations < HCB_ITERATIONS; }
 
+/* The linear damping of a degree of freedom by its joint, and by an actuator that has some for it. */
+static double joint_damping(const mjModel* m, int dof) {
+#ifdef HCB_ACTUATOR_DAMPING
+  int actuator = m->jnt_actuatorid[m->dof_jntid[dof]];
+  return m->dof_damping[dof] + (actuator < 0 ? 0 : m->actuator_damping[actuator]);
+#else
+  return m->dof_damping[dof];
+#endif
+}
+
 /* Whether the integrator takes the solver's forces in place of qacc. */
 static int takes_forces(const mjModel* m) {
   int damped = 0, off = m->opt.disableflags & mjDSBL_EULERDAMP;

@@ -4,20 +4,29 @@ static int masks_meet(const mjModel* m, int g1, int g2) {
   return (m->geom_contype[g1] & m->geom_conaffinity[g2]) || (m->geom_contype[g2] & m->geom_conaffinity[g1]);
 }
 
-/* Whether MuJoCo makes contacts of two geoms itself. */
-static int is_native(const mjModel* m, int g1, int g2) {
+/* Why MuJoCo makes no contact of two geoms; NULL where it does. */
+static const char* why_never(const mjModel* m, int g1, int g2) {
   int b1 = m->geom_bodyid[g1], b2 = m->geom_bodyid[g2], w1 = m->body_weldid[b1], w2 = m->body_weldid[b2];
   int p1 = m->body_weldid[m->body_parentid[w1]], p2 = m->body_weldid[m->body_parentid[w2]];
   for (int k = 0; k < m->npair; k++) {
     int a = m->pair_geom1[k], b = m->pair_geom2[k];
-    if ((a == g1 && b == g2) || (a == g2 && b == g1)) return 1;
+    if ((a == g1 && b == g2) || (a == g2 && b == g1)) return NULL;
   }
   for (int k = 0; k < m->nexclude; k++) {
-    if (m->exclude_signature[k] == (b1 << 16) + b2 || m->exclude_signature[k] == (b2 << 16) + b1) return 0;
+    if (m->exclude_signature[k] == (b1 << 16) + b2 || m->exclude_signature[k] == (b2 << 16) + b1) {
+      return "an <exclude> of their bodies switches their contact off: remove it";
+    }
   }
-  if (w1 && w2 && (w1 == p2 || w2 == p1) && !(m->opt.disableflags & mjDSBL_FILTERPARENT)) return 0;
-  return w1 != w2 && masks_meet(m, g1, g2);
+  if (w1 == w2) return "they are fixed to the same body: name others";
+  if (w1 && w2 && (w1 == p2 || w2 == p1) && !(m->opt.disableflags & mjDSBL_FILTERPARENT)) {
+    return "one's body is the parent of the other's: add a <pair> of both to <contact>, or the flag filterparent=\"disable\"";
+  }
+  if (!masks_meet(m, g1, g2)) return "contype and conaffinity keep them apart: set a bit that both share, or add a <pair> of both to <contact>";
+  return NULL;
 }
+
+/* Whether MuJoCo makes contacts of two geoms itself. */
+static int is_native(const mjModel* m, int g1, int g2) { return !why_never(m, g1, g2); }
 
 /* The name of an element, or its number where it has none. */
 static void describe(const mjModel* m, int type, int id, char out[NAME]) {
@@ -69,6 +78,20 @@ static void read_pairs(const mjModel* m, int i, instance* own) {
     int g1 = read_id(m, i, "geom1", mjOBJ_GEOM, "geom"), g2 = read_id(m, i, "geom2", mjOBJ_GEOM, "geom");
     add_pair(m, i, own, g1, g2);
   }
+}
+
+/* Names a pair of a restitution law of which MuJoCo never makes a contact, so that the law is for nothing. */
+static void warn_of_no_contact(const mjModel* m, int i, const instance* own) {
+  for (int k = 0; k < own->pairs; k++) {
+    if (is_native(m, own->pair[2 * k], own->pair[2 * k + 1])) return;
+  }
+  if (own->pairs == 0) return; /* a tendon */
+  char text[3][NAME];
+  describe(m, mjOBJ_PLUGIN, i, text[0]);
+  describe(m, mjOBJ_GEOM, own->pair[0], text[1]);
+  describe(m, mjOBJ_GEOM, own->pair[1], text[2]);
+  mju_warning("plugin hcbench.restitution, instance %s: the geoms %s and %s never meet, as %s", text[0], text[1], text[2],
+              why_never(m, own->pair[0], own->pair[1]));
 }
 
 typedef struct pair_entry {

@@ -19,7 +19,7 @@
 #include "../../../laws/published.c"
 
 enum { ROWS = 10, NAME = 64 };
-enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32 }; /* of hcbench.restitution */
+enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64 }; /* of hcbench.restitution */
 
 static const char* const FORCE_NAME = "hcbench.hunt_crossley";
 static const char* const RESTITUTION_NAME = "hcbench.restitution";
@@ -63,6 +63,8 @@ typedef struct { /* an instance, in mjData.plugin_data */
   standing* stands;
   int mocaps, jumps; /* of the first instance: how mocap bodies move (mocap.c) */
   double seen; /* of the first instance: time of the last step; NAN: none */
+  double timed; /* of the first instance: the step and the integrator that servos were held against (stability.c) */
+  int timed_kind, timed_steps;
   struct mocap* moving;
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
   int entries;
@@ -232,7 +234,7 @@ static void require_passive(const mjModel* m, int i) {
 
 static void compute(const mjModel* m, mjData* d, int i, int capability) {
   (void)capability;
-  if (!is_first(m, i) || m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) return;
+  if (evaluating || !is_first(m, i) || m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) return;
   if (!is_read(m, instance_of(d, i))) {
     for (int j = i; j < m->nplugin; j++) {
       if (m->plugin[j] == m->plugin[i]) read_instance(m, j, instance_of(d, j));
@@ -262,6 +264,7 @@ static int init(const mjModel* m, mjData* d, int i) {
   own->seen = NAN;
   require_passive(m, i);
   read_instance(m, i, own);
+  if (!own->is_force) warn_of_no_contact(m, i, own);
   if (is_last(m, i)) make_table(m, d, first_of(m, i)); /* refuses two laws for one pair */
   return 0;
 }

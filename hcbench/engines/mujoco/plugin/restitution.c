@@ -13,6 +13,8 @@
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
 #include "advance.c"
+#include "stability.c"
+#include "velocity_forces.c"
 #include "again.c"
 #include "rest.c"
 
@@ -266,8 +268,8 @@ static void warn_of_iterations(const mjModel* m, const mjData* d, instance* memo
   if (memory->iterations == m->opt.iterations || !is_loaded(m, d)) return;
   memory->iterations = m->opt.iterations;
   if (m->opt.iterations >= least) return;
-  mju_warning("plugin %s: the solver stops after iterations=\"%d\", before robots rest: their feet may sink, as on MuJoCo's "
-              "own contact. Set at least %d", RESTITUTION_NAME, m->opt.iterations, least);
+  mju_warning("plugin %s: the solver stops after iterations=\"%d\", before robots rest: they may move on, and their feet sink, as on "
+              "MuJoCo's own contact. Set at least %d", RESTITUTION_NAME, m->opt.iterations, least);
 }
 
 /* How far the joint turns in a step, rad. */
@@ -417,6 +419,12 @@ static void check_options(const mjModel* m, instance* memory, int first) {
     fail(m, first, "noslip_iterations takes the forces of the solver CG, which do not settle: set solver=\"Newton\", or "
          "noslip_iterations=\"0\"");
   }
+#ifdef HCB_SLEEP
+  if (m->opt.enableflags & mjENBL_SLEEP && m->opt.integrator == mjINT_RK4 && m->opt.solver != mjSOL_NEWTON) {
+    fail(m, first, "under RK4 the flag sleep wakes what sleeps every few steps, and the solvers CG and PGS then let it sink: set "
+         "solver=\"Newton\", or the flag sleep=\"disable\"");
+  }
+#endif
   if (m->opt.integrator > mjINT_IMPLICITFAST) fail(m, first, "the integrator must be Euler, implicit, implicitfast or RK4");
   if (m->opt.solver > mjSOL_NEWTON) fail(m, first, "the solver must be Newton, CG or PGS");
   if (m->opt.cone > mjCONE_ELLIPTIC) fail(m, first, "the cone must be pyramidal or elliptic");
@@ -505,6 +513,7 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
   if (sound) {
     mju_addToScl(d->qfrc_passive, impulse, 1 / m->opt.timestep, nv);
     shift_bias(m, d, impulse, 1, d->qfrc_passive);
+    if (!stage) shift_velocity_forces(m, d, impulse, d->qfrc_passive);
   }
   if (!sound || !is_sound(d->qfrc_passive, nv)) {
     mju_zero(impulse, nv);
@@ -527,6 +536,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   double h = m->opt.timestep;
   check_options(m, memory, first);
   warn_of_iterations(m, d, memory);
+  warn_of_servos(m, d, memory);
   mj_markStack(d);
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
   if (stage < 2) follow_mocaps(m, d, memory);

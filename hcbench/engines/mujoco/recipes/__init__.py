@@ -1,5 +1,7 @@
 """Settings of MuJoCo, the preferred ones of each role first."""
 
+from functools import partial
+
 from hcbench.engines.mujoco.recipes.compliant import COMPLIANT, COMPLIANT_PAIRS
 from hcbench.engines.mujoco.recipes.impulse import IMPULSE
 from hcbench.engines.mujoco.recipes.soft import SOFT
@@ -7,7 +9,7 @@ from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
 from hcbench.engines.mujoco.recipes.staggered import STAGGERED
 from hcbench.engines.mujoco.recipes.staggered_push import STAGGERED_PUSH
 from hcbench.engines.mujoco.recipes.two_pair import TWO_PAIR
-from hcbench.recipes.law_recipes import plug_in_recipes
+from hcbench.recipes.law_recipes import exact_above, plug_in_recipes
 from hcbench.recipes.recipe import stock
 
 STOCK = stock(
@@ -26,4 +28,4 @@ _NATIVE = (
     STAGGERED,
     STAGGERED_PUSH,
 )
-RECIPES = (*_NATIVE, *plug_in_recipes("mujoco", _NATIVE, {}, lambda e: 1.6))
+RECIPES = (*_NATIVE, *plug_in_recipes("mujoco", _NATIVE, {}, partial(exact_above, 1.6)))

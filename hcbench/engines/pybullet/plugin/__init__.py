@@ -86,7 +86,7 @@ def command(
     require_law(law)
     keys: dict[str, Any]
     if isinstance(law, ConstantRestitution):
-        keys = {"constant": law.restitution}
+        keys = {"restitution": law.restitution}
     elif isinstance(law, Restitution):
         keys = {"alpha": law.alpha}
         if law.reading == "linear":
@@ -240,9 +240,12 @@ def restitution_of(command: str) -> RestitutionCurve | None:
 
     command: as `command` writes it.
     """
-    keys = dict(part.split("=", 1) for part in command.split()[1:])
-    if "constant" in keys:
-        return ConstantRestitution(float(keys["constant"]))
+    name, *parts = command.split()
+    keys = dict(part.split("=", 1) for part in parts)
+    # `constant` is an earlier name of the key.
+    e = keys.get("restitution", keys.get("constant"))
+    if name == "restitution" and e is not None:
+        return ConstantRestitution(float(e))
     if "alpha" not in keys:
         return None
     reading: Reading = "linear" if keys.get("reading") == "linear" else "law"

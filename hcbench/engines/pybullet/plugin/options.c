@@ -10,7 +10,7 @@ static int fail(world* w, const char* format, ...) {
 }
 
 /* What stands after "name" in "name key=value key=value": numbers (NAN: not given), and words as they are. */
-enum { STIFFNESS, EXPONENT, ALPHA, RESTITUTION, CONSTANT, FRICTION, DYNAMIC_FRICTION, SLIP_SPEED, NUMBERS };
+enum { STIFFNESS, EXPONENT, ALPHA, RESTITUTION, FRICTION, DYNAMIC_FRICTION, SLIP_SPEED, NUMBERS };
 enum { LAW, READING, IN_CUP, WORDS };
 
 typedef struct {
@@ -23,9 +23,8 @@ static const struct {
   double low, high;
 } keys[NUMBERS + WORDS] = {
     {"stiffness", "h", 0, INFINITY}, {"exponent", "h", 1, 100}, {"alpha", "hr", 0, INFINITY},
-    {"restitution", "h", 0, 1}, {"constant", "r", 0, 1}, {"friction", "hr", 0, INFINITY},
-    {"dynamic_friction", "h", 0, INFINITY}, {"slip_speed", "h", 1e-300, INFINITY}, {"law", "h", 0, 0},
-    {"reading", "r", 0, 0}, {"cup", "hr", 0, 0}};
+    {"restitution", "hr", 0, 1}, {"friction", "hr", 0, INFINITY}, {"dynamic_friction", "h", 0, INFINITY},
+    {"slip_speed", "h", 1e-300, INFINITY}, {"law", "h", 0, 0}, {"reading", "r", 0, 0}, {"cup", "hr", 0, 0}};
 
 static int set_option(world* w, int k, const char* value, options* o) {
   char* end;
@@ -34,6 +33,13 @@ static int set_option(world* w, int k, const char* value, options* o) {
   if (end == value || *end) return fail(w, "%s=%s: no number", keys[k].name, value);
   if (number >= keys[k].low && number <= keys[k].high) return 1;
   return fail(w, "%s=%g: needs %g ... %g", keys[k].name, number, keys[k].low, keys[k].high);
+}
+
+/* The key by its name of today; an earlier one is named on stderr. */
+static const char* key_of_today(const char* name, char kind) {
+  if (kind != 'r' || strcmp(name, "constant")) return name;
+  fprintf(stderr, "hcbench: the key constant= is restitution= now, as in MuJoCo: write that\n");
+  return "restitution";
 }
 
 static int read_options(world* w, const char* text, char kind, options* o) {
@@ -50,7 +56,8 @@ static int read_options(world* w, const char* text, char kind, options* o) {
     int k = 0;
     if (!value) return fail(w, "needs key=value after \"%s\"", token);
     *value++ = 0;
-    while (k < NUMBERS + WORDS && (strcmp(keys[k].name, token) || !strchr(keys[k].of, kind))) k++;
+    const char* name = key_of_today(token, kind);
+    while (k < NUMBERS + WORDS && (strcmp(keys[k].name, name) || !strchr(keys[k].of, kind))) k++;
     if (k == NUMBERS + WORDS) return fail(w, "no key \"%s\", only:%s", token, known);
     if (!set_option(w, k, value, o)) return 0;
   }
@@ -80,12 +87,12 @@ static int read_force(world* w, const options* o, law* l) {
 }
 
 static int read_restitution(world* w, const options* o, law* l) {
-  int constant = !isnan(o->number[CONSTANT]), linear = !strcmp(o->word[READING], "linear");
-  if (constant == !isnan(o->number[ALPHA])) return fail(w, "restitution: needs either alpha= or constant=");
+  int constant = !isnan(o->number[RESTITUTION]), linear = !strcmp(o->word[READING], "linear");
+  if (constant == !isnan(o->number[ALPHA])) return fail(w, "restitution: needs either alpha= or restitution=");
   if (o->word[READING][0] && !linear && strcmp(o->word[READING], "law")) {
     return fail(w, "reading=%s: needs law or linear", o->word[READING]);
   }
   l->impact.kind = constant ? HCB_CONSTANT : linear ? HCB_LINEAR : HCB_LAW;
-  l->impact.value = o->number[constant ? CONSTANT : ALPHA];
+  l->impact.value = o->number[constant ? RESTITUTION : ALPHA];
   return 1;
 }
