@@ -109,7 +109,7 @@ class LaunchGrid:
 
         part: numbers of the launches in the grid. A body that is dropped starts at rest, or with
         less than one step's gain in speed; others start at most two steps and the phase before
-        the touch.
+        the touch. Without gravity none falls: all start at their speed.
         """
         speed, phase = self.asked(part)
         _, angle, _ = np.unravel_index(np.arange(part.start, part.stop), self.shape)

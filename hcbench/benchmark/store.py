@@ -122,7 +122,8 @@ class Files:
         def freshen() -> None:
             while not done.wait(_FRESHEN_S):
                 # The next write of the sweep raises CannotRun where another has the lock.
-                with suppress(OSError, CannotRun):
+                # One damaged reading is no reason to let the lock go stale.
+                with suppress(OSError, ValueError, CannotRun):
                     self._claim(mine)
 
         thread = threading.Thread(target=freshen, daemon=True)
@@ -140,9 +141,10 @@ class Files:
     def _claim(self, mine: dict[str, Any]) -> None:
         """Write the lock file of this sweep, in place of one that is stale or damaged.
 
+        `locked` calls it once, and its thread again and again, to keep the file fresh.
         mine: its content, with a token of its own; its time becomes that of this write.
         Raises CannotRun if another sweep holds the lock, OSError where it cannot be read or
-        written.
+        written, ValueError where what was read back is damaged.
         """
         if LOCK in self.names():
             owner = self.read(LOCK).decode("utf-8", "replace")

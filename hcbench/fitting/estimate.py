@@ -253,8 +253,8 @@ def _shares(
     """A grid over ψ = ln e at the reference speed and the share f of it that goes with α, even in
     both.
 
-    parameters, centre, spread: shape (2,); without a spread the grid has all shares. hessian: (2,
-    2).
+    parameters, centre, spread: shape (2,), the first the part that goes with α; centre is relative
+    to `parameters`. Without a spread the grid has all shares. hessian: (2, 2).
     fine: not used; `_line` is called with the same arguments.
     Returned are points relative to `parameters`, shape (g, 2), ln of the cells' areas, (g,), and a
     mask of the points where e is at most 1.

@@ -158,12 +158,13 @@ def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float)
     for _ in range(_ROUNDS):
         fit = fit_law(law, sets, reference, widths)
         widths = []
-        for change, wide, reduced, noise in zip(
+        # relative: change of each e off the law, over e. wide: its width in the round before.
+        for relative, wide, reduced, noise in zip(
             fit.latent, fit.width, fit.reduced, fit.noise, strict=True
         ):
             variance = reduced.latent_variance(fit.scatter, noise)
             # Mean square of each e off the law, in units of s_e².
-            square = ((change / wide) ** 2 + variance) * wide**2 / fit.scatter**2
+            square = ((relative / wide) ** 2 + variance) * wide**2 / fit.scatter**2
             widths.append(np.sqrt((_FREEDOM + square) / (_FREEDOM + 1.0)))
     assert widths is not None
     return widths

@@ -329,7 +329,8 @@ def _band_of(fit: LawFit, speeds: Floats) -> Floats:
 
 
 def _wider(result: FitResult) -> float:
-    """Factor by which the interval of the number that is given is wider than the posterior's.
+    """Width of the interval that the result gives, over the width of all posteriors of its `curves`
+    together.
 
     1 for a law whose parameter is not given, and where no number is.
     """

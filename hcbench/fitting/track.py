@@ -315,9 +315,10 @@ def _refined(
 def _extended(
     touches: list[float], times: Floats, heights: Floats, least: float, frame: float, gravity: float
 ) -> list[float]:
-    """Touches, and those after them that the heights of flights tell, however few frames show them.
+    """Touches, and those after them that the heights of flights tell, of more than _LEAST_FRAMES
+    frames each.
 
-    touches, times: s. heights: over the floor, m, at these times.
+    touches: one or more, s. times: s. heights: over the floor, m, at these times.
     least: height of a flight that is one, m.
     frame: time between two frames, s. gravity: m/s².
     """
@@ -328,8 +329,10 @@ def _extended(
         else:
             window = times[-1] - touches[-1]
         after = heights[(times > touches[-1] + 0.5 * frame) & (times < touches[-1] + window)]
-        flight = math.sqrt(8.0 * max(float(after.max(initial=0.0)), 0.0) / gravity)
-        is_seen = gravity * flight**2 / 8.0 > least and flight > _LEAST_FRAMES * frame
+        height = max(float(after.max(initial=0.0)), 0.0)
+        # A flight to a height takes two falls from it.
+        flight = 2.0 * math.sqrt(2.0 * height / gravity)
+        is_seen = height > least and flight > _LEAST_FRAMES * frame
         if not is_seen or flight > window or touches[-1] + flight > times[-1]:
             return touches
         touches = [*touches, touches[-1] + flight]

@@ -2,7 +2,7 @@
 MuJoCo, restitution elsewhere.
 
 The law's factor of v is a = λ/k = (3/2) α: F = k x^n (1 + a v). Drake's
-`hunt_crossley_dissipation` d is a, Simbody's `dissipation` c is α, so the same letter
+`hunt_crossley_dissipation` d is a, Simbody's `dissipation` c is α, so the same word
 "dissipation" differs by 3/2 between two libraries of one family. Engines that know a constant
 restitution, or a spring and damper, can match the law at one speed only.
 """

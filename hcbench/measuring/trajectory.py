@@ -84,9 +84,10 @@ def _arrays(trajectory: Any) -> dict[str, Floats]:
 
 
 def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
-    """Touchdowns in a recording: qpos (n, nq), qvel (n, nv) and time (n,), s.
+    """Touchdowns in a recording: qpos (n, nq), qvel (n, nv) and, where it is known, time (n,), s.
 
-    Raises UserError for an engine in which hcbench reads no recordings.
+    Raises UserError for an engine in which hcbench reads no recordings, and what `source_of`
+    raises.
     """
     engine, source, _ = source_of(job)
     if not isinstance(engine, LandsRobots):

@@ -221,10 +221,10 @@ def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> 
     cells: list[Cell] = []
     for data in request.sets:
         cells.extend(_cells(request, parameters, data))
-    in_switches = [cell for cell in cells if cell.data == "cube" and _is_in_switches(cell)]
+    with_variants = [cell for cell in cells if cell.data == "cube" and _has_variants(cell)]
     changed = []
     for variant in filter(None, VARIANTS):
-        changed += [replace(cell, variant=variant) for cell in in_switches]
+        changed += [replace(cell, variant=variant) for cell in with_variants]
     # All in one go: no worker waits for the last cell of another part.
     outcomes = run_each(pool, outcome_of, [*cells, *changed], tick)
     scores = [of_cell(cell, outcome) for cell, outcome in zip(cells, outcomes, strict=False)]
@@ -316,7 +316,7 @@ def _cells(request: RealityRequest, parameters: Parameters, data: str) -> Iterat
             yield request.cell(data, engine, setting, values)
 
 
-def _is_in_switches(cell: Cell) -> bool:
+def _has_variants(cell: Cell) -> bool:
     return cell.contact.name in (FRICTION, PLUGIN_E) and cell.contact.cone != "pyramidal"
 
 

@@ -148,9 +148,10 @@ class DrakeModel(ModelUnderTest):
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as `wanted`.
+        """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
 
-        wanted: e over speed; None where the user named none.
+        impacts: of the launches. wanted: e over speed; None where the user named none. A
+        hydroelastic pair is suspected only of gain, few steps and other contacts.
         """
         step = diagnose.StepFix(
             self.timestep, "time_step={} of the plant, or --timestep", _set_step

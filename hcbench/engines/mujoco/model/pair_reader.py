@@ -41,6 +41,7 @@ class MujocoAlongPlate:
         self.friction = np.zeros(3)
         # Moving body's centre, m, in the state in which the contact point was seen last.
         self._origin = np.zeros(3)
+        # Only contacts and gravity act: the energy is that of both. Else it is of the mover alone.
         self._alone = not self.pair.more_than_contacts
         model = self.pair.model
         moving = [model.body_rootid[self.pair.first.body]]

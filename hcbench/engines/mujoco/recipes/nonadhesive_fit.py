@@ -227,8 +227,9 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
 def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRows:
     """The first `springs` rows with fitted stiffness S (1/s²), beside the others as they are.
 
-    Which of the other rows act is taken from the law's own acceleration, so the fit is linear; the
-    springs are taken to act from their onsets on.
+    Rows of weights w and reference accelerations r give a (1 + Σ w) = Σ w r, which is linear in S:
+    the springs have no damping. Which of the other rows act is taken from the law's own
+    acceleration; the springs are taken to act from their onsets on.
     """
     terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
     reference = terms.reference(rows.stiffness, rows.damping)

@@ -148,6 +148,7 @@ class BulletAlongPlate:
 
     def friction(self, contacts: Sequence[Any], slip: Floats) -> Floats:
         """Friction on the moving body in the step after `motion`, along the plate's axes, N, (2,).
+        Also notes where the contact was seen, for `moved_with`.
 
         contacts: tuples of getContactPoints of that step, one or more.
         slip: before the step, m/s, (2,).
