@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # Whole tests of settings that have the rebound, and of those with the largest ones, at most.
 _JUDGED = 6
-_HIGHEST = 2
+_HIGHEST = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +83,13 @@ def tune_landing(
     largest = max((one.test.rebound for one in highest if not one.worse), default=before.rebound)
     reach = Reach(largest, found.stiffer())
     # What comes nearest is printed with all that it makes worse.
+    nearer = [
+        one
+        for one in [*tried, *highest]
+        if abs(one.test.rebound - rebound) < abs(before.rebound - rebound)
+    ]
     every = sorted(
-        [*tried, *highest],
+        nearer,
         key=lambda one: (one.test.diverged, len(one.worse), abs(one.test.rebound - rebound)),
     )
     if not every:

@@ -304,8 +304,8 @@ def _best(
         judged = dataclasses.replace(tried, pairs=pairs, landing=change)
         best = best or judged
         if change is None or not change.worse:
-            within = setting.name == AS_IT_IS or largest_error(pairs) <= limit
-            return judged if within else best
+            is_better = setting.name != AS_IT_IS and largest_error(pairs) <= limit
+            return judged if is_better else best
     if best is None:
         got = f"launches with the setting {order[0].setting.name!r} gave no restitution"
         raise EngineFailed(

@@ -94,10 +94,9 @@ class LandingChange:
     @property
     def misses(self) -> str:
         """Reasons why the target is not met, as a phrase."""
-        if self.worse:
+        if self.reach is None:
             return f"the robot lands worse with it: {'; '.join(self.worse)}"
-        largest = self.after.rebound if self.reach is None else self.reach.rebound
-        return f"the largest rebound without a worse landing is {1e3 * largest:.3g} mm"
+        return f"the largest rebound without a worse landing is {1e3 * self.reach.rebound:.3g} mm"
 
 
 @dataclass(frozen=True, repr=False)

@@ -4,7 +4,11 @@ and phases that no search saw.
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +17,13 @@ import pytest
 
 import hcbench as hb
 from hcbench.cli import run
-from hcbench.sim.drop_test import HEIGHTS, PHASES
-from hcbench.system.errors import UserError
+from hcbench.measuring import Wanted
+from hcbench.sim.drop_test import HEIGHTS, PHASES, QUANTITIES, DropTest
+from hcbench.sim.model_under_test import ModelSetting
+from hcbench.sim.rest import UNKNOWN
+from hcbench.system.errors import EngineFailed, UserError
+from hcbench.tuning.model import _best, _Try
+from hcbench.tuning.tuned_model import LandingChange
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -23,6 +32,7 @@ from robot_drops import FEET, QUADRUPED, drop  # noqa: E402
 UNSEEN = (0.07, 0.39, 0.61, 0.88)
 
 
+@cache
 def tuned(**target: Any) -> hb.TunedModel:
     return hb.tune_model(QUADRUPED, FEET, **target)
 
@@ -42,7 +52,7 @@ def test_the_centre_of_mass_rebounds_by_the_target_at_phases_that_no_search_saw(
 
 
 def test_nothing_else_is_worse_at_heights_and_tilts_that_no_search_saw() -> None:
-    found = tuned(rebound="5 mm")
+    found = tuned(rebound=0.005)
     before = mujoco.MjModel.from_xml_path(str(QUADRUPED))
     after = mujoco.MjModel.from_xml_string(found.written)
     for height, phase, tilt in ((0.035, 0.39, 0.0), (0.07, 0.61, -0.05)):
@@ -55,7 +65,7 @@ def test_nothing_else_is_worse_at_heights_and_tilts_that_no_search_saw() -> None
 
 def test_the_judge_agrees_with_a_plain_loop() -> None:
     """Of the model as it is: the worst of one height, flat."""
-    landing = tuned(restitution=0.0).landing
+    landing = tuned(rebound=0.02).landing
     assert landing is not None
     model = mujoco.MjModel.from_xml_path(str(QUADRUPED))
     seen = [drop(model, 0.1, phase, 2.0) for phase in PHASES]
@@ -106,3 +116,91 @@ def test_a_body_without_actuators_has_no_rebound_of_its_own() -> None:
     good = QUADRUPED.with_name("good.xml")
     with pytest.raises(UserError, match="no actuator drives"):
         hb.tune_model(good, "ball,plate", rebound="5 mm")
+
+
+def worse(test: DropTest) -> DropTest:
+    return dataclasses.replace(test, depth=2.0 * test.depth, late=3.0)
+
+
+def test_a_landing_is_worse_in_what_grew_by_more_than_is_stated() -> None:
+    landing = tuned(rebound=0.005).landing
+    assert landing is not None
+    was = landing.before
+    deeper = f"largest penetration {1e3 * was.depth:.3g} -> {2e3 * was.depth:.3g} mm"
+    assert list(worse(was).worse_than(was)) == [deeper, "flights after 3 s 0 -> 3"]
+    for quantity in QUANTITIES:
+        then = getattr(was, quantity.name)
+        limit = max(quantity.share * then, then + quantity.slack)
+        at_limit = dataclasses.replace(was, **{quantity.name: limit})
+        assert not list(at_limit.worse_than(was))
+        beyond = dataclasses.replace(was, **{quantity.name: 1.001 * limit + 1e-9})
+        assert len(list(beyond.worse_than(was))) == 1
+    never = dataclasses.replace(was, rest=math.inf)
+    assert list(never.worse_than(was)) == [f"time to rest {was.rest:.3g} -> inf s"]
+    assert not list(never.worse_than(never))
+
+
+@cache
+def ball() -> hb.TunedModel:
+    good = QUADRUPED.with_name("good.xml")
+    return hb.tune_model(good, "ball,plate", restitution=0.5, speeds="0.5, 1 m/s")
+
+
+class Lands:
+    """Stands in for an engine: settings whose source is "worse" land worse."""
+
+    def landing(self, source: Any, requests: Any, like: DropTest) -> DropTest:
+        return worse(like) if source == "worse" else like
+
+
+def a_try(name: str, source: Any, error: float, *, bounces: bool = True) -> Any:
+    (pair,) = ball().pairs
+    pairs = (pair if bounces else dataclasses.replace(pair, beyond=math.inf),)
+    setting = ModelSetting(name, (), Any, Any, source=source)  # type: ignore[arg-type]
+    return _Try(setting, UNKNOWN, error, 0, pairs)
+
+
+def chosen(*tries: Any, landed: bool = False, limit: float = 1.0) -> Any:
+    was = tuned(rebound=0.005).landing
+    assert was is not None
+    before = was.before if landed else None
+    return _best(Lands(), [], [], Wanted(restitution=0.5), before, limit, tries)  # type: ignore[arg-type]
+
+
+def test_a_setting_without_a_bounce_is_passed_over() -> None:
+    silent, bounces = a_try("silent", None, 0.1, bounces=False), a_try("bounces", None, 0.2)
+    assert chosen(silent, bounces).setting.name == "bounces"
+    with pytest.raises(EngineFailed, match="'silent' gave no restitution"):
+        chosen(silent)
+
+
+def test_a_setting_with_which_the_robot_lands_worse_gives_way_to_one_that_gains() -> None:
+    bad, good = a_try("bad", "worse", 0.1), a_try("good", "good", 0.2)
+    assert chosen(bad, good, landed=True).setting.name == "good"
+    assert chosen(bad, landed=True).landing.worse
+    assert chosen(bad, good, landed=True, limit=0.0).setting.name == "bad"
+
+
+@pytest.fixture
+def landing_worse(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """`tune` finds a setting with which a robot lands worse."""
+    was = tuned(rebound=0.005).landing
+    assert was is not None
+    change = LandingChange(was.before, worse(was.before))
+    found = dataclasses.replace(ball(), landing=change)
+    monkeypatch.setattr("hcbench.tuning.ask.tune_job", lambda *_: found)
+    yield
+
+
+@pytest.mark.usefixtures("landing_worse")
+def test_a_worse_landing_is_printed_with_its_lines_and_not_written(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "tuned.xml"
+    asked = ["tune", str(QUADRUPED), "--pair", FEET[0], "--alpha", "0.3 s/m"]
+    assert run([*asked, "--write-model", str(out)]) == 1
+    captured = capsys.readouterr()
+    assert "Worse than before: largest penetration 19 -> 38.1 mm" in " ".join(captured.out.split())
+    assert "<pair geom1=" in captured.out
+    assert "landing: the robot lands worse with it: largest penetration" in captured.err
+    assert not out.exists()

@@ -23,7 +23,7 @@ from hcbench.sim.drop_test import DROPS, REBOUNDS, DropTest, ReboundSettings
 from hcbench.sim.model_under_test import ModelSetting, Texts
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from hcbench.sim.model_under_test import ModelUnderTest, Output, Request
     from hcbench.sim.promise import Promise
@@ -39,11 +39,14 @@ _TOUCH_S = 0.35
 # Halvings of the damping between two contacts, and how near the rebound comes then.
 _HALVINGS = 6
 _NEAR = 0.03
+# Halvings of the damping below the largest rebound that was found.
+_REFINED = 3
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
 # Drops by which a contact is first judged whole, of a robot that stands.
 _FIRST = (DROPS[-1], DROPS[len(DROPS) // 2])
 _SETTINGS_MAX = 6
+_HIGHEST_MAX = 24
 # Factors of the servos' kp, with their square roots of kd, by which more is tried.
 _STIFFER = (2.0, 4.0, 8.0, 16.0)
 # Fewer iterations of the solver do not hold a foot.
@@ -85,16 +88,25 @@ class ReboundSearch:
                 if self._first_drops_are_no_worse(varied):
                     yield varied
 
-    def largest(self) -> float:
-        """The largest rebound in short drops of all contacts that are not worse there, m."""
-        return max((self._try(contact).rebound for contact in self._feasible()), default=0.0)
-
     def highest_contacts(self) -> Iterator[FootContact]:
         """Contacts that are not worse in short drops, the largest rebound first."""
-        feasible = sorted(self._feasible(), key=lambda contact: -self._try(contact).rebound)
-        for contact in feasible:
+        every = itertools.chain.from_iterable(self._grid())
+        feasible = sorted(self._feasible(every), key=lambda contact: -self._try(contact).rebound)
+        for contact in feasible[:_HIGHEST_MAX]:
             if self._first_drops_are_no_worse(contact):
-                yield contact
+                yield from dict.fromkeys([self._least_damped(contact), contact])
+
+    def _least_damped(self, contact: FootContact) -> FootContact:
+        """The contact with as little damping as the drops allow, down to the next of the grid."""
+        lower = max((one for one in _DAMPINGS if one < contact.damping), default=contact.damping)
+        for _ in range(_REFINED):
+            middle = replace(contact, damping=math.sqrt(contact.damping * lower))
+            is_no_worse = self._is_no_worse(self._try(middle))
+            if is_no_worse and self._first_drops_are_no_worse(middle):
+                contact = middle
+            else:
+                lower = middle.damping
+        return contact
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
         """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach."""
@@ -113,9 +125,9 @@ class ReboundSearch:
             rows.append(row)
         return rows
 
-    def _feasible(self) -> list[FootContact]:
-        every = [contact for row in self._grid() for contact in row]
-        return [contact for contact in every if self._is_no_worse(self._try(contact))]
+    def _feasible(self, contacts: Iterable[FootContact]) -> list[FootContact]:
+        """Those that are not worse in short drops."""
+        return [contact for contact in contacts if self._is_no_worse(self._try(contact))]
 
     def _is_no_worse(self, test: DropTest) -> bool:
         return not list(test.worse_than(self._untuned, self.target))
@@ -173,8 +185,8 @@ class ReboundSearch:
 
     def _first_drops_are_no_worse(self, contact: FootContact) -> bool:
         set_contact(self.bench.model, self.plain, self.geoms, contact)
-        test = self.bench.test(self.before.seconds, _FIRST)
-        return not list(test.worse_than(self.before, self.target))
+        tests = (self.bench.test(self.before.seconds, [drop]) for drop in _FIRST)
+        return not any(list(test.worse_than(self.before, self.target)) for test in tests)
 
     def _with_stiffer_servos(self) -> Iterator[tuple[float, float]]:
         """(factor of kp, largest rebound, m) until the target is in reach."""
@@ -187,7 +199,10 @@ class ReboundSearch:
             model.actuator_biasprm[servos, 1] = factor * biases[servos, 1]
             model.actuator_biasprm[servos, 2] = math.sqrt(factor) * biases[servos, 2]
             self._tried.clear()
-            largest = self.largest()
+            # A coarse grid tells where the target comes into reach.
+            every = itertools.chain.from_iterable(row[::2] for row in self._grid()[::2])
+            rebounds = [self._try(contact).rebound for contact in self._feasible(every)]
+            largest = max(rebounds, default=0.0)
             yield factor, largest
             if largest >= self.target:
                 break
