@@ -1,4 +1,4 @@
-"""How a robot lands before and after `hcbench tune MODEL`: its table, its sentences, its JSON."""
+"""Landing of a robot before and after `hcbench tune MODEL`: its table, its sentences, its JSON."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _number(value: float) -> str:
 
 
 def landing_sentences(change: LandingChange) -> list[str]:
-    """What a reader must know of a landing, what is worse, and what would help; a sentence each."""
+    """Sentences on a landing: what it was, what is worse, and what would help."""
     before = change.before
     sentences = [f"The worst of 24 drops: {_DROPS}."]
     if before.fell:
@@ -107,7 +107,7 @@ def _stiffer(change: LandingChange) -> list[str]:
 
 
 def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
-    """The landing as `--json` prints it, SI; None for what is no robot."""
+    """The landing in SI units for `--json`; None for None."""
     if change is None:
         return None
     reach = None

@@ -177,7 +177,7 @@ class TunesModels(OpensModels):
         """Drop the robot of which the pairs are feet, and judge how it lands.
 
         like: a test to compare with, of equal length; None for one as long as the robot stands.
-        Raises UserError where the pairs are of no robot that can fall.
+        Raises UserError where the pairs are not of a robot that can fall.
         """
         raise UserError("engine", self.title, "an engine in which hcbench judges landings")
 

@@ -1,4 +1,4 @@
-"""How a robot lands as a whole: the quantities that judge a setting of its feet, whatever made it."""
+"""Drops of a robot: the quantities of its landing that judge every setting of its feet."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ QUANTITIES = (
 
 @dataclass(frozen=True, slots=True)
 class Landed:
-    """What one drop shows, SI; NaN for what its time is too short for.
+    """Landing from one drop, SI; NaN for what its time is too short for.
 
     rebound: height that the centre of mass gains in its highest flight, with the whole robot off
     the floor for longer than chatter, m.
@@ -113,7 +113,7 @@ class Landed:
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """What is dropped. model: what to call its file. name: of its base. mass: kg. timestep: s.
+    """A robot that is dropped. model: what to call its file. name: of its base. mass: kg. timestep: s.
 
     gravity: m/s². controller: what holds its joints, in words.
     """
@@ -156,7 +156,7 @@ class DropTest:
 
     @property
     def record(self) -> dict[str, float]:
-        """The numbers as JSON has them, by key."""
+        """The numbers by their keys in JSON, SI."""
         of_quantities = {each.key: getattr(self, each.name) for each in QUANTITIES}
         return {"rebound_m": self.rebound, "rebound_spread_m": self.spread, **of_quantities}
 
@@ -187,7 +187,7 @@ class DropTest:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """What a contact can do for the rebound of a robot.
+    """Limits of the rebound that a contact of the feet can give a robot.
 
     rebound: the largest of the settings that were tried and do not land worse, m. stiffer: (factor
     of the servos' kp, largest rebound with it at the touch, m), in order; () where none was needed.
@@ -199,10 +199,10 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class ReboundSettings:
-    """What an engine finds for a rebound, each part when it is asked for.
+    """Settings that an engine finds for a rebound, each computed when it is asked for.
 
     meeting: settings that have it in some drops, the most promising first. highest: settings with
-    the largest rebounds, the largest first. stiffer: as `Reach` has it.
+    the largest rebounds, the largest first. stiffer: see `Reach`.
     advice: sentences on options of the model that spoil every landing.
     """
 

@@ -38,7 +38,7 @@ class _Judged:
 def landing_as_it_is(
     engine: TunesModels, source: Any, requests: Sequence[Request]
 ) -> DropTest | None:
-    """How the robot of the pairs lands in the model as it is; None where they are of no robot."""
+    """Drop the robot of the pairs in the model as it is; None where they are not of a robot."""
     try:
         return engine.landing(source, requests)
     except UserError:
@@ -75,11 +75,13 @@ def tune_landing(
         return every
 
     tried = judged(found.meeting, _JUDGED)
-    best = next((one for one in tried if one.meets(rebound)), None)
+    highest: list[_Judged] = []
+    if not any(one.meets(rebound) for one in tried):
+        highest = judged(found.highest, _HIGHEST)
+    best = next((one for one in [*tried, *highest] if one.meets(rebound)), None)
     if best is not None:
         change = LandingChange(before, best.test, rebound, advice=found.advice)
         return _tuned(best.setting, change, output)
-    highest = judged(found.highest, _HIGHEST)
     largest = max((one.test.rebound for one in highest if not one.worse), default=before.rebound)
     reach = Reach(largest, found.stiffer())
     # What comes nearest is printed with all that it makes worse.

@@ -68,7 +68,7 @@ class TunedPair:
 
 @dataclass(frozen=True, slots=True)
 class LandingChange:
-    """How a robot lands without and with a setting of its feet.
+    """Landing of a robot without and with a setting of its feet.
 
     rebound: the target, m; None where the target is an e of a foot.
     reach: what is possible; None where the target is met or is none of the rebound.
@@ -96,7 +96,10 @@ class LandingChange:
         """Reasons why the target is not met, as a phrase."""
         if self.reach is None:
             return f"the robot lands worse with it: {'; '.join(self.worse)}"
-        return f"the largest rebound without a worse landing is {1e3 * self.reach.rebound:.3g} mm"
+        largest = f"{1e3 * self.reach.rebound:.3g} mm"
+        if self.reach.rebound > (self.rebound or 0.0):
+            return f"no contact that was tried has it without a worse landing, though one has {largest}"
+        return f"the largest rebound without a worse landing is {largest}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -104,12 +107,12 @@ class TunedModel(Shown):
     """A setting for pairs in their own model, and how it does there.
 
     texts: of the setting; its `written` is "" where the engine has no such text.
-    pairs: in each attitude; () where the target is the rebound of a robot, which is no e of a pair.
+    pairs: in each attitude; () where the target is the rebound of a robot, which has no e.
     untuned: the same of the model as it was.
     before, after: how it stands without and with the setting.
     enough: error of e, within which a setting will do.
     files: what was written; () where nothing was.
-    landing: of the robot whose feet the pairs are; None where they are of none.
+    landing: of the robot whose feet the pairs are; None where they are not of a robot.
     """
 
     name: str
@@ -151,7 +154,7 @@ class TunedModel(Shown):
 
     @property
     def model(self) -> str:
-        """What to call the model: its file."""
+        """Name of the model's file."""
         return (
             self.pairs[0].facts.model if self.landing is None else self.landing.before.robot.model
         )

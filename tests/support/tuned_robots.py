@@ -42,7 +42,7 @@ TARGETS = (0.0, 5e-3, 20e-3)  # m
 
 @dataclass
 class Answer:
-    """What `tune` says of a robot for a target, m. cpu: s."""
+    """Answer of `tune` for a robot and a target, m. cpu: s."""
 
     robot: Robot
     target: float

@@ -64,7 +64,7 @@ def test_nothing_else_is_worse_at_heights_and_tilts_that_no_search_saw() -> None
 
 
 def test_the_judge_agrees_with_a_plain_loop() -> None:
-    """Of the model as it is: the worst of one height, flat."""
+    """The model as it is: the worst of one height, flat."""
     landing = tuned(rebound=0.02).landing
     assert landing is not None
     model = mujoco.MjModel.from_xml_path(str(QUADRUPED))

@@ -166,7 +166,7 @@ class DropBench:
         return max(float(self.up @ centre) - low, 1e-3)
 
     def _landed(self, drop: Drop, seconds: float) -> Landed | None:
-        """What one drop shows; None where it diverges."""
+        """Simulate and read one drop; None where it diverges."""
         mujoco = backend()
         steps = round(seconds / self.timestep)
         forget_resets(self._data)
@@ -244,7 +244,7 @@ class DropBench:
         )
 
     def _energy(self, state: Floats, sensors: Floats) -> Floats:
-        """Of the robot and of its servos as springs, J, (n,)."""
+        """Energy of the robot and of its servos as springs, J, (n,)."""
         at = self._addresses
         model = self.model
         energy: Floats = sensors[:, at["potential"]] + sensors[:, at["kinetic"]]
@@ -455,7 +455,7 @@ def _sensor_addresses(model: Any) -> dict[str, Any]:
 
 
 def _flights(pressed: Any, touch: int, timestep: float) -> tuple[list[int], list[int]]:
-    """First steps of the flights after the touch that are no chatter, and those after their ends."""
+    """First steps of flights after the touch, longer than chatter, and the steps after their ends."""
     off = ~pressed
     off[:touch] = False
     edges = np.diff(np.concatenate([[0], off.astype(int), [0]]))
