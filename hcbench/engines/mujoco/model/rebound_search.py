@@ -45,7 +45,7 @@ _REFINED = 3
 _IMPRATIOS = (0.0, 10.0)
 # Drops by which a contact is first judged whole, of a robot that stands.
 _FIRST = (DROPS[-1], DROPS[len(DROPS) // 2])
-_SETTINGS_MAX = 6
+_SETTINGS_MAX = 12
 _HIGHEST_MAX = 24
 # Factors of the servos' kp, with their square roots of kd, by which more is tried.
 _STIFFER = (2.0, 4.0, 8.0, 16.0)
