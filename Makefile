@@ -96,9 +96,10 @@ test-newest: $(NEWEST)/.installed  ## every test on the newest versions that the
 versions: $(INSTALLED)  ## every command with each version of what hcbench needs: the tables of docs/reference/versions.md
 	PYTHONPATH=tests/support $(BIN)/python -m versions
 
-test-models: $(MODELS)/.installed  ## 60 models that others wrote, from their packages (docs/explanation/models.md), loops of our own over 32, and 12 robots that land
+test-models: $(MODELS)/.installed  ## 60 models that others wrote, from their packages (docs/explanation/models.md), loops of our own over 32, and robots that land and are tuned
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py \
-	  tests/measuring/test_outside_loops.py tests/engines/mujoco/test_plugin_landings.py
+	  tests/measuring/test_outside_loops.py tests/engines/mujoco/test_plugin_landings.py \
+	  tests/tuning/test_tuned_robots.py
 
 test-reality: $(INSTALLED)  ## engines on all measured tosses and drops, and synthetic twins
 	HCBENCH_REALITY=1 $(BIN)/python -m pytest -n 2 tests/reality
@@ -174,7 +175,7 @@ $(MODELS)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(@D)
 	$(@D)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]' \
 	  'gymnasium[mujoco]' gymnasium-robotics dm_control
-	$(@D)/bin/pip install --quiet --disable-pip-version-check --no-deps metaworld robosuite gym-aloha gym-xarm gym-hil safety-gymnasium brax
+	$(@D)/bin/pip install --quiet --disable-pip-version-check --no-deps metaworld robosuite gym-aloha gym-xarm gym-hil safety-gymnasium brax playground
 	touch $@
 
 clean:

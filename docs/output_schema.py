@@ -29,6 +29,7 @@ from hcbench.laws.impact_law import ImpactSummary
 from hcbench.measuring.measurement import Cause
 from hcbench.recipes.target import Target
 from hcbench.scoring import Score
+from hcbench.sim.drop_test import QUANTITIES
 from hcbench.sim.landing import Footfall, Landings
 from hcbench.sim.rest import Rest
 from hcbench.terms import records
@@ -257,6 +258,22 @@ STANDING = dict.fromkeys(
     ),
     Number,
 )
+LANDED = record(
+    "Landed",
+    dict.fromkeys(("rebound_m", "rebound_spread_m", *(each.key for each in QUANTITIES)), Number),
+)
+STIFFER = record("StifferServos", {"kp_factor": float, "rebound_m": Number})
+CHANGE = record(
+    "LandingChange",
+    {
+        "target_rebound_m": Number,
+        "before": LANDED,
+        "after": LANDED,
+        "worse": Texts,
+        "largest": record("LargestRebound", {"rebound_m": Number, "stiffer": list[STIFFER]}) | None,
+        "advice": Texts,
+    },
+)
 TUNE_MODEL = record(
     "TuneModel",
     {
@@ -276,6 +293,7 @@ TUNE_MODEL = record(
         "after": record("After", STANDING),
         "worse": Texts,
         "taken_by_joints": Number,
+        "landing": CHANGE | None,
         "paste": Text,
         "notes": Texts,
     },

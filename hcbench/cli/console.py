@@ -199,6 +199,7 @@ class UncertainType(click.types.StringParamType):
 
 EXPONENT = QuantityType("exponent")
 RESTITUTION = QuantityType("restitution", least=0.0)
+REBOUND = QuantityType("length", least=0.0)
 FRICTION = QuantityType("friction", least=0.0)
 ALPHA = QuantityType("alpha")
 ALPHAS = QuantityType("alpha", several=True)

@@ -13,6 +13,7 @@ from hcbench.cli.console import (
     EXPONENT,
     FRICTION,
     MASS,
+    REBOUND,
     RESTITUTION,
     SPEEDS,
     STEP,
@@ -48,6 +49,12 @@ _engine_option = partial(click.option, cls=_EngineOption)
 )
 @options("material")
 @click.option("--restitution", type=RESTITUTION, help="One e for all speeds, in place of --alpha.")
+@click.option(
+    "--rebound",
+    type=REBOUND,
+    cls=_ModelOption,
+    help="Rebound of a robot's centre of mass from a drop of 10 cm, such as '5 mm', in place of --alpha.",
+)
 @click.option(
     "--points",
     help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file.",

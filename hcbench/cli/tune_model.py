@@ -9,6 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.cli.console import print_json
 from hcbench.cli.terminal import show, show_code, status
+from hcbench.cli.tune_landing import (
+    landing_error,
+    landing_record,
+    landing_sentences,
+    landing_table,
+    print_landing,
+)
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed
 from hcbench.system.text import as_bound, sanitized, time_step
@@ -38,14 +45,23 @@ def tune_model(
     with status(f"trying settings in {sanitized(source)}"):
         tuned = ask.tune_model(source, alpha=value, max_error=limit, **files, **given)
     of_material = _material_line(given["material"])
+    landing = tuned.landing
     if as_json:
         print_json(_record(tuned) | of_material)
+    elif landing is not None and landing.rebound is not None:
+        print_landing(tuned, landing)
+        if tuned.gains:
+            show(f"\nnext:\n  hcbench land {_model(write_model, source)}")
     else:
         for name, line in of_material.items():
             show(f"{name}: {line}")
         _print(tuned, limit)
         if tuned.gains:
             show(f"\nnext:\n  {_next_line(tuned, limit, write_model, value, given)}")
+    if landing is not None and (landing.worse or landing.rebound is not None):
+        if tuned.gains:
+            return
+        raise landing_error(tuned, landing)
     if not tuned.gains:
         raise _nothing_gained(tuned, limit)
     if tuned.max_e > MOST_E:
@@ -90,11 +106,8 @@ def _next_line(
         asked = [f'--alpha "{alpha:.10g} s/m"']
     elif given["material"] is not None:
         asked = [f"--material {quote(given['material'])}"]
-    model = "tuned.xml"
-    if written is not None:
-        model = quote(str(written))
     words = [
-        model,
+        _model(written, "tuned.xml"),
         f"--pair {quote(given['pair'][0])}",
         *asked,
         f'--speeds "{low:.3g}:{high:.3g}:5 m/s"',
@@ -103,6 +116,11 @@ def _next_line(
     if tuned.max_error > limit:
         return " ".join(["hcbench measure", *words])
     return " ".join(["hcbench check", *words, f"--max-error {limit:g}"])
+
+
+def _model(written: Path | None, otherwise: str) -> str:
+    """The tuned model's path as a shell takes it; another where it was not written."""
+    return quote(otherwise if written is None else str(written))
 
 
 def _nothing_gained(tuned: TunedModel, limit: float) -> LimitPassed:
@@ -152,14 +170,19 @@ def _reasons(tuned: TunedModel, limit: float) -> list[str]:
 
 def _record(tuned: TunedModel) -> dict[str, Any]:
     """The tuned model as `--json` prints it, SI."""
-    facts = tuned.pairs[0].facts
+    if tuned.landing is None:
+        facts = tuned.pairs[0].facts
+        timestep, gravity = facts.timestep, facts.gravity
+    else:
+        robot = tuned.landing.before.robot
+        timestep, gravity = robot.timestep, robot.gravity
     return {
         "schema": 1,
         "kind": "hcbench tuned model",
-        "model": facts.model,
-        "engine": facts.engine,
-        "timestep_s": facts.timestep,
-        "gravity_m_per_s2": list(facts.gravity),
+        "model": tuned.model,
+        "engine": tuned.engine,
+        "timestep_s": timestep,
+        "gravity_m_per_s2": list(gravity),
         "setting": tuned.name,
         "max_error": tuned.max_error,
         "gains": tuned.gains,
@@ -169,6 +192,7 @@ def _record(tuned: TunedModel) -> dict[str, Any]:
         "after": tuned.after.record,
         "worse": tuned.worse,
         "taken_by_joints": tuned.taken,
+        "landing": landing_record(tuned.landing),
         "paste": tuned.text,
         "notes": list(tuned.notes),
     }
@@ -218,8 +242,16 @@ def _print(tuned: TunedModel, limit: float) -> None:
     show("\n" + "\n".join(_table(tuned)))
     for sentence in _reasons(tuned, limit):
         show(f"\n{sentence}")
+    if tuned.landing is not None:
+        show("\n" + "\n".join(landing_table(tuned.landing)))
+        for sentence in landing_sentences(tuned.landing):
+            show(f"\n{sentence}")
+        show("\nThe target is e of a foot alone; --rebound is a target of the whole robot.")
     if tuned.gains:
         show("\npaste:\n")
+        show_code(tuned.text)
+    elif tuned.landing is not None and tuned.landing.worse:
+        show("\nthe nearest setting, which is not written:\n")
         show_code(tuned.text)
     show("\nNotes:")
     for note in tuned.notes:

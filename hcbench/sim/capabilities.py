@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.candidate_pairs import CandidatePair
+    from hcbench.sim.drop_test import DropTest, ReboundSettings
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
     from hcbench.sim.touch import TrajectoryTouchdowns
@@ -170,6 +171,25 @@ class TunesModels(OpensModels):
         stands for the model as it was.
         """
         return UNKNOWN
+
+    def landing(
+        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+    ) -> DropTest:
+        """Drop the robot of which the pairs are feet, and judge how it lands.
+
+        like: a test to compare with, of equal length; None for one as long as the robot stands.
+        Raises UserError where the pairs are not of a robot that can fall.
+        """
+        raise UserError("engine", self.title, "an engine in which hcbench judges landings")
+
+    def rebound_settings(
+        self, source: Any, requests: Sequence[Request], before: DropTest, rebound: float
+    ) -> ReboundSettings:
+        """Settings of a robot's feet for a rebound of its centre of mass, m.
+
+        before: the landing as it is. Raises UserError as `landing` does.
+        """
+        raise UserError("engine", self.title, "an engine in which hcbench judges landings")
 
 
 class LandsRobots(OpensModels):

@@ -217,6 +217,7 @@ class ModelSetting:
     texts: of it, with what was promised of each pair.
     slides: true where friction may change e of bodies that slide, so that oblique launches judge
     it.
+    source: the whole model with the setting, as the engine opens it; None where it has none.
     """
 
     name: str
@@ -224,6 +225,7 @@ class ModelSetting:
     open: Callable[[Request], ModelUnderTest]
     texts: Callable[[Sequence[Promise], Output], Texts]
     slides: bool = False
+    source: Any = None
 
 
 class ModelUnderTest(World):

@@ -21,6 +21,7 @@ from hcbench.measuring.request import make_request, read_limit, read_pair
 from hcbench.recipes.recipe import report_progress
 from hcbench.recipes.target import Target, default_band
 from hcbench.sim import registry
+from hcbench.sim.drop_test import HEIGHTS
 from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output
 from hcbench.system.errors import UserError
 from hcbench.system.outputs import require_outputs, write_output
@@ -44,8 +45,8 @@ from hcbench.terms.setting import PAIR, Pair
 from hcbench.tuning.answer import MAX_ERROR, Answer, Kind
 from hcbench.tuning.choose import Match
 from hcbench.tuning.find import find_answer
-from hcbench.tuning.model import LIMIT_S, tune_job
-from hcbench.tuning.tuned_model import TunedModel
+from hcbench.tuning.model import LIMIT_S, Rebound, tune_job
+from hcbench.tuning.tuned_model import AS_IT_IS, TunedModel
 
 if TYPE_CHECKING:
     from hcbench.catalogue.material import MaterialPair
@@ -197,6 +198,7 @@ def tune_model(
     points: Points = (),
     adams: Adams | None = None,
     newton: Newton | None = None,
+    rebound: Quantity | None = None,
     target: Reading = "law",
     speeds: Quantities | None = None,
     max_error: float = MAX_ERROR,
@@ -227,6 +229,9 @@ def tune_model(
         Two bodies or geoms, first the one that moves; or a list of pairs such as "foot,floor".
     material, alpha, restitution, points, adams, newton, target : optional
         One target, as `tune` takes it.
+    rebound : float, text or quantity of Pint's, optional
+        Target of a robot in place of an e of its feet, m or with a unit: how high its centre of mass
+        rebounds from a drop of 10 cm in its pose. `pair` names its feet with the floor.
     speeds : float, text, quantity of Pint's, or several, optional
         Band of impact speeds, m/s or with a unit; 0.1 to 2 m/s by default.
     max_error : float
@@ -246,7 +251,8 @@ def tune_model(
     -------
     TunedModel
         `text` is what to paste; `max_error` is the largest error of e that was measured over the band;
-        `gains` says whether e came nearer to the target; `files` are those that were written.
+        `gains` says whether e came nearer to the target, and a robot lands no worse; `landing` has
+        the robot's landing before and after; `files` are those that were written.
 
     Raises
     ------
@@ -280,12 +286,7 @@ def tune_model(
         "adams": adams,
         "newton": newton,
     }
-    known = target_material(material, **ways)
-    wanted, band = _wanted(target, known, points, ways)
-    if speeds is not None:
-        band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
-    if known is not None:
-        known.warn_outside(min(band), max(band))
+    wanted, band = _wanted_of_model(rebound, target, material, points, ways, speeds)
     launch: LaunchOptions = {
         "speeds": sorted({min(band), max(band)}),
         "timestep": timestep,
@@ -312,6 +313,10 @@ def tune_model(
     output = _output(outputs.get("--write-model"), outputs.get("--write-include"), version)
     seconds = read_limit(limit) or LIMIT_S
     tuned = tune_job(model, requests, wanted, engine, max_error, seconds, output)
+    if tuned.gains and tuned.name == AS_IT_IS:
+        if outputs and not NAMES_OPTIONS.get():
+            warnings.warn("Nothing is written: the model as it is has this rebound.", stacklevel=3)
+        return tuned
     if not tuned.gains:
         # The command ends with an error instead.
         if outputs and not NAMES_OPTIONS.get():
@@ -320,7 +325,7 @@ def tune_model(
     texts = {"--write-model": tuned.written, "--write-include": tuned.texts.include}
     for option in outputs:
         if not texts[option]:
-            of = tuned.pairs[0].facts.engine
+            of = tuned.engine
             raise UserError(option, f"a model of {of}", "a model that is one file")
     for option, path in outputs.items():
         write_output(path, texts[option], option, force)
@@ -519,6 +524,46 @@ def _band_of(
     if known is not None:
         known.warn_outside(low, high)
     return low, high
+
+
+def _wanted_of_model(
+    rebound: Quantity | None,
+    target: Reading,
+    material: MaterialName | None,
+    points: Points,
+    ways: dict[str, Any],
+    speeds: Quantities | None,
+) -> tuple[RestitutionCurve | AdamsImpact | NewtonSpring | Rebound, Sequence[float]]:
+    """Target of pairs of a model, and the band of speeds, m/s: as given, else the target's.
+
+    ways: the targets but material and rebound, by the names of their options. Warns where the band
+    is outside what was measured of the material.
+    """
+    if rebound is not None:
+        return _rebound(rebound, material=material, **ways), DEFAULT_SPEEDS
+    known = target_material(material, **ways)
+    wanted, band = _wanted(target, known, points, ways)
+    if speeds is not None:
+        band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
+    if known is not None:
+        known.warn_outside(min(band), max(band))
+    return wanted, band
+
+
+def _rebound(rebound: Quantity, **others: object) -> Rebound:
+    """The rebound that is the one target given, m. Raises UserError beside others and for one that
+    is not below the drop.
+    """
+    given = [f"--{name}" for name, value in others.items() if value is not None]
+    if given:
+        raise UserError("rebound", f"given with {' and '.join(given)}", "one target")
+    height = units.parse(rebound, "length", "rebound", least=0.0)
+    if not height < max(HEIGHTS):
+        got = f"{1e3 * height:g} mm from a drop of {1e3 * max(HEIGHTS):g} mm"
+        raise UserError(
+            "rebound", got, "less than the drop", "Write it with a unit, such as '5 mm'"
+        )
+    return Rebound(height)
 
 
 def _wanted(

@@ -36,10 +36,19 @@ from hcbench.system.errors import EngineFailed, UserError
 from hcbench.system.text import as_bound
 from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Floats, Impact, Launch
+from hcbench.tuning.landing import landing_as_it_is, tune_landing
 from hcbench.tuning.tune import MAX_ERROR
-from hcbench.tuning.tuned_model import AS_IT_IS, TunedModel, TunedPair, largest_error
+from hcbench.tuning.tuned_model import (
+    AS_IT_IS,
+    GAINS,
+    LandingChange,
+    TunedModel,
+    TunedPair,
+    largest_error,
+)
 
 if TYPE_CHECKING:
+    from hcbench.sim.drop_test import DropTest
     from hcbench.sim.engine import Engine
     from hcbench.terms.setting import Setting
 
@@ -78,16 +87,24 @@ _FAR = 0.2
 
 
 @dataclass(frozen=True, slots=True)
+class Rebound:
+    """Target of a robot: how high its centre of mass rebounds from a drop of 10 cm, m."""
+
+    height: float
+
+
+@dataclass(frozen=True, slots=True)
 class _TuneJob(Job):
     """A job of measuring, with what tuning needs besides.
 
     others: requests of further pairs.
-    spring: what gives e, in place of `wanted`.
+    spring: what gives e, in place of `wanted`; rebound: of a robot, m, in place of an e.
     max_error: of e, within which the simplest setting will do.
     """
 
     others: tuple[Request, ...] = ()
     spring: AdamsImpact | NewtonSpring | None = None
+    rebound: float | None = None
     max_error: float = MAX_ERROR
     output: Output = BESIDE
 
@@ -96,7 +113,7 @@ class _TuneJob(Job):
 def tune_job(
     source: Any,
     requests: Sequence[Request],
-    wanted: RestitutionCurve | AdamsImpact | NewtonSpring,
+    wanted: RestitutionCurve | AdamsImpact | NewtonSpring | Rebound,
     engine: str | None = None,
     max_error: float = MAX_ERROR,
     limit: float = LIMIT_S,
@@ -116,8 +133,11 @@ def tune_job(
     first, *others = requests
     curve: RestitutionCurve | None = None
     spring: AdamsImpact | NewtonSpring | None = None
+    rebound: float | None = None
     if isinstance(wanted, RestitutionCurve):
         curve = wanted
+    elif isinstance(wanted, Rebound):
+        rebound = wanted.height
     else:
         spring = wanted
     job = _TuneJob(
@@ -129,6 +149,7 @@ def tune_job(
         diagnose=False,
         others=tuple(others),
         spring=spring,
+        rebound=rebound,
         max_error=max_error,
         output=output,
     )
@@ -139,7 +160,7 @@ def tune_job(
 class _Try:
     """A setting that was tried: how the model stands with it, its largest error of e, how many
     quantities of the model at rest it makes worse, whether it throws up what slides where the model
-    did not, and its pairs where they were judged.
+    did not; its pairs and landing where they were judged.
     """
 
     setting: ModelSetting
@@ -148,6 +169,7 @@ class _Try:
     worse: int
     throws_up: bool
     pairs: tuple[TunedPair, ...] | None = None
+    landing: LandingChange | None = None
 
 
 def _require_known_version(engine: Engine, output: Output) -> None:
@@ -183,6 +205,14 @@ def _tuned(job: Job) -> TunedModel:
         raise UserError("engine", repr(engine.name), expected, f"{source!r}")
     _require_known_version(engine, job.output)
 
+    if job.rebound is not None:
+        was = engine.landing(source, requests)
+        return tune_landing(engine, source, requests, was, job.rebound, job.output)
+    landed = landing_as_it_is(engine, source, requests)
+    if landed is not None and _stops(job):
+        # A foot that stops does not stop the robot.
+        return tune_landing(engine, source, requests, landed, 0.0, job.output)
+
     def as_it_was(request: Request) -> ModelUnderTest:
         return engine.open(rebuild() if rebuild else source, request, rebuild)
 
@@ -213,25 +243,24 @@ def _tuned(job: Job) -> TunedModel:
         tries.append(_Try(setting, after, error, worse, after.throws_up(before), pairs))
         if error <= job.max_error and not worse:
             break
+    untuned = _measured(as_it_was, each, wanted, held_out=False)
     # What throws up a body that slides gives it energy: the nearest of the others is better.
-    best = min(
+    order = sorted(
         tries, key=lambda tried: (tried.throws_up, max(tried.error, job.max_error), tried.worse)
     )
-    untuned = _measured(as_it_was, each, wanted, held_out=False)
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
     # A few launches are enough to see that a model is far from its target.
     if (
-        largest_error(untuned) < best.error
-        and _tried(as_it_is, alike, wanted, best.error) < best.error
+        largest_error(untuned) < order[0].error
+        and _tried(as_it_is, alike, wanted, order[0].error) < order[0].error
     ):
-        best = _Try(as_it_is, before, largest_error(untuned), 0, throws_up=False)
+        order.insert(0, _Try(as_it_is, before, largest_error(untuned), 0, throws_up=False))
+    elif math.isfinite(largest_error(untuned)):
+        order.append(_Try(as_it_is, before, largest_error(untuned), 0, throws_up=False))
+    limit = max(job.max_error, GAINS * largest_error(untuned))
+    best = _best(engine, requests, each, wanted, landed, limit, order)
     setting = best.setting
-    pairs = best.pairs or _measured(setting.open, each, wanted, held_out=True)
-    if not all(math.isfinite(pair.max_error) for pair in pairs):
-        got = f"launches with the setting {setting.name!r} gave no restitution"
-        raise EngineFailed(
-            "model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep"
-        )
+    pairs = best.pairs or ()
     # A dict keeps each note once, in order.
     notes = dict.fromkeys(setting.notes)
     for pair in pairs:
@@ -247,7 +276,56 @@ def _tuned(job: Job) -> TunedModel:
         before,
         best.standing,
         min(job.max_error, MAX_ERROR),
+        landing=best.landing,
     )
+
+
+def _best(
+    engine: TunesModels,
+    requests: Sequence[Request],
+    each: Sequence[tuple[str, Request]],
+    wanted: RestitutionCurve,
+    landed: DropTest | None,
+    limit: float,
+    order: Sequence[_Try],
+) -> _Try:
+    """The first try, in order, with which a robot lands no worse, if its error is within a limit;
+    else the first that bounces at all.
+
+    each: requests of the pairs in each attitude. landed: the robot as it is. Raises EngineFailed
+    where no launch has an e.
+    """
+    best: _Try | None = None
+    for tried in order:
+        setting = tried.setting
+        pairs = tried.pairs or _measured(setting.open, each, wanted, held_out=True)
+        if not all(math.isfinite(pair.max_error) for pair in pairs):
+            continue
+        change: LandingChange | None = None
+        if landed is not None:
+            after = landed
+            if setting.source is not None:
+                after = engine.landing(setting.source, requests, landed)
+            change = LandingChange(landed, after)
+        judged = dataclasses.replace(tried, pairs=pairs, landing=change)
+        best = best or judged
+        if change is None or not change.worse:
+            is_better = setting.name != AS_IT_IS and largest_error(pairs) <= limit
+            return judged if is_better else best
+    if best is None:
+        got = f"launches with the setting {order[0].setting.name!r} gave no restitution"
+        raise EngineFailed(
+            "model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep"
+        )
+    return best
+
+
+def _stops(job: _TuneJob) -> bool:
+    """Say whether the target is an e of 0 over the whole band."""
+    if job.wanted is None:
+        return False
+    speeds = job.request.speeds
+    return job.wanted.best_constant(min(speeds), max(speeds)) == 0.0
 
 
 def _promise(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hcbench.measuring.curve import Curve
+from hcbench.sim.drop_test import DropTest, Reach
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.rest import Standing
@@ -23,7 +24,7 @@ _POINTS = "points of contact"
 # Pairs that are printed, at most.
 _SHOWN = 8
 # A setting worth writing has an error below this multiple of the untuned one.
-_GAINS = 0.95
+GAINS = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,16 +66,53 @@ class TunedPair:
         return self.curve[0].speed_in, self.curve[-1].speed_in
 
 
+@dataclass(frozen=True, slots=True)
+class LandingChange:
+    """Landing of a robot without and with a setting of its feet.
+
+    rebound: the target, m; None where the target is an e of a foot.
+    reach: what is possible; None where the target is met or is none of the rebound.
+    advice: sentences on options of the model that spoil every landing.
+    """
+
+    before: DropTest
+    after: DropTest
+    rebound: float | None = None
+    reach: Reach | None = None
+    advice: tuple[str, ...] = ()
+
+    @property
+    def worse(self) -> list[str]:
+        """Quantities of the landing that the setting makes worse than allowed, in words."""
+        return list(self.after.worse_than(self.before, self.rebound or 0.0))
+
+    @property
+    def is_met(self) -> bool:
+        """True if the rebound is that of the target, and nothing is worse."""
+        return not self.worse and self.after.meets(self.rebound or 0.0)
+
+    @property
+    def misses(self) -> str:
+        """Reasons why the target is not met, as a phrase."""
+        if self.reach is None:
+            return f"the robot lands worse with it: {'; '.join(self.worse)}"
+        largest = f"{1e3 * self.reach.rebound:.3g} mm"
+        if self.reach.rebound > (self.rebound or 0.0):
+            return f"no contact that was tried has it without a worse landing, though one has {largest}"
+        return f"the largest rebound without a worse landing is {largest}"
+
+
 @dataclass(frozen=True, repr=False)
 class TunedModel(Shown):
     """A setting for pairs in their own model, and how it does there.
 
     texts: of the setting; its `written` is "" where the engine has no such text.
-    pairs: in each attitude.
+    pairs: in each attitude; () where the target is the rebound of a robot, which has no e.
     untuned: the same of the model as it was.
     before, after: how it stands without and with the setting.
     enough: error of e, within which a setting will do.
     files: what was written; () where nothing was.
+    landing: of the robot whose feet the pairs are; None where they are not of a robot.
     """
 
     name: str
@@ -86,12 +124,17 @@ class TunedModel(Shown):
     after: Standing
     enough: float = MAX_ERROR
     files: tuple[Path, ...] = ()
+    landing: LandingChange | None = None
 
     def _lines(self) -> Iterator[str]:
-        """Yield lines for a terminal: e of each pair, and where the text is, or why nothing is
-        written.
+        """Yield lines for a terminal: the rebound of a landing, e of each pair, and where the text is,
+        or why nothing is written.
         """
-        yield f"{self.pairs[0].facts.model}: {self.name}"
+        yield f"{self.model}: {self.name}"
+        if self.landing is not None:
+            was = 1e3 * self.landing.before.rebound
+            now = 1e3 * self.landing.after.rebound
+            yield f"rebound of the centre of mass from 10 cm: {was:.3g} mm before, {now:.3g} mm"
         for pair in self.pairs[:_SHOWN]:
             low, high = pair.band
             within = f"e within {as_bound(pair.max_error)} from {low:.3g} to {high:.3g} m/s"
@@ -113,6 +156,20 @@ class TunedModel(Shown):
                 yield {"pair": joined_names(pair.facts.pair), "attitude": pair.attitude, **record}
 
     @property
+    def model(self) -> str:
+        """Name of the model's file."""
+        return (
+            self.pairs[0].facts.model if self.landing is None else self.landing.before.robot.model
+        )
+
+    @property
+    def engine(self) -> str:
+        """Name of the engine."""
+        return (
+            self.pairs[0].facts.engine if self.landing is None else self.landing.before.robot.engine
+        )
+
+    @property
     def text(self) -> str:
         """The text to paste: lines for the model or script."""
         return self.texts.paste
@@ -124,13 +181,13 @@ class TunedModel(Shown):
 
     @property
     def max_error(self) -> float:
-        """The largest of all pairs."""
+        """The largest of all pairs; NaN without pairs."""
         return largest_error(self.pairs)
 
     @property
     def max_e(self) -> float:
-        """The largest e of all pairs in any phase."""
-        return max(pair.max_e for pair in self.pairs)
+        """The largest e of all pairs in any phase; NaN without pairs."""
+        return max((pair.max_e for pair in self.pairs), default=math.nan)
 
     @property
     def worse(self) -> list[str]:
@@ -139,16 +196,24 @@ class TunedModel(Shown):
 
     @property
     def gains(self) -> bool:
-        """True if e is near enough to the target, or nearer than in the model as it was."""
+        """True if e is near enough to the target, or nearer than in the model as it was; of a robot
+        also only if it lands no worse.
+        """
+        if self.landing is not None and self.landing.rebound is not None:
+            return self.landing.is_met
+        if self.landing is not None and self.landing.worse:
+            return False
         if self.name == AS_IT_IS:
             return False
-        return self.max_error <= max(self.enough, _GAINS * largest_error(self.untuned))
+        return self.max_error <= max(self.enough, GAINS * largest_error(self.untuned))
 
     @property
     def no_gain(self) -> str:
-        """Phrase on the errors of e that leave nothing to write; "" where the setting gains."""
+        """Reasons that leave nothing to write, as a phrase; "" where the setting gains."""
         if self.gains:
             return ""
+        if self.landing is not None and (self.landing.worse or self.landing.rebound is not None):
+            return self.landing.misses
         if self.name == AS_IT_IS:
             within = f"e within {as_bound(self.max_error)}"
             return f"the model as it is has {within}, nearer than with any setting that was found"
@@ -174,9 +239,9 @@ class TunedModel(Shown):
         """Largest share of the speed at touch that joints and servos take after the contact's last
         force; below 0 if they add to it.
         """
-        return max((pair.taken for pair in self.pairs), key=abs)
+        return max((pair.taken for pair in self.pairs), key=abs, default=math.nan)
 
 
 def largest_error(pairs: Sequence[TunedPair]) -> float:
     """Largest error of e over all pairs."""
-    return max(pair.max_error for pair in pairs)
+    return max((pair.max_error for pair in pairs), default=math.nan)

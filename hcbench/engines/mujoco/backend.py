@@ -14,6 +14,7 @@ BACKEND = Backend("mujoco", "mujoco", "3.3", "4.0", "pip install mujoco", instea
 _FEATURES = {
     "mj_copyData": ("", "mj_copyData", "3.5"),
     "adhesion": ("MjModel", "pair_adhesion", "3.11"),
+    "contact sensors": ("mjtSensor", "mjSENS_CONTACT", "3.3.5"),
     "integrator 'discrete'": ("mjtIntegrator", "mjINT_DISCRETE", "3.13"),
 }
 

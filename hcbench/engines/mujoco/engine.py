@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.candidate_pairs import CandidatePair
+    from hcbench.sim.drop_test import DropTest, ReboundSettings
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.sim.passivity import LongestTrain, Passivity
@@ -387,6 +388,22 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
             else:
                 opened.append(setting.open(request))
         return standing(opened)
+
+    def landing(
+        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+    ) -> DropTest:
+        """Drop a robot with a free joint or a vertical slide over parts of the world."""
+        from hcbench.engines.mujoco.model.drop_test import landing
+
+        return landing(_one_file(source), requests, like)
+
+    def rebound_settings(
+        self, source: Any, requests: Sequence[Request], before: DropTest, rebound: float
+    ) -> ReboundSettings:
+        """<pair> elements of one spring for all feet."""
+        from hcbench.engines.mujoco.model.rebound_search import rebound_settings
+
+        return rebound_settings(_one_file(source), requests, before, rebound)
 
 
 def _one_file(source: Any) -> Any:

@@ -8,6 +8,7 @@ import inspect
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -129,16 +130,7 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
     if not servos and not motors:
         words = "the controls of the pose" if model.nu else "no actuators: its joints are free"
         return (lambda data: None), words
-    numbers = np.array(servos, int)
-    targets = np.array(servo_targets)
-
-    def drive(data: Any) -> None:
-        data.ctrl[numbers] = targets
-        for motor in motors:
-            behind = target[motor.angle] - data.qpos[motor.angle]
-            torque = motor.kp * behind - motor.kd * data.qvel[motor.dof]
-            data.ctrl[motor.actuator] = torque / motor.gain
-
+    drive = _Pd(target, np.array(servos, int), np.array(servo_targets), tuple(motors))
     described = []
     if servos:
         described.append(f"{len(servos)} position servos hold their joints")
@@ -147,6 +139,36 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
         kd_span = _span([motor.kd for motor in motors])
         described.append(f"{len(motors)} motors by PD, kp {kp_span}, kd {kd_span} (SI)")
     return drive, "; ".join(described)
+
+
+def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
+    """(controls that hold the pose, (nu,); what holds it), as "pd" of `drive_of` does.
+
+    The motors of the model become servos with the gains and the torques that PD gives them: so
+    constant controls hold the pose.
+    """
+    before = start.ctrl.copy()
+    drive, words = drive_of("pd", model, start, root)
+    drive(start)
+    controls: Floats = start.ctrl.copy()
+    start.ctrl[:] = before
+    motors: tuple[_Motor, ...] = ()
+    if isinstance(drive, _Pd):
+        motors = drive.motors
+    for motor in motors:
+        actuator = motor.actuator
+        # Its length is the gear times the angle.
+        gear = float(model.actuator_gear[actuator, 0]) or 1.0
+        limit = motor.gain / gear * model.actuator_ctrlrange[actuator]
+        if model.actuator_ctrllimited[actuator] and not model.actuator_forcelimited[actuator]:
+            model.actuator_forcelimited[actuator] = 1
+            model.actuator_forcerange[actuator] = sorted(limit)
+        model.actuator_ctrllimited[actuator] = 0
+        model.actuator_gainprm[actuator, 0] = motor.kp / gear**2
+        model.actuator_biastype[actuator] = int(backend().mjtBias.mjBIAS_AFFINE)
+        model.actuator_biasprm[actuator, 1:3] = -motor.kp / gear**2, -motor.kd / gear**2
+        controls[actuator] = gear * float(start.qpos[motor.angle])
+    return controls, words
 
 
 class _Motor(NamedTuple):
@@ -163,6 +185,27 @@ class _Motor(NamedTuple):
     dof: int
     kp: float
     kd: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Pd:
+    """Servos and motors that hold a pose.
+
+    pose: its qpos. servos: numbers of the position servos; targets: their controls, alike.
+    """
+
+    pose: Floats
+    servos: Any
+    targets: Floats
+    motors: tuple[_Motor, ...]
+
+    def __call__(self, data: Any) -> None:
+        """Set the controls of an MjData."""
+        data.ctrl[self.servos] = self.targets
+        for motor in self.motors:
+            behind = self.pose[motor.angle] - data.qpos[motor.angle]
+            torque = motor.kp * behind - motor.kd * data.qvel[motor.dof]
+            data.ctrl[motor.actuator] = torque / motor.gain
 
 
 def _turns_or_slides(model: Any, actuator: int, joint: int) -> bool:

@@ -20,6 +20,7 @@ from hcbench.engines.mujoco.backend import (
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name
 from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
+from hcbench.engines.mujoco.model.over_floor import way_up
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import start_pose
@@ -37,11 +38,6 @@ from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms.impact import Floats
 
-# A floor is looked for this far below a robot, and as far above one that starts inside it, m.
-_FARTHEST = 10.0
-# Step of that search, m, and halvings of it afterwards: after 40 the height is exact to rounding.
-_SCAN = 0.01
-_ROUNDS = 40
 # A floor is waited for as long as this times the time of a free fall, and some s more.
 _FALL_SHARE = 1.5
 _SLACK_S = 0.2
@@ -198,33 +194,7 @@ class _Bench:
             trial.qpos[address : address + 3] = here + way * self.up
             return self._touches(trial)
 
-        # Up, out of the floor that it is in, or down to where it first touches.
-        is_in_floor = touches(0.0)
-        step = _SCAN if is_in_floor else -_SCAN
-        for i in range(1, round(_FARTHEST / _SCAN)):
-            end = step * i
-            if touches(end) is not is_in_floor:
-                break
-        else:
-            advice = 'Add a floor: <geom type="plane" size="0 0 1"/> in the worldbody'
-            raise UserError(
-                "model",
-                f"{body_name(self.model, self.root)!r} has nothing below to land on",
-                "a floor",
-                advice,
-            )
-        low = end
-        high = end + _SCAN
-        if is_in_floor:
-            low = end - _SCAN
-            high = end
-        for _ in range(_ROUNDS):
-            middle = 0.5 * (low + high)
-            if touches(middle):
-                low = middle
-            else:
-                high = middle
-        return high
+        return way_up(touches, body_name(self.model, self.root))
 
     def _fall(self, data: Any, height: float, tilt: float, drive: Drive) -> Landing:
         """Simulate a drop until WINDOW_S (s) after the first touch, and read it.

@@ -32,15 +32,13 @@ from hcbench.engines.mujoco.model.write_pairs import (
     Load,
     PairToTune,
     Rows,
-    included,
     label_of,
     mass_note,
     needed_impratio,
     one_step,
-    own_text,
     row_choices,
     spec_of,
-    whole_text,
+    texts_of,
     written,
 )
 from hcbench.laws.restitution import RestitutionCurve
@@ -404,19 +402,9 @@ def _setting(
             section = promise_lines(names, kept)
             if section:
                 sections.append(section)
-        paste = "\n".join(filter(None, (made.lines, *sections)))
-        lines = paste
-        if output.include:
-            lines = f'<include file="{output.include}"/>'
-        whole = ""
-        if made.own:
-            whole = own_text(source, output.folder, lines)
-        if not whole:
-            head, end, tail = whole_text(made.spec, output.folder).rpartition("</mujoco>")
-            whole = "\n".join([head, *sections, f"{end}{tail}"])
-        return Texts(paste, whole, included(paste))
+        return texts_of(source, made, sections, output)
 
-    return ModelSetting(name, tuple(dict.fromkeys(notes)), opened, texts)
+    return ModelSetting(name, tuple(dict.fromkeys(notes)), opened, texts, source=made.spec)
 
 
 def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:

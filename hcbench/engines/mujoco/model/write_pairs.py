@@ -30,6 +30,7 @@ from hcbench.engines.mujoco.scene.rows import (
     STIFF_SOLIMP,
     ConstraintRow,
 )
+from hcbench.sim.model_under_test import Texts
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.model.place import PairAtTouch
     from hcbench.engines.mujoco.model.under_test import MujocoModel
-    from hcbench.sim.model_under_test import Request
+    from hcbench.sim.model_under_test import Output, Request
 
 # Load on a contact of a user's model, and rows for it that need no search in the model.
 
@@ -368,6 +369,25 @@ class Written(NamedTuple):
     own: bool
 
 
+def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output) -> Texts:
+    """The lines to paste, the whole model with them, and the lines that a model includes.
+
+    sections: further ones of the model. output: where the model and the included file are to be
+    written.
+    """
+    paste = "\n".join(filter(None, (made.lines, *sections)))
+    lines = paste
+    if output.include:
+        lines = f'<include file="{output.include}"/>'
+    whole = ""
+    if made.own:
+        whole = own_text(source, output.folder, lines)
+    if not whole:
+        head, end, tail = whole_text(made.spec, output.folder).rpartition("</mujoco>")
+        whole = "\n".join([head, *sections, f"{end}{tail}"])
+    return Texts(paste, whole, included(paste))
+
+
 def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
     """The model of a source with rows for its pairs, in a spec of its own.
 
@@ -381,7 +401,7 @@ def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
     geoms: list[tuple[int, int]] = []
     for pair, _ in pairs:
         geoms += pair.geoms
-    names = _name_geoms(spec, model, geoms, notes)
+    names = name_geoms(spec, model, geoms, notes)
     own = not notes and not taken_pairs(model, geoms)
     for pair, rows in pairs:
         for one, other in pair.geoms:
@@ -507,11 +527,11 @@ def _write_rows(
                 element.adhesion = 0.0
         else:
             element = spec.add_pair(geomname1=names[0], geomname2=names[1])
-        lines.append(_set(element, names, values))
+        lines.append(set_pair(element, names, values))
     return lines
 
 
-def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
+def set_pair(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
     """Set attributes of a <pair>, and return its line of XML, which has these attributes alone.
 
     element: of the spec. names: of its geoms. values: a number or list by attribute.
@@ -549,7 +569,7 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
     return MIN_IMPEDANCE * (1.0 + weight) / max(weight, 1e-3) / load.timestep
 
 
-def _name_geoms(
+def name_geoms(
     spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]
 ) -> dict[int, str]:
     """Names by which a <pair> calls geoms, by their numbers; those without one get one.

@@ -1,0 +1,264 @@
+"""Searches contacts of a robot's feet for a rebound of its centre of mass, by drops of the robot."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.model.drop_test import DropBench
+from hcbench.engines.mujoco.model.foot_contact import (
+    FootContact,
+    foot_geoms,
+    set_contact,
+    write_contact,
+)
+from hcbench.engines.mujoco.model.open import load
+from hcbench.engines.mujoco.model.under_test import MujocoModel
+from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of, texts_of
+from hcbench.sim.drop_test import DROPS, REBOUNDS, DropTest, ReboundSettings
+from hcbench.sim.model_under_test import ModelSetting, Texts
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from hcbench.sim.model_under_test import ModelUnderTest, Output, Request
+    from hcbench.sim.promise import Promise
+
+# Contacts that are tried: frequencies from that of a body which stops within the depth allowed, and
+# up to this share of 1/h; and dampings.
+_SLOWER = 0.6
+_FASTEST = 0.4
+_FREQUENCIES = 8
+_DAMPINGS = tuple(np.geomspace(0.12, 1.4, 8).tolist())
+# Time of a short drop after the fall, s: the touch and the start of the flight.
+_TOUCH_S = 0.35
+# Halvings of the damping between two contacts, and how near the rebound comes then.
+_HALVINGS = 6
+_NEAR = 0.03
+# Halvings of the damping below the largest rebound that was found.
+_REFINED = 3
+# Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
+_IMPRATIOS = (0.0, 10.0)
+# Drops by which a contact is first judged whole, of a robot that stands.
+_FIRST = (DROPS[-1], DROPS[len(DROPS) // 2])
+_SETTINGS_MAX = 12
+_HIGHEST_MAX = 24
+# Factors of the servos' kp, with their square roots of kd, by which more is tried.
+_STIFFER = (2.0, 4.0, 8.0, 16.0)
+# Fewer iterations of the solver do not hold a foot.
+_ITERATIONS = 20
+
+
+class ReboundSearch:
+    """Contacts of the feet of a robot, tried in drops of it.
+
+    before: the whole test of the model as it is. target: rebound, m.
+    """
+
+    def __init__(
+        self, source: Any, requests: Sequence[Request], before: DropTest, target: float
+    ) -> None:
+        self.before = before
+        self.target = target
+        self.plain = spec_of(source).compile()
+        self.geoms = foot_geoms(self.plain, requests)
+        label = label_of(source)
+        # With <pair>s, whose numbers the search sets.
+        first = write_contact(source, requests, FootContact(100.0, 1.0))
+        self.bench = DropBench(first.spec, label, requests)
+        fall = math.sqrt(2.0 * REBOUNDS[0].height / self.bench.gravity)
+        self._short = fall + _TOUCH_S
+        self._tried: dict[FootContact, DropTest] = {}
+        # The same drops of the model as it is.
+        self._untuned = DropBench(spec_of(source), label, requests).test(self._short, REBOUNDS)
+
+    def contacts(self) -> Iterator[FootContact]:
+        """Contacts with the rebound in short drops, the most promising first."""
+        met = []
+        for row in self._grid():
+            met += self._meeting(row)
+        met.sort(key=self._promise)
+        for contact in met[:_SETTINGS_MAX]:
+            for impratio in _IMPRATIOS:
+                varied = replace(contact, impratio=impratio)
+                if self._first_drops_are_no_worse(varied):
+                    yield varied
+
+    def highest_contacts(self) -> Iterator[FootContact]:
+        """Contacts that are not worse in short drops, the largest rebound first."""
+        every = itertools.chain.from_iterable(self._grid())
+        feasible = sorted(self._feasible(every), key=lambda contact: -self._try(contact).rebound)
+        for contact in feasible[:_HIGHEST_MAX]:
+            if self._first_drops_are_no_worse(contact):
+                yield from dict.fromkeys([self._least_damped(contact), contact])
+
+    def _least_damped(self, contact: FootContact) -> FootContact:
+        """The contact with as little damping as the drops allow, down to the next of the grid."""
+        lower = max((one for one in _DAMPINGS if one < contact.damping), default=contact.damping)
+        for _ in range(_REFINED):
+            middle = replace(contact, damping=math.sqrt(contact.damping * lower))
+            is_no_worse = self._is_no_worse(self._try(middle))
+            if is_no_worse and self._first_drops_are_no_worse(middle):
+                contact = middle
+            else:
+                lower = middle.damping
+        return contact
+
+    def stiffer(self) -> tuple[tuple[float, float], ...]:
+        """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach."""
+        return tuple(self._with_stiffer_servos())
+
+    def _grid(self) -> list[list[FootContact]]:
+        """Contacts by frequency, from the damped ones on."""
+        h = self.bench.timestep
+        deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)
+        speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
+        slowest = min(max(10.0, _SLOWER * speed / deepest), 0.5 * _FASTEST / h)
+        rows = []
+        for frequency in np.geomspace(slowest, _FASTEST / h, _FREQUENCIES).tolist():
+            every = [FootContact(frequency, damping) for damping in reversed(_DAMPINGS)]
+            row = [contact for contact in every if contact.is_kept(h)]
+            rows.append(row)
+        return rows
+
+    def _feasible(self, contacts: Iterable[FootContact]) -> list[FootContact]:
+        """Those that are not worse in short drops."""
+        return [contact for contact in contacts if self._is_no_worse(self._try(contact))]
+
+    def _is_no_worse(self, test: DropTest) -> bool:
+        return not list(test.worse_than(self._untuned, self.target))
+
+    def _try(self, contact: FootContact) -> DropTest:
+        """The short drops of a contact."""
+        if contact not in self._tried:
+            set_contact(self.bench.model, self.plain, self.geoms, contact)
+            self._tried[contact] = self.bench.test(self._short, REBOUNDS)
+        return self._tried[contact]
+
+    def _meeting(self, row: Sequence[FootContact]) -> list[FootContact]:
+        """Contacts of one frequency that meet the target and are not worse."""
+        if not self.target:
+            return [contact for contact in row if self._is_met(contact)]
+        met = []
+        for high, low in itertools.pairwise(row):
+            if (self._misses(high) > 0.0) != (self._misses(low) > 0.0):
+                between = self._between(high, low)
+                if self._is_met(between):
+                    met.append(between)
+        return met
+
+    def _between(self, above: FootContact, below: FootContact) -> FootContact:
+        """The contact of one frequency with the rebound of the target, between two dampings of which
+        one has less and one has more.
+        """
+        middle = above
+        for _ in range(_HALVINGS):
+            middle = replace(above, damping=math.sqrt(above.damping * below.damping))
+            if abs(self._misses(middle)) < _NEAR * self.target:
+                break
+            if (self._misses(middle) > 0.0) == (self._misses(above) > 0.0):
+                above = middle
+            else:
+                below = middle
+        return middle
+
+    def _is_met(self, contact: FootContact) -> bool:
+        """Say whether a contact has the target's rebound in short drops, and is not worse."""
+        test = self._try(contact)
+        return test.meets(self.target) and self._is_no_worse(test)
+
+    def _misses(self, contact: FootContact) -> float:
+        """Rebound beyond the target, m; infinite where it diverges."""
+        return self._try(contact).rebound - self.target
+
+    def _promise(self, contact: FootContact) -> float:
+        """Less is better: force, depth and chance beside those of the model as it is."""
+        test = self._try(contact)
+        force = test.peak / max(self._untuned.peak, 1.0)
+        depth = test.depth / max(self._untuned.depth, 1e-3)
+        chance = test.spread / max(self.target, 1e-3)
+        return force + depth + chance
+
+    def _first_drops_are_no_worse(self, contact: FootContact) -> bool:
+        set_contact(self.bench.model, self.plain, self.geoms, contact)
+        tests = (self.bench.test(self.before.seconds, [drop]) for drop in _FIRST)
+        return not any(list(test.worse_than(self.before, self.target)) for test in tests)
+
+    def _with_stiffer_servos(self) -> Iterator[tuple[float, float]]:
+        """(factor of kp, largest rebound, m) until the target is in reach."""
+        model = self.bench.model
+        gains = model.actuator_gainprm.copy()
+        biases = model.actuator_biasprm.copy()
+        servos = biases[:, 1] < 0.0
+        for factor in _STIFFER if servos.any() else ():
+            model.actuator_gainprm[servos, 0] = factor * gains[servos, 0]
+            model.actuator_biasprm[servos, 1] = factor * biases[servos, 1]
+            model.actuator_biasprm[servos, 2] = math.sqrt(factor) * biases[servos, 2]
+            self._tried.clear()
+            # A coarse grid tells where the target comes into reach.
+            every = itertools.chain.from_iterable(row[::2] for row in self._grid()[::2])
+            rebounds = [self._try(contact).rebound for contact in self._feasible(every)]
+            largest = max(rebounds, default=0.0)
+            yield factor, largest
+            if largest >= self.target:
+                break
+        model.actuator_gainprm[:] = gains
+        model.actuator_biasprm[:] = biases
+        self._tried.clear()
+
+
+def advice(model: Any) -> tuple[str, ...]:
+    """Sentences on options of a model by which its feet cannot hold, before anything else is tuned."""
+    sentences = []
+    if model.opt.iterations < _ITERATIONS:
+        sentences.append(
+            f"The solver stops after {model.opt.iterations} iterations, before the feet's forces "
+            'balance: first set <option iterations="100" ls_iterations="50"/>.'
+        )
+    return tuple(sentences)
+
+
+def rebound_settings(
+    source: Any, requests: Sequence[Request], before: DropTest, target: float
+) -> ReboundSettings:
+    """Settings of the feet for a rebound, m, found by drops.
+
+    before: the whole test of the model as it is. Raises UserError for what cannot be dropped or
+    written.
+    """
+    search = ReboundSearch(source, requests, before, target)
+
+    def settings(contacts: Iterator[FootContact]) -> Iterator[ModelSetting]:
+        for contact in contacts:
+            yield _setting(source, requests, contact)
+
+    return ReboundSettings(
+        settings(search.contacts()),
+        settings(search.highest_contacts()),
+        search.stiffer,
+        advice(search.plain),
+    )
+
+
+def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> ModelSetting:
+    """A contact as a setting of a user's model."""
+    made = write_contact(source, requests, contact)
+    notes = [
+        *made.notes,
+        "friction, condim, margin, masses, step and integrator are as they were; the rebound holds "
+        "with them, in this pose with these gains.",
+    ]
+    label = label_of(source)
+
+    def opened(request: Request) -> ModelUnderTest:
+        model, _, state = load(made.spec, request)
+        return MujocoModel(model, label, state, request)
+
+    def texts(_: Sequence[Promise], output: Output) -> Texts:
+        return texts_of(source, made, (), output)
+
+    return ModelSetting("feet as springs", tuple(notes), opened, texts, source=made.spec)

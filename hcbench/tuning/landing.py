@@ -1,0 +1,112 @@
+"""Tunes the feet of a robot by how it lands as a whole: the rebound of its centre of mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from hcbench.sim.drop_test import DropTest, Reach
+from hcbench.sim.model_under_test import ModelSetting, Texts
+from hcbench.sim.rest import UNKNOWN
+from hcbench.system.errors import UserError
+from hcbench.tuning.tuned_model import AS_IT_IS, LandingChange, TunedModel
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from hcbench.sim.capabilities import TunesModels
+    from hcbench.sim.model_under_test import Output, Request
+
+# Whole tests of settings that have the rebound, and of those with the largest ones, at most.
+_JUDGED = 6
+_HIGHEST = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """A setting with its whole test, and what it makes worse."""
+
+    setting: ModelSetting
+    test: DropTest
+    worse: tuple[str, ...]
+
+    def meets(self, rebound: float) -> bool:
+        """Say whether it has the rebound, m, and nothing worse."""
+        return not self.worse and self.test.meets(rebound)
+
+
+def landing_as_it_is(
+    engine: TunesModels, source: Any, requests: Sequence[Request]
+) -> DropTest | None:
+    """Drop the robot of the pairs in the model as it is; None where they are not of a robot."""
+    try:
+        return engine.landing(source, requests)
+    except UserError:
+        return None
+
+
+def tune_landing(
+    engine: TunesModels,
+    source: Any,
+    requests: Sequence[Request],
+    before: DropTest,
+    rebound: float,
+    output: Output,
+) -> TunedModel:
+    """Find a setting of the feet with a rebound, m, with which nothing else is worse.
+
+    before: the landing of the model as it is, which is the answer where it has the rebound. Else
+    the answer is the first setting that has it; or that which makes least worse, with the largest
+    rebound that is possible.
+    """
+    if before.meets(rebound):
+        return _tuned(None, LandingChange(before, before, rebound), output)
+    found = engine.rebound_settings(source, requests, before, rebound)
+
+    def judged(settings: Iterable[ModelSetting], most: int) -> list[_Judged]:
+        """Whole tests of settings, up to the first that is not worse."""
+        every: list[_Judged] = []
+        for setting in settings:
+            test = engine.landing(setting.source, requests, before)
+            every.append(_Judged(setting, test, tuple(test.worse_than(before, rebound))))
+            good = not every[-1].worse and (most == _HIGHEST or test.meets(rebound))
+            if good or len(every) == most:
+                break
+        return every
+
+    tried = judged(found.meeting, _JUDGED)
+    highest: list[_Judged] = []
+    if not any(one.meets(rebound) for one in tried):
+        highest = judged(found.highest, _HIGHEST)
+    best = next((one for one in [*tried, *highest] if one.meets(rebound)), None)
+    if best is not None:
+        change = LandingChange(before, best.test, rebound, advice=found.advice)
+        return _tuned(best.setting, change, output)
+    largest = max((one.test.rebound for one in highest if not one.worse), default=before.rebound)
+    reach = Reach(largest, found.stiffer())
+    # What comes nearest is printed with all that it makes worse.
+    nearer = [
+        one
+        for one in [*tried, *highest]
+        if abs(one.test.rebound - rebound) < abs(before.rebound - rebound)
+    ]
+    every = sorted(
+        nearer,
+        key=lambda one: (one.test.diverged, len(one.worse), abs(one.test.rebound - rebound)),
+    )
+    if not every:
+        return _tuned(None, LandingChange(before, before, rebound, reach, found.advice), output)
+    change = LandingChange(before, every[0].test, rebound, reach, found.advice)
+    return _tuned(every[0].setting, change, output)
+
+
+def _tuned(setting: ModelSetting | None, change: LandingChange, output: Output) -> TunedModel:
+    """The answer with a setting; None: with the model as it is."""
+    name = AS_IT_IS
+    texts = Texts("")
+    notes: tuple[str, ...] = ()
+    if setting is not None:
+        name = setting.name
+        texts = setting.texts((), output)
+        notes = setting.notes
+    return TunedModel(name, texts, notes, (), (), UNKNOWN, UNKNOWN, landing=change)

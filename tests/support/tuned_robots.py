@@ -1,0 +1,152 @@
+"""Robots that others wrote, with feet tuned by their landing: `make test-models` writes the table of
+docs/reference/robots.md.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+from outside_models import found_file
+from robot_landings import EXAMPLES, ROBOTS, Robot
+
+import hcbench as hb
+from hcbench.engines.mujoco.model.bodies import can_meet
+
+if TYPE_CHECKING:
+    from hcbench.tuning.tuned_model import TunedModel
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "robots.md"
+BEGIN, END = "<!-- begin robots -->\n", "<!-- end robots -->"
+_WALKS = "mujoco_playground/_src/locomotion"
+_FLAT = "xmls/scene_mjx_feetonly_flat_terrain.xml"
+TUNED = (
+    *ROBOTS,
+    Robot("dm_control dog", "dm_control/suite/dog.xml", "foot_.*|hand_.*|paw.*"),
+    Robot("playground Apollo", f"{_WALKS}/apollo/{_FLAT}", ".*(foot|sole).*"),
+    Robot("playground Berkeley Humanoid", f"{_WALKS}/berkeley_humanoid/{_FLAT}", ".*foot.*"),
+    Robot("playground G1", f"{_WALKS}/g1/{_FLAT}", ".*foot.*"),
+    Robot("playground Go1", f"{_WALKS}/go1/{_FLAT}", "FL|FR|RL|RR"),
+    Robot("playground H1", f"{_WALKS}/h1/xmls/scene_mjx_feetonly.xml", ".*foot.*"),
+    Robot("playground OP3", f"{_WALKS}/op3/xmls/scene_mjx_feetonly.xml", ".*foot.*"),
+    Robot("playground Spot", f"{_WALKS}/spot/xmls/scene_mjx_flat_terrain.xml", "FL|FR|HL|HR"),
+    Robot("playground T1", f"{_WALKS}/t1/{_FLAT}", ".*foot.*"),
+)
+TARGETS = (0.0, 5e-3, 20e-3)  # m
+
+
+@dataclass
+class Answer:
+    """Answer of `tune` for a robot and a target, m. cpu: s."""
+
+    robot: Robot
+    target: float
+    tuned: TunedModel
+    cpu: float
+
+
+def answer(robot: Robot, target: float) -> Answer:
+    """Tune the feet of a robot; an e of 0 in place of a rebound of 0."""
+    spec = without_meshes(robot)
+    feet = feet_of(robot, spec)
+    asked: dict[str, Any] = {"rebound": target} if target else {"restitution": 0.0}
+    start = time.process_time()
+    tuned = hb.tune_model(spec, feet, **asked)
+    return Answer(robot, target, tuned, time.process_time() - start)
+
+
+def feet_of(robot: Robot, spec: Any) -> list[str]:
+    """Pairs of the robot's feet with its floor."""
+    model = spec.compile()
+    still = [g for g in range(model.ngeom) if not model.body_weldid[model.geom_bodyid[g]]]
+    floors = [g for g in still if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_PLANE] or still
+    pairs = []
+    for geom in range(model.ngeom):
+        names = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+        is_foot = any(name and re.fullmatch(robot.feet, name) for name in names)
+        is_foot = is_foot and bool(model.body_weldid[model.geom_bodyid[geom]])
+        for floor in floors:
+            if is_foot and can_meet(model, (geom, floor)):
+                ends = [model.geom(g).name or str(g) for g in (geom, floor)]
+                pairs.append(",".join(f"geom:{end}" for end in ends))
+    assert pairs, robot
+    return pairs
+
+
+def without_meshes(robot: Robot) -> Any:
+    """The spec of a robot's file; of a package without its meshes, which are for the eye alone."""
+    path = EXAMPLES / robot.file if "/" not in robot.file else found_file(robot.file)
+    if not robot.file.startswith(_WALKS):
+        return mujoco.MjSpec.from_file(str(path))
+    root = ET.parse(path).getroot()
+    _include(root, path.parent)
+    for parent in list(root.iter()):
+        for child in list(parent):
+            is_mesh = child.tag == "mesh" or (child.tag == "geom" and "mesh" in child.attrib)
+            is_file = child.tag in ("texture", "hfield") and "file" in child.attrib
+            if is_mesh or is_file or (child.tag == "material" and "texture" in child.attrib):
+                parent.remove(child)
+            child.attrib.pop("material", None)
+    return mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+
+
+def _include(element: ET.Element, folder: Path) -> None:
+    """Put the elements of included files in the place of each <include>."""
+    for i, child in reversed(list(enumerate(element))):
+        if child.tag == "include":
+            included = ET.parse(folder / child.attrib["file"]).getroot()
+            element.remove(child)
+            for one in reversed(included):
+                element.insert(i, one)
+    for child in element:
+        _include(child, folder)
+
+
+def row(of: Answer) -> list[str]:
+    """The cells of the page's table."""
+    change = of.tuned.landing
+    assert change is not None
+    was, now = change.before, change.after
+    said = of.tuned.name if of.tuned.gains else "refused"
+    largest = "" if change.reach is None else f"{1e3 * change.reach.rebound:.3g}"
+    falls = " (falls)" if was.fell or was.seconds < 2.0 else ""
+    return [
+        f"{of.robot.name}{falls}",
+        f"{1e3 * of.target:g}",
+        said,
+        f"{1e3 * was.rebound:.1f} / {1e3 * now.rebound:.1f}",
+        largest,
+        f"{was.peak:.1f} / {now.peak:.1f}",
+        f"{1e3 * was.depth:.1f} / {1e3 * now.depth:.1f}",
+        f"{was.rest:.2f} / {now.rest:.2f}",
+        f"{1e3 * was.travel:.0f} / {1e3 * now.travel:.0f}",
+        f"{1e3 * was.creep:.2f} / {1e3 * now.creep:.2f}",
+        f"{of.cpu:.0f}",
+    ]
+
+
+HEAD = (
+    *("robot", "target, mm", "answer", "rebound, mm", "largest, mm", "peak / weight"),
+    *("depth, mm", "rest, s", "travel, mm", "creep, mm/s", "CPU s"),
+)
+
+
+def write_page(answers: list[Answer]) -> None:
+    """Put the table between the page's marks."""
+    rows = [[cell.replace("nan / nan", "") for cell in row(each)] for each in answers]
+    lines = [f"| {' | '.join(cells)} |" for cells in (HEAD, ["---"] * len(HEAD), *rows)]
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    table = "".join(f"{line}\n" for line in lines)
+    PAGE.write_text(f"{head}{BEGIN}{table}{END}{rest.partition(END)[2]}", encoding="utf-8")
+
+
+def on_the_page() -> list[dict[str, str]]:
+    """The page's rows, by the heads of its columns."""
+    table = PAGE.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()]
+    return [dict(zip(HEAD, cells, strict=True)) for cells in lines[2:]]

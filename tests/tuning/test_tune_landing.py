@@ -1,0 +1,206 @@
+"""A robot's feet tuned by its landing: what is printed holds in a loop of plain MuJoCo, at heights
+and phases that no search saw.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hcbench as hb
+from hcbench.cli import run
+from hcbench.measuring import Wanted
+from hcbench.sim.drop_test import HEIGHTS, PHASES, QUANTITIES, DropTest
+from hcbench.sim.model_under_test import ModelSetting
+from hcbench.sim.rest import UNKNOWN
+from hcbench.system.errors import EngineFailed, UserError
+from hcbench.tuning.model import _best, _Try
+from hcbench.tuning.tuned_model import LandingChange
+
+mujoco = pytest.importorskip("mujoco")
+
+from robot_drops import FEET, QUADRUPED, drop  # noqa: E402
+
+UNSEEN = (0.07, 0.39, 0.61, 0.88)
+
+
+@cache
+def tuned(**target: Any) -> hb.TunedModel:
+    return hb.tune_model(QUADRUPED, FEET, **target)
+
+
+@pytest.mark.parametrize("rebound", [0.005, 0.02])
+def test_the_centre_of_mass_rebounds_by_the_target_at_phases_that_no_search_saw(
+    rebound: float,
+) -> None:
+    found = tuned(rebound=rebound)
+    assert found.gains
+    assert found.landing is not None
+    assert not set(UNSEEN) & set(PHASES)
+    model = mujoco.MjModel.from_xml_string(found.written)
+    seen = [drop(model, max(HEIGHTS), phase, 1.0).rebound for phase in UNSEEN]
+    assert np.mean(seen) == pytest.approx(rebound, rel=0.1)
+    assert np.mean(seen) == pytest.approx(found.landing.after.rebound, rel=0.05)
+
+
+def test_nothing_else_is_worse_at_heights_and_tilts_that_no_search_saw() -> None:
+    found = tuned(rebound=0.005)
+    before = mujoco.MjModel.from_xml_path(str(QUADRUPED))
+    after = mujoco.MjModel.from_xml_string(found.written)
+    for height, phase, tilt in ((0.035, 0.39, 0.0), (0.07, 0.61, -0.05)):
+        was, now = (drop(model, height, phase, 3.0, tilt) for model in (before, after))
+        assert now.rest < max(1.2 * was.rest, was.rest + 0.3)
+        assert now.peak < max(1.5 * was.peak, was.peak + 2.0)
+        assert now.depth < max(1.2 * was.depth, was.depth + 5e-4)
+        assert now.travel < max(1.5 * was.travel, was.travel + 0.02)
+
+
+def test_the_judge_agrees_with_a_plain_loop() -> None:
+    """The model as it is: the worst of one height, flat."""
+    landing = tuned(rebound=0.02).landing
+    assert landing is not None
+    model = mujoco.MjModel.from_xml_path(str(QUADRUPED))
+    seen = [drop(model, 0.1, phase, 2.0) for phase in PHASES]
+    assert max(one.depth for one in seen) <= landing.before.depth * 1.001
+    assert max(one.depth for one in seen) > landing.before.depth * 0.8
+    assert max(one.peak for one in seen) <= landing.before.peak * 1.001
+    assert max(one.rest for one in seen) <= landing.before.rest + 0.01
+    assert landing.before.rebound == pytest.approx(np.mean([one.rebound for one in seen]), abs=1e-6)
+
+
+def test_an_e_of_0_of_a_robot_that_does_not_rebound_leaves_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pairs = [word for pair in FEET for word in ("--pair", pair)]
+    assert run(["tune", str(QUADRUPED), *pairs, "--restitution", "0"]) == 0
+    assert "has this rebound already: there is nothing to paste" in capsys.readouterr().out
+
+
+def test_a_rebound_out_of_reach_is_refused_with_the_largest_one_and_what_would_help(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pairs = [word for pair in FEET for word in ("--pair", pair)]
+    out = tmp_path / "tuned.xml"
+    asked = ["tune", str(QUADRUPED), *pairs, "--rebound", "90 mm", "--write-model", str(out)]
+    assert run([*asked, "--json"]) == 1
+    captured = capsys.readouterr()
+    record = json.loads(captured.out)["landing"]
+    assert 0.02 < record["largest"]["rebound_m"] < 0.09
+    assert record["largest"]["stiffer"][0]["kp_factor"] == 2.0
+    assert f"is {1e3 * record['largest']['rebound_m']:.3g} mm" in captured.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"rebound": "5 m"}, "less than the drop"),
+        ({"rebound": "5 mm", "restitution": 0.5}, "one target"),
+        ({"rebound": "-1 mm"}, "0"),
+    ],
+)
+def test_what_is_no_rebound_is_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        tuned(**given)
+
+
+def test_a_body_without_actuators_has_no_rebound_of_its_own() -> None:
+    good = QUADRUPED.with_name("good.xml")
+    with pytest.raises(UserError, match="no actuator drives"):
+        hb.tune_model(good, "ball,plate", rebound="5 mm")
+
+
+def worse(test: DropTest) -> DropTest:
+    return dataclasses.replace(test, depth=2.0 * test.depth, late=3.0)
+
+
+def test_a_landing_is_worse_in_what_grew_by_more_than_is_stated() -> None:
+    landing = tuned(rebound=0.005).landing
+    assert landing is not None
+    was = landing.before
+    deeper = f"largest penetration {1e3 * was.depth:.3g} -> {2e3 * was.depth:.3g} mm"
+    assert list(worse(was).worse_than(was)) == [deeper, "flights after 3 s 0 -> 3"]
+    for quantity in QUANTITIES:
+        then = getattr(was, quantity.name)
+        limit = max(quantity.share * then, then + quantity.slack)
+        at_limit = dataclasses.replace(was, **{quantity.name: limit})
+        assert not list(at_limit.worse_than(was))
+        beyond = dataclasses.replace(was, **{quantity.name: 1.001 * limit + 1e-9})
+        assert len(list(beyond.worse_than(was))) == 1
+    never = dataclasses.replace(was, rest=math.inf)
+    assert list(never.worse_than(was)) == [f"time to rest {was.rest:.3g} -> inf s"]
+    assert not list(never.worse_than(never))
+
+
+@cache
+def ball() -> hb.TunedModel:
+    good = QUADRUPED.with_name("good.xml")
+    return hb.tune_model(good, "ball,plate", restitution=0.5, speeds="0.5, 1 m/s")
+
+
+class Lands:
+    """Stands in for an engine: settings whose source is "worse" land worse."""
+
+    def landing(self, source: Any, requests: Any, like: DropTest) -> DropTest:
+        return worse(like) if source == "worse" else like
+
+
+def a_try(name: str, source: Any, error: float, *, bounces: bool = True) -> Any:
+    (pair,) = ball().pairs
+    pairs = (pair if bounces else dataclasses.replace(pair, beyond=math.inf),)
+    setting = ModelSetting(name, (), Any, Any, source=source)  # type: ignore[arg-type]
+    return _Try(setting, UNKNOWN, error, 0, throws_up=False, pairs=pairs)
+
+
+def chosen(*tries: Any, landed: bool = False, limit: float = 1.0) -> Any:
+    was = tuned(rebound=0.005).landing
+    assert was is not None
+    before = was.before if landed else None
+    return _best(Lands(), [], [], Wanted(restitution=0.5), before, limit, tries)  # type: ignore[arg-type]
+
+
+def test_a_setting_without_a_bounce_is_passed_over() -> None:
+    silent, bounces = a_try("silent", None, 0.1, bounces=False), a_try("bounces", None, 0.2)
+    assert chosen(silent, bounces).setting.name == "bounces"
+    with pytest.raises(EngineFailed, match="'silent' gave no restitution"):
+        chosen(silent)
+
+
+def test_a_setting_with_which_the_robot_lands_worse_gives_way_to_one_that_gains() -> None:
+    bad, good = a_try("bad", "worse", 0.1), a_try("good", "good", 0.2)
+    assert chosen(bad, good, landed=True).setting.name == "good"
+    assert chosen(bad, landed=True).landing.worse
+    assert chosen(bad, good, landed=True, limit=0.0).setting.name == "bad"
+
+
+@pytest.fixture
+def landing_worse(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """`tune` finds a setting with which a robot lands worse."""
+    was = tuned(rebound=0.005).landing
+    assert was is not None
+    change = LandingChange(was.before, worse(was.before))
+    found = dataclasses.replace(ball(), landing=change)
+    monkeypatch.setattr("hcbench.tuning.ask.tune_job", lambda *_: found)
+    yield
+
+
+@pytest.mark.usefixtures("landing_worse")
+def test_a_worse_landing_is_printed_with_its_lines_and_not_written(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "tuned.xml"
+    asked = ["tune", str(QUADRUPED), "--pair", FEET[0], "--alpha", "0.3 s/m"]
+    assert run([*asked, "--write-model", str(out)]) == 1
+    captured = capsys.readouterr()
+    assert "Worse than before: largest penetration 19 -> 38.1 mm" in " ".join(captured.out.split())
+    assert "<pair geom1=" in captured.out
+    assert "landing: the robot lands worse with it: largest penetration" in captured.err
+    assert not out.exists()
