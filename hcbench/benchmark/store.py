@@ -122,7 +122,7 @@ class Files:
         def freshen() -> None:
             while not done.wait(_FRESHEN_S):
                 # The next write of the sweep raises CannotRun where another has the lock.
-                # One damaged reading is no reason to let the lock go stale.
+                # One damaged reading does not let the lock go stale.
                 with suppress(OSError, ValueError, CannotRun):
                     self._claim(mine)
 

@@ -295,29 +295,45 @@ def _best(
     each: requests of the pairs in each attitude. landed: the robot as it is. Raises EngineFailed
     where no launch has an e.
     """
-    best: _Try | None = None
-    for tried in order:
-        setting = tried.setting
-        pairs = tried.pairs or _measured(setting.open, each, wanted, held_out=True)
-        if not all(math.isfinite(pair.max_error) for pair in pairs):
-            continue
-        change: LandingChange | None = None
+    # In order: what lands worse, then the first that lands no worse but is not near enough.
+    others: list[_Try] = []
+    for each_try in order:
+        tried = each_try
         if landed is not None:
             after = landed
-            if setting.source is not None:
-                after = engine.landing(setting.source, requests, landed)
-            change = LandingChange(landed, after)
-        judged = dataclasses.replace(tried, pairs=pairs, landing=change)
-        best = best or judged
-        if change is None or not change.worse:
-            is_better = setting.name != AS_IT_IS and largest_error(pairs) <= limit
-            return judged if is_better else best
-    if best is None:
-        got = f"launches with the setting {order[0].setting.name!r} gave no restitution"
-        raise EngineFailed(
-            "model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep"
-        )
-    return best
+            if tried.setting.source is not None:
+                after = engine.landing(tried.setting.source, requests, landed)
+            tried = dataclasses.replace(tried, landing=LandingChange(landed, after))
+            # A landing costs less than launches that no search saw: these only where it is good.
+            if tried.landing is not None and tried.landing.worse:
+                others.append(tried)
+                continue
+        judged = _bouncing(tried, each, wanted)
+        if judged is None:
+            continue
+        assert judged.pairs is not None
+        if judged.setting.name != AS_IT_IS and largest_error(judged.pairs) <= limit:
+            return judged
+        others.append(judged)
+        break
+    for tried in others:
+        judged = _bouncing(tried, each, wanted)
+        if judged is not None:
+            return judged
+    got = f"launches with the setting {order[0].setting.name!r} gave no restitution"
+    raise EngineFailed(
+        "model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep"
+    )
+
+
+def _bouncing(
+    tried: _Try, each: Sequence[tuple[str, Request]], wanted: RestitutionCurve
+) -> _Try | None:
+    """The try with its pairs judged; None where a launch has no e."""
+    pairs = tried.pairs or _measured(tried.setting.open, each, wanted, held_out=True)
+    if not all(math.isfinite(pair.max_error) for pair in pairs):
+        return None
+    return dataclasses.replace(tried, pairs=pairs)
 
 
 def _stops(job: _TuneJob) -> bool:
