@@ -32,8 +32,10 @@ class PathType(click.Path):
         return "FILE" if self.file_okay else "FOLDER"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path; raises UserError for an empty or a too long one."""
+        """The path, "-" being standard input where a dash is allowed; raises UserError for an empty or a too long one."""
         slot = param.opts[0] if param else "path"
+        if value == "-" and self.allow_dash:
+            value = "/dev/stdin"
         if not str(value):
             raise UserError(slot, "an empty path", "a path", "Leave the option out for its default")
         if any(len(os.fsencode(part)) > _LONGEST_NAME for part in Path(value).parts):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,8 +45,8 @@ class _FilesAfterAgainst(Command):
         for one in args:
             if one == "--against":
                 after = True
-            elif one.startswith("-") or not after:
-                after = False if one.startswith("-") else after
+            elif re.match("-.", one) or not after:
+                after = after and not re.match("-.", one)
                 spread.append(one)
             else:
                 spread += ["--against", one]
@@ -53,7 +54,7 @@ class _FilesAfterAgainst(Command):
 
 
 @command(cls=_FilesAfterAgainst)
-@click.argument("files", nargs=-1, type=PathType(path_type=Path))
+@click.argument("files", nargs=-1, type=PathType(path_type=Path, allow_dash=True))
 @click.option(
     "--as",
     "kind",
@@ -88,7 +89,7 @@ class _FilesAfterAgainst(Command):
 @click.option(
     "--against",
     multiple=True,
-    type=PathType(path_type=Path),
+    type=PathType(path_type=Path, allow_dash=True),
     help="Files of another material to compare.",
 )
 @click.option(

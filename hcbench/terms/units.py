@@ -95,6 +95,19 @@ _SIGN = re.compile(r"(?<![\^*(eE])[-+]")
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")
 
 
+# A negative power right behind a unit: "m s-1", "m·s⁻¹".
+_INVERSE = re.compile(r"(?<=[a-zA-Zµ])(?:\^|\*\*)?[-−⁻]([1-4¹²³⁴])(?![\d.])")
+_PRODUCT = re.compile(r"(?<=[a-zA-Zµ])[·⋅.](?=[a-zA-Zµ])")
+_DIGITS = str.maketrans("¹²³⁴", "1234")
+# Units as people write them in names, where Pint has another word.
+_OTHER_WORDS = {
+    "kmh": "km/h",
+    "km_h": "km/h",
+    "kmph": "km/h",
+    **{f"{length}_s": f"{length}/s" for length in ("m", "cm", "mm", "in", "ft")},
+}
+
+
 # SI values of the units that nearly everybody writes. Pint knows all others, and takes half a
 # second to import.
 _USUAL = {
@@ -136,6 +149,13 @@ def _factor(unit: str, si: str) -> float:
     return float(quantity.to(si).magnitude)
 
 
+def usual_unit(unit: str) -> str:
+    """A unit in the form that Pint reads: "m*s^-1" of "m·s⁻¹" and "m.s-1", "km/h" of "kmh"."""
+    unit = _INVERSE.sub(lambda power: f"^-{power[1].translate(_DIGITS)}", unit)
+    unit = _PRODUCT.sub("*", re.sub(r"[\s_]per[\s_]", "/", unit))
+    return _OTHER_WORDS.get(unit, unit)
+
+
 def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
     """Return the size of one `unit` in the SI unit of the kind; 1 for the unit "".
 
@@ -149,6 +169,7 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
     si = kind.unit.replace("^n", f"^{exponent!r}")
     expected = f"a unit that converts to {si}" if si else "a plain number"
     advice = f"Write for example {kind.example!r}"
+    unit = usual_unit(unit)
     is_unit = _UNIT.fullmatch(unit) and not _TOWER.search(unit) and not _SIGN.search(unit)
     if len(unit) > _LONGEST_UNIT or not is_unit:
         raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected, advice)
