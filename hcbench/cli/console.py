@@ -32,7 +32,7 @@ class PathType(click.Path):
         return "FILE" if self.file_okay else "FOLDER"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path, "-" being standard input where a dash is allowed; raises UserError for an empty or a too long one."""
+        """The path, or standard input for "-"; raises UserError for an empty or a too long one."""
         slot = param.opts[0] if param else "path"
         if value == "-" and self.allow_dash:
             value = "/dev/stdin"
@@ -200,8 +200,8 @@ class UncertainType(click.types.StringParamType):
 
 
 EXPONENT = QuantityType("exponent")
-RESTITUTION = QuantityType("restitution", least=0.0)
-FRICTION = QuantityType("friction", least=0.0)
+RESTITUTION = QuantityType("restitution")
+FRICTION = QuantityType("friction")
 ALPHA = QuantityType("alpha")
 ALPHAS = QuantityType("alpha", several=True)
 SPEED = QuantityType("speed")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hcbench.cli.console import (
+    EXPONENT,
     PathType,
     QuantityType,
     UncertainType,
@@ -84,7 +85,7 @@ class _FilesAfterAgainst(Command):
     help="Standard uncertainty of a time reading, if you know it.",
 )
 @click.option("--speed", type=UncertainType("speed"), help="Approach speed, for forces over time.")
-@click.option("--exponent", type=QuantityType("exponent"), help="n of the law, for forces.")
+@click.option("--exponent", type=EXPONENT, help="n of the law, for forces.")
 @click.option("--touches", help="Touches of a recording to use: '2:14', train 'B', or 'B2:14'.")
 @click.option(
     "--against",

@@ -33,13 +33,14 @@ class QuantityKind:
     """A kind of number.
 
     unit: SI, which a text must convert to; "" for a plain number.
-    example: for errors. below: a bound that no value reaches, SI.
+    example: for errors. below: a bound that no value reaches, SI. least: the lowest value, SI.
     """
 
     name: str
     unit: str
     example: str
     below: float = math.inf
+    least: float = -math.inf
 
 
 QUANTITIES = {
@@ -59,9 +60,9 @@ QUANTITIES = {
         QuantityKind("frequency", "Hz", "100 Hz"),
         QuantityKind("stiffness", "N/m^n", "3.1e7 lbf/in^1.5"),
         QuantityKind("number", "", "1.5"),
-        QuantityKind("restitution", "", "0.9"),
-        QuantityKind("exponent", "", "1.5"),
-        QuantityKind("friction", "", "0.5"),
+        QuantityKind("restitution", "", "0.9", least=0.0),
+        QuantityKind("exponent", "", "1.5", least=1.0),
+        QuantityKind("friction", "", "0.5", least=0.0),
         # From the normal of the plate.
         QuantityKind("angle", "rad", "60 deg", below=math.pi / 2),
         QuantityKind("spin", "rad/s", "40 rad/s"),
@@ -439,7 +440,7 @@ def _require_bounds(
 ) -> None:
     """Raise QuantityError unless all numbers, in SI, are finite and within the kind's bounds.
 
-    Bounds are those given here, the kind's `below`, and `bounds.BOUNDS`.
+    Bounds are those given here, the kind's `below` and `least`, and `bounds.BOUNDS`.
 
     numbers: one or more. value: what the user gave, and slot: what to call it, for the message.
     least, above: the lowest number that may be, and one that all must exceed.
@@ -460,6 +461,9 @@ def _require_bounds(
             slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", advice
         )
     require_bounds(slot, numbers, kind.name, kind.unit)
+    if lowest < kind.least:
+        # The table of bounds holds for sizes: -1 is within that of an exponent.
+        raise QuantityError(slot, f"{lowest:g}", f"{kind.least:g} or more")
 
 
 def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:
