@@ -340,7 +340,7 @@ def _words(hint: Any) -> str:
     if origin is np.ndarray:
         return "numbers"
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        return f"a mapping of names to {_words(parts[1])}"
+        return "a mapping of names to values"
     if isinstance(origin, type) and issubclass(origin, Iterable):
         if parts[1:] in ((), (Ellipsis,)):
             return f"several of: {_words(parts[0])}"

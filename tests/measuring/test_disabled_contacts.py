@@ -23,7 +23,7 @@ def test_no_pair_of_a_model_without_contacts_is_listed(flag: str) -> None:
 
 @pytest.mark.parametrize("flag", ["gravity", "actuation"])
 def test_other_flags_leave_the_pairs(flag: str) -> None:
-    assert [each.pair for each in hb.pairs(BALL.format(flag))] == ["geom:ball,floor"]
+    assert [each.pair for each in hb.pairs(BALL.format(flag))] == ["ball,floor"]
 
 
 def test_a_pose_given_as_a_list_is_told_that_a_mapping_was_expected() -> None:
