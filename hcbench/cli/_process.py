@@ -17,7 +17,7 @@ from typing import Any
 import click
 
 from hcbench.cli.console import require_outputs
-from hcbench.system.errors import OutputError, UserError
+from hcbench.system.errors import HcbenchError, OutputError
 from hcbench.system.files import SIGNALS
 
 # Signals within this time count as one, s.
@@ -30,6 +30,9 @@ _DEFERRED_S = 0.5
 _OPTIONS = {
     "lowest speed": ("--speeds",),
     "coming-from": ("--from",),
+    "model": ("--python",),
+    "output folder": ("--out",),
+    "folder": ("--out",),
 }
 
 
@@ -179,10 +182,11 @@ def translate_errors(command: click.Command) -> click.Command:
         try:
             require_outputs(click.get_current_context())
             return inner(*args, **kwargs)
-        except UserError as error:
-            if (option := _option_of(error.slot, click.get_current_context())) is None:
-                raise
-            raise type(error)(option, error.got, error.expected, error.advice) from error
+        except HcbenchError as error:
+            # In place: an error may carry more than its message.
+            if (option := _option_of(error.slot, click.get_current_context())) is not None:
+                HcbenchError.__init__(error, option, error.got, error.expected, error.advice)
+            raise
         except KeyboardInterrupt:
             # Click would print an empty line for this.
             raise click.Abort from None

@@ -32,8 +32,10 @@ class PathType(click.Path):
         return "FILE" if self.file_okay else "FOLDER"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path; raises UserError for an empty or a too long one."""
+        """The path, or standard input for "-"; raises UserError for an empty or a too long one."""
         slot = param.opts[0] if param else "path"
+        if value == "-" and self.allow_dash:
+            value = "/dev/stdin"
         if not str(value):
             raise UserError(slot, "an empty path", "a path", "Leave the option out for its default")
         if any(len(os.fsencode(part)) > _LONGEST_NAME for part in Path(value).parts):
@@ -198,9 +200,9 @@ class UncertainType(click.types.StringParamType):
 
 
 EXPONENT = QuantityType("exponent")
-RESTITUTION = QuantityType("restitution", least=0.0)
+RESTITUTION = QuantityType("restitution")
 REBOUND = QuantityType("length", least=0.0)
-FRICTION = QuantityType("friction", least=0.0)
+FRICTION = QuantityType("friction")
 ALPHA = QuantityType("alpha")
 ALPHAS = QuantityType("alpha", several=True)
 SPEED = QuantityType("speed")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from hcbench.cli.console import (
+    EXPONENT,
     PathType,
     QuantityType,
     UncertainType,
@@ -44,8 +46,8 @@ class _FilesAfterAgainst(Command):
         for one in args:
             if one == "--against":
                 after = True
-            elif one.startswith("-") or not after:
-                after = False if one.startswith("-") else after
+            elif re.match("-.", one) or not after:
+                after = after and not re.match("-.", one)
                 spread.append(one)
             else:
                 spread += ["--against", one]
@@ -53,7 +55,7 @@ class _FilesAfterAgainst(Command):
 
 
 @command(cls=_FilesAfterAgainst)
-@click.argument("files", nargs=-1, type=PathType(path_type=Path))
+@click.argument("files", nargs=-1, type=PathType(path_type=Path, allow_dash=True))
 @click.option(
     "--as",
     "kind",
@@ -83,12 +85,12 @@ class _FilesAfterAgainst(Command):
     help="Standard uncertainty of a time reading, if you know it.",
 )
 @click.option("--speed", type=UncertainType("speed"), help="Approach speed, for forces over time.")
-@click.option("--exponent", type=QuantityType("exponent"), help="n of the law, for forces.")
+@click.option("--exponent", type=EXPONENT, help="n of the law, for forces.")
 @click.option("--touches", help="Touches of a recording to use: '2:14', train 'B', or 'B2:14'.")
 @click.option(
     "--against",
     multiple=True,
-    type=PathType(path_type=Path),
+    type=PathType(path_type=Path, allow_dash=True),
     help="Files of another material to compare.",
 )
 @click.option(

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 
 import click
 
-from hcbench.system.text import COLUMNS
+from hcbench.system.text import COLUMNS, sanitized
 
 WIDTH = COLUMNS
 _COLOURS = {
@@ -33,8 +33,11 @@ _AFTER_S = 0.5
 
 
 def show(text: str) -> None:
-    """Print a text: lines folded to 100 columns, and verdicts in colour unless NO_COLOR is set."""
-    lines = "\n".join(folded(text.split("\n")))
+    """Print a text: lines folded to 100 columns, and verdicts in colour unless NO_COLOR is set.
+
+    Characters that move a cursor, as a model's names may have them, are each a "?".
+    """
+    lines = "\n".join(folded([sanitized(line, len(line)) for line in text.split("\n")]))
     print(_VERDICT.sub(_coloured, lines) if has_colour() else lines)
 
 

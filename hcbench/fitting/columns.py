@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.fitting.column_names import EXPECTED_COLUMNS, NAMES, role_of
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -16,112 +17,6 @@ if TYPE_CHECKING:
     from hcbench.fitting.table import Table
     from hcbench.terms.impact import Floats
 
-# Names that a column may have, and the kind of number in it.
-_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "time": (
-        "time",
-        (
-            "time",
-            "t",
-            "touch",
-            "touch time",
-            "impact time",
-            "time of impact",
-            "event time",
-            "zeit",
-            "temps",
-            "timestamp",
-        ),
-    ),
-    "interval": (
-        "time",
-        (
-            "interval",
-            "intervals",
-            "dt",
-            "Δt",
-            "δt",
-            "time between bounces",
-            "flight time",
-            "flight",
-        ),
-    ),
-    "height": (
-        "position",
-        ("height", "h", "y", "z", "position", "bounce height", "hoehe", "höhe", "hauteur"),
-    ),
-    "height_in": (
-        "position",
-        ("drop height", "drop", "h_drop", "h_in", "h0", "height in", "release height"),
-    ),
-    "height_out": (
-        "position",
-        ("rebound height", "rebound", "h_rebound", "h_out", "h1", "height out"),
-    ),
-    "speed": (
-        "speed",
-        (
-            "speed",
-            "v",
-            "v_n",
-            "vn",
-            "impact speed",
-            "approach speed",
-            "impact velocity",
-            "velocity",
-        ),
-    ),
-    "speed_in": (
-        "speed",
-        (
-            "v_in",
-            "vin",
-            "v in",
-            "speed_in",
-            "speed in",
-            "v_i",
-            "v_before",
-            "v before",
-            "speed before",
-            "velocity in",
-            "v1",
-        ),
-    ),
-    "speed_out": (
-        "speed",
-        (
-            "v_out",
-            "vout",
-            "v out",
-            "speed_out",
-            "speed out",
-            "v_o",
-            "v_after",
-            "v after",
-            "speed after",
-            "velocity out",
-            "rebound speed",
-            "v2",
-        ),
-    ),
-    "restitution": (
-        "number",
-        (
-            "restitution",
-            "e",
-            "cor",
-            "e_n",
-            "en",
-            "coefficient of restitution",
-            "restitution coefficient",
-            "cor e",
-        ),
-    ),
-    "penetration": ("position", ("penetration", "x", "depth", "indentation", "approach")),
-    "rate": ("speed", ("rate", "xdot", "penetration rate", "indentation rate")),
-    "force": ("force", ("force", "f", "load")),
-}
-_ROLE_OF = {name: role for role, (_, names) in _NAMES.items() for name in names}
 # Columns that programs and people write besides the data; they say nothing of the bounces.
 _BESIDE = frozenset(
     [
@@ -185,33 +80,6 @@ _BESIDE = frozenset(
     "y velocity",
     "velocity x",
 }
-_BEFORE = (
-    "u_",
-    "u ",
-    "sigma_",
-    "sigma ",
-    "sd_",
-    "sd ",
-    "uncertainty of ",
-    "uncertainty ",
-    "±",
-    "d_",
-)
-_AFTER = (
-    "_uncertainty",
-    " uncertainty",
-    "_error",
-    " error",
-    "_sd",
-    " sd",
-    "_sigma",
-    " sigma",
-    "_u",
-    "_std",
-)
-EXPECTED_COLUMNS = (
-    "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +93,7 @@ class DataColumns:
 
     def get(self, role: str) -> Floats:
         """A column of the file."""
-        return self.table.column(self.places[role], _NAMES[role.removeprefix("u_")][0])
+        return self.table.column(self.places[role], NAMES[role.removeprefix("u_")][0])
 
     def uncertainty(self, role: str) -> Floats:
         """The standard uncertainties of a column, 0 where none are given."""
@@ -254,9 +122,9 @@ def columns_of(table: Table) -> DataColumns:
     Raises UserError for a name that is not known: it may change what the others mean.
     """
     places: dict[str, int] = {}
-    named = {_role(name) for name, _ in table.header}
+    named = {role_of(name) for name, _ in table.header}
     for i, (name, _) in enumerate(table.header):
-        role = _role(name)
+        role = role_of(name)
         if _is_beside(table, i, role, named):
             continue
         if not role:
@@ -268,20 +136,6 @@ def columns_of(table: Table) -> DataColumns:
             )
         places[role] = i
     return DataColumns(table, places)
-
-
-def _role(name: str) -> str:
-    """Role of a column with this name; "u_" and the role for an uncertainty, "" for an unknown
-    name.
-    """
-    name = " ".join(name.split())
-    if name in _ROLE_OF:
-        return _ROLE_OF[name]
-    bare_names = [*map(name.removeprefix, _BEFORE), *map(name.removesuffix, _AFTER)]
-    for bare in bare_names:
-        if bare != name and bare.strip() in _ROLE_OF:
-            return f"u_{_ROLE_OF[bare.strip()]}"
-    return ""
 
 
 def _is_beside(table: Table, i: int, role: str, named: set[str]) -> bool:

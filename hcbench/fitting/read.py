@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.columns import EXPECTED_COLUMNS, DataColumns, columns_of
+from hcbench.fitting.column_names import DATA_KINDS, EXPECTED_COLUMNS, explained
+from hcbench.fitting.columns import DataColumns, columns_of
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
@@ -31,19 +32,6 @@ if TYPE_CHECKING:
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.terms.impact import Floats
 
-_KINDS: dict[frozenset[str], str] = {
-    frozenset({"time"}): "times",
-    frozenset({"height"}): "heights",
-    frozenset({"time", "height"}): "track",
-    frozenset({"speed", "restitution"}): "pairs",
-    frozenset({"speed_in", "restitution"}): "pairs",
-    frozenset({"speed_in", "speed_out"}): "speeds",
-    frozenset({"interval"}): "times",
-    frozenset({"height_in", "height_out"}): "rises",
-    frozenset({"time", "force"}): "force",
-    frozenset({"penetration", "rate", "force"}): "loop",
-}
-
 
 @dataclass(frozen=True, slots=True)
 class Excerpt:
@@ -60,7 +48,7 @@ class Excerpt:
 
 
 WHOLE = Excerpt()
-KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
+KINDS = ("sound", *dict.fromkeys(DATA_KINDS.values()))
 _MOST_TOUCHES = 60
 # Each pair adds an unknown; so many take a dozen seconds.
 _MOST_PAIRS = 500
@@ -96,10 +84,10 @@ def read_dataset(
     table = None
     if kind in (None, "track"):
         table = tracker_table(path, lines)
-    columns = columns_of(table or read_table(path, lines))
-    data_kind = _kind_of(columns, kind)
-    with computed(columns.table.name):
-        return _READERS[data_kind](columns, setup)
+    table = table or read_table(path, lines)
+    with explained(table.name, table.header), computed(table.name):
+        columns = columns_of(table)
+        return _READERS[_kind_of(columns, kind)](columns, setup)
 
 
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
@@ -110,7 +98,7 @@ def _kind_of(columns: DataColumns, asked: str | None) -> str:
     """
     name = columns.table.name
     named = frozenset(role for role in columns.places if not role.startswith("u_"))
-    by_header = _KINDS.get(named)
+    by_header = DATA_KINDS.get(named)
     kind = asked
     if kind is None:
         kind = by_header
@@ -119,7 +107,7 @@ def _kind_of(columns: DataColumns, asked: str | None) -> str:
         raise UserError(name, f"columns {names}", EXPECTED_COLUMNS)
     if kind in ("force", "loop"):
         raise UserError(name, "forces among other files", "one file of forces alone")
-    needed = next(roles for roles, of_roles in _KINDS.items() if of_roles == kind)
+    needed = next(roles for roles, of_roles in DATA_KINDS.items() if of_roles == kind)
     if kind != by_header and not needed <= named:
         missing = ", ".join(sorted(needed - named))
         raise UserError(name, f"no column {missing}", f"what --as {kind} needs")
@@ -144,7 +132,9 @@ def _force_columns(path: Path, kind: str | None) -> DataColumns | None:
     lines = read_lines(path)
     if phyphox_times(path, lines) is not None or tracker_table(path, lines) is not None:
         return None
-    columns = columns_of(read_table(path, lines))
+    table = read_table(path, lines)
+    with explained(table.name, table.header):
+        columns = columns_of(table)
     if "force" not in columns.places:
         return None
     return columns
@@ -161,6 +151,12 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
     columns = _force_columns(path, kind)
     if columns is None:
         return None
+    with explained(columns.table.name, columns.table.header):
+        return _fitted_force(columns, setup, kind)
+
+
+def _fitted_force(columns: DataColumns, setup: MeasurementSetup, kind: str | None) -> ForceFit:
+    """The fit of columns that have a force, as of `read_force`, which says what it raises."""
     if kind != "force" and {"penetration", "rate"} <= columns.places.keys():
         x = columns.get("penetration")
         v = columns.get("rate")

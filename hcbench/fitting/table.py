@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.fitting.column_names import explained
 from hcbench.system.errors import QuantityError, UserError
-from hcbench.system.files import read_bytes
+from hcbench.system.files import is_file, read_bytes
 from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.bounds import beyond_bounds, require_bounds
@@ -153,7 +154,11 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
             advice = "Unpack it and give its .csv"
             raise UserError(name, "a zip archive", "a file of numbers", advice) from None
         expected = "text in columns, or .wav"
-        raise UserError(name, "is neither UTF-8 text nor a WAV recording", expected) from None
+        # A recording is read in parts, which no pipe gives.
+        advice = "" if is_file(path) else "Save what the pipe brings to a file, and give that"
+        raise UserError(
+            name, "is neither UTF-8 text nor a WAV recording", expected, advice
+        ) from None
     except OSError as error:
         raise UserError(name, error.strerror or str(error), "a file that can be read") from None
     except ValueError as error:
@@ -161,7 +166,8 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
         raise UserError(name, str(error), "a file that can be read") from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
-        raise UserError(name, "is empty", "a header and rows of numbers")
+        with explained(name, ()):
+            raise UserError(name, "is empty", "a header and rows of numbers")
     return lines
 
 
@@ -234,10 +240,24 @@ def _is_header_of(comment: str, first: str) -> bool:
 def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
     """The table in these lines, each with its number in the file.
 
-    Raises UserError for lines without a header or without rows, a row with more cells than the
-    header has, and numbers that can be read in two ways.
+    Raises UserError, `explained`, for lines without a header or without rows, a row with more cells
+    than the header has, and numbers that can be read in two ways.
     """
     name = sanitized(path.name)
+    with explained(name, ()):
+        table = _parted(name, lines)
+    with explained(name, table.header):
+        _require_rows(table)
+        _require_one_meaning(table)
+    return plain(table)
+
+
+def _parted(name: str, lines: list[tuple[int, str]]) -> Table:
+    """The table in these lines, its cells as they are.
+
+    name: what errors call the file. lines: each with its number in the file.
+    Raises UserError for lines without a header, and for a cell that is too long.
+    """
     if not lines:
         raise UserError(name, "has comments only", "a header and rows of numbers")
     if len(lines) > 2 and _is_title(lines[0][1], lines[1][1]):
@@ -270,21 +290,21 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
         decimal=decimal,
     )
     if all(math.isfinite(table.number(cell)) for cell in header if cell.strip()):
-        advice = "Begin the file with a line like: time [s]"
-        raise UserError(
-            name, f"begins with the numbers {texts[0].strip()!r:.60}", "a header", advice
-        )
+        raise UserError(name, f"begins with the numbers {texts[0].strip()!r:.60}", "a header")
+    return table
+
+
+def _require_rows(table: Table) -> None:
+    """Raise UserError for a table without rows, and for a row with more cells than the header has."""
     if not table.cells:
-        raise UserError(name, "has a header and no rows", "rows of numbers")
-    width = len(header)
+        raise UserError(table.name, "has a header and no rows", "rows of numbers")
+    width = len(table.header)
     for row, line in zip(table.cells, table.lines, strict=True):
         beyond = "".join(row[width:])
         if beyond.strip():
             raise UserError(
-                f"{name}, line {line}", f"{len(row)} cells", f"{width}, as the header has"
+                f"{table.name}, line {line}", f"{len(row)} cells", f"{width}, as the header has"
             )
-    _require_one_meaning(table)
-    return plain(table)
 
 
 def _require_one_meaning(table: Table) -> None:
@@ -414,6 +434,28 @@ _UNITS = frozenset(
         "mph",
         "ft/s",
         "in/s",
+        "mps",
+        "kph",
+        "kmh",
+        "knots",
+        "sec",
+        "secs",
+        "second",
+        "seconds",
+        "msec",
+        "millimeter",
+        "millimeters",
+        "centimeter",
+        "centimeters",
+        "meter",
+        "meters",
+        "metre",
+        "metres",
+        "meter/second",
+        "meters/second",
+        "inch",
+        "inches",
+        "feet",
         "n",
         "kn",
         "mn",
@@ -421,7 +463,9 @@ _UNITS = frozenset(
     ]
 )
 _RULE = re.compile(r"[\s|:+-]+")
-_SUFFIX = re.compile(r"(.+?)(?:\s*/\s*|_|\s*,\s*|\s+in\s+|\s+)([^\s/,_]+(?:/s|/h)?)")
+_BEFORE_UNIT = re.compile(r"\s*/\s*|_|\s*,\s*|\s+in\s+|\s+")
+# "m s^-1" and "m*s^-1" are m/s.
+_BY_POWER = re.compile(r"([a-zµ]+)[\s*]([sh])\^-1")
 _NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
 _ONLY_NUMBERS = re.compile(r"[-+\d.,;\teE\s±()%]*\d[-+\d.,;\teE\s±()%]*")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
@@ -436,10 +480,12 @@ def with_unit(name: str, unit: str) -> tuple[str, str]:
     name = _LATEST.sub("", name.strip()).strip().rstrip("/").strip()
     if unit:
         return name, unit
-    match = _SUFFIX.fullmatch(name)
-    if match is None or match[2] not in _UNITS:
-        return name, ""
-    return match[1].strip(), match[2]
+    # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
+    for sign in _BEFORE_UNIT.finditer(name, 1):
+        unit = _BY_POWER.sub(r"\1/\2", units.usual_unit(name[sign.end() :]))
+        if unit in _UNITS:
+            return name[: sign.start()].strip(), unit
+    return name, ""
 
 
 def plain(table: Table) -> Table:

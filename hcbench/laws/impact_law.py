@@ -450,7 +450,7 @@ def law(
     if alpha is None:
         raise UserError("alpha", "missing", "α, s/m or with a unit, or a material")
     n = units.parse(exponent, "exponent", "exponent")
-    if stiffness is None and n >= 1 and n != 1.5:
+    if stiffness is None and n != 1.5:
         raise UserError("stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
     if stiffness is None:
         stiffness = PAPER_STIFFNESS

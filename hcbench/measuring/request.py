@@ -20,7 +20,7 @@ from hcbench.sim.model_under_test import Request, Vector
 from hcbench.sim.packages import read_packages
 from hcbench.system.errors import HcbenchError, QuantityError, UserError
 from hcbench.system.files import parse_json, read_bytes, read_text, require_small_archive
-from hcbench.system.text import split_names
+from hcbench.system.text import sanitized, split_names
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import BodyPair, LaunchOptions, Quantity
@@ -316,8 +316,8 @@ def _pair_parts(pair: Any) -> list[Any]:
 
 
 def _body_name(part: Any) -> str:
-    """A name without blanks around it; a number is that of a body."""
-    return f"body:{part}" if isinstance(part, int) else str(part).strip()
+    """A name without blanks around it, as models' names are shown; a number is that of a body."""
+    return f"body:{part}" if isinstance(part, int) else sanitized(str(part).strip())
 
 
 def read_limit(limit: Quantity | None) -> float | None:

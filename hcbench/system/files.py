@@ -148,13 +148,30 @@ def open_input(path: Path) -> BinaryIO:
     raise _UnreadableError(errno.EINVAL, "a pipe or a device, not a file")
 
 
+# Streams that this process was given and has read: each kept open, so that no other gets its number
+# in the file system, with what was in it.
+_STREAMS: dict[tuple[int, int], tuple[BinaryIO, bytes]] = {}
+
+
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """The content of a file of at most `most` bytes, opened by `open_input`.
 
+    A pipe can be read once: its content is kept, and each later call returns it again.
+
     Raises as `open_input`, and OSError for a longer file, regardless of the size that it states.
     """
-    with open_input(path) as file:
-        content = file.read(most + 1)
+    file = open_input(path)
+    status = os.fstat(file.fileno())
+    key = (status.st_dev, status.st_ino)
+    if stat.S_ISREG(status.st_mode):
+        with file:
+            content = file.read(most + 1)
+    elif key in _STREAMS:
+        file.close()
+        content = _STREAMS[key][1]
+    else:
+        content = file.read(MOST_BYTES + 1)
+        _STREAMS[key] = (file, content)
     if len(content) > most:
         raise _UnreadableError(errno.EFBIG, f"has more than {most >> 20} MiB")
     return content

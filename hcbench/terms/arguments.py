@@ -339,6 +339,8 @@ def _words(hint: Any) -> str:
         return " or ".join(map(repr, parts))
     if origin is np.ndarray:
         return "numbers"
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return "a mapping of names to values"
     if isinstance(origin, type) and issubclass(origin, Iterable):
         if parts[1:] in ((), (Ellipsis,)):
             return f"several of: {_words(parts[0])}"

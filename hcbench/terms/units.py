@@ -33,13 +33,14 @@ class QuantityKind:
     """A kind of number.
 
     unit: SI, which a text must convert to; "" for a plain number.
-    example: for errors. below: a bound that no value reaches, SI.
+    example: for errors. below: a bound that no value reaches, SI. least: the lowest value, SI.
     """
 
     name: str
     unit: str
     example: str
     below: float = math.inf
+    least: float = -math.inf
 
 
 QUANTITIES = {
@@ -59,9 +60,9 @@ QUANTITIES = {
         QuantityKind("frequency", "Hz", "100 Hz"),
         QuantityKind("stiffness", "N/m^n", "3.1e7 lbf/in^1.5"),
         QuantityKind("number", "", "1.5"),
-        QuantityKind("restitution", "", "0.9"),
-        QuantityKind("exponent", "", "1.5"),
-        QuantityKind("friction", "", "0.5"),
+        QuantityKind("restitution", "", "0.9", least=0.0),
+        QuantityKind("exponent", "", "1.5", least=1.0),
+        QuantityKind("friction", "", "0.5", least=0.0),
         # From the normal of the plate.
         QuantityKind("angle", "rad", "60 deg", below=math.pi / 2),
         QuantityKind("spin", "rad/s", "40 rad/s"),
@@ -93,6 +94,19 @@ _LONGEST_UNIT = 60
 _SIGN = re.compile(r"(?<![\^*(eE])[-+]")
 # Powers of powers, and numbers of four digits and more: Pint would compute the power.
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")
+
+
+# A negative power right behind a unit: "m s-1", "m·s⁻¹".
+_INVERSE = re.compile(r"(?<=[a-zA-Zµ])(?:\^|\*\*)?[-−⁻]([1-4¹²³⁴])(?![\d.])")
+_PRODUCT = re.compile(r"(?<=[a-zA-Zµ])[·⋅.](?=[a-zA-Zµ])")
+_DIGITS = str.maketrans("¹²³⁴", "1234")
+# Units as people write them in names, where Pint has another word.
+_OTHER_WORDS = {
+    "kmh": "km/h",
+    "km_h": "km/h",
+    "kmph": "km/h",
+    **{f"{length}_s": f"{length}/s" for length in ("m", "cm", "mm", "in", "ft")},
+}
 
 
 # SI values of the units that nearly everybody writes. Pint knows all others, and takes half a
@@ -136,6 +150,13 @@ def _factor(unit: str, si: str) -> float:
     return float(quantity.to(si).magnitude)
 
 
+def usual_unit(unit: str) -> str:
+    """A unit in the form that Pint reads: "m*s^-1" of "m·s⁻¹" and "m.s-1", "km/h" of "kmh"."""
+    unit = _INVERSE.sub(lambda power: f"^-{power[1].translate(_DIGITS)}", unit)
+    unit = _PRODUCT.sub("*", re.sub(r"[\s_]per[\s_]", "/", unit))
+    return _OTHER_WORDS.get(unit, unit)
+
+
 def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
     """Return the size of one `unit` in the SI unit of the kind; 1 for the unit "".
 
@@ -149,6 +170,7 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
     si = kind.unit.replace("^n", f"^{exponent!r}")
     expected = f"a unit that converts to {si}" if si else "a plain number"
     advice = f"Write for example {kind.example!r}"
+    unit = usual_unit(unit)
     is_unit = _UNIT.fullmatch(unit) and not _TOWER.search(unit) and not _SIGN.search(unit)
     if len(unit) > _LONGEST_UNIT or not is_unit:
         raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected, advice)
@@ -418,7 +440,7 @@ def _require_bounds(
 ) -> None:
     """Raise QuantityError unless all numbers, in SI, are finite and within the kind's bounds.
 
-    Bounds are those given here, the kind's `below`, and `bounds.BOUNDS`.
+    Bounds are those given here, the kind's `below` and `least`, and `bounds.BOUNDS`.
 
     numbers: one or more. value: what the user gave, and slot: what to call it, for the message.
     least, above: the lowest number that may be, and one that all must exceed.
@@ -439,6 +461,9 @@ def _require_bounds(
             slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", advice
         )
     require_bounds(slot, numbers, kind.name, kind.unit)
+    if lowest < kind.least:
+        # The table of bounds holds for sizes: -1 is within that of an exponent.
+        raise QuantityError(slot, f"{lowest:g}", f"{kind.least:g} or more")
 
 
 def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:

@@ -454,7 +454,7 @@ def make_target(
     setting = load_scene(scene)
     n = setting.exponent
     if exponent is not None:
-        n = exponent
+        n = units.parse(exponent, "exponent", "--exponent")
     k = setting.stiffness
     if stiffness is not None:
         k = units.parse(stiffness, "stiffness", "--stiffness", n)
@@ -471,7 +471,7 @@ def make_target(
     if spring is not None:
         points = spring.points(m, low, high)
     if restitution is not None:
-        points = ((low, units.parse(restitution, "number", "restitution")),)
+        points = ((low, units.parse(restitution, "restitution", "restitution")),)
     rate = 0.0
     if alpha is not None:
         rate, _ = units.parse_uncertain(alpha, "alpha", "alpha")

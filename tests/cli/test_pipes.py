@@ -1,12 +1,15 @@
 """Inputs that are pipes: the shell's own are read, any other is refused, and none is waited for."""
 
 import os
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import hcbench as hb
 from hcbench.system.errors import HcbenchError
 from hcbench.system.files import open_input, read_bytes, why_no_file
 
@@ -91,3 +94,56 @@ def test_a_pipe_that_this_process_was_given_is_read() -> None:
             assert file.read() == b"content"
     finally:
         os.close(end)
+
+
+TIMES = b"time [s]\n0\n0.286\n0.488\n0.643\n0.77\n"
+
+
+@pytest.fixture
+def pipe() -> Iterator[Callable[[bytes], str]]:
+    opened = []
+
+    def make(content: bytes) -> str:
+        reader, writer = os.pipe()
+        os.write(writer, content)
+        os.close(writer)
+        opened.append(reader)
+        return f"/dev/fd/{reader}"
+
+    yield make
+    for reader in opened:
+        os.close(reader)
+
+
+def test_a_pipe_is_fitted_as_its_content_in_a_file_is(
+    pipe: Callable[[bytes], str], tmp_path: Path
+) -> None:
+    file = tmp_path / "times.csv"
+    file.write_bytes(TIMES)
+    assert hb.fit(pipe(TIMES)).speeds == hb.fit(file).speeds
+
+
+def test_a_pipe_is_read_once_and_each_pipe_has_its_own_content(
+    pipe: Callable[[bytes], str],
+) -> None:
+    one = Path(pipe(b"one"))
+    other = Path(pipe(b"other"))
+    assert [read_bytes(path) for path in (one, other, one)] == [b"one", b"other", b"one"]
+
+
+def test_a_recording_in_a_pipe_is_to_be_saved_to_a_file(pipe: Callable[[bytes], str]) -> None:
+    with pytest.raises(HcbenchError, match="Save what the pipe brings to a file"):
+        hb.fit(pipe(b"RIFF\0\0\0\0WAVE\x81\xff"))
+
+
+@pytest.mark.parametrize("name", ["-", "/dev/stdin"])
+def test_fit_reads_standard_input(name: str) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-m", "hcbench", "fit", name, "--json"],
+        input=TIMES,
+        capture_output=True,
+        timeout=300,
+        check=False,
+    )
+    assert (ran.returncode, ran.stderr) == (0, b"")
+    assert b'"alpha_s_per_m"' in ran.stdout

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.fitting.table import read_lines, split_header
+from hcbench.fitting.table import read_lines, split_header, unit_scale
 from hcbench.system.errors import UserError
 
 
@@ -15,6 +15,40 @@ from hcbench.system.errors import UserError
 @pytest.mark.parametrize("header", ["speed {}", "speed in {}", "speed, {}", "speed_{}"])
 def test_a_unit_of_speed_needs_no_brackets(header: str, unit: str) -> None:
     assert split_header(header.format(unit)) == ("speed", unit)
+
+
+@pytest.mark.parametrize(
+    "unit",
+    ["m s-1", "m·s⁻¹", "m.s-1", "m*s^-1", "m s^-1", "mps", "m_s", "m_per_s", "meters per second"],
+)
+@pytest.mark.parametrize("header", ["speed [{}]", "speed_{}", "speed {}"])
+def test_metres_a_second_are_read_in_every_spelling(header: str, unit: str) -> None:
+    name, read = split_header(header.format(unit))
+    assert (name, unit_scale("file", name, read, "speed")) == ("speed", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "si"),
+    [
+        ("speed_kmh", "speed", 1 / 3.6),
+        ("speed_kph", "speed", 1 / 3.6),
+        ("speed [kmh]", "speed", 1 / 3.6),
+        ("speed (km h-1)", "speed", 1 / 3.6),
+        ("height_mm", "height", 1e-3),
+        ("height_inches", "height", 0.0254),
+        ("height in metres", "height", 1.0),
+    ],
+)
+def test_other_units_are_read_as_people_spell_them(header: str, name: str, si: float) -> None:
+    quantity = {"speed": "speed", "height": "position"}[name]
+    read, unit = split_header(header)
+    assert (read, unit_scale("file", name, unit, quantity)) == (name, pytest.approx(si))
+
+
+@pytest.mark.parametrize("unit", ["m s-2", "m-1", "m/s-1", "s-1", "m s--1", "m s-12"])
+def test_another_power_is_no_speed(unit: str) -> None:
+    with pytest.raises(UserError, match="is not such a unit"):
+        unit_scale("file", "speed", unit, "speed")
 
 
 @pytest.mark.parametrize("header", ["time {}s", "time [{}s]", "time ({}s)", "time_{}s"])

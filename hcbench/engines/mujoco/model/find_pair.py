@@ -26,7 +26,7 @@ from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.packages import find_part, suggest_names
 from hcbench.system.errors import UserError
-from hcbench.system.text import joined_names
+from hcbench.system.text import joined_names, sanitized
 from hcbench.terms.impact import Floats
 
 # Parts of a MuJoCo model that the names of a pair mean, joints that move them, and reasons why
@@ -191,6 +191,8 @@ def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
         return MovingJoint(chain[-1], _translations(model, chain[-1]), words)
     if kind == "body":
         names = [body_name(model, b) for b in range(model.nbody)]
+        # They are shown sanitized.
+        name = sanitized(name)
         if name not in names:
             raise UserError("move", f"no body {name!r}", *suggest_names(name, names[1:]))
         if (start := names.index(name)) not in chain:
@@ -363,9 +365,13 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
 
     state: MjData to start from, or None.
 
-    Raises UserError for a start configuration that the model cannot have, as `start_pose` does.
+    Raises UserError for a start configuration that the model cannot have, as `start_pose` does, and
+    for a model in which a flag disables contacts.
     """
     mujoco = backend()
+    if flag := _disabling(model):
+        got = f"contacts are disabled, by {flag}"
+        raise UserError("model", got, "contacts", f"Remove {flag} from <option>")
     with captured_warnings():
         data, _ = start_pose(model, request, state)
         mujoco.mj_forward(model, data)

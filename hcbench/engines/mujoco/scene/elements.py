@@ -12,10 +12,12 @@ _ESCAPED = str.maketrans({character: f"&{name};" for character, name in _ESCAPES
 
 
 def quoted(text: str) -> str:
-    """The value of an attribute, in quotes: xml.sax.saxutils would
-    import all that can open an address.
+    """The value of an attribute, in quotes, its unprintable characters by their numbers.
+
+    xml.sax.saxutils would import all that can open an address.
     """
-    return f'"{text.translate(_ESCAPED)}"'
+    escaped = text.translate(_ESCAPED)
+    return '"' + "".join(c if c.isprintable() else f"&#{ord(c)};" for c in escaped) + '"'
 
 
 def remove_pairs(root: ET.Element) -> None:
