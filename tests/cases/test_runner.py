@@ -21,6 +21,7 @@ from hcbench import cli
 from hcbench.cases.hcbench_cases import junit, outcome, run
 from hcbench.cases.run import RUNNER, adapters, run_engines
 from hcbench.cases.score import known_failures, regressions, score, the_cases
+from hcbench.system.errors import EngineFailed
 
 # Bytes, not lines: a limit on lines fills each of them.
 RUNNER_BYTES = 20_000
@@ -186,6 +187,47 @@ def test_an_engine_that_aborts_costs_its_own_case_and_an_error_is_told_once(
     aborted = {case for case, runs in results["runs"].items() if "ended with" in runs[0]["error"]}
     assert aborted == {"C07", "C08", "C14", "C17"}  # those of several bodies
     assert len(list(ElementTree.parse(tmp_path / "j.xml").iter("failure"))) == 17
+
+
+HANGS = """\
+import time
+class Engine:
+    name, version, combine = "mine", "1", None
+    def make(self, world):
+        self.count = len(world["bodies"])
+    def step(self):
+        if self.count > 1:
+            time.sleep(3600)
+        raise TypeError("cannot step")
+    def state(self):
+        return []
+ENGINES = [Engine]
+"""
+
+
+def test_an_engine_that_hangs_costs_its_own_case_and_the_limit_is_named(tmp_path: Path) -> None:
+    done = runner(tmp_path, HANGS, "--out", "out.json", "--limit", "2")
+    assert done.returncode == 1
+    (results,) = json.loads((tmp_path / "out.json").read_text("utf-8"))
+    late = {
+        case
+        for case, runs in results["runs"].items()
+        if runs[0]["error"] == "took longer than --limit, 2 s"
+    }
+    assert late == {"C07", "C08", "C14", "C17"}  # those of several bodies
+    assert len(results["runs"]) == 17
+
+
+def test_an_engine_whose_start_hangs_ends_the_run(tmp_path: Path) -> None:
+    hangs = "import time\nENGINES = [lambda: time.sleep(3600)]"
+    done = runner(tmp_path, hangs, "--limit", "1")
+    assert done.returncode == 3
+    assert "took longer than --limit, 1 s" in done.stderr
+
+
+def test_the_command_hands_its_limit_on() -> None:
+    with pytest.raises(EngineFailed, match=r"took longer than --limit, 0\.001 s"):
+        run_engines(["mujoco"], only=["C09"], limit=1e-3)
 
 
 @pytest.mark.parametrize(
