@@ -25,7 +25,8 @@ from hcbench.system.errors import EngineFailed
 
 # Bytes, not lines: a limit on lines fills each of them.
 RUNNER_BYTES = 20_000
-ADAPTER_LINES = 115
+# Of code: comments and docstrings help who copies an adapter.
+ADAPTER_LINES = 100
 
 
 @pytest.fixture(scope="module")
@@ -45,13 +46,23 @@ def test_it_is_one_small_file_of_the_standard_library() -> None:
     assert {name.partition(".")[0] for name in imported} <= sys.stdlib_module_names
 
 
+def code_lines(text: str) -> int:
+    """Number of lines of Python without docstrings, comments and empty ones."""
+    said = set[int]()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            said |= {*range(node.lineno, 1 + (node.end_lineno or node.lineno))}
+    lines = enumerate(map(str.strip, text.splitlines()), 1)
+    return sum(bool(line) and line[0] != "#" and i not in said for i, line in lines)
+
+
 PYMUNK = Path(__file__).parents[2] / "examples" / "cases" / "pymunk_adapter.py"
 
 
 @pytest.mark.parametrize("path", [*adapters().values(), PYMUNK], ids=[*adapters(), "pymunk"])
 def test_an_adapter_is_small_and_needs_its_engine_alone(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= ADAPTER_LINES
+    assert code_lines(text) <= ADAPTER_LINES
     assert "import hcbench" not in text
     assert "from hcbench" not in text
 
