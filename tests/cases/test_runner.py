@@ -136,10 +136,13 @@ def test_engines_do_what_they_are_known_to(results: list[dict[str, Any]]) -> Non
             assert found.restitution == (None if found.engine == "drake" else "obeyed")
 
 
+MANY = ("newton", "mujoco-warp", "mjx", "opensim")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif("HCBENCH_ENGINES" not in os.environ, reason="by `make test-engines`")
-def test_engines_of_many_worlds_do_what_they_are_known_to() -> None:
-    every = [score(each) for each in run_engines(["newton", "mujoco-warp", "mjx"], jobs=2)]
+def test_engines_from_the_index_do_what_they_are_known_to() -> None:
+    every = [score(each) for each in run_engines(MANY, jobs=2)]
     for found in every:
         failed = {v["case"] for v in found.verdicts if v["verdict"] in ("fail", "error")}
         assert failed == set(known_failures().get(found.engine, {})), found.name
