@@ -62,7 +62,7 @@ class OpensimBodies:
         self.now, self.manager = now, osim.Manager(self.model)
         self.manager.setWriteToStorage(False)
         self.manager.setPerformAnalyses(False)
-        self.manager.setIntegratorAccuracy(1e-9)  # with OpenSim's 1e-3 e is off by 0.2
+        self.manager.setIntegratorAccuracy(1e-9)  # with OpenSim's 1e-3 e is wrong by 0.2
         self.manager.initialize(now)
 
     def step(self) -> None:
