@@ -18,6 +18,7 @@ were added since, of as many steps of one length and the same shapes, and `state
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import json
 import math
 import runpy
@@ -36,6 +37,7 @@ from xml.etree import ElementTree
 Json = dict[str, Any]
 States = list[list[Any]]  # of each recorded step [step, state of a body, ...]
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
+LIMIT = 300.0  # s of a case
 # Places in the state of a body.
 _Z = 2
 _VZ = 5
@@ -77,8 +79,7 @@ def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
         batches.setdefault(key, []).append((each, results[-1]))
     for batch in batches.values():
         try:
-            if made := _make_worlds(engine, batch):
-                _step_worlds(engine, made)
+            _run_batch(engine, batch)
         except Exception as error:  # it ends these runs
             for _, result in batch:
                 if result.pop("states", None) is not None or not result:
@@ -94,10 +95,10 @@ def _with_place(error: Exception) -> str:
     return f"{type(error).__name__}: {said} ({Path(at.filename).name}, line {at.lineno})"
 
 
-def _make_worlds(engine: Any, results: list[tuple[Json, Json]]) -> list[tuple[Json, States]]:
-    """Make the worlds that the engine can make: runs with their states, which are empty yet."""
+def _run_batch(engine: Any, batch: list[tuple[Json, Json]]) -> None:
+    """Step the worlds that the engine can make; add the states that are asked for to the results."""
     made = []
-    for each, result in results:
+    for each, result in batch:
         try:
             engine.make(each["world"])
         except NotImplementedError as error:
@@ -105,16 +106,12 @@ def _make_worlds(engine: Any, results: list[tuple[Json, Json]]) -> list[tuple[Js
         else:
             result["states"] = []
             made.append((each, result["states"]))
-    return made
-
-
-def _step_worlds(engine: Any, made: list[tuple[Json, States]]) -> None:
-    """Step the worlds that were made last, and add the states of the steps that are asked for."""
+    if not made:
+        return
     is_batch = hasattr(engine, "start")
     if is_batch:
         engine.start()
-    any_run, _ = made[0]
-    for step in range(1 + any_run["record"][-1][-1]):  # one for a batch
+    for step in range(1 + made[0][0]["record"][-1][-1]):  # one for a batch
         if step:
             engine.step()
         asked = [any(a <= step <= b for a, b in each["record"]) for each, _ in made]
@@ -183,11 +180,9 @@ def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
 
 def height_share(each: Json, states: States) -> float:
     """The highest of the last recorded heights over the first one."""
-    ball, *_ = each["world"]["bodies"]
-    radius = ball["radius"]
-    _, first_state, *_ = states[0]
+    radius = each["world"]["bodies"][0]["radius"]
     heights = [body[_Z] for _, body, *_ in _last(each, states)]
-    return float((max(heights) - radius) / (first_state[_Z] - radius))
+    return float((max(heights) - radius) / (states[0][1][_Z] - radius))
 
 
 def drift(each: Json, states: States) -> float:
@@ -201,12 +196,8 @@ def drift(each: Json, states: States) -> float:
 
 def vibration(each: Json, states: States) -> float:
     """Standard deviation of the velocity of the body that shakes most, m/s."""
-    last = _last(each, states)
-    shaking = []
-    for body in zip(*(bodies for _, *bodies in last), strict=True):
-        by_axis = [pstdev(at[axis] for at in body) for axis in (3, 4, 5)]
-        shaking.append(math.hypot(*by_axis))
-    return max(shaking)
+    of_bodies = zip(*(bodies for _, *bodies in _last(each, states)), strict=True)
+    return max(math.hypot(*(pstdev(at[i] for at in body) for i in (3, 4, 5))) for body in of_bodies)
 
 
 def force_noise(each: Json, states: States) -> float:
@@ -219,10 +210,8 @@ def force_noise(each: Json, states: States) -> float:
 
 def depth(each: Json, states: States) -> float:
     """Final depth of the first body, a box, in the floor, over its height."""
-    box, *_ = each["world"]["bodies"]
-    *_, half_height = box["half"]
-    _, final, *_ = states[-1]
-    return float(0.5 - final[_Z] / (2 * half_height))
+    half_height = each["world"]["bodies"][0]["half"][_Z]
+    return float(0.5 - states[-1][1][_Z] / (2 * half_height))
 
 
 def sink(each: Json, states: States) -> float:
@@ -245,8 +234,7 @@ def rise(each: Json, states: States) -> float:
 def velocity(each: Json, states: States) -> list[float]:
     """Final velocity of each body over the first one's first speed."""
     speed = math.hypot(*each["world"]["bodies"][0]["velocity"])
-    _, *bodies = states[-1]
-    return [x / speed for body in bodies for x in body[3:6]]
+    return [x / speed for body in states[-1][1:] for x in body[3:6]]
 
 
 def spin(each: Json, states: States) -> list[float]:
@@ -254,8 +242,7 @@ def spin(each: Json, states: States) -> list[float]:
     first = each["world"]["bodies"][0]
     arm = first.get("radius") or max(first["half"])  # m
     scale = arm / math.hypot(*first["velocity"])
-    _, *bodies = states[-1]
-    return [scale * x for body in bodies for x in body[6:9]]
+    return [scale * x for body in states[-1][1:] for x in body[6:9]]
 
 
 def _last(each: Json, states: States) -> States:
@@ -284,7 +271,7 @@ def judge(results: Json, cases: Json) -> list[Json]:
 def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
     """The verdict on one case. done: the results of its runs, in order."""
     worst: Json = {}
-    off: dict[str, float] = {}  # largest error so far, by quantity
+    off: dict[str, float] = {}  # largest error, by quantity
     word, why = "pass", ""
     try:
         for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
@@ -297,7 +284,7 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
                 break
             for name, measured, true in _compared(each, result["states"], combine):
                 error = abs(measured - true)
-                if not error <= off.get(name, -1.0):  # written so that NaN is the worst
+                if not error <= off.get(name, -1.0):  # NaN is the worst
                     off[name] = error
                     worst[name] = [measured, true, number]
     except NotImplementedError as error:
@@ -311,8 +298,8 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
             missed.append(f"{name} {measured:.4g}, not {true:.4g} within {limit:g} (run {number})")
     if word == "pass" and missed:
         word, why = "fail", "; ".join(missed)
-    about = {"case": case["id"], "title": case["title"]}
-    return {**about, "verdict": word, "why": str(why), "worst": worst}
+    about = {"case": case["id"], "title": case["title"], "verdict": word, "why": str(why)}
+    return {**about, "worst": worst}
 
 
 def _compared(
@@ -325,10 +312,9 @@ def _compared(
     for name, expected in each["expected"].items():
         true: Any = COMBINE[combine](materials) if materials and combine else expected
         measured = QUANTITIES[name](each, states)
-        pairs = [(measured, true)]
-        if isinstance(measured, list):
-            pairs = [*zip(measured, true, strict=True)]
-        for pair in pairs:
+        if not isinstance(measured, list):
+            measured, true = [measured], [true]
+        for pair in zip(measured, true, strict=True):
             yield name, *pair
 
 
@@ -348,9 +334,8 @@ def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
     """The verdicts as JUnit's XML."""
     root = ElementTree.Element("testsuite", name=f"hcbench-cases {engine}")
     for verdict in verdicts:
-        about = {"name": f"{verdict['case']} {verdict['title']}"}
-        about["classname"] = f"hcbench-cases.{engine}"
-        part = ElementTree.SubElement(root, "testcase", about)
+        name, of = f"{verdict['case']} {verdict['title']}", f"hcbench-cases.{engine}"
+        part = ElementTree.SubElement(root, "testcase", name=name, classname=of)
         kind, text = outcome(verdict, expected)
         if kind != "passed":
             ElementTree.SubElement(part, kind, message=text)
@@ -361,11 +346,13 @@ def _start(arguments: list[str]) -> Any:
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
 
 
-def run_apart(adapter: Path, variant: int, cases: Json, start: Any = _start) -> Json:
+def run_apart(
+    adapter: Path, variant: int, cases: Json, start: Any = _start, limit: float = LIMIT
+) -> Json:
     """Results of an engine, from a process of its own.
 
-    One that ends early costs the case that it was in: another goes on with the next. start: runs
-    Python with arguments. Raises RuntimeError where the adapter makes no engine.
+    One that ends early, or takes longer than `limit` s for a case, costs this case; another goes
+    on. start: runs Python with arguments. Raises RuntimeError where the adapter makes no engine.
     """
     results: Json = {}
     runs: Json = {}
@@ -375,17 +362,20 @@ def run_apart(adapter: Path, variant: int, cases: Json, start: Any = _start) -> 
         while left := [case for case in cases["cases"] if case["id"] not in runs]:
             lines.write_text("", "utf-8")
             asked.write_text(json.dumps({**cases, "cases": left}), "utf-8")
-            done = start([__file__, str(adapter), str(variant), str(lines), f"--cases={asked}"])
+            own = [str(adapter), str(variant), str(lines)]
+            done = start([__file__, *own, f"--cases={asked}", f"--limit={limit}"])
             for line in lines.read_text("utf-8").splitlines():
                 results = json.loads(line)
                 runs |= results["runs"]
                 cpu_s += results["cpu_s"]
             said = done.stderr.strip()
+            why = f"ended with {done.returncode}: {said[-200:]}"
+            if "Timeout (" in said:  # of faulthandler
+                why = f"took longer than --limit, {limit:g} s"
             if not results:
-                raise RuntimeError(said or f"{adapter} ended with {done.returncode}")
+                raise RuntimeError(said if done.returncode == 3 else f"{adapter} {why}")
             for case in left:
                 if case["id"] not in runs:
-                    why = f"ended with {done.returncode}: {said[-200:]}"
                     runs[case["id"]] = [{"error": why}] * len(case["runs"])
                     break
     return {**results, "cpu_s": round(cpu_s, 3), "runs": runs}
@@ -402,7 +392,8 @@ def main() -> int:
     parser.add_argument("--expected", type=Path, help="JSON {engine: {case: reason}}")
     parser.add_argument("--out", type=Path, help="file for the results")
     parser.add_argument("--junit", type=Path, help="file for JUnit's XML")
-    parser.add_argument("own", nargs="*", help=argparse.SUPPRESS)  # of the processes it starts
+    parser.add_argument("--limit", type=float, default=LIMIT, help="seconds for a case")
+    parser.add_argument("own", nargs="*", help=argparse.SUPPRESS)  # of its processes
     asked = parser.parse_args()
     try:
         cases = load(asked.cases)
@@ -414,16 +405,19 @@ def main() -> int:
     done = []
     suites = ""
     try:
+        if asked.own:
+            faulthandler.dump_traceback_later(asked.limit, exit=True)
         makers = runpy.run_path(str(asked.adapter))["ENGINES"]
         if asked.own:
             variant, lines = asked.own
             engine = makers[int(variant)]()
             with Path(lines).open("a", encoding="utf-8") as file:
                 for part in ([], *([case] for case in cases["cases"])):
+                    faulthandler.dump_traceback_later(asked.limit, exit=True)
                     print(json.dumps(run(engine, {**cases, "cases": part})), file=file, flush=True)
             return 0
         for variant in range(len(makers)):
-            done.append(run_apart(asked.adapter, variant, cases))
+            done.append(run_apart(asked.adapter, variant, cases, limit=asked.limit))
             verdicts = judge(done[-1], cases)
             name = done[-1]["engine"]["name"]
             said: dict[str, str] = {}  # the case that first said an error

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from hcbench.cases.hcbench_cases import Json, run_apart
+from hcbench.cases.hcbench_cases import LIMIT, Json, run_apart
 from hcbench.cases.score import the_cases
 from hcbench.environments.make import run_with_parent
 from hcbench.sim import registry
@@ -48,14 +48,16 @@ def run_engines(
     jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
     only: Sequence[str] = (),
+    limit: float = LIMIT,
 ) -> list[Json]:
     """Run the cases in each engine's variants, and return the results in that order.
 
     names: of engines, with "@" and a version or without.
     jobs: engines that run at once. progress: called with (done, in all).
-    only: the ids of the cases to run; all where it is empty.
+    only: the ids of the cases to run; all where it is empty. limit: s that a case may take, of the
+        clock; one that takes longer is an error, and the next one begins.
     Raises UserError for an engine without an adapter and for an unknown case, EngineMissing, and
-    EngineFailed where an adapter makes no engine.
+    EngineFailed where an adapter makes no engine within `limit`.
     """
     for name in names:
         if name.partition("@")[0] not in adapters():
@@ -71,17 +73,18 @@ def run_engines(
     results: list[Json] = []
     cases = the_cases(only)
     with ThreadPoolExecutor(jobs) as pool:
-        run = pool.map(lambda each: _run(cases, *each), every)
+        run = pool.map(lambda each: _run(cases, limit, *each), every)
         for done, each in enumerate(run, 1):
             results.append(each)
             progress(done, len(every))
     return results
 
 
-def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
+def _run(cases: Json, limit: float, name: str, adapter: Path, variant: int) -> Json:
     """Results of the cases in one engine of an adapter, from a process of its own.
 
-    name: of the engine, with its version or without. variant: place in the adapter's ENGINES.
+    limit: s for each case. name: of the engine, with its version or without. variant: place in the
+        adapter's ENGINES.
     Raises EngineFailed where the adapter makes no engine.
     """
     engine = registry.engine(name)
@@ -94,7 +97,7 @@ def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
             return run_with_parent([str(python), *arguments], Path(folder), os.environ)
 
         try:
-            return run_apart(adapter, variant, cases, start)
+            return run_apart(adapter, variant, cases, start, limit)
         except RuntimeError as error:
             reason = str(error).splitlines()[-1]
             raise EngineFailed(f"engine {name!r}", reason, "results of its cases") from None

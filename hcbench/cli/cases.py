@@ -52,6 +52,14 @@ _case_option = click.option(
     type=PathType(path_type=Path),
     help="JSON file {engine: {case: reason}} of known failures.  [default: those known to hcbench]",
 )
+@click.option(
+    "--limit",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=300.0,
+    show_default=True,
+    help="End a case that takes longer; it is an error.",
+)
 @as_json
 @jobs_option
 @force_option
@@ -61,6 +69,7 @@ def run_cases(
     out: Path | None,
     junit: Path | None,
     expected: Path | None,
+    limit: float,
     as_json: bool,
     jobs: int,
     force: bool,
@@ -77,7 +86,7 @@ def run_cases(
 
     known = _read_known(expected) if expected else known_failures()
     with progress("engines") as tick:
-        results = run_engines(engines, jobs, tick, only)
+        results = run_engines(engines, jobs, tick, only, limit)
     scores = [score(each, only=only) for each in results]
     if out:
         write_output(out, json.dumps(results, separators=(",", ":")) + "\n", "--out", force)

@@ -212,7 +212,7 @@ def explained(name: str, header: Sequence[tuple[str, str]]) -> Iterator[None]:
 
 
 def _read_as(header: Sequence[tuple[str, str]]) -> str:
-    """How hcbench read the columns: "Read: 'time [s]' as time in s, 'foo' as nothing"."""
+    """Sentence on how hcbench read the columns: "Read: 'time [s]' as time in s, 'foo' as nothing"."""
     shown = []
     for name, unit in header[:_MOST_SHOWN]:
         role = role_of(name)

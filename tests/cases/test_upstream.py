@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parents[2] / "examples" / "upstream"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FOLDER = EXAMPLES / "upstream"
 ADDED = {
     "mujoco": "python/mujoco/restitution_test.py",
     "newton": "newton/tests/test_restitution_phases.py",
 }
+
+
+def newtons_python() -> Path:
+    """Python of the newest Newton that `make test-engines` has installed."""
+    engines = Path(os.environ["HCBENCH_ENGINES"]) / "hcbench" / "engines"
+    return sorted(engines.glob("newton@*/bin/python"))[-1]
 
 
 @pytest.mark.parametrize("name", ADDED)
@@ -53,8 +61,24 @@ def test_a_damper_returns_a_share_of_the_speed() -> None:
 def test_newtons_patch_passes_with_the_released_newton(tmp_path: Path) -> None:
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     subprocess.run(["git", "apply", FOLDER / "newton.patch"], cwd=tmp_path, check=True)
-    engines = Path(os.environ["HCBENCH_ENGINES"]) / "hcbench" / "engines"
-    (python,) = engines.glob("newton@*/bin/python")
+    python = newtons_python()
     test = tmp_path / ADDED["newton"]
     done = subprocess.run([python, test], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("HCBENCH_ENGINES" not in os.environ, reason="by `make test-engines`")
+def test_newton_1137_rebounds_as_the_page_says(tmp_path: Path) -> None:
+    scene = EXAMPLES / "outside" / "newton_1137.py"
+    done = subprocess.run(
+        [newtons_python(), scene], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    stock, set_on = [
+        sorted(float(mm) for mm in re.findall(f"{word}: (.*) mm of 90", done.stdout))
+        for word in ("stock", "True}")
+    ]
+    page = (EXAMPLES.parent / "docs" / "reference" / "answers.md").read_text("utf-8")
+    for low, high in (stock, set_on):
+        assert f"{low:.0f} to {high:.0f} mm" in page.replace("\n", " ")
+    assert "Newton 1.8.0" in done.stdout

@@ -41,8 +41,9 @@ class MjxWorlds:
         super().make(world)  # type: ignore[misc]
         # MJX has no elliptic cone without friction.
         self.model.opt.cone *= bool(world["friction"])
-        # With MuJoCo's 1e6 a box does not rest.
-        self.model.opt.impratio = min(self.model.opt.impratio, 100.0)
+        if not world["restitution"]:
+            # With MuJoCo's 1e6 a box does not rest.
+            self.model.opt.impratio = min(self.model.opt.impratio, 100.0)
         self.made.append((self.model, self.data))
 
     def start(self) -> None:

@@ -27,8 +27,9 @@ class WarpWorlds:
 
     def make(self, world: dict[str, Any]) -> None:
         super().make(world)  # type: ignore[misc]
-        # MuJoCo's 1e6 gives NaN in float32.
-        self.model.opt.impratio = min(self.model.opt.impratio, 100.0)
+        if not world["restitution"]:
+            # With MuJoCo's 1e6 a box does not rest.
+            self.model.opt.impratio = min(self.model.opt.impratio, 100.0)
         self.made.append((self.model, self.data))
 
     def start(self) -> None:

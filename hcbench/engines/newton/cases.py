@@ -1,11 +1,9 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
 # SPDX-License-Identifier: Apache-2.0
-"""Newton's solvers, many worlds at once.
-
-SolverMuJoCo bounces by ke and kd, for a contact of 20 steps.
-"""
+"""Newton's solvers, many worlds at once; SolverMuJoCo bounces by a damper, as MuJoCo's adapter does."""
 
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import newton
@@ -19,66 +17,86 @@ class NewtonBodies:
     def __init__(
         self, solver: str, combine: str | None, options: dict[str, Any], suffix: str = ""
     ) -> None:
+        """Choose a solver, how it joins two restitutions, its options, and what its name ends with."""
         self.name, self.combine, self.options = f"newton-{solver.lower()}{suffix}", combine, options
-        self.solver, self.builder = (
-            getattr(newton.solvers, f"Solver{solver}"),
-            newton.ModelBuilder(),
-        )
+        self.solver = getattr(newton.solvers, f"Solver{solver}")
+        # The damper's numbers are those of pairs, which MuJoCo's own finder of contacts has.
+        self.has_pairs = self.name == "newton-mujoco"
+        self.begin()
+
+    def begin(self) -> None:
+        self.builder = newton.ModelBuilder()
+        if self.has_pairs:
+            self.solver.register_custom_attributes(self.builder)
 
     def make(self, world: dict[str, Any]) -> None:
-        self.h, angle = world["timestep"], 1.5
+        """Add a world, see `hcbench_cases`, to those that `start` will step.
+
+        Raises NotImplementedError for an e above 0 under a solver without restitution.
+        """
+        self.h, builder = world["timestep"], self.builder
         e, floor = world.get("materials", [world.get("restitution")] * 2)
-        common = {"mu": max(world["friction"], 1e-5), "mu_torsional": 0.0, "mu_rolling": 0.0}
-        if e and not self.combine:
-            if self.name != "newton-mujoco":
-                raise NotImplementedError("has no restitution")
-            # The force of the contact ends at e = exp(-2 angle/tan(angle)): solved by iteration.
-            for _ in range(99):
-                angle = np.arctan2(2 * angle, -np.log(e))
-            common |= {
-                "ke": (np.pi / 20 / self.h) ** 2,
-                "kd": np.pi / 10 / self.h * np.cos(angle) + 1e-6,
-            }
-        self.builder.begin_world(gravity=world["gravity"])
+        if self.combine is None and ((e and not self.has_pairs) or "materials" in world):
+            raise NotImplementedError("has no restitution")
+        mu = world["friction"]
+        common = {"mu": max(mu, 1e-5), "mu_torsional": 0.0, "mu_rolling": 0.0}
+        if self.has_pairs:
+            # With 1e6 a box does not rest; with less, friction changes a bounce.
+            self.options["impratio"] = 1e6 if e else 100.0
+        builder.begin_world(gravity=world["gravity"])
+        first = builder.shape_count
         for body in world["bodies"]:
-            i, at, size = (
-                -1,
-                (*body["position"], 0, 0, 0, 1),
-                body.get("half", [body.get("radius")] * 3),
-            )
-            if body["shape"] == "mesh":
-                size = np.max(body["vertices"], axis=0)
+            i, at = -1, (*body["position"], 0, 0, 0, 1)
             if not body.get("fixed"):
-                i, at = self.builder.add_body(xform=at), (0.0,) * 6 + (1.0,)
-                self.builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
-            kind, volume = (
-                body["shape"].upper(),
-                np.prod(size) * (4 / 3 * np.pi if body["shape"] == "sphere" else 8),
-            )
-            cfg = self.builder.ShapeConfig(
-                density=float(body["mass"] / volume), restitution=e, **common
-            )
-            if kind == "MESH":
-                faces = np.array(body["faces"]).ravel()
-                mesh = newton.Mesh(np.array(body["vertices"], np.float32), faces)
-                self.builder.add_shape_mesh(body=i, xform=at, mesh=mesh, cfg=cfg)
-                continue
-            self.builder.add_shape(body=i, type=newton.GeoType[kind], xform=at, scale=size, cfg=cfg)
+                i, at = builder.add_body(xform=at), (0.0,) * 6 + (1.0,)
+                builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
+            self._shape(i, at, body, builder.ShapeConfig(restitution=e, **common))
         if world["floor"]:
-            self.builder.add_ground_plane(cfg=self.builder.ShapeConfig(restitution=floor, **common))
-        self.builder.end_world()
+            builder.add_ground_plane(cfg=builder.ShapeConfig(restitution=floor, **common))
+        if self.has_pairs:
+            for pair in combinations(range(first, builder.shape_count), 2):
+                self._damper(pair, e, mu)
+        builder.end_world()
+
+    def _shape(self, i: int, at: Any, body: dict[str, Any], cfg: Any) -> None:
+        """Add the shape of a body, by its number, to the world that has begun."""
+        size = body.get("half", [body.get("radius")] * 3)
+        if body["shape"] == "mesh":
+            size = np.max(body["vertices"], axis=0)
+        volume = np.prod(size) * (4 / 3 * np.pi if body["shape"] == "sphere" else 8)
+        cfg.density = float(body["mass"] / volume)
+        if body["shape"] == "mesh":
+            faces = np.array(body["faces"]).ravel()
+            mesh = newton.Mesh(np.array(body["vertices"], np.float32), faces)
+            self.builder.add_shape_mesh(body=i, xform=at, mesh=mesh, cfg=cfg)
+        else:
+            kind = newton.GeoType[body["shape"].upper()]
+            self.builder.add_shape(body=i, type=kind, xform=at, scale=size, cfg=cfg)
+
+    def _damper(self, pair: tuple[int, int], e: float, mu: float) -> None:
+        """Add a <pair> of two shapes, with the numbers of MuJoCo's adapter, which has the reasons."""
+        share = 1e-4 if e and mu else 0.9999
+        values = {
+            "geom1": pair[0],
+            "geom2": pair[1],
+            "condim": 3 if mu else 1,
+            "friction": [mu, mu, 0.0, 0.0, 0.0],
+            "solref": [0.0, -(1 + e) / self.h] if e else [0.02, 1.0],
+            "solreffriction": [0.0, -share / self.h],
+            "solimp": [share, share, 0.001, 0.5, 2.0],
+        }
+        self.builder.add_custom_values(**{f"mujoco:pair_{k}": v for k, v in values.items()})
 
     def start(self) -> None:
+        """Start all worlds added since, with one step captured as a graph."""
         self.builder.color()
         model = self.builder.finalize()
-        # For the worlds to come.
-        self.builder = newton.ModelBuilder()
+        self.begin()  # for the worlds to come
         self.worlds = model.world_count
         # Contacts that there is room for: Newton's default is 1000 for one world.
         model.rigid_contact_max = 16 * self.worlds
         self.stepper = self.solver(model, **self.options)
-        self.at = model.state()
-        self.after = model.state()
+        self.at, self.after = model.state(), model.state()
         newton.eval_fk(model, model.joint_q, model.joint_qd, self.at)
         with warp.ScopedCapture() as self.captured:
             self.contacts = model.collide(self.at)
@@ -89,9 +107,8 @@ class NewtonBodies:
         warp.capture_launch(self.captured.graph)
 
     def state(self) -> Any:
-        return np.hstack([self.at.body_q.numpy()[:, :3], self.at.body_qd.numpy()]).reshape(
-            self.worlds, -1, 9
-        )
+        now = np.hstack([self.at.body_q.numpy()[:, :3], self.at.body_qd.numpy()])
+        return now.reshape(self.worlds, -1, 9)
 
 
 # Each solver, how it joins two restitutions, and its options.
@@ -100,7 +117,7 @@ ENGINES = [
     partial(NewtonBodies, "Kamino", "minimum", {}),
     partial(NewtonBodies, "Steel", "average", {"restitution_velocity_threshold": 0.0}),
     partial(NewtonBodies, "VBD", None, {}),
-    partial(NewtonBodies, "MuJoCo", None, {"cone": "elliptic", "impratio": 100.0}),
+    partial(NewtonBodies, "MuJoCo", None, {"cone": "elliptic"}),
     partial(NewtonBodies, "SemiImplicit", None, {"angular_damping": 0}),
     partial(NewtonBodies, "Featherstone", None, {"angular_damping": 0}),
     # With nothing chosen but restitution and friction.
