@@ -76,10 +76,8 @@ class NewtonBodies:
     def _damper(self, pair: tuple[int, int], e: float, mu: float) -> None:
         """Add a <pair> of two shapes, with the numbers of MuJoCo's adapter, which has the reasons."""
         share = 1e-4 if e and mu else 0.9999
-        values = {
-            "geom1": pair[0],
-            "geom2": pair[1],
-            "condim": 3 if mu else 1,
+        values: dict[str, Any] = {"geom1": pair[0], "geom2": pair[1], "condim": 3 if mu else 1}
+        values |= {
             "friction": [mu, mu, 0.0, 0.0, 0.0],
             "solref": [0.0, -(1 + e) / self.h] if e else [0.02, 1.0],
             "solreffriction": [0.0, -share / self.h],
