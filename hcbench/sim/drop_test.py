@@ -34,7 +34,7 @@ NO_REBOUND = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Drop:
+class RobotDrop:
     """One drop: height of the lowest point, m; tilt of the base, rad; place in a step, 0 ... 1."""
 
     height: float
@@ -42,7 +42,7 @@ class Drop:
     phase: float
 
 
-DROPS = tuple(Drop(*one) for one in product(HEIGHTS, TILTS, PHASES))
+DROPS = tuple(RobotDrop(*one) for one in product(HEIGHTS, TILTS, PHASES))
 # Those whose mean is the rebound.
 REBOUNDS = tuple(drop for drop in DROPS if drop.height == max(HEIGHTS) and not drop.tilt)
 
@@ -212,7 +212,7 @@ class ReboundSettings:
     advice: tuple[str, ...] = ()
 
 
-def drop_test(robot: Robot, drops: Mapping[Drop, Landed | None], seconds: float) -> DropTest:
+def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: float) -> DropTest:
     """Join drops, None where one diverged. seconds: of each."""
     landed = [each for each in drops.values() if each is not None]
     if len(landed) < len(drops):

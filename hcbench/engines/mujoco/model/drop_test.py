@@ -27,10 +27,10 @@ from hcbench.sim.drop_test import (
     SECONDS,
     SECONDS_TO_FALL,
     TAIL_S,
-    Drop,
     DropTest,
     Landed,
     Robot,
+    RobotDrop,
     drop_test,
 )
 from hcbench.sim.landing import PARTED_S
@@ -101,13 +101,13 @@ class DropBench:
         self._mine = np.append(model.body_rootid[of_body] == self.root, False)
         self._floor = np.append(model.body_weldid[of_body] == 0, False)
         self._falls = _falling_joint(model, self.root, self.up)
-        self._states: dict[Drop, Floats] = {}
+        self._states: dict[RobotDrop, Floats] = {}
         for drop in DROPS:
             self._states[drop] = self._released(drop)
         # Height of the centre of mass over the floor at the touch, m.
         self._height = self._height_at_touch()
 
-    def test(self, seconds: float, drops: Sequence[Drop] = DROPS) -> DropTest:
+    def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
         """Drop the robot with the contacts that `model` has now. seconds: of each drop."""
         landed = {}
         with captured_warnings():
@@ -115,7 +115,7 @@ class DropBench:
                 landed[drop] = self._landed(drop, seconds)
         return drop_test(self.robot, landed, seconds)
 
-    def _released(self, drop: Drop) -> Floats:
+    def _released(self, drop: RobotDrop) -> Floats:
         """The state of a drop at release, (n,)."""
         mujoco = backend()
         model = self.model
@@ -165,7 +165,7 @@ class DropBench:
         )
         return max(float(self.up @ centre) - low, 1e-3)
 
-    def _landed(self, drop: Drop, seconds: float) -> Landed | None:
+    def _landed(self, drop: RobotDrop, seconds: float) -> Landed | None:
         """Simulate and read one drop; None where it diverges."""
         mujoco = backend()
         steps = round(seconds / self.timestep)
@@ -183,7 +183,7 @@ class DropBench:
             return None
         return self._read(drop, state, sensors[0])
 
-    def _read(self, drop: Drop, state: Floats, sensors: Floats) -> Landed | None:
+    def _read(self, drop: RobotDrop, state: Floats, sensors: Floats) -> Landed | None:
         """Read the sensors of one drop, shape (n, m), each row of the start of a step."""
         h = self.timestep
         g = self.gravity
