@@ -19,7 +19,7 @@ FACTORS: dict[str, Sequence[Any]] = {
     "coordinates": ("reduced", "maximal"),
     "floor": ("plane", "box", "mesh"),
     "gravity": (9.81, 0.0, 1.62, 24.8),
-    "before": ("", "ERP 0.1", "restitution 0.5 of both", "0.2 ms", "4 sub-steps"),
+    "before": ("", "ERP 0.1", "restitution 1 of both", "0.2 ms", "4 sub-steps"),
     "after": (
         "",
         "0.5 ms",
@@ -49,8 +49,8 @@ _CALLS = {
     "processing threshold 0.02": "pybullet.changeDynamics(ball, -1, contactProcessingThreshold=.02)",
     "restitution 0.5 of the plate": "pybullet.changeDynamics(plate, -1, restitution=0.5)",
     "restitution 0.3 of the ball": "pybullet.changeDynamics(ball, -1, restitution=0.3)",
-    "restitution 0.5 of both": "for body in (ball, plate):\n"
-    "    pybullet.changeDynamics(body, -1, restitution=0.5)",
+    "restitution 1 of both": "for body in (ball, plate):\n"
+    "    pybullet.changeDynamics(body, -1, restitution=1)",
     # Of Bullet's own contact the text has no plug-in; its first law has number 0.
     "no plug-in": "if 'plugin' in globals():\n"
     "    pybullet.executePluginCommand(plugin, 'remove', [0])",

@@ -163,9 +163,16 @@ STOCK = stock(
 )
 _NATIVE = (STOCK, RESTITUTION, SPRING_DAMPER, STAGGERED)
 # Bullet slows every body in flight; the law is about contact alone. A rigid body of maximal
-# coordinates is stopped by contacts that it will reach only later, unless their threshold is 0.
+# coordinates is stopped by contacts that it will reach only later, unless their threshold is 0, and
+# Bullet adds the restitution of such bodies to what the law does.
 _NO_DRAG = {
-    "ball": {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
+    "ball": {
+        "linearDamping": 0.0,
+        "angularDamping": 0.0,
+        "contactProcessingThreshold": 0.0,
+        "restitution": 0.0,
+    },
+    "plate": {"restitution": 0.0},
 }
 
 
