@@ -27,6 +27,8 @@ _TEXT = re.compile(
 # Other launches find a little more than was promised: in shares of the promised error, and in e.
 _KEPT = 1.25
 _SLACK = 0.005
+# Share by which gravity may differ, as 9.8 does from 9.81.
+_SAME_GRAVITY = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +121,11 @@ class Promise:
             friction=float(match["friction"] or math.nan),
             corners=int(match["corners"] or 0),
         )
+
+    def is_other_gravity(self, gravity: float) -> bool:
+        """Say whether a gravity, m/s², is another than the promised one; never where none was."""
+        # NaN, which was not promised, is above nothing.
+        return abs(gravity - self.gravity) > _SAME_GRAVITY * max(self.gravity, 1.0)
 
     def measured(self, impacts: Sequence[Impact]) -> float:
         """The largest error of e over the band, 0.1 % wider at both ends; 0 where no impact lies in

@@ -12,7 +12,7 @@ from hcbench.system.errors import UserError
 from hcbench.tuning.tuned_model import AS_IT_IS, LandingChange, TunedModel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.sim.capabilities import TunesModels
     from hcbench.sim.model_under_test import Output, Request
@@ -63,21 +63,22 @@ def tune_landing(
         return _tuned(None, LandingChange(before, before, rebound), output)
     found = engine.rebound_settings(source, requests, before, rebound)
 
-    def judged(settings: Iterable[ModelSetting], most: int) -> list[_Judged]:
-        """Whole tests of settings, up to the first that is not worse."""
+    def judged(
+        settings: Iterable[ModelSetting], most: int, is_good: Callable[[_Judged], bool]
+    ) -> list[_Judged]:
+        """Whole tests of settings, up to the first that is good."""
         every: list[_Judged] = []
         for setting in settings:
             test = engine.landing(setting.source, requests, before)
             every.append(_Judged(setting, test, tuple(test.worse_than(before, rebound))))
-            good = not every[-1].worse and (most == _HIGHEST or test.meets(rebound))
-            if good or len(every) == most:
+            if is_good(every[-1]) or len(every) == most:
                 break
         return every
 
-    tried = judged(found.meeting, _JUDGED)
+    tried = judged(found.meeting, _JUDGED, lambda one: one.meets(rebound))
     highest: list[_Judged] = []
     if not any(one.meets(rebound) for one in tried):
-        highest = judged(found.highest, _HIGHEST)
+        highest = judged(found.highest, _HIGHEST, lambda one: not one.worse)
     best = next((one for one in [*tried, *highest] if one.meets(rebound)), None)
     if best is not None:
         change = LandingChange(before, best.test, rebound, advice=found.advice)

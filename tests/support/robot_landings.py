@@ -71,14 +71,18 @@ ROBOTS = (
 )
 
 
+def path_of(robot: Robot) -> Path:
+    """The robot's file, of the examples or of an installed package."""
+    return EXAMPLES / robot.file if "/" not in robot.file else found_file(robot.file)
+
+
 def compiled(robot: Robot, law: Law | None, step: float | None = None) -> Any:
     """The robot alone over a floor, with the law on its feet, compiled.
 
     law None: native contact. step: s; None: the model's own.
     """
     require_plugins_in_specs()
-    path = EXAMPLES / robot.file if "/" not in robot.file else found_file(robot.file)
-    spec = mujoco.MjSpec.from_file(str(path))
+    spec = mujoco.MjSpec.from_file(str(path_of(robot)))
     _keep_robot(spec)
     spec.option.timestep = step or spec.option.timestep
     if robot.held:
@@ -238,10 +242,14 @@ class Landing:
 
 def feet_of(robot: Robot, model: Any) -> list[int]:
     """The geoms of the robot that are its feet."""
-    bodies = [model.body(body).name for body in model.geom_bodyid]
-    names = [(model.geom(geom).name, body) for geom, body in enumerate(bodies)]
-    found = [any(name and re.fullmatch(robot.feet, name) for name in both) for both in names]
-    return [geom for geom in range(model.ngeom) if found[geom] and _meets_floor(model, geom)]
+    every = range(model.ngeom)
+    return [g for g in every if is_named_foot(robot, model, g) and _meets_floor(model, g)]
+
+
+def is_named_foot(robot: Robot, model: Any, geom: int) -> bool:
+    """Say whether the name of a geom, or of its body, is one of the robot's feet."""
+    names = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+    return any(name and re.fullmatch(robot.feet, name) for name in names)
 
 
 def land(

@@ -4,7 +4,6 @@ docs/reference/robots.md.
 
 from __future__ import annotations
 
-import re
 import time
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
@@ -12,8 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
-from outside_models import found_file
-from robot_landings import EXAMPLES, ROBOTS, Robot
+from robot_landings import ROBOTS, Robot, is_named_foot, path_of
 
 import hcbench as hb
 from hcbench.engines.mujoco.model.bodies import can_meet
@@ -67,8 +65,7 @@ def feet_of(robot: Robot, spec: Any) -> list[str]:
     floors = [g for g in still if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_PLANE] or still
     pairs = []
     for geom in range(model.ngeom):
-        names = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
-        is_foot = any(name and re.fullmatch(robot.feet, name) for name in names)
+        is_foot = is_named_foot(robot, model, geom)
         is_foot = is_foot and bool(model.body_weldid[model.geom_bodyid[geom]])
         for floor in floors:
             if is_foot and can_meet(model, (geom, floor)):
@@ -80,7 +77,7 @@ def feet_of(robot: Robot, spec: Any) -> list[str]:
 
 def without_meshes(robot: Robot) -> Any:
     """The spec of a robot's file; of a package without its meshes, which are for the eye alone."""
-    path = EXAMPLES / robot.file if "/" not in robot.file else found_file(robot.file)
+    path = path_of(robot)
     if not robot.file.startswith(_WALKS):
         return mujoco.MjSpec.from_file(str(path))
     root = ET.parse(path).getroot()

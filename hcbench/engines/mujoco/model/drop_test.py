@@ -16,6 +16,7 @@ from hcbench.engines.mujoco.backend import (
 from hcbench.engines.mujoco.model.bodies import body_name
 from hcbench.engines.mujoco.model.controllers import hold_pose
 from hcbench.engines.mujoco.model.find_pair import named_pair
+from hcbench.engines.mujoco.model.open import as_requested
 from hcbench.engines.mujoco.model.over_floor import way_up
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of
@@ -68,12 +69,10 @@ class DropBench:
         require_feature(backend(), "contact sensors")
         request = requests[0]
         spec = spec.copy()
-        plain = spec.compile()
-        _change(plain, request)
+        plain = as_requested(spec.compile(), request)
         self.root = _robot_in(plain, requests)
         _add_sensors(spec, plain, self.root)
-        self.model = model = spec.compile()
-        _change(model, request)
+        self.model = model = as_requested(spec.compile(), request)
         model.opt.enableflags |= int(backend().mjtEnableBit.mjENBL_ENERGY)
         self.timestep = float(model.opt.timestep)
         self.gravity = float(np.linalg.norm(model.opt.gravity))
@@ -273,16 +272,6 @@ def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> 
         return bench.test(SECONDS_TO_FALL)
     test = bench.test(SECONDS)
     return bench.test(SECONDS_TO_FALL) if test.fell else test
-
-
-def _change(model: Any, request: Request) -> None:
-    """Set the step (s), gravity (m/s²) and actuators of a request."""
-    if request.timestep is not None:
-        model.opt.timestep = request.timestep
-    if request.gravity is not None:
-        model.opt.gravity[:] = request.gravity
-    if not request.actuators:
-        model.opt.disableflags |= backend().mjtDisableBit.mjDSBL_ACTUATION
 
 
 def _robot_in(model: Any, requests: Sequence[Request]) -> int:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import can_meet, explicit_pairs
-from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
+from hcbench.engines.mujoco.model.bodies import explicit_pairs
+from hcbench.engines.mujoco.model.find_pair import named_pair
 from hcbench.engines.mujoco.model.write_pairs import (
     Written,
+    colliding_geoms,
+    contact_text,
+    elliptic_option,
+    friction_values,
     name_geoms,
     set_pair,
     spec_of,
     taken_pairs,
 )
-from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
 SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 # MuJoCo raises a shorter time constant to so many steps.
 _LEAST_STEPS = 2.0
-_PAIRS_MAX = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,16 +63,11 @@ def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
 
     Raises UserError for more than can be written.
     """
-    geoms: list[Geoms] = []
+    pairs = []
     for request in requests:
         assert request.pair is not None
-        pair = named_pair(model, request.pair)
-        every = itertools.product(pair.first.geoms, pair.second.geoms)
-        geoms += [both for both in every if can_meet(model, both)]
-    if len(geoms) > _PAIRS_MAX:
-        got = f"{len(geoms)} pairs of geoms"
-        raise UserError("pair", got, f"{_PAIRS_MAX} at most", "Name single geoms")
-    return list(dict.fromkeys(geoms))
+        pairs.append(named_pair(model, request.pair))
+    return colliding_geoms(model, pairs)
 
 
 def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootContact) -> None:
@@ -103,25 +99,15 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
         known = [pair for pair in spec.pairs if {pair.geomname1, pair.geomname2} == set(both)]
         values: dict[str, Any] = {"solref": list(contact.solref), "solimp": list(SOLIMP)}
         if not known:
-            before = contact_in_force(model, one, other)
-            sliding, torsional, rolling = before["friction"]
-            values["condim"] = int(before["condim"])
-            values["friction"] = [sliding, sliding, torsional, rolling, rolling]
+            values |= friction_values(model, (one, other))
             if model.geom_margin[[one, other]].any():
                 values |= {"margin": _onset(model, one, other), "gap": 0.0}
         elements = known or [spec.add_pair(geomname1=both[0], geomname2=both[1])]
         lines += [set_pair(element, both, values) for element in elements]
     option = ""
     if contact.impratio:
-        spec.option.cone = backend().mjtCone.mjCONE_ELLIPTIC
-        spec.option.impratio = contact.impratio
-        option = f'<option cone="elliptic" impratio="{contact.impratio:g}"/>\n'
-        notes.append(
-            f"cone and impratio are of the whole model: elliptic and {contact.impratio:g}, so that "
-            "feet slip less; other contacts change a little."
-        )
-    text = f"{option}<contact>\n" + "\n".join(f"  {line}" for line in lines) + "\n</contact>"
-    return Written(spec, text, notes, names, own)
+        option = elliptic_option(spec, contact.impratio, "feet slip less", notes)
+    return Written(spec, contact_text(option, lines), notes, names, own)
 
 
 def _onset(model: Any, one: int, other: int) -> float:

@@ -232,15 +232,24 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
             "model", f"{label} has a NaN in it", "numbers", "Look for 'nan' in the file"
         )
     require_plausible_model(model, label)
+    if state is not None:
+        label = kind
+    return as_requested(model, request), label, state
+
+
+def as_requested(model: Any, request: Request) -> Any:
+    """The model, changed in place, with the time step (s), gravity (m/s²) and actuators of a
+    request.
+
+    What the request leaves out stays as the model has it.
+    """
     if request.timestep is not None:
         model.opt.timestep = request.timestep
     if request.gravity is not None:
         model.opt.gravity[:] = request.gravity
     if not request.actuators:
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
-    if state is not None:
-        label = kind
-    return model, label, state
+        model.opt.disableflags |= backend().mjtDisableBit.mjDSBL_ACTUATION
+    return model
 
 
 def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:

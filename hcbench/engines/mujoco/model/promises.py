@@ -123,8 +123,6 @@ _SAME = 1e-6
 
 # A gravity this many times the promised one or more is that of another unit of length.
 _OTHER_UNIT = 50.0
-# Share by which gravity may differ, as 9.8 does from 9.81.
-_SAME_GRAVITY = 0.02
 
 
 def broken_promise(
@@ -189,7 +187,7 @@ def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
             always_reported=True,
         )
         return
-    if promise.rows and abs(gravity - promise.gravity) > _SAME_GRAVITY * max(promise.gravity, 1.0):
+    if promise.rows and promise.is_other_gravity(gravity):
         yield Suspect(
             "promised-gravity",
             "The model has another gravity than hcbench wrote this pair for.",

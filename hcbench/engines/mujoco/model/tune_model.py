@@ -15,13 +15,12 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, can_pull
 from hcbench.engines.mujoco.model.bodies import (
-    can_meet,
     explicit_pairs,
     integrator_name,
     masks_match,
 )
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, find_pair
-from hcbench.engines.mujoco.model.open import load
+from hcbench.engines.mujoco.model.open import as_requested, load
 from hcbench.engines.mujoco.model.promises import option_in_force, promise_lines
 from hcbench.engines.mujoco.model.row_search import RowSearch, starting_rows
 from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
@@ -32,6 +31,7 @@ from hcbench.engines.mujoco.model.write_pairs import (
     Load,
     PairToTune,
     Rows,
+    colliding_geoms,
     label_of,
     mass_note,
     needed_impratio,
@@ -149,8 +149,6 @@ def _turn(start: Floats, end: Floats) -> Floats:
 
 
 _Kind = tuple[object, ...]  # equal for pairs that are alike
-# Pairs of geoms that are written for two bodies, at most.
-_PAIRS_MAX = 200
 # Degrees of freedom from which a model counts as a robot.
 _HEAVY = 12
 # Two contacts of one shape are alike within this share of their effective mass, and within so many
@@ -317,7 +315,7 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
     """
     opened = []
     for each in requests:
-        asked = _as_asked(model.__copy__(), each)
+        asked = as_requested(model.__copy__(), each)
         opened.append(MujocoModel(asked, label, None, each))
     request = requests[0]
     place = opened[0].place
@@ -341,7 +339,7 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
     return PairToTune(
         requests=tuple(requests),
         opened=tuple(opened),
-        geoms=tuple(_geom_pairs(model, request)),
+        geoms=tuple(colliding_geoms(model, [find_pair(model, request)])),
         load=load_at_touch,
         like=like,
     )
@@ -384,10 +382,10 @@ def _setting(
         )
     compiled = made.spec.compile()
     first_pair, _ = pairs[0]
-    option = option_in_force(_as_asked(compiled.__copy__(), first_pair.requests[0]))
+    option = option_in_force(as_requested(compiled.__copy__(), first_pair.requests[0]))
 
     def opened(request: Request) -> MujocoModel:
-        return MujocoModel(_as_asked(compiled.__copy__(), request), label, None, request)
+        return MujocoModel(as_requested(compiled.__copy__(), request), label, None, request)
 
     def texts(promises: Sequence[Promise], output: Output) -> Texts:
         """The lines to paste, the whole model with them, and the lines that a model includes.
@@ -405,33 +403,3 @@ def _setting(
         return texts_of(source, made, sections, output)
 
     return ModelSetting(name, tuple(dict.fromkeys(notes)), opened, texts, source=made.spec)
-
-
-def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:
-    """Numbers of the geoms, two and two, of a request's pair that MuJoCo collides.
-
-    Raises UserError for more than _PAIRS_MAX, and where the request names no pair.
-    """
-    pair = find_pair(model, request)
-    every = itertools.product(pair.first.geoms, pair.second.geoms)
-    geoms = [both for both in every if can_meet(model, both)]
-    if len(geoms) > _PAIRS_MAX:
-        raise UserError(
-            "pair", f"{len(geoms)} pairs of geoms", f"{_PAIRS_MAX} at most", "Name single geoms"
-        )
-    return geoms
-
-
-def _as_asked(model: Any, request: Request) -> Any:
-    """The model, changed in place, with the time step (s), gravity (m/s²) and actuators of a
-    request.
-
-    What the request leaves out stays as the model has it.
-    """
-    if request.timestep is not None:
-        model.opt.timestep = request.timestep
-    if request.gravity is not None:
-        model.opt.gravity[:] = request.gravity
-    if not request.actuators:
-        model.opt.disableflags |= backend().mjtDisableBit.mjDSBL_ACTUATION
-    return model

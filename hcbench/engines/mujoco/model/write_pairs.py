@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import body_name, explicit_pairs, response
+from hcbench.engines.mujoco.model.bodies import body_name, can_meet, explicit_pairs, response
 from hcbench.engines.mujoco.model.find_pair import contact_in_force
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
 from hcbench.engines.mujoco.recipes.compliant_fit import (
@@ -36,6 +36,7 @@ from hcbench.system.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from hcbench.engines.mujoco.model.pair import ContactPair
     from hcbench.engines.mujoco.model.place import PairAtTouch
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.sim.model_under_test import Output, Request
@@ -51,6 +52,8 @@ if TYPE_CHECKING:
     Band = tuple[float, float]
 
 Rows = tuple[ConstraintRow, ...]
+# Pairs of geoms that are written, at most.
+_PAIRS_MAX = 200
 # Name of the row that turns a body back in one step.
 ONE_STEP = "one step"
 # Steps of a spring and damper in contact under RK4.
@@ -409,15 +412,53 @@ def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
     option = ""
     impratio = needed_impratio(model, pairs)
     if impratio > 0.0:
-        spec.option.cone = backend().mjtCone.mjCONE_ELLIPTIC
-        spec.option.impratio = impratio
-        option = f'<option cone="elliptic" impratio="{impratio:g}"/>\n'
-        notes.append(
-            f"cone and impratio are of the whole model: elliptic and {impratio:g}, so that friction neither "
-            "throws up what slides nor slips; other contacts change a little."
-        )
-    text = f"{option}<contact>\n" + "\n".join(f"  {line}" for line in lines) + "\n</contact>"
-    return Written(spec, text, notes, names, own)
+        what_for = "friction neither throws up what slides nor slips"
+        option = elliptic_option(spec, impratio, what_for, notes)
+    return Written(spec, contact_text(option, lines), notes, names, own)
+
+
+def colliding_geoms(model: Any, pairs: Sequence[ContactPair]) -> list[tuple[int, int]]:
+    """Numbers of the geoms, two and two, of pairs that MuJoCo collides, each once.
+
+    Raises UserError for more than can be written.
+    """
+    geoms: list[tuple[int, int]] = []
+    for pair in pairs:
+        every = itertools.product(pair.first.geoms, pair.second.geoms)
+        geoms += [both for both in every if can_meet(model, both)]
+    if len(geoms) > _PAIRS_MAX:
+        got = f"{len(geoms)} pairs of geoms"
+        raise UserError("pair", got, f"{_PAIRS_MAX} at most", "Name single geoms")
+    return list(dict.fromkeys(geoms))
+
+
+def friction_values(model: Any, geoms: tuple[int, int]) -> dict[str, Any]:
+    """The condim and friction in force between two geoms, as attributes of a new <pair>."""
+    contact = contact_in_force(model, *geoms)
+    sliding, torsional, rolling = contact["friction"]
+    return {
+        "condim": int(contact["condim"]),
+        "friction": [sliding, sliding, torsional, rolling, rolling],
+    }
+
+
+def elliptic_option(spec: Any, impratio: float, what_for: str, notes: list[str]) -> str:
+    """Set elliptic cones with an impratio in a spec, and return the <option> that says so.
+
+    what_for: a clause for the note that is added to `notes`.
+    """
+    spec.option.cone = backend().mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = impratio
+    notes.append(
+        f"cone and impratio are of the whole model: elliptic and {impratio:g}, so that {what_for}; "
+        "other contacts change a little."
+    )
+    return f'<option cone="elliptic" impratio="{impratio:g}"/>\n'
+
+
+def contact_text(option: str, lines: Sequence[str]) -> str:
+    """The <contact> section of lines, after an <option> or ""."""
+    return f"{option}<contact>\n" + "\n".join(f"  {line}" for line in lines) + "\n</contact>"
 
 
 def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> float:
@@ -482,7 +523,6 @@ def _write_rows(
 
     Returns the lines of XML that a user can paste.
     """
-    before = contact_in_force(model, *geoms)
     place = pair.place
     first, second = model.geom_bodyid[list(geoms)].tolist()
     # MuJoCo's estimates of mass differ between links, though these bounce as one.
@@ -510,9 +550,7 @@ def _write_rows(
             values["condim"] = int(model.pair_dim[own])
             values["friction"] = model.pair_friction[own].tolist()
         else:
-            sliding, torsional, rolling = before["friction"]
-            values["condim"] = int(before["condim"])
-            values["friction"] = [sliding, sliding, torsional, rolling, rolling]
+            values |= friction_values(model, geoms)
         if i == 0 and is_soft and pair.load.slides:
             values["solreffriction"] = [0.0, -_friction_damping(place, pair.load)]
         if row.adhesion:

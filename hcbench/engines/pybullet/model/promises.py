@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 # Relative difference of two numbers that digits of a text make.
 _SAME = 1e-6
-# Share by which gravity may differ, as 9.8 does from 9.81.
-_SAME_GRAVITY = 0.02
 
 
 def promise_line(pair: Pair, promise: Promise) -> str:
@@ -101,9 +99,7 @@ def broken_promise(
             always_reported=True,
         )
     strength = float(np.linalg.norm(gravity))
-    allowed = _SAME_GRAVITY * max(promise.gravity, 1.0)
-    # NaN, gravity that was not promised, is never above.
-    if not is_plugin and abs(strength - promise.gravity) > allowed:
+    if not is_plugin and promise.is_other_gravity(strength):
         yield Suspect(
             "promised-gravity",
             "The world has another gravity than hcbench wrote this setting for.",

@@ -161,6 +161,7 @@ class PybulletModel(ModelUnderTest):
             )
             require_plausible(self.bullet, self.place)
             self.law = None if world.files else self._plugin_law()
+            self.promise = promise_in(self.bullet, self.place)
             parameters = self.bullet.getPhysicsEngineParameters()
             self.timestep = float(parameters["fixedTimeStep"])
             self.mass = self.place.effective_mass
@@ -280,17 +281,16 @@ class PybulletModel(ModelUnderTest):
             notes=tuple(notes),
             friction=pair_friction(self.bullet, self.place),
             point=vector(self.place.point),
-            promise=promise_in(self.bullet, self.place),
+            promise=self.promise,
             changed=tuple(suspect.code for suspect in self._changed_since_tuned()),
         )
 
     def _changed_since_tuned(self) -> list[Suspect]:
         """Return what breaks the promise of `hcbench tune`; nothing where it promised nothing."""
-        promise = promise_in(self.bullet, self.place)
-        if promise is None:
+        if self.promise is None:
             return []
         has_law = self.law is not None
-        return list(broken_promise(self.bullet, promise, has_law, self._gravity()))
+        return list(broken_promise(self.bullet, self.promise, has_law, self._gravity()))
 
     def _asked(self, first: float, second: float) -> tuple[tuple[float, ...], str]:
         """(e that the world asks for at each launch speed, what asks for it in words).
@@ -306,10 +306,9 @@ class PybulletModel(ModelUnderTest):
             if curve is None:
                 return (), words
             return tuple(float(curve.at(v)) for v in speeds), words
-        promise = promise_in(self.bullet, self.place)
-        if promise is not None:
-            curve = promise.curve
-            words = f"{promise.setting} by hcbench: {curve.description}"
+        if self.promise is not None:
+            curve = self.promise.curve
+            words = f"{self.promise.setting} by hcbench: {curve.description}"
             return tuple(float(curve.at(v)) for v in speeds), words
         e = first * second
         if math.isnan(e):
@@ -336,8 +335,7 @@ class PybulletModel(ModelUnderTest):
             suspects = [*changed, *find_suspects(context)]
         else:
             suspects = changed
-            promise = promise_in(self.bullet, self.place)
-            if promise is not None and not promise.is_kept(impacts):
+            if self.promise is not None and not self.promise.is_kept(impacts):
                 suspects += what_distorts(context)
         # A live client: no fix is tried on it.
         if self.build is None:
