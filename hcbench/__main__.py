@@ -5,6 +5,8 @@ import _signal as signal  # type: ignore[import-not-found]
 import gc
 import os
 
+# MB of addresses that NumPy, MuJoCo and their buffers take at least.
+_LEAST_MB = 300
 _GARBAGE = 100_000  # objects until Python looks for some: imports make many and leave none
 
 
@@ -13,8 +15,25 @@ def _leave(number: int, frame: object) -> None:
     os._exit(130)
 
 
+def _require_memory() -> None:
+    """End the process with exit code 3 where a limit leaves it too little memory to import what it
+    needs: NumPy's OpenBLAS would end it with a code of its own, or try again without end.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < _LEAST_MB << 20:
+        got = f"limited to {limit >> 20} MB of addresses"
+        advice = "`ulimit -v` sets the limit"
+        os.write(2, f"hcbench: memory: {got}; expected {_LEAST_MB} MB or more. {advice}\n".encode())
+        os._exit(3)
+
+
 def main() -> None:
     """Run the command line."""
+    _require_memory()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:

@@ -499,23 +499,41 @@ def digests_of(scene: Scene, engine: str) -> dict[str, str]:
     """
     digests = {}
     for role, path in sorted(scene.models.get(registry.base_name(engine), {}).items()):
-        digests[role] = _digest(path, path.stat().st_mtime_ns) if path.is_file() else ""
+        digests[role] = file_digest(path) if path.is_file() else ""
     return digests
 
 
-@lru_cache(maxsize=256)
-def _digest(path: Path, _: int) -> str:
-    """SHA-256 of a file and of the files that it names, in hexadecimal digits.
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file and of all files that it names, or that these name, in hexadecimal digits.
 
-    A named file counts if it exists beside the file; names are found in .xml and .urdf alone.
+    A named file counts if it exists beside the one that names it; names are found in .xml and .urdf
+    alone. Each file counts once, at its first mention: files may name each other in a circle.
+    OSError for a file that cannot be read.
+    """
+    digests: list[str] = []
+    to_read = [path]
+    seen: set[Path] = set()
+    while to_read:
+        each = to_read.pop().resolve()
+        if each in seen:
+            continue
+        seen.add(each)
+        own, names = _content_and_names(each, each.stat().st_mtime_ns)
+        digests.append(own)
+        to_read += [each.parent / name for name in reversed(names) if is_file(each.parent / name)]
+    if len(digests) == 1:
+        return digests[0]
+    return hashlib.sha256("".join(digests).encode()).hexdigest()
+
+
+@lru_cache(maxsize=256)
+def _content_and_names(path: Path, _: int) -> tuple[str, list[str]]:
+    """SHA-256 of a file's own bytes, and the names in it, sorted.
 
     _: time of the last change, ns, by which the cache tells a changed file.
     """
     content = path.read_bytes()
-    digest = hashlib.sha256(content)
+    names: set[str] = set()
     if path.suffix in (".xml", ".urdf"):
-        for name in sorted(set(_NAMED.findall(content.decode("utf-8", "replace")))):
-            named = path.parent / name
-            if is_file(named):
-                digest.update(_digest(named, named.stat().st_mtime_ns).encode())
-    return digest.hexdigest()
+        names = set(_NAMED.findall(content.decode("utf-8", "replace")))
+    return hashlib.sha256(content).hexdigest(), sorted(names)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from hcbench.cases import make
 from hcbench.cases.score import the_cases
-from hcbench.system.errors import UserError
+from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import read_text
 from hcbench.system.outputs import write_output
+from hcbench.system.text import sanitized
 
 _HERE = Path(__file__).parent
 # An adapter to begin with: each world is one that the engine cannot make yet.
@@ -52,7 +53,11 @@ def vendor(folder: Path, only: Sequence[str] = (), force: bool = False) -> list[
     }
     if not (folder / "adapter.py").exists():
         contents["adapter.py"] = ADAPTER
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        got = f"{sanitized(folder)}: {error.strerror}"
+        raise OutputError("FOLDER", got, "a folder that can be made") from None
     for name, text in contents.items():
         write_output(folder / name, text, "FOLDER", force)
     return [folder / name for name in contents]

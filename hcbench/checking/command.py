@@ -15,6 +15,7 @@ from hcbench.measuring.request import read_limit
 from hcbench.system.errors import OutputError, UserError
 from hcbench.system.outputs import require_outputs, write_output
 from hcbench.system.text import sanitized
+from hcbench.terms.fields import read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,13 +87,20 @@ def _run(
     if len(models) == 1 and is_toml:
         if not spec.models and not source.is_file():
             raise UserError("checks", f"no model, and no {DEFAULT_FILE} here", "a model to check")
-        if find_table(source) is not None or source.name == DEFAULT_FILE:
+        if find_table(source) is not None or not _is_study(source):
             return run_checks(_with_targets(_listed(source, spec), measure_only), progress)
     if len(models) == 1 and (is_toml or source.is_dir()):
         if outputs.baseline is not None:
             raise UserError("write-baseline", f"given with {source}, a study", "a model to check")
         return _check_study(source, spec, jobs, progress)
     return run_checks(_with_targets([plan(spec)], measure_only), progress)
+
+
+def _is_study(path: Path) -> bool:
+    """Say whether a TOML file has one of the keys that every study has. Raises UserError for a file
+    that is not TOML.
+    """
+    return bool({"scene", "run"} & read_toml(path, UserError, "checks").keys())
 
 
 def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:

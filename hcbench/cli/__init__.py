@@ -126,7 +126,7 @@ def _run(arguments: list[str]) -> int:
     except BrokenPipeError:
         # The reader of our output went away, as `head` does.
         return 0
-    except OSError as error:
+    except (OSError, MemoryError) as error:
         if os.environ.get("HCBENCH_DEBUG"):
             raise
         return _fail_on(error)
@@ -143,8 +143,10 @@ def _hint(error: Exception) -> str:
     return f" Try `{context.command_path} --help`." if context else ""
 
 
-def _fail_on(error: OSError) -> int:
-    """An error of a file that no command expected."""
+def _fail_on(error: OSError | MemoryError) -> int:
+    """An error of a file, or of too little memory, that no command expected."""
+    if isinstance(error, MemoryError):
+        return _fail(3, "memory: not enough; expected more free memory, or a higher limit")
     name = str(error.filename or "a file")
     mistake = error.errno == errno.ENAMETOOLONG
     return _fail(

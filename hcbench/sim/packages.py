@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from hcbench.system.errors import SceneError, UserError
 from hcbench.system.files import is_file, is_folder, read_bytes
+from hcbench.system.text import sanitized, shown
 
 Id = TypeVar("Id")
 
@@ -38,7 +39,8 @@ def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, 
     # Backwards, so that the first of several parts with one name is meant.
     for kind, name, key in reversed(parts):
         by_id[f"{kind}:{key}"] = (kind, key)
-        by_kind[f"{kind}:{name}"] = (kind, key)
+        # As long as a request is kept: with its kind before it, a long name ends earlier.
+        by_kind[sanitized(f"{kind}:{name}")] = (kind, key)
         by_name[name] = (kind, key)
     try:
         return (by_id | by_kind | by_name)[request]
@@ -89,10 +91,12 @@ def read_packages(given: str | Mapping[str, str]) -> Packages:
 def named_folders(given: str | Mapping[str, str]) -> Packages:
     """(name, folder) of each package, from a mapping or "NAME=FOLDER,..."; "" for what is missing.
 
-    Folders need not exist.
+    Folders need not exist. Raises UserError for what is neither text nor a mapping.
     """
-    if not isinstance(given, str):
+    if isinstance(given, Mapping):
         return tuple((str(name), str(folder)) for name, folder in given.items())
+    if not isinstance(given, str):
+        raise UserError("package", shown(given), "NAME=DIR, or a table of folders by name")
     pairs = []
     for part in given.split(","):
         name, _, folder = part.partition("=")

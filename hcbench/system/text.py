@@ -34,6 +34,15 @@ def sanitized(text: object, longest: int = _LONGEST) -> str:
     return shown
 
 
+def shown(value: object) -> str:
+    """The value as Python shows it, at most 80 characters; its type where that fails."""
+    try:
+        return f"{value!r:.80}"
+    # A caller's own class may raise anything.
+    except Exception:
+        return f"a {type(value).__name__}"
+
+
 def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Lines of a table, cells at the right of their columns, two spaces between columns;
     one, where the lines would be longer than COLUMNS.

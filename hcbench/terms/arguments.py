@@ -33,6 +33,7 @@ import numpy as np
 
 from hcbench.system.errors import HcbenchError, UserError
 from hcbench.system.process import NAMES_OPTIONS
+from hcbench.system.text import shown
 from hcbench.terms.options import BodyPair, Controller, PintQuantity, Quantity
 from hcbench.terms.units import is_real
 
@@ -101,7 +102,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         given = [*zip(places, plain_args, strict=False), *plain.items()]
         for name, value in given:
             if name in hints and not _fits(value, hints[name]):
-                raise UserError(name, f"{value!r:.80}", _words(hints[name]))
+                raise UserError(name, shown(value), _words(hints[name]))
             if name not in names and not takes_others:
                 raise UserError(name, "unknown argument", f"one of: {', '.join(names)}")
         try:
@@ -183,8 +184,11 @@ def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
 
 def _plain(value: Any) -> Any:
     """Turn a NumPy number, or an array without dimensions, into a number of Python, which prints as
-    one; also inside lists, tuples and dicts. Any other value is returned as it is.
+    one, and a caller's kind of text into text, which a worker process can read; also inside lists,
+    tuples and dicts. Any other value is returned as it is.
     """
+    if isinstance(value, str):
+        return str.__str__(value)
     if isinstance(value, np.ndarray) and not value.ndim:
         value = value[()]
     # The item of a duration may be a whole number, without its unit.

@@ -254,6 +254,8 @@ def _expected(field: FieldInfo) -> str:
     for each in field.metadata:
         if isinstance(each, InUnits):
             return each.expected
+    if Path in (field.annotation, *get_args(field.annotation)):
+        return "the name of a file"
     return ""
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.system.errors import QuantityError
+from hcbench.system.text import shown
 from hcbench.terms.bounds import require_bounds
 from hcbench.terms.options import PintQuantity
 
@@ -234,7 +235,7 @@ def parse(
             # Python cannot make a float of an integer with more than 308 digits.
             number = math.inf
     else:
-        raise QuantityError(slot, f"{value!r}", f"a number or text like {kind.example!r}")
+        raise QuantityError(slot, shown(value), f"a number or text like {kind.example!r}")
     _require_bounds([number], value, kind, slot, least, above)
     return number
 

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from machines import other_kernels
 
-from hcbench.benchmark.plan import make_plan
+from hcbench.benchmark.plan import file_digest, make_plan
 from hcbench.benchmark.results import RUN_KEY, Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import Study, find_study, load_study, name_of, study_from
@@ -306,3 +306,12 @@ def test_a_run_over_the_default_band_has_the_settings_that_tune_prints() -> None
     for wrong in (run, {**run, "gravity": "9.81 m/s^2", "heights": "1, 2 mm"}):
         with pytest.raises(StudyError, match="default_band"):
             study_from({**CONTENT, "run": [wrong]})
+
+
+def test_files_that_name_each_other_in_a_circle_have_a_digest(tmp_path: Path) -> None:
+    first, second = tmp_path / "first.xml", tmp_path / "second.xml"
+    first.write_text('<mujoco><include file="second.xml"/></mujoco>')
+    second.write_text('<mujoco><include file="first.xml"/></mujoco>')
+    before = file_digest(first)
+    second.write_text('<mujoco><include file="first.xml"/><!-- changed --></mujoco>')
+    assert file_digest(first) != before

@@ -359,3 +359,9 @@ def test_the_command_judges_results_of_any_language(
         mine.write_text(nothing, "utf-8")
         assert cli.run(["cases", "score", str(mine)]) == 2
     assert cli.run(["cases", "run", "nothing"]) == 2
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no folder can be made in /proc of Linux alone")
+def test_a_folder_that_cannot_be_made_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["cases", "vendor", "/proc/mine"]) == 3
+    assert capsys.readouterr().err.startswith("hcbench: FOLDER: /proc/mine: ")

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from hcbench.checking.text import find_table
+from hcbench.cli import run
 from hcbench.measuring.request import read_state
 from hcbench.system.errors import UserError
 from hcbench.system.files import parse_json
@@ -31,3 +32,26 @@ def test_a_table_that_is_something_else_is_refused(value: str, tmp_path: Path) -
     path.write_text(f"[tool]\nhcbench = {value}\n")
     with pytest.raises(UserError, match=r"pyproject\.toml"):
         find_table(path)
+
+
+def test_a_toml_file_that_is_neither_checks_nor_a_study_says_what_it_lacks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "other.toml"
+    path.write_text('[project]\nname = "mine"\n')
+    assert run(["check", str(path)]) == 2
+    assert "has no [tool.hcbench]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", ["true", "1979-05-27", "nan", "[[1]]"])
+@pytest.mark.parametrize("key", ["pairs", "baseline", "trajectory", "package"])
+def test_a_value_of_another_type_is_refused_in_the_words_of_its_key(
+    key: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "pyproject.toml"
+    path.write_text(f"[[tool.hcbench.check]]\nmodel = 'ball.xml'\n{key} = {value}\n")
+    run(["check", str(path)])
+    printed = "".join(capsys.readouterr())
+    assert key in printed
+    assert "Input" not in printed
+    assert "unexpected" not in printed

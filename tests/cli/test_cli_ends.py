@@ -432,3 +432,16 @@ def test_a_folder_within_a_scratch_folder_is_written_without_waiting_for_itself(
     with atomic_folder(tmp_path / "out") as outer, atomic_folder(outer) as inner:
         (inner / "page.html").write_text("page")
     assert (tmp_path / "out" / "page.html").read_text() == "page"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps this limit")
+def test_too_little_memory_for_numpy_is_said_before_it_is_imported() -> None:
+    short = subprocess.run(
+        ["sh", "-c", 'ulimit -v 200000; exec "$@"', "sh", sys.executable, "-m", "hcbench", *LAW],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert short.returncode == 3
+    (line,) = short.stderr.splitlines()
+    assert line.startswith("hcbench: memory: limited to 195 MB of addresses; expected 300 MB")

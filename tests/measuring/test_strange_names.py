@@ -92,3 +92,28 @@ def test_a_junit_report_is_xml(model: Path, name: str, tmp_path: Path) -> None:
     assert run(["check", str(model), *words]) == 1
     (case,) = ElementTree.parse(report).iter("testcase")
     assert all(map(_is_printable, case.attrib.values()))
+
+
+def test_a_long_name_is_found_with_its_kind_before_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "long.xml"
+    name = "n" * 230
+    path.write_text(
+        f'<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/><body pos="0 0 1">'
+        f'<freejoint/><geom name="{name}" size=".1"/></body></worldbody></mujoco>'
+    )
+    assert run(["measure", str(path), "--pair", f"geom:{name},floor", "--speeds", "1"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_names_that_are_not_utf8_are_refused_with_their_byte(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "latin.xml"
+    path.write_bytes(
+        b'<mujoco><worldbody><geom name="fl\xf6r" type="plane" size="1 1 1"/><body pos="0 0 1">'
+        b'<freejoint/><geom name="ball" size=".1"/></body></worldbody></mujoco>'
+    )
+    assert run(["pairs", str(path)]) == 2
+    assert "has the byte 0xf6, not UTF-8" in capsys.readouterr().err

@@ -222,6 +222,12 @@ def main(arguments: list[str]) -> int:
     """
     words = os.environ.get("HCBENCH_MACHINES", "").split()
     machines = [each for each in MACHINES if not words or any(word in each.name for word in words)]
+    if not machines:
+        names = "\n".join(each.name for each in MACHINES)
+        print(
+            f"HCBENCH_MACHINES: {' '.join(words)}: no machine has one of these words. There are:\n{names}"
+        )
+        return 2
     if subprocess.run(["git", "diff", "--quiet", "HEAD"], cwd=ROOT, check=False).returncode:
         print(
             "Changes that are not committed are left out: each machine has a clone of the last commit."
