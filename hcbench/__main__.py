@@ -6,7 +6,7 @@ import gc
 import os
 
 # MB of addresses that NumPy, MuJoCo and their buffers take at least.
-_LEAST_MB = 300
+_LEAST_MB = 480
 _GARBAGE = 100_000  # objects until Python looks for some: imports make many and leave none
 
 

@@ -444,4 +444,4 @@ def test_too_little_memory_for_numpy_is_said_before_it_is_imported() -> None:
     )
     assert short.returncode == 3
     (line,) = short.stderr.splitlines()
-    assert line.startswith("hcbench: memory: limited to 195 MB of addresses; expected 300 MB")
+    assert line.startswith("hcbench: memory: limited to 195 MB of addresses; expected 480 MB")
