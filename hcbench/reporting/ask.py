@@ -80,8 +80,8 @@ def report(
     Raises
     ------
     UserError
-        For a study that cannot be read, what an engine refuses, and a folder that holds other
-        files.
+        For a study that cannot be read, what an engine refuses, and a folder with a file in the
+        way that hcbench did not write; other files in it stay.
     CannotRun
         Where an engine is not installed, unless the study is built in, and where a worker fails.
     OutputError
