@@ -389,6 +389,22 @@ def test_failures_have_a_column_where_there_are_any() -> None:
         assert ">steps in contact</th>" in measurement_page(found)
 
 
+def test_a_free_body_that_starts_inside_the_other_is_met_from_above() -> None:
+    inside, above = (
+        measure(world(z=z), ("ball", "plate"), speeds=[1.0], phases=2, diagnose=False)
+        for z in (0.03, 0.3)
+    )
+    assert inside.curve[0].restitution == above.curve[0].restitution
+    assert "'ball' starts 0.07 m inside 'plate': met from above." in inside.facts.notes
+
+
+def test_velocities_of_a_keyframe_are_said_to_be_left_out() -> None:
+    key = '<keyframe><key name="run" qpos="0 0 1 1 0 0 0" qvel="1 0 0 0 0 0"/></keyframe></mujoco>'
+    model = world().replace("</mujoco>", key)
+    found = measure(model, ("ball", "plate"), key="run", speeds=[1.0], phases=1, diagnose=False)
+    assert "start: keyframe 'run', at rest (its velocities are left out)" in as_text(found)
+
+
 FREE = "<freejoint/>"
 NO_TOUCH = 'contype="0" conaffinity="0"'
 
@@ -402,7 +418,16 @@ NO_TOUCH = 'contype="0" conaffinity="0"'
         (world(joint='<joint type="hinge"/>'), ("ball", "plate"), "hinges"),
         (world(joint='<joint type="slide" axis="1 0 0"/>'), ("ball", "plate"), "slide past"),
         (world(plate=NO_TOUCH), ("ball", "plate"), "contype/conaffinity"),
-        (world(z=0.03), ("ball", "plate"), "starts 0.07 m inside"),
+        (
+            world(z=0.03, joint='<joint type="slide" axis="0 0 1"/>'),
+            ("ball", "plate"),
+            "starts 0.07 m inside",
+        ),
+        (
+            world(joint="", more='<flexcomp name="soft" type="grid" count="2 2 1" dim="2"/>'),
+            None,
+            "soft bodies",
+        ),
         (
             world(option="").replace("<option />", '<option><flag contact="disable"/></option>'),
             None,

@@ -365,8 +365,8 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
 
     state: MjData to start from, or None.
 
-    Raises UserError for a start configuration that the model cannot have, as `start_pose` does, and
-    for a model in which a flag disables contacts.
+    Raises UserError for a start configuration that the model cannot have, as `start_pose` does, for
+    a model in which a flag disables contacts, and for one in which only soft bodies can meet.
     """
     mujoco = backend()
     if flag := _disabling(model):
@@ -377,9 +377,11 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
         mujoco.mj_forward(model, data)
         touching = _touching(model)
         here = {tuple(sorted(c.geom.tolist())) for c in data.contact if c.dist <= 0.0}
-        return in_order(
-            [_described(model, data, a, b, here, touching) for a, b in _collisions(model)]
-        )
+        meeting = _collisions(model)
+        if not meeting and model.nflex:
+            got = "no two geoms can meet, and contacts of soft bodies (flex) are not measured"
+            raise UserError("model", got, "two rigid parts that collide, one of which moves")
+        return in_order([_described(model, data, a, b, here, touching) for a, b in meeting])
 
 
 def _collisions(model: Any) -> list[tuple[int, int]]:

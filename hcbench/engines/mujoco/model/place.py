@@ -20,7 +20,7 @@ from hcbench.engines.mujoco.model.pair import ContactPair, Nearest, PairContact
 from hcbench.engines.mujoco.model.start_pose import MOVED, require_joints_within_limits
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
 from hcbench.sim.model_under_test import Vector
-from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
+from hcbench.sim.touch import DEEPEST, LEAST_APPROACH, require_apart, require_reachable
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.text import sanitized
 from hcbench.terms.bounds import BOUNDS, admits_beyond_bounds
@@ -117,6 +117,10 @@ def bring_to_touch(
     if pair.height_field < 0:
         overlap = max(0.0, -float(near.distance))
         near = _raised(pair, data, near)
+        if near.distance < -DEEPEST * pair.size and _is_free_alone(pair):
+            said = f"{pair.first.name!r} starts {-near.distance:.3g} m inside {pair.second.name!r}"
+            above = _from_there(pair, data, ABOVE, move)
+            return replace(above, note=f"{said}: met from above.")
         advice = "Move one away, or start from another keyframe or --qpos"
         require_apart(near.distance, pair.size, pair.first.name, pair.second.name, advice)
     if not near.normal.any():
@@ -162,6 +166,15 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     backend().mj_integratePos(model, data.qpos, move, float(near.distance))
     backend().mj_forward(model, data)
     return pair.nearest(data)._replace(normal=near.normal)
+
+
+def _is_free_alone(pair: ContactPair) -> bool:
+    """Say whether the first part is a body on a free joint that carries nothing else."""
+    base = next(iter(moving_joints(pair.model, pair.first.body)), None)
+    if base is None or len(base.dofs) != 3 or base.turns:
+        return False
+    tree = pair.model.body_rootid[pair.model.dof_bodyid] == pair.model.body_rootid[base.body]
+    return int(tree.sum()) == _BASE_DOFS
 
 
 class _PassedError(UserError):

@@ -136,7 +136,9 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
         _set(model, data, joint, values)
     if request.pose:
         name += " with " + ", ".join(joint for joint, _ in request.pose)
-    data.qvel[:] = 0.0
+    if data.qvel.any():
+        name += ", at rest (its velocities are left out)"
+        data.qvel[:] = 0.0
     data.time = 0.0
     require_plausible_state(model, data)
     mujoco.mj_normalizeQuat(model, data.qpos)
