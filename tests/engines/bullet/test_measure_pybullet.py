@@ -376,6 +376,17 @@ def test_a_request_that_makes_no_sense(
         measure(files, **arguments)
 
 
+@pytest.mark.parametrize(("before", "after"), [(b"\n \t\n", b""), (b"", b"\r\n\0")])
+def test_blanks_before_a_urdf_and_a_zero_after_it_are_read_over_as_bullet_does(
+    files: tuple[Path, Path], before: bytes, after: bytes
+) -> None:
+    ball, plate = files
+    (same,) = measure(files, speeds=[1.0], phases=1, diagnose=False).curve
+    ball.write_bytes(before + ball.read_bytes() + after)
+    (found,) = measure((ball, plate), speeds=[1.0], phases=1, diagnose=False).curve
+    assert found.restitution == same.restitution
+
+
 def test_a_missing_file_and_a_lonely_one(files: tuple[Path, Path]) -> None:
     with pytest.raises(SceneError, match="is not there"):
         measure([files[0], "gone.urdf"])
@@ -388,9 +399,13 @@ def test_the_same_files_measured_again_give_the_same_bits(files: tuple[Path, Pat
     assert len({repr([i.restitution for i in run]) for run in runs}) == 1
 
 
-def test_a_mesh_is_found_beside_its_urdf(tmp_path: Path, files: tuple[Path, Path]) -> None:
-    (tmp_path / "meshes").mkdir()
-    (tmp_path / "meshes" / "tetra.obj").write_text(
+@pytest.mark.parametrize("place", [".", ".."])
+def test_a_mesh_is_found_beside_its_urdf_or_above_as_bullet_finds_it(
+    files: tuple[Path, Path], place: str
+) -> None:
+    meshes = files[0].parent / place / "meshes"
+    meshes.mkdir()
+    (meshes / "tetra.obj").write_text(
         "v -.1 -.1 0\nv .2 -.1 0\nv -.1 .2 0\nv 0 0 .2\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
     )
     files[0].write_text(urdf("ball", '<mesh filename="meshes/tetra.obj"/>', 1.0, restitution(0.8)))

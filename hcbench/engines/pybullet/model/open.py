@@ -244,7 +244,8 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
         name = mesh.get("filename", "")
         # Bullet itself looks for packages and absolute paths.
         is_beside = name and "://" not in name and not Path(name).is_absolute()
-        if is_beside and not is_file(path.parent / name):
+        # It looks for a mesh in the folder of the URDF, and in each one above.
+        if is_beside and not any(is_file(folder / name) for folder in path.absolute().parents):
             raise SceneError(
                 "model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF"
             )
@@ -266,10 +267,18 @@ def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
     return None
 
 
+# Blanks before the declaration and zeros at the end: Bullet's parser reads over them.
+_BLANKS = b" \t\r\n\0"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
 def _parse(path: Path) -> ET.Element:
     """The root of an XML file. Raises SceneError for a file that cannot be read, or is not XML."""
     try:
-        return ET.parse(path).getroot()
+        content = path.read_bytes()
+        if not content.startswith(_UTF16):
+            content = content.strip(_BLANKS)
+        return ET.fromstring(content)
     except (ET.ParseError, OSError, ValueError, LookupError) as error:
         got = f"is not XML or cannot be read: {error}"
         raise SceneError(str(path), got, "a URDF, SDF or MJCF file") from None
