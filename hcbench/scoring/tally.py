@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.laws.minimum import minimum
 from hcbench.terms.impact import Floats, Impact, Loop, Status
 from hcbench.terms.resolution import ROUND_OFF_SUM, STEPS_AT_ITS_ENDS, STEPS_TO_COMPARE
 
@@ -422,9 +423,6 @@ def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]
 
     pairs: arrays of impact speeds (m/s) and of e, of the same shape; at least one number in all.
     """
-    # Imported here: simulating without scoring needs no SciPy optimizer.
-    from scipy.optimize import minimize_scalar
-
     count = sum(len(speed_in) for speed_in, _ in pairs)
     mean_speed = sum(float(np.sum(speed_in)) for speed_in, _ in pairs) / count
 
@@ -437,9 +435,10 @@ def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]
         return total / count
 
     # The search, over ln α, spans α v from hardly any loss to hardly any bounce.
-    bounds = (math.log(1e-6 / mean_speed), math.log(1e3 / mean_speed))
-    best = minimize_scalar(misfit, bounds=bounds, method="bounded")
-    return math.exp(best.x), math.sqrt(best.fun)
+    log_alpha, mean_square = minimum(
+        misfit, math.log(1e-6 / mean_speed), math.log(1e3 / mean_speed)
+    )
+    return math.exp(log_alpha), math.sqrt(mean_square)
 
 
 def best_constant(alpha: float, speeds: Floats) -> tuple[float, float]:

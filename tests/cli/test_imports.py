@@ -37,7 +37,7 @@ print(json.dumps([code, list(sys.modules)]))
         (["law", "--alpha", "0.008 s/in", "--speed", "8 in/s"], set()),
         (["convert", "--alpha", "0.008 s/in"], {"pydantic"}),
         (["engines"], {"pydantic"}),
-        (["measure", MODEL, "--pair", "ball,plate", "--speeds", "0.3 m/s"], {"pydantic", "mujoco"}),
+        (["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"], {"pydantic", "mujoco"}),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )

@@ -132,13 +132,17 @@ def approach_row(
     point: of both, (3,), m, in the world.
     normal: unit vector (3,) from the first to the second.
     """
-    jac = backend().mj_jac
+    mujoco = backend()
     jacobian = np.empty((3, model.nv))
-    jac(model, data, jacobian, None, point, first)
-    row: Floats = normal.dot(jacobian)
+    row = np.empty(model.nv)
+    mujoco.mj_jac(model, data, jacobian, None, point, first)
+    # MuJoCo's product, not NumPy's: the same bits as in C, and under every kernel of OpenBLAS.
+    mujoco.mju_mulMatTVec(row, jacobian, normal)
     if second:
-        jac(model, data, jacobian, None, point, second)
-        row -= normal.dot(jacobian)
+        other = np.empty(model.nv)
+        mujoco.mj_jac(model, data, jacobian, None, point, second)
+        mujoco.mju_mulMatTVec(other, jacobian, normal)
+        row -= other
     return row
 
 

@@ -236,6 +236,11 @@ class ContactPair:
         )
 
     @cached_property
+    def reach(self) -> float:
+        """Distance, m, up to which distances are computed: MuJoCo reports it for all beyond."""
+        return 10.0 * float(self.model.stat.extent) + 10.0
+
+    @cached_property
     def height_field(self) -> int:
         """Number of the height field among the two, -1 without one.
 
@@ -317,8 +322,7 @@ class ContactPair:
         )
         # Nearest point of the one geom, then of the other, m.
         ends = np.zeros(6)
-        # MuJoCo reports this distance, m, for all that is farther apart.
-        reach = 10.0 * float(self.model.stat.extent) + 10.0
+        reach = self.reach
         for a in self.first.geoms:
             for b in self.second.geoms:
                 distance = backend().mj_geomDistance(self.model, data, a, b, reach, ends)

@@ -192,6 +192,8 @@ class PairReader:
         self._pyramid = int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
         self._wrench = np.zeros(6)
         self._force_of = mujoco.mj_contactForce
+        # The same bits as in C, and under every kernel of OpenBLAS.
+        self._dot = mujoco.mju_dot
         self._point = place.contact.point
         self._normal = place.contact.normal
         self._row: Floats | None = None
@@ -241,7 +243,7 @@ class PairReader:
         if geoms != self._geoms:
             self._find_pair(geoms, contacts.dim.tolist())
         if not self._mine:
-            return None, 0.0, float(self.row(data) @ velocity)
+            return None, 0.0, self._dot(self.row(data), velocity)
         distances = contacts.dist.tolist()
         addresses = contacts.efc_address.tolist()
         rates = data.efc_vel
@@ -271,7 +273,7 @@ class PairReader:
         penetration = self.place.contact.onset - distance
         if acting:
             return penetration, force, -parting / acting
-        return penetration, force, float(self.row(data) @ velocity)
+        return penetration, force, self._dot(self.row(data), velocity)
 
     def _find_pair(self, geoms: list[list[int]], dims: list[int]) -> None:
         """Find the pair's contacts among all, into `_mine`; kept until other geoms touch.

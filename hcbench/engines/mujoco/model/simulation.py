@@ -9,7 +9,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
 from hcbench.engines.mujoco.model.bodies import geom_name
-from hcbench.engines.mujoco.model.open import LaunchWorkspace, copy_state
+from hcbench.engines.mujoco.model.open import copy_state
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate, PairReader, with_kinematics
 from hcbench.engines.mujoco.model.speed_shares import SpeedShares, strange_share
 from hcbench.sim.world import Record, Simulation
@@ -18,7 +18,7 @@ from hcbench.terms.impact import TANGENTIAL_ROWS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.engines.mujoco.model.open import OpenedModel
+    from hcbench.engines.mujoco.model.open import LaunchWorkspace, OpenedModel
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Floats, Launch
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _Step = tuple[float, float, float, float, "Floats | None"]
 
 # Distances are looked at without a contact within so many steps of the way to the touch plane.
-_NEAR = 4.0
+NEAR = 4.0
 # A stage of RK4 may touch within so many steps of its approach.
 _STAGE_REACH = 1.05
 # A step under RK4 had no contact in it where its speed changed by less
@@ -78,7 +78,7 @@ class MujocoFlight:
             self._along.send(data, launch.flight_time(self._h, opened.gravity))
         self._before = np.empty(model.nv)
         self._velocity = data.qvel
-        self._reader = PairReader(model, place, with_kinematics(data, model), self._along)
+        self._begin_reading()
         self._beside = space.beside
         self._staged = space.free is not None
         # Under RK4 a step waits for the one after it.
@@ -101,6 +101,11 @@ class MujocoFlight:
         # Geoms that touched the two, and the step in which each did so first.
         self._first_touch: dict[int, int] = {}
         self._state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+
+    def _begin_reading(self) -> None:
+        """Make the reader of the pair, which begins with the contact at touch."""
+        state = with_kinematics(self._data, self._model)
+        self._reader = PairReader(self._model, self._place, state, self._along)
 
     @property
     def is_oblique(self) -> bool:
@@ -127,36 +132,43 @@ class MujocoFlight:
         too. Its last step is NaN where MuJoCo reset the state. Raises EngineFailed for a fatal
         error of MuJoCo's.
         """
-        rows: list[_Step] = []
         if self._causes is not None:
             self._causes.settle()
         with captured_warnings() as warned:
-            while len(rows) < steps:
-                row = self._step()
-                if self._staged:
-                    last = self._last
-                    self._last = row
-                    if last is None:
-                        continue
-                    row = self._with_hidden_force(last, row)
-                rows.append(row)
-                x, rate, force, _, _ = row
-                if not math.isfinite(rate):
-                    break
-                if after is None or force != 0.0 or rate >= 0.0:
-                    continue
-                if not self._touched:
-                    break
-                if x <= 0.0:
-                    steps = min(steps, len(rows) + after)
-                    after = None
+            normal, tangential = self._rows(steps, after)
         self._opened.warned.extend(warned)
-        depths, rates, forces, _, along = zip(*rows, strict=True)
-        x, v, f = np.array([depths, rates, forces])[:, None]
-        tangential = None
-        if self.is_oblique:
-            tangential = np.array(along).T[:, None]
+        x, v, f = normal[:, None]
+        if tangential is not None:
+            tangential = tangential[:, None]
         return Record(x, v, f, tangential)
+
+    def _rows(self, steps: int, after: int | None) -> tuple[Floats, Floats | None]:
+        """Steps of `advance`: (penetration, rate and force, (3, n); motion along the plate, (8, n),
+        None but for oblique launches).
+        """
+        rows: list[_Step] = []
+        while len(rows) < steps:
+            row = self._step()
+            if self._staged:
+                last = self._last
+                self._last = row
+                if last is None:
+                    continue
+                row = self._with_hidden_force(last, row)
+            rows.append(row)
+            x, rate, force, _, _ = row
+            if not math.isfinite(rate):
+                break
+            if after is None or force != 0.0 or rate >= 0.0:
+                continue
+            if not self._touched:
+                break
+            if x <= 0.0:
+                steps = min(steps, len(rows) + after)
+                after = None
+        depths, rates, forces, _, along = zip(*rows, strict=True)
+        normal = np.array([depths, rates, forces])
+        return normal, np.array(along).T if self.is_oblique else None
 
     def note(self, steps: int) -> str:
         """Name other contacts of the first `steps` steps in a sentence; "" where there were none.
@@ -166,7 +178,7 @@ class MujocoFlight:
         The model under test also keeps, of all its launches, the speed lost to each cause in the
         one in which joints and actuators took the most.
         """
-        touched = {geom for geom, step in self._first_touch.items() if step < steps}
+        touched = self._touched_until(steps)
         self._opened.others |= touched
         if self._causes is not None:
             taken = self._causes.taken(steps)
@@ -180,6 +192,10 @@ class MujocoFlight:
         if not names:
             return ""
         return f"other contacts acted: {', '.join(names[:4])}"
+
+    def _touched_until(self, steps: int) -> set[int]:
+        """Geoms that touched the two in the first `steps` steps."""
+        return {geom for geom, step in self._first_touch.items() if step < steps}
 
     def _keep_shares(self, shares: dict[str, float]) -> None:
         """Keep a launch's shares of the speed if joints and actuators
@@ -269,7 +285,7 @@ class MujocoFlight:
             return self._x
         moved_at = 0.5 * (self._rate + rate) if self._staged else rate
         x = self._x + self._h * moved_at
-        if abs(x) < _NEAR * self._h * max(abs(rate), abs(self._rate)):
+        if abs(x) < NEAR * self._h * max(abs(rate), abs(self._rate)):
             x = self._reader.depth(seen, x)
         if self._touched:
             # Without a force the body has left the touch plane.
@@ -362,18 +378,12 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
     """Launches in one MjData, each stepped until the two have parted, or for as long as is asked,
     and then the next one.
 
+    flights: in one workspace, each left at its start; one or more.
     after: steps to take once they have parted; None: all that are asked for.
-
-    Raises UserError for a launch that the joints cannot make, as `MujocoFlight` does.
     """
 
-    def __init__(self, opened: OpenedModel, launches: Sequence[Launch], after: int | None) -> None:
-        """Put each launch where it begins; the launches are one or more."""
-        space = LaunchWorkspace.of(opened)
-        flights = []
-        for launch in launches:
-            flights.append(MujocoFlight(opened, launch, space))
-            flights[-1].leave()
+    def __init__(self, flights: Sequence[MujocoFlight], after: int | None) -> None:
+        """Begin with the last of the flights inside the MjData, which it was put into last."""
         super().__init__(flights)
         self._inside = flights[-1]
         self._after = after

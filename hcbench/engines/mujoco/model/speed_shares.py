@@ -1,7 +1,7 @@
 """Causes that change the approach speed of a pair during a contact: contact, limits, actuators, ..."""
 
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,6 @@ FRICTION = "friction in joints"
 ACTUATORS = "actuators"
 PASSIVE = "springs and damping of joints"
 NAMES = (CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, WEIGHT)
-# Steps that there is room for at first.
-_ROOM = 64
 
 
 def has_more_than_contacts(model: Any) -> bool:
@@ -42,16 +40,17 @@ class SpeedShares:
     model: MjModel.
     sides: (ngeom + 1,), 1 for geoms of the moving part, 2 for the other's, else 0.
 
-    Forces are multiplied by what they move once for many steps: after a step of MuJoCo's, each
-    operation of NumPy's takes longer.
+    Each sum and product is MuJoCo's own: launch.c has the same bits.
     """
 
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
         self._model = model
         self._sides = sides
         self._h = float(model.opt.timestep)
-        # (steps, 5, nv): the motion by a unit push, then the generalised forces of four causes.
-        self._steps = np.empty((_ROOM, 5, model.nv))
+        self._moved = np.empty((1, model.nv))
+        # Generalised forces of four causes, and what each adds to the approach.
+        self._forces = np.empty((4, model.nv))
+        self._products = np.empty(4)
         self.forget()
 
     def forget(self) -> None:
@@ -60,10 +59,9 @@ class SpeedShares:
         self._clear()
 
     def _clear(self) -> None:
-        # Numbers of the steps that `_steps` has.
+        # Numbers of the steps that are kept, and of each the accelerations, m/s².
         self._at: list[int] = []
-        # Steps with more constraints than contacts, whose forces are added up one by one.
-        self._told_apart: list[tuple[int, list[float]]] = []
+        self._parts: list[list[float]] = []
 
     def add(self, step: int, data: Any, row: Floats, others: bool) -> None:
         """Add one step to the sums.
@@ -73,17 +71,28 @@ class SpeedShares:
         row: (nv,), Jacobian of the approach rate.
         others: True if there are contacts besides the pair's.
         """
-        entry = len(self._at)
-        if entry == len(self._steps):
-            self._steps = np.concatenate([self._steps, np.empty_like(self._steps)])
-        here = self._steps[entry]
+        mujoco = backend()
         # M^-1 J^T, the motion by a unit push along the normal.
-        backend().mj_solveM(self._model, data, here[:1], row[None])
-        here[1], here[2] = data.qfrc_constraint, data.qfrc_actuator
-        here[3], here[4] = data.qfrc_passive, data.qfrc_bias
+        mujoco.mj_solveM(self._model, data, self._moved, row[None])
+        moved = self._moved[0]
+        forces = self._forces
+        forces[0], forces[1] = data.qfrc_constraint, data.qfrc_actuator
+        forces[2], forces[3] = data.qfrc_passive, data.qfrc_bias
+        mujoco.mju_mulMatVec(self._products, forces, moved)
+        constraint, actuators, passive, bias = self._products.tolist()
+        constraints = [constraint, 0.0, 0.0, 0.0, 0.0]
         if others or data.ne or data.nf or data.nl:
-            self._told_apart.append((entry, self._by_constraint(data, here[0])))
-        self._at.append(step)
+            constraints = self._by_constraint(data, moved)
+        # The bias is on the other side of the equation of motion.
+        self.keep([step], [[*constraints, actuators, passive, -bias]])
+
+    def keep(self, steps: Sequence[int], accelerations: Sequence[list[float]]) -> None:
+        """Add steps whose accelerations of the approach by each of NAMES are known.
+
+        steps: their numbers in the launch, rising. accelerations: of each, m/s².
+        """
+        self._at += steps
+        self._parts += accelerations
 
     def taken(self, steps: int) -> dict[str, float]:
         """Speed that each cause took off the approach in the first `steps` steps, m/s, by its name.
@@ -102,18 +111,7 @@ class SpeedShares:
         """Speed that each of NAMES took in the first `entries` steps
         and in those settled before, m/s.
         """
-        # Accelerations, m/s².
-        parts = np.zeros((entries, len(NAMES)))
-        # (entries, 5, nv): M^-1 J^T, then the forces by constraints,
-        # actuators, passive ones and bias.
-        steps = self._steps[:entries]
-        # All constraints go to the first, which `_told_apart` splits where there were several.
-        parts[:, [0, *range(5, len(NAMES))]] = (steps[:, :1] * steps[:, 1:]).sum(axis=2)
-        # The bias is on the other side of the equation of motion.
-        parts[:, -1] *= -1.0
-        for entry, accelerations in self._told_apart:
-            if entry < entries:
-                parts[entry, :5] = accelerations
+        parts = np.array(self._parts[:entries]).reshape(entries, len(NAMES))
         # One after the other: the same bits, however many steps are added at once.
         return np.asarray(np.cumsum(np.vstack([self._taken, -self._h * parts]), axis=0)[-1])
 
@@ -123,8 +121,9 @@ class SpeedShares:
         data: MjData with the constraints of the state.
         moved: M^-1 J^T, (nv,), the motion by a unit push at the contact.
         """
+        mujoco = backend()
         accelerations = np.zeros(data.nefc)
-        backend().mj_mulJacVec(self._model, data, accelerations, moved)
+        mujoco.mj_mulJacVec(self._model, data, accelerations, moved)
         accelerations *= data.efc_force
         # MuJoCo's order of rows
         ends = np.cumsum((data.ne, data.nf, data.nl))
@@ -132,4 +131,4 @@ class SpeedShares:
         contact_of_row = data.efc_id[ends[-1] :]
         of_pair = self._sides[data.contact.geom[contact_of_row]].sum(axis=1) == 3
         parts = contacts[of_pair], contacts[~of_pair], limits, equalities, friction
-        return [float(part.sum()) for part in parts]
+        return [mujoco.mju_sum(part) for part in parts]

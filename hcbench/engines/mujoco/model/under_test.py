@@ -15,6 +15,7 @@ from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.contact import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.motion import at_rest
+from hcbench.engines.mujoco.model.compiled_loop import flights_of
 from hcbench.engines.mujoco.model.find_pair import moving_joints
 from hcbench.engines.mujoco.model.open import OpenedModel
 from hcbench.engines.mujoco.model.pair import restitution_law
@@ -50,11 +51,11 @@ class MujocoModel(OpenedModel, LendsSteps):
 
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
         """The launches under way from their starting points."""
-        return MujocoUserSimulation(self, launches, self.speed_reading.steps_after)
+        return MujocoUserSimulation(flights_of(self, launches), self.speed_reading.steps_after)
 
     def follow(self, launch: Launch) -> MujocoUserSimulation:
         """One launch, stepped on after it has parted."""
-        return MujocoUserSimulation(self, [launch], None)
+        return MujocoUserSimulation(flights_of(self, [launch]), None)
 
     def stepped_by(self, engine: SharedModelEngine) -> LentModel:
         """The same pair, stepped by another engine."""

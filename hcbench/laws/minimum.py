@@ -1,0 +1,96 @@
+"""A minimum between bounds: importing scipy.optimize takes as long as all else that measuring a
+model does.
+"""
+
+import math
+from collections.abc import Callable
+
+# A parabola through three values has its minimum to about the root of the round-off.
+_ROUND_OFF_ROOT = math.sqrt(2.2e-16)
+# Share of an interval at which golden section cuts it.
+_GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+_MOST_VALUES = 500
+
+
+def minimum(
+    function: Callable[[float], float], low: float, high: float, absolute: float = 1e-5
+) -> tuple[float, float]:
+    """(x, value) where `function` is least between `low` and `high`, x to within about `absolute`.
+
+    R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 5, as G. E.
+    Forsythe, M. A. Malcolm and C. B. Moler have it ("Computer Methods for Mathematical
+    Computations", 1977, FMIN): the minimum of a parabola through the three best points where it
+    falls well within the interval, else golden section. The same bits as SciPy's bounded
+    `minimize_scalar`.
+    Of several minima it finds one; at an end, x stays a little inside. After _MOST_VALUES the best
+    point is returned. Raises what `function` raises.
+    """
+    x = second = third = low + _GOLDEN * (high - low)
+    f = f_second = f_third = function(x)
+    step = 0.0
+    # The step before the last.
+    earlier = 0.0
+    for _ in range(_MOST_VALUES - 1):
+        middle = 0.5 * (low + high)
+        near = _ROUND_OFF_ROOT * abs(x) + absolute / 3.0
+        if abs(x - middle) <= 2.0 * near - 0.5 * (high - low):
+            break
+        parabolic = None
+        if abs(earlier) > near:
+            to_ends = (low - x, high - x)
+            parabolic = _to_vertex(
+                x - second, x - third, f - f_second, f - f_third, earlier, to_ends
+            )
+            earlier = step
+        if parabolic is None:
+            earlier = (low if x >= middle else high) - x
+            step = _GOLDEN * earlier
+        else:
+            step = parabolic
+            # No value is taken next to an end, which has been looked at.
+            if x + step - low < 2.0 * near or high - (x + step) < 2.0 * near:
+                step = math.copysign(near, middle - x)
+        tried = x + math.copysign(max(abs(step), near), step)
+        f_tried = function(tried)
+        if f_tried <= f:
+            low, high = (x, high) if tried >= x else (low, x)
+            third, f_third = second, f_second
+            second, f_second = x, f
+            x, f = tried, f_tried
+            continue
+        low, high = (tried, high) if tried < x else (low, tried)
+        if f_tried <= f_second or second == x:
+            third, f_third = second, f_second
+            second, f_second = tried, f_tried
+        elif f_tried <= f_third or third in (x, second):
+            third, f_third = tried, f_tried
+    return x, f
+
+
+def _to_vertex(
+    from_second: float,
+    from_third: float,
+    above_second: float,
+    above_third: float,
+    earlier: float,
+    to_ends: tuple[float, float],
+) -> float | None:
+    """Step from the best point to the minimum of the parabola through the three best; None where it
+    leaves the interval, or is not shorter than half the step before the last.
+
+    from_second, from_third: of the best point, less the second best and the third best.
+    above_second, above_third: value of the best point, less theirs.
+    earlier: the step before the last. to_ends: steps to the interval's ends.
+    """
+    r = from_second * above_third
+    q = from_third * above_second
+    p = from_third * q - from_second * r
+    q = 2.0 * (q - r)
+    if q > 0.0:
+        p = -p
+    q = abs(q)
+    to_low, to_high = to_ends
+    if abs(p) < abs(0.5 * q * earlier) and q * to_low < p < q * to_high:
+        # -0.0 + 0.0 is 0.0, whose step goes up, as SciPy's.
+        return (p + 0.0) / q
+    return None
