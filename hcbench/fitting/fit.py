@@ -24,10 +24,20 @@ from hcbench.fitting.misfits import (
     scatter_widths,
     smooth_change,
 )
+from hcbench.fitting.readings import ODD_IMPACT, readings_of
 from hcbench.fitting.result import DropResult, FitResult
 from hcbench.fitting.table import computed
 from hcbench.fitting.track import scale_warnings
-from hcbench.fitting.which_law import FAMILY, LAWS, PLAIN, WITH_E0, chosen_law, laws_left, odds_of
+from hcbench.fitting.which_law import (
+    FAMILY,
+    LAWS,
+    ODDS_TO_TELL,
+    PLAIN,
+    WITH_E0,
+    chosen_law,
+    laws_left,
+    odds_of,
+)
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -36,6 +46,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.linear import Estimate, LawFit
     from hcbench.fitting.misfits import Flag
+    from hcbench.fitting.readings import Reading
     from hcbench.terms.impact import Floats
 
 # Impacts that a warning names.
@@ -65,6 +76,8 @@ class _Fitted:
     """All laws on some data sets.
 
     impacts: those that count little, where outliers were looked for.
+    changes: of the table, in words, where it is not read as it stands.
+    rival: another way to read it that is as likely and gives another result; "" without one.
     """
 
     sets: Sequence[Dataset]
@@ -72,6 +85,8 @@ class _Fitted:
     widths: Sequence[Floats]
     flags: tuple[Flag, ...]
     impacts: tuple[str, ...]
+    changes: tuple[str, ...] = ()
+    rival: str = ""
 
     @property
     def evidence(self) -> dict[str, float]:
@@ -109,6 +124,53 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
     return _Fitted(sets, fits, widths, flags, tuple(impacts))
 
 
+def _read(s: Dataset, reference: float) -> _Fitted:
+    """Fits of all laws to one file, in its likeliest reading.
+
+    reference: m/s. Raises UserError where no law comes near the data in any reading.
+    """
+    readings = readings_of(s)
+    if len(readings) == 1:
+        s.require_a_ball()
+        return _fitted([s], reference)
+    tried: list[tuple[float, _Fitted, Reading]] = []
+    for reading in readings:
+        try:
+            one = _fitted([reading.data], reference)
+        except (UserError, ArithmeticError, ValueError):
+            # No law fits the table read so.
+            continue
+        price = reading.log_prior + len(one.impacts) * ODD_IMPACT
+        tried.append((one.likeliest.log_evidence + price, one, reading))
+    if not tried:
+        return _fitted([s], reference)
+    tried.sort(key=lambda each: -each[0])
+    top, best, reading = tried[0]
+    reading.data.require_a_ball()
+    rival = ""
+    for score, other, read_so in tried[1:]:
+        if score > top - math.log(ODDS_TO_TELL) and _differ(best, other):
+            said = "; ".join(read_so.changes) or "the table is right as it stands"
+            rival = f"another reading of the table is as likely: {said}"
+            break
+    return replace(best, changes=reading.changes, rival=rival)
+
+
+# A difference of e, and a share of α, that two readings of a table may have and still agree.
+_SAME_E = 0.01
+_SAME_ALPHA = 0.05
+
+
+def _differ(one: _Fitted, other: _Fitted) -> bool:
+    """Say whether two readings of a table give another e, or another α."""
+    middle = one.likeliest.reference
+    if abs(one.likeliest.curve.at(middle) - other.likeliest.curve.at(middle)) > _SAME_E:
+        return True
+    first, second = (alpha_of(each.fits[PLAIN], each.fits[WITH_E0]) for each in (one, other))
+    is_outside = not first.low <= second.value <= first.high
+    return is_outside and abs(second.value - first.value) > _SAME_ALPHA * first.value
+
+
 def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     """Fit of some data sets.
 
@@ -118,7 +180,9 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     """
     speeds = np.concatenate([s.pairs()[0] for s in sets])
     reference = float(np.exp(np.log(speeds).mean()))
-    each = [_fitted([s], reference) for s in sets]
+    each = [_read(s, reference) for s in sets]
+    sets = [one.sets[0] for one in each]
+    speeds = np.concatenate([s.pairs()[0] for s in sets])
     is_alone = len(each) == 1
     whole = each[0]
     if not is_alone:
@@ -249,11 +313,20 @@ def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
     evidence: ln of the evidence of each law, of all files together.
     """
     (s,) = one.sets
-    doubts = tuple(s.doubts(one.likeliest))
+    doubts = _doubts(one)
     if doubts:
         return DropResult(s.name, None, None, doubts)
     alpha = _own_alpha(one, None, evidence, ODDS_TO_DROP)
     return DropResult(s.name, alpha, estimate_of(one.fits["constant"], "restitution"), ())
+
+
+def _doubts(one: _Fitted) -> tuple[str, ...]:
+    """Reasons to give no number for a file: those of its data, and another way to read it."""
+    (s,) = one.sets
+    doubts = tuple(s.doubts(one.likeliest))
+    if one.rival:
+        doubts = (*doubts, one.rival)
+    return doubts
 
 
 def _may_stick(evidence: dict[str, float], lack: LackOfFit) -> bool:
@@ -429,7 +502,9 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
             warnings.append(
                 f"these impacts scatter far more than the others and count little: {shown}{more}"
             )
-        if len(each) > 1 and (doubts := list(one.sets[0].doubts(one.likeliest))):
+        if one.changes:
+            warnings.append(f"{one.sets[0].name} is read so: {'; '.join(one.changes)}")
+        if len(each) > 1 and (doubts := _doubts(one)):
             warnings.append(f"{one.sets[0].name} is left out: {doubts[0]}")
     if whole.likeliest.scatter > 0.9 * MOST_SCATTER:
         warnings.append(
