@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.fitting.air import AirRivals, rivals_in_air
 from hcbench.fitting.budget import error_budget
 from hcbench.fitting.estimate import ODDS_TO_DROP, alpha_of, estimate_of, fit_law, widened
 from hcbench.fitting.heights import odd_drops, shared_value
@@ -31,7 +32,6 @@ from hcbench.fitting.track import scale_warnings
 from hcbench.fitting.which_law import (
     FAMILY,
     LAWS,
-    ODDS_TO_TELL,
     PLAIN,
     WITH_E0,
     chosen_law,
@@ -51,6 +51,10 @@ if TYPE_CHECKING:
 
 # Impacts that a warning names.
 _SHOWN = 4
+# Largest scatter of e of one ball's bounces in a row; single impacts of other bodies scatter more.
+_MOST_OF_A_TRAIN = 0.05
+# Why a law is not chosen where the air of a light ball does as well.
+_OR_AIR = "the law, or a constant e in the air of a light ball: give --mass and --diameter"
 # The data cannot be right if the posterior has this share at e > 1.
 _GAINS = 0.999
 
@@ -77,7 +81,7 @@ class _Fitted:
 
     impacts: those that count little, where outliers were looked for.
     changes: of the table, in words, where it is not read as it stands.
-    rival: another way to read it that is as likely and gives another result; "" without one.
+    rival: the same in another reading that is as likely and gives another result.
     """
 
     sets: Sequence[Dataset]
@@ -86,7 +90,7 @@ class _Fitted:
     flags: tuple[Flag, ...]
     impacts: tuple[str, ...]
     changes: tuple[str, ...] = ()
-    rival: str = ""
+    rival: _Fitted | None = None
 
     @property
     def evidence(self) -> dict[str, float]:
@@ -131,8 +135,9 @@ def _read(s: Dataset, reference: float) -> _Fitted:
     """
     readings = readings_of(s)
     if len(readings) == 1:
+        (only,) = readings
         s.require_a_ball()
-        return _fitted([s], reference)
+        return replace(_fitted([only.data], reference), changes=only.changes)
     tried: list[tuple[float, _Fitted, Reading]] = []
     for reading in readings:
         try:
@@ -147,15 +152,16 @@ def _read(s: Dataset, reference: float) -> _Fitted:
     tried.sort(key=lambda each: -each[0])
     top, best, reading = tried[0]
     reading.data.require_a_ball()
-    rival = ""
+    rival = None
     for score, other, read_so in tried[1:]:
-        if score > top - math.log(ODDS_TO_TELL) and _differ(best, other):
-            said = "; ".join(read_so.changes) or "the table is right as it stands"
-            rival = f"another reading of the table is as likely: {said}"
+        if score > top - math.log(_ODDS_TO_READ) and _differ(best, other):
+            rival = replace(other, changes=read_so.changes)
             break
     return replace(best, changes=reading.changes, rival=rival)
 
 
+# A reading of a table is given alone if all others are this many times less likely.
+_ODDS_TO_READ = 100.0
 # A difference of e, and a share of α, that two readings of a table may have and still agree.
 _SAME_E = 0.01
 _SAME_ALPHA = 0.05
@@ -198,10 +204,20 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     reservation = ""
     if all(s.reservation for s in sets):
         reservation = sets[0].reservation
+    air = AirRivals()
+    if chosen_law(evidence) in FAMILY:
+        air = rivals_in_air(sets, whole.fits, whole.widths)
+    if air.constant is not None:
+        reservation = _OR_AIR
+        if is_alone:
+            log_odds, _ = smooth_change(air.constant, sets[0])
+            lack = replace(lack, odds=min(lack.odds, math.exp(log_odds)))
+    if rivals := [one for one in each if one.rival]:
+        reservation = _other_reading(rivals[0])
     chosen: str | None = law
     if law == "auto":
         chosen = chosen_law(evidence)
-        if doubts or reservation or lack.is_certain or _may_stick(evidence, lack):
+        if doubts or reservation or lack.is_likely or _may_stick(evidence, lack):
             chosen = None
     fits = sorted(whole.fits.values(), key=lambda one: -one.log_evidence)
     odds = odds_of(evidence)
@@ -231,7 +247,7 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     )
     if not chosen and (doubts or lack.is_certain):
         return result
-    return _with_numbers(result, whole, each)
+    return _with_numbers(result, whole, each, air)
 
 
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
@@ -298,6 +314,22 @@ def _lack_of_one(one: _Fitted) -> LackOfFit:
     return LackOfFit(math.exp(min(log_odds, 700.0)), shape, math.exp(min(sticks, 700.0)))
 
 
+def _other_reading(one: _Fitted) -> str:
+    """Words for a table that can be read in two ways."""
+    assert one.rival is not None
+    said = "; ".join(one.rival.changes) or "it is right as it stands"
+    return f"another reading of {one.sets[0].name} is as likely: {said}"
+
+
+def _spanning(estimate: Estimate | None, others: Sequence[Estimate]) -> Estimate | None:
+    """The estimate, with an interval that reaches to the ends of the others'."""
+    if estimate is None or not others:
+        return estimate
+    low = min(estimate.low, *(other.low for other in others))
+    high = max(estimate.high, *(other.high for other in others))
+    return replace(estimate, low=low, high=high)
+
+
 def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
     """The fit whose α is given: of the law chosen, else of the
     likelier of those with and without e0.
@@ -321,11 +353,16 @@ def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
 
 
 def _doubts(one: _Fitted) -> tuple[str, ...]:
-    """Reasons to give no number for a file: those of its data, and another way to read it."""
+    """Reasons to give no number for a file: those of its data, a scatter that no ball has from one
+    bounce to the next.
+    """
     (s,) = one.sets
     doubts = tuple(s.doubts(one.likeliest))
-    if one.rival:
-        doubts = (*doubts, one.rival)
+    scatter = one.likeliest.scatter
+    if s.needs_gravity and scatter > _MOST_OF_A_TRAIN and not doubts:
+        doubts = (
+            f"e varies by {100 * scatter:.2g} % from bounce to bounce, a ball's by 0.1 to 2 %",
+        )
     return doubts
 
 
@@ -367,10 +404,12 @@ def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
     return tuple(doubts)
 
 
-def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) -> FitResult:
+def _with_numbers(
+    result: FitResult, whole: _Fitted, each: Sequence[_Fitted], air: AirRivals
+) -> FitResult:
     """The result with α, e0 and e of the law that is chosen, or of those left where none is.
 
-    whole: all files together.
+    whole: all files together. air: what the air may be of it; α reaches down to the one in air.
     each: the files by themselves; only those without doubts give a common α.
     """
     if result.law is not None:
@@ -390,10 +429,20 @@ def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) ->
         restitution, share, odd = _constant(whole, used)
         if drops.between is None:
             drops = replace(drops, between=share, odd=odd)
+    elif air.constant is not None:
+        restitution = estimate_of(air.constant, "restitution")
+    alpha = drops.alpha
+    if alpha is not None:
+        alpha = replace(alpha, low=air.share * alpha.low)
+    rivals = [one.rival for one in each if one.rival]
+    alpha = _spanning(alpha, [alpha_of(one.fits[PLAIN], one.fits[WITH_E0]) for one in rivals])
+    if restitution is not None:
+        of_rivals = [estimate_of(one.fits["constant"], "restitution") for one in rivals]
+        restitution = _spanning(restitution, of_rivals)
     warnings = [_odd_one(name, off) for name, off in drops.odd]
     return replace(
         result,
-        alpha=drops.alpha,
+        alpha=alpha,
         e0=e0,
         restitution=restitution,
         between=drops.between,

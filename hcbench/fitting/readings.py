@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.fitting.heights import Heights
+from hcbench.fitting.heights import Heights, SpeedPairs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,6 +36,8 @@ _KEPT = 4
 _CLOSE = 8.0
 # Impacts that a quick score needs.
 _LEAST_IMPACTS = 3
+# From this e on, the speeds in and out were written into each other's columns.
+_MOST_GAIN = 1.1
 # Scatter of ln e that is there in the best of tables.
 _SMOOTHEST = 4e-3
 
@@ -59,6 +61,8 @@ def readings_of(s: Dataset) -> list[Reading]:
 
     Recordings and tracks have a search of their own, and are returned as they are.
     """
+    if isinstance(s, SpeedPairs):
+        return [_turned(s)]
     whole = Reading(s)
     if not _is_table(s):
         return [whole]
@@ -83,6 +87,21 @@ def readings_of(s: Dataset) -> list[Reading]:
     if _smoothness(s) > best[0] - 1e-9:
         return [whole]
     return kept
+
+
+def _turned(s: SpeedPairs) -> Reading:
+    """Pairs of speeds, with those exchanged whose ball would gain energy."""
+    gains = s.twice & (s.restitution > _MOST_GAIN)
+    if not gains.any():
+        return Reading(s)
+    after = s.restitution * s.speed
+    turned = replace(
+        s,
+        speed=np.where(gains, after, s.speed),
+        restitution=np.where(gains, 1.0 / s.restitution, s.restitution),
+    )
+    pairs = [f"{v:.4g} and {w:.4g} m/s" for v, w in zip(s.speed[gains], after[gains], strict=True)]
+    return Reading(turned, tuple(f"the speeds {pair} are exchanged" for pair in pairs))
 
 
 def _is_table(s: Dataset) -> bool:
@@ -148,9 +167,11 @@ def _smoothness(s: Dataset) -> float:
         return -math.inf
     best = _line_score(speed, log_e, error)
     if len(speed) > _LEAST_IMPACTS + 2:
-        for i in range(len(speed)):
+        # A ball that hits something loses more; nothing makes it gain.
+        for i in np.flatnonzero(log_e < np.median(log_e)):
             keep = np.arange(len(speed)) != i
-            best = max(best, _line_score(speed[keep], log_e[keep], error[keep]) + ODD_IMPACT)
+            score = _line_score(speed[keep], log_e[keep], error[keep])
+            best = max(best, score + ODD_IMPACT)
     return best
 
 

@@ -428,6 +428,8 @@ def _law_row(result: FitResult) -> str:
         return (
             "undecided: a constant loss e0 or bodies that stick; the interval of α holds for both"
         )
+    if result.lack.is_likely:
+        return f"undecided: perhaps none of these laws ({odds_text(result.lack.odds)}): {result.lack.shape}"
     return "undecided: several laws fit (see below)"
 
 

@@ -271,6 +271,9 @@ def _track(
 ) -> tuple[str, int]:
     """A film from the hand on, 60 to 240 frames a second, rest after the last bounce, y down often."""
     rate = float(rng.choice([60, 120, 240]))
+    # A flight of fewer frames cannot be told from noise.
+    seen = int(np.argmin(np.append(aloft > 6 / rate, False)))
+    launch, aloft = launch[:seen], aloft[:seen]
     fall = math.sqrt(2 * drop / G)
     path = drop - 0.5 * G * np.linspace(0, fall, 400) ** 2
     clock = np.linspace(0, fall, 400)
@@ -347,7 +350,7 @@ def judged(one: Strange, folder: Path) -> Verdict:
     if law is not None and not is_named:
         return Verdict("wrong", held, half, note)
     if value is None:
-        return Verdict("right" if law else "silent", None, None, note)
+        return Verdict("right" if law else "undecided", None, None, note)
     if held is None:
         return Verdict("silent", None, None, note)
     if not held and not near:
