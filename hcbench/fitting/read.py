@@ -52,8 +52,8 @@ _MOST_TOUCHES = 60
 # Each pair adds an unknown; so many take a dozen seconds.
 _MOST_PAIRS = 500
 _LEAST_SAMPLES = 12
-# So many heights that fall may go with one more that rises.
-_FALLS_FOR_A_RISE = 6
+# Of so many steps one may be wrong.
+_STEPS_FOR_A_RISE = 4
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
 # Letters of the trains in a recording, the likeliest first.
@@ -291,7 +291,7 @@ def _require_falling(columns: DataColumns) -> None:
     and late bounces are equal by rounding.
     """
     falls = np.diff(columns.get("height")) <= 0
-    if (~falls).sum() > 1 + len(falls) // _FALLS_FOR_A_RISE:
+    if (~falls).sum() > len(falls) // _STEPS_FOR_A_RISE:
         columns.require("height", np.concatenate([[True], falls]), "heights that fall")
 
 
@@ -323,7 +323,7 @@ def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     require_bounds(f"{name}: speed_in", before.tolist(), "speed", "m/s")
     gains = after > 1.2 * before
     # A row or two may have the speeds in each other's columns.
-    if gains.sum() > 1 + len(gains) // _FALLS_FOR_A_RISE:
+    if gains.sum() > len(gains) // _STEPS_FOR_A_RISE:
         columns.require("speed_out", ~gains, "from 0 to the speed in")
     columns.require("speed_out", after >= 0, "from 0 to the speed in")
     e = after / before

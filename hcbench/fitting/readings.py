@@ -1,4 +1,4 @@
-"""Which touches the readings of a table are: one may be missing, extra, wrong, or two exchanged.
+"""Readings of a table and the touches that they are: one may be missing, extra, wrong or exchanged.
 
 A table as it stands and its likeliest changes are compared by a quick score first, by how smoothly
 e goes over speed. `fit` then compares the few that are left by their evidence.
@@ -145,7 +145,7 @@ def _changed(reading: Reading) -> Iterator[Reading]:
             kept = np.delete(values, i)
             left = np.delete(numbers, i)
             later = np.where(np.arange(n - 1) >= i, 1, 0)
-            what = f"the reading {shown[i]} is no touch of the ball"
+            what = f"the reading {shown[i]} is not a touch of the ball"
             yield made(kept, left - later, what, _EXTRA + density)
             if 0 < i < n - 1:
                 yield made(kept, left, f"the reading {shown[i]} is wrong", _WRONG + density)
@@ -186,7 +186,7 @@ def _line_score(speed: Floats, log_e: Floats, error: Floats) -> float:
     away = (log_e - columns @ line) / error
     degrees = n - columns.shape[1]
     larger = max(1.0, float((away**2).sum()) / max(degrees, 1))
-    # An e above 1 is no bounce.
+    # An e above 1 means another reading is right.
     gain = float(np.maximum(columns @ line - 0.01, 0.0).sum())
     log_density = -np.log(error * math.sqrt(2.0 * math.pi * larger)) - 0.5 * away**2 / larger
     return float(log_density.sum()) - 20.0 * gain

@@ -40,7 +40,7 @@ class StrangeForce:
 def _contact(law: str, speed: float, loss: float, n: float, stiffness: float) -> Contact:
     """A contact that loses about `loss` of the speed at this speed in m/s."""
     if law == "law":
-        alpha = 0.0 + loss / speed
+        alpha = loss / speed
         return lambda x, v: stiffness * x**n * (1 + 1.5 * alpha * v)
     if law == "kelvin-voigt":
         damping = 2 * min(0.7 * loss, 0.6) * math.sqrt(stiffness)
@@ -116,7 +116,7 @@ def strange_force(seed: int) -> StrangeForce:
 
 
 def judged_force(one: StrangeForce, folder: Path) -> tuple[str, str]:
-    """The outcome, and what was said: "right", "wrong", "wide" or "refused"."""
+    """The outcome and a note: "right", "wrong", "wide" or "refused"."""
     path = folder / "force.csv"
     path.write_text(one.text, encoding="utf-8")
     try:

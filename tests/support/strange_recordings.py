@@ -107,7 +107,7 @@ def _bounces(
     first = math.sqrt(2 * G * drop)
     if truth.ball is not None:
         mass, diameter = truth.ball
-        # Terminal speed squared, without buoyancy: its 1 % is no matter for the first touch.
+        # Terminal speed squared, without buoyancy: 1 % hardly changes the first touch.
         terminal = 2 * mass * G / (1.204 * 0.47 * math.pi / 4 * diameter**2)
         first = math.sqrt(-terminal * math.expm1(-2 * G * drop / terminal))
 
@@ -302,7 +302,7 @@ def _track(
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a fit made of a table.
+    """The outcome of a fit of a table.
 
     outcome: "right", "undecided" (no law, and its interval holds the truth), "wide", "silent" (no
     number), "refused", "wrong", or "crash". held: of a number given, its interval holds the truth.
