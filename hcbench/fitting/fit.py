@@ -16,6 +16,7 @@ from hcbench.fitting.estimate import ODDS_TO_DROP, alpha_of, estimate_of, fit_la
 from hcbench.fitting.heights import odd_drops, shared_value
 from hcbench.fitting.linear import MOST_SCATTER
 from hcbench.fitting.misfits import (
+    LOW_WEIGHT,
     MOST_OUTLIERS,
     PRIOR_OF_ADHESION,
     LackOfFit,
@@ -25,7 +26,7 @@ from hcbench.fitting.misfits import (
     scatter_widths,
     smooth_change,
 )
-from hcbench.fitting.readings import ODD_IMPACT, readings_of
+from hcbench.fitting.readings import ODD_GAIN, ODD_IMPACT, readings_of
 from hcbench.fitting.result import DropResult, FitResult
 from hcbench.fitting.table import computed
 from hcbench.fitting.track import scale_warnings
@@ -145,7 +146,7 @@ def _read(s: Dataset, reference: float) -> _Fitted:
         except (UserError, ArithmeticError, ValueError):
             # No law fits the table read so.
             continue
-        price = reading.log_prior + len(one.impacts) * ODD_IMPACT
+        price = reading.log_prior + _price_of_impacts(one)
         tried.append((one.likeliest.log_evidence + price, one, reading))
     if not tried:
         return _fitted([s], reference)
@@ -158,6 +159,15 @@ def _read(s: Dataset, reference: float) -> _Fitted:
             rival = replace(other, changes=read_so.changes)
             break
     return replace(best, changes=reading.changes, rival=rival)
+
+
+def _price_of_impacts(one: _Fitted) -> float:
+    """ln of the prior odds of the impacts of one file that stand out: of losses, and of gains."""
+    price = 0.0
+    for relative, wide in zip(one.likeliest.latent[0], one.widths[0], strict=True):
+        if wide**-2 < LOW_WEIGHT:
+            price += ODD_IMPACT if relative < 0.0 else ODD_GAIN
+    return price
 
 
 # A reading of a table is given alone if all others are this many times less likely.

@@ -194,7 +194,11 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
         u_e,
         (speed, speed),
         misfit,
-        _systematic(done.fun[inside], _in_a_row(int(inside.sum())), _spread(force[~inside]) / top),
+        _systematic(
+            done.fun[inside],
+            _in_a_row(int(inside.sum())),
+            _spread(force[np.logical_not(inside)]) / top,
+        ),
         by_shape,
     )
 
@@ -327,9 +331,9 @@ def _systematic(
     known_noise: of a reading, where it is known: then all beyond it counts.
     """
     if known_noise is not None:
-        square = float((residual**2).mean())
-        if square * len(residual) > known_noise**2 * chdtri(len(residual), _CHANCE):
-            return math.sqrt(square - known_noise**2)
+        whole = float((residual**2).mean())
+        if whole * len(residual) > known_noise**2 * chdtri(len(residual), _CHANCE):
+            return math.sqrt(whole - known_noise**2)
     # (mean, variance of the mean, points) of each group.
     rows = np.array(
         [

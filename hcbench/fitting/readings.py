@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.recording import Indices
     from hcbench.terms.impact import Floats
 
 # ln of the prior odds of each change, at one place of the table, against none.
@@ -28,6 +29,8 @@ _WRONG = math.log(0.01)
 _EXCHANGED = math.log(0.01)
 # The same of one impact that is far off the others, such as of a ball that hits something.
 ODD_IMPACT = math.log(0.05)
+# The same of one with a far larger e, which no ball has.
+ODD_GAIN = math.log(1e-3)
 # Changes that one table may need.
 _MOST_CHANGES = 4
 # Readings of a table that `fit` compares by their evidence, besides the table as it stands.
@@ -127,7 +130,7 @@ def _changed(reading: Reading) -> Iterator[Reading]:
     density = -math.log(float(np.ptp(values)))
     shown = [f"{value:.4g}{unit}" for value in values]
 
-    def made(kept: Floats, count: Floats, what: str, log_prior: float) -> Reading:
+    def made(kept: Floats, count: Indices, what: str, log_prior: float) -> Reading:
         if isinstance(s, TouchTimes):
             data: Dataset = replace(s, times=kept, numbers=count)
         else:
@@ -202,13 +205,13 @@ def _impacts(s: Dataset) -> tuple[Floats, Floats, Floats]:
     if isinstance(s, TouchTimes):
         flights = np.diff(s.times) - s.setup.contact_time.value
         steps = np.diff(s.which)
-        error = 1.5 * _resolution(s.times)
-        return _from_flights(np.maximum(flights, 1e-6), steps, error, g)
+        of_time = 1.5 * _resolution(s.times)
+        return _from_flights(np.maximum(flights, 1e-6), steps, of_time, g)
     assert isinstance(s, Heights)
     launch = np.sqrt(2.0 * g * s.heights)
-    ratio = np.log(launch[1:] / launch[:-1]) / np.diff(s.which)
+    ratio: Floats = np.log(launch[1:] / launch[:-1]) / np.diff(s.which)
     of_height = _resolution(s.heights) / s.heights
-    error = np.hypot(0.5 * np.hypot(of_height[1:], of_height[:-1]), _SMOOTHEST)
+    error: Floats = np.hypot(0.5 * np.hypot(of_height[1:], of_height[:-1]), _SMOOTHEST)
     return np.sqrt(launch[1:] * launch[:-1]), ratio, error
 
 

@@ -214,7 +214,7 @@ _MOST_E = 0.999
 # A clock's intervals do not grow by more.
 _GROWS = 1.02
 # e at the first touch, by the drop height, over that of the law which gives the second touch's e.
-_HEIGHT_E = (0.5, 1.05)
+_HEIGHT_E = (0.7, 1.05)
 
 
 def require_a_ball(name: str, setup: MeasurementSetup, flights: Floats) -> None:

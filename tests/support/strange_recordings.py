@@ -62,7 +62,7 @@ class Strange:
     disturbance: str
     truth: Truth
     text: str
-    options: dict[str, str] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
     touches: int = 0
     fair: bool = True
 
@@ -114,7 +114,9 @@ def _bounces(
         def fly(launch: float) -> tuple[float, float]:
             return synthesise.flight_in_air(launch, mass, diameter, 0.47)
 
-    before, after, aloft = [], [], []
+    before: list[float] = []
+    after: list[float] = []
+    aloft: list[float] = []
     law = truth.e_of
     for speed, launch, time in synthesise.flights(law, drop, scatter, rng, fly, first):
         if len(before) == most or time < 0.03 or launch < 1e-3:
@@ -145,7 +147,7 @@ def _disturbed(values: np.ndarray, how: str, rng: Rng) -> np.ndarray:
     at = int(rng.integers(1, max(n - 1, 2)))
     if how == "missed" and n > 4:
         return np.delete(values, at)
-    if how == "doubled":
+    if how == "doubled" and n > 3:
         return np.insert(values, at, values[at])
     if how == "swapped" and n > 3:
         changed = values.copy()
@@ -176,7 +178,7 @@ def strange(seed: int) -> Strange:
         if len(before) >= 4:
             break
     v, w, t = np.array(before), np.array(after), np.array(aloft)
-    options: dict[str, str] = {}
+    options: dict[str, Any] = {}
     if truth.ball is not None and rng.random() < 0.3:
         mass, diameter = truth.ball
         options = {"mass": f"{1e3 * mass:g} g", "diameter": f"{1e3 * diameter:g} mm"}
@@ -203,7 +205,7 @@ def _times(aloft: np.ndarray, how: str, rng: Rng) -> tuple[str, int]:
     kept = np.concatenate([[True], aloft > 8 * 10.0**-digits])
     times = (times + noise * rng.standard_normal(len(times)))[kept]
     n = len(times)
-    if how == "doubled":
+    if how == "doubled" and n > 3:
         at = int(rng.integers(1, n))
         times = np.sort(np.append(times, times[at] + rng.uniform(0.012, 0.04)))
     elif how == "before":
