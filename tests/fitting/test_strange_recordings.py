@@ -6,7 +6,6 @@ here; `make test-all` fits as many as the page has, and compares its table.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from pathlib import Path
 
@@ -141,34 +140,36 @@ def test_a_strange_force_is_told_by_its_contact(tmp_path: Path, seed: int) -> No
     assert outcome in ("right", "wide"), note
 
 
-def published(row: str) -> list[float]:
-    """Numbers in a row of the page's table, by the first cell."""
+OUTCOMES = ("right", "undecided", "wide", "silent", "miss", "wrong")
+
+
+def published(row: str) -> dict[str, int]:
+    """Numbers in a row of the page's table, by outcome; "silent" has refused ones too."""
     text = PAGE.read_text(encoding="utf-8")
-    line = next(line for line in text.splitlines() if line.startswith(f"| {row} |"))
-    return [float(x) for x in re.findall(r"(?<![\w.])[\d.]+(?![\w.])", line.partition("|")[2])]
+    (line,) = (line for line in text.splitlines() if line.startswith(f"| {row} |"))
+    return dict(zip(OUTCOMES, map(int, line.strip("| ").split(" | ")[1:]), strict=True))
+
+
+def is_as_published(row: str, outcomes: list[str]) -> None:
+    """Assert that outcomes are those of a row, but for a few at the edge of two on other machines."""
+    count = Counter(outcomes)
+    count["silent"] += count.pop("refused", 0)
+    assert count["crash"] == 0
+    for outcome, said in published(row).items():
+        assert abs(count[outcome] - said) <= 3, outcome
 
 
 @long_study
 def test_the_pages_table_of_disturbed_tables_holds(tmp_path: Path) -> None:
     """Tables 1000 to 1399 of the design."""
-    drawn = list(tables(400, 1000))
-    verdicts = [judged(one, tmp_path) for one in drawn]
-    count = Counter(verdict.outcome for verdict in verdicts)
-    said = dict(
-        zip(("right", "undecided", "wide", "silent", "wrong"), published("tables"), strict=False)
-    )
-    assert count["crash"] == 0
-    for outcome in ("right", "undecided", "wide"):
-        assert abs(count[outcome] - said[outcome]) <= 4, outcome
-    assert count["wrong"] <= said["wrong"] + 1
+    verdicts = [judged(one, tmp_path) for one in tables(400, 1000)]
+    is_as_published("tables", [verdict.outcome for verdict in verdicts])
     held = [verdict.held for verdict in verdicts if verdict.held is not None]
-    assert np.mean(held) > 0.93
+    assert abs(len(held) - 260) <= 3 and sum(held) >= 239
+    assert "in 242 of 260 tables" in " ".join(PAGE.read_text(encoding="utf-8").split())
 
 
 @long_study
 def test_the_pages_row_of_forces_holds(tmp_path: Path) -> None:
     """Records 1000 to 1149 of the design."""
-    count = Counter(judged_force(one, tmp_path)[0] for one in forces(150, 1000))
-    said = published("forces")
-    assert abs(count["right"] - said[0]) <= 3
-    assert count["wrong"] <= said[-1] + 1
+    is_as_published("forces", [judged_force(one, tmp_path)[0] for one in forces(150, 1000)])
