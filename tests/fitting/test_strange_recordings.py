@@ -1,4 +1,4 @@
-"""Tables and force records as people have them: disturbed, coarse, of light balls, of other laws.
+"""Tables and force records that are disturbed, coarse, of light balls, or of other laws.
 
 `strange_recordings` and `strange_forces` draw them from a design, with the truth. A few are fitted
 here; `make test-all` fits as many as the page has, and compares its table.
