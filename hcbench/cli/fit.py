@@ -106,6 +106,7 @@ class _FilesAfterAgainst(Command):
 @output_option("--write-scene", help="Write that scene.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")
+@output_option("--picture", help="Also write e over speed with its 95 % band (PNG or SVG).")
 @output_option(
     "--write-points", help="Write e over speed, for `tune --points` and `check --pairs`."
 )
@@ -127,6 +128,7 @@ def fit(
     write_scene: Path | None,
     law: str,
     page: Path | None,
+    picture: Path | None,
     write_points: Path | None,
     write_material: Path | None,
     force: bool,
@@ -153,6 +155,7 @@ def fit(
         setup,
         as_json,
         page=page,
+        picture=picture,
         write_points=write_points,
         write_material=write_material,
         engine=engine,
@@ -174,6 +177,7 @@ def fit(
         lines,
         force,
         page=page,
+        picture=picture,
         write_points=write_points,
         write_material=write_material,
         write_scene=write_scene,
@@ -276,6 +280,10 @@ def _write(
         from hcbench.reporting.fit_page import fit_page
 
         write_output(page, fit_page(result, lines, _typed(), scene), "--page", force)
+    if (picture := files["picture"]) is not None:
+        from hcbench.reporting.fit_page import curve_picture
+
+        write_output(picture, curve_picture(result, picture.suffix), "--picture", force)
     if (points := files["write_points"]) is not None:
         write_output(points, points_text(result), "--write-points", force)
     if (path := files["write_material"]) is not None:

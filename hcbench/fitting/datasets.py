@@ -11,6 +11,7 @@ import numpy as np
 
 from hcbench.fitting.linear import LinearModel, NoisyData
 from hcbench.fitting.recording import doubts_of, reservation_of
+from hcbench.fitting.setup import require_a_ball
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -67,6 +68,9 @@ class Dataset(NoisyData, ABC):
     def rows(self) -> list[str]:
         """Labels for the rows of the residual; empty if single rows cannot be wrong on their own."""
         return []
+
+    def require_a_ball(self) -> None:
+        """Raise UserError for data that no ball gives, under any law."""
 
     def doubts(self, fit: LawFit) -> Iterator[str]:
         """Yield reasons, under any law, to distrust the data so far that no number is given."""
@@ -197,11 +201,16 @@ class TouchTimes(Dataset):
         return self.setup.timing
 
     @property
-    def _which(self) -> Indices:
+    def which(self) -> Indices:
         """Number of the touch at each time, from 0 for the first that was heard: shape (n,)."""
         if self.numbers is None:
             return np.arange(len(self.times))
         return np.asarray(self.numbers - self.numbers[0])
+
+    def require_a_ball(self) -> None:
+        """Raise UserError for touches of a clock, or of another drop than the given one."""
+        whole = int(np.argmax(np.append(np.diff(self.which) > 1, True))) + 1
+        require_a_ball(self.name, self.setup, np.diff(self.times[:whole]))
 
     @property
     def _first_with_e(self) -> int:
@@ -210,7 +219,7 @@ class TouchTimes(Dataset):
 
     def _launches(self) -> Floats:
         """Launch of every flight; of two that an unheard touch joins, half of both."""
-        which = self._which
+        which = self.which
         full = np.interp(np.arange(which[-1] + 1), which, self.times)
         flights = np.diff(full) - self.setup.contact_time.value
         return 0.5 * self.setup.ballistics.gravity * np.maximum(flights, 1e-4)
@@ -223,14 +232,16 @@ class TouchTimes(Dataset):
         speed, e = pairs_of_launches(self._launches(), self.setup, self.setup.drop)
         if self.numbers is None:
             return speed, e
-        heard = set(self._which.tolist())
+        heard = set(self.which.tolist())
         first = self._first_with_e
         # An e takes the flights on both sides: with an unheard end, a flight's length is a guess.
         whole = []
         for touch in range(first, first + len(e)):
             has_flight_in = touch == 0 or touch - 1 in heard
             whole.append(has_flight_in and touch in heard and touch + 1 in heard)
-        return speed[whole], e[whole]
+        if any(whole):
+            return speed[whole], e[whole]
+        return speed, e
 
     def start(self) -> Floats:
         """Own parameters to start from: time of the first touch, s, and ln of the first speed, m/s."""
@@ -260,8 +271,8 @@ class TouchTimes(Dataset):
         by = np.concatenate(
             [np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)]
         )
-        times = times[self._which]
-        by = by[self._which]
+        times = times[self.which]
+        by = by[self.which]
         q = curve.count
         of_time = (0.0, math.inf)
         of_speed = drop_prior(self.setup, own[1])
@@ -277,7 +288,7 @@ class TouchTimes(Dataset):
 
     def rows(self) -> list[str]:
         """Labels for the rows of the residual: each touch with its time."""
-        return [f"touch {i + 1} at {t:.4f} s" for i, t in zip(self._which, self.times, strict=True)]
+        return [f"touch {i + 1} at {t:.4f} s" for i, t in zip(self.which, self.times, strict=True)]
 
     def doubts(self, fit: LawFit) -> Iterator[str]:
         """Yield reasons to doubt that the touches are the ball's; none if the user chose them."""
@@ -303,9 +314,9 @@ class TouchTimes(Dataset):
 
     def touches(self) -> list[str]:
         """Labels for the columns of by_scatter."""
-        heard = dict(zip(self._which.tolist(), self.rows(), strict=True))
+        heard = dict(zip(self.which.tolist(), self.rows(), strict=True))
         # No flight follows the last touch, so that it has no e.
-        with_e = range(self._first_with_e, int(self._which[-1]))
+        with_e = range(self._first_with_e, int(self.which[-1]))
         return [heard.get(i, f"touch {i + 1}, unheard") for i in with_e]
 
 

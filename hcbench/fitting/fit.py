@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.fitting.air import AirRivals, rivals_in_air
 from hcbench.fitting.budget import error_budget
 from hcbench.fitting.estimate import ODDS_TO_DROP, alpha_of, estimate_of, fit_law, widened
 from hcbench.fitting.heights import odd_drops, shared_value
 from hcbench.fitting.linear import MOST_SCATTER
 from hcbench.fitting.misfits import (
+    LOW_WEIGHT,
     MOST_OUTLIERS,
     PRIOR_OF_ADHESION,
     LackOfFit,
@@ -24,10 +26,19 @@ from hcbench.fitting.misfits import (
     scatter_widths,
     smooth_change,
 )
+from hcbench.fitting.readings import ODD_GAIN, ODD_IMPACT, readings_of
 from hcbench.fitting.result import DropResult, FitResult
 from hcbench.fitting.table import computed
 from hcbench.fitting.track import scale_warnings
-from hcbench.fitting.which_law import FAMILY, LAWS, PLAIN, WITH_E0, chosen_law, laws_left, odds_of
+from hcbench.fitting.which_law import (
+    FAMILY,
+    LAWS,
+    PLAIN,
+    WITH_E0,
+    chosen_law,
+    laws_left,
+    odds_of,
+)
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -36,10 +47,15 @@ if TYPE_CHECKING:
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.linear import Estimate, LawFit
     from hcbench.fitting.misfits import Flag
+    from hcbench.fitting.readings import Reading
     from hcbench.terms.impact import Floats
 
 # Impacts that a warning names.
 _SHOWN = 4
+# Largest scatter of e of one ball's bounces in a row; single impacts of other bodies scatter more.
+_MOST_OF_A_TRAIN = 0.05
+# Why a law is not chosen where the air of a light ball does as well.
+_OR_AIR = "the law, or a constant e in the air of a light ball: give --mass and --diameter"
 # The data cannot be right if the posterior has this share at e > 1.
 _GAINS = 0.999
 
@@ -65,6 +81,8 @@ class _Fitted:
     """All laws on some data sets.
 
     impacts: those that count little, where outliers were looked for.
+    changes: of the table, in words, where it is not read as it stands.
+    rival: the same in another reading that is as likely and gives another result.
     """
 
     sets: Sequence[Dataset]
@@ -72,6 +90,8 @@ class _Fitted:
     widths: Sequence[Floats]
     flags: tuple[Flag, ...]
     impacts: tuple[str, ...]
+    changes: tuple[str, ...] = ()
+    rival: _Fitted | None = None
 
     @property
     def evidence(self) -> dict[str, float]:
@@ -109,6 +129,64 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
     return _Fitted(sets, fits, widths, flags, tuple(impacts))
 
 
+def _read(s: Dataset, reference: float) -> _Fitted:
+    """Fits of all laws to one file, in its likeliest reading.
+
+    reference: m/s. Raises UserError where no law comes near the data in any reading.
+    """
+    readings = readings_of(s)
+    if len(readings) == 1:
+        (only,) = readings
+        s.require_a_ball()
+        return replace(_fitted([only.data], reference), changes=only.changes)
+    tried: list[tuple[float, _Fitted, Reading]] = []
+    for reading in readings:
+        try:
+            one = _fitted([reading.data], reference)
+        except (UserError, ArithmeticError, ValueError):
+            # No law fits the table read so.
+            continue
+        price = reading.log_prior + _price_of_impacts(one)
+        tried.append((one.likeliest.log_evidence + price, one, reading))
+    if not tried:
+        return _fitted([s], reference)
+    tried.sort(key=lambda each: -each[0])
+    top, best, reading = tried[0]
+    reading.data.require_a_ball()
+    rival = None
+    for score, other, read_so in tried[1:]:
+        if score > top - math.log(_ODDS_TO_READ) and _differ(best, other):
+            rival = replace(other, changes=read_so.changes)
+            break
+    return replace(best, changes=reading.changes, rival=rival)
+
+
+def _price_of_impacts(one: _Fitted) -> float:
+    """ln of the prior odds of the impacts of one file that stand out: of losses, and of gains."""
+    price = 0.0
+    for relative, wide in zip(one.likeliest.latent[0], one.widths[0], strict=True):
+        if wide**-2 < LOW_WEIGHT:
+            price += ODD_IMPACT if relative < 0.0 else ODD_GAIN
+    return price
+
+
+# A reading of a table is given alone if all others are this many times less likely.
+_ODDS_TO_READ = 100.0
+# A difference of e, and a share of α, that two readings of a table may have and still agree.
+_SAME_E = 0.01
+_SAME_ALPHA = 0.05
+
+
+def _differ(one: _Fitted, other: _Fitted) -> bool:
+    """Say whether two readings of a table give another e, or another α."""
+    middle = one.likeliest.reference
+    if abs(one.likeliest.curve.at(middle) - other.likeliest.curve.at(middle)) > _SAME_E:
+        return True
+    first, second = (alpha_of(each.fits[PLAIN], each.fits[WITH_E0]) for each in (one, other))
+    is_outside = not first.low <= second.value <= first.high
+    return is_outside and abs(second.value - first.value) > _SAME_ALPHA * first.value
+
+
 def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     """Fit of some data sets.
 
@@ -118,7 +196,9 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     """
     speeds = np.concatenate([s.pairs()[0] for s in sets])
     reference = float(np.exp(np.log(speeds).mean()))
-    each = [_fitted([s], reference) for s in sets]
+    each = [_read(s, reference) for s in sets]
+    sets = [one.sets[0] for one in each]
+    speeds = np.concatenate([s.pairs()[0] for s in sets])
     is_alone = len(each) == 1
     whole = each[0]
     if not is_alone:
@@ -134,10 +214,20 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     reservation = ""
     if all(s.reservation for s in sets):
         reservation = sets[0].reservation
+    air = AirRivals()
+    if chosen_law(evidence) in FAMILY:
+        air = rivals_in_air(sets, whole.fits, whole.widths)
+    if air.constant is not None:
+        reservation = _OR_AIR
+        if is_alone:
+            log_odds, _ = smooth_change(air.constant, sets[0])
+            lack = replace(lack, odds=min(lack.odds, math.exp(log_odds)))
+    if rivals := [one for one in each if one.rival]:
+        reservation = _other_reading(rivals[0])
     chosen: str | None = law
     if law == "auto":
         chosen = chosen_law(evidence)
-        if doubts or reservation or lack.is_certain or _may_stick(evidence, lack):
+        if doubts or reservation or lack.is_likely or _may_stick(evidence, lack):
             chosen = None
     fits = sorted(whole.fits.values(), key=lambda one: -one.log_evidence)
     odds = odds_of(evidence)
@@ -167,7 +257,7 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     )
     if not chosen and (doubts or lack.is_certain):
         return result
-    return _with_numbers(result, whole, each)
+    return _with_numbers(result, whole, each, air)
 
 
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
@@ -234,6 +324,22 @@ def _lack_of_one(one: _Fitted) -> LackOfFit:
     return LackOfFit(math.exp(min(log_odds, 700.0)), shape, math.exp(min(sticks, 700.0)))
 
 
+def _other_reading(one: _Fitted) -> str:
+    """Words for a table that can be read in two ways."""
+    assert one.rival is not None
+    said = "; ".join(one.rival.changes) or "it is right as it stands"
+    return f"another reading of {one.sets[0].name} is as likely: {said}"
+
+
+def _spanning(estimate: Estimate | None, others: Sequence[Estimate]) -> Estimate | None:
+    """The estimate, with an interval that reaches to the ends of the others'."""
+    if estimate is None or not others:
+        return estimate
+    low = min(estimate.low, *(other.low for other in others))
+    high = max(estimate.high, *(other.high for other in others))
+    return replace(estimate, low=low, high=high)
+
+
 def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
     """The fit whose α is given: of the law chosen, else of the
     likelier of those with and without e0.
@@ -249,11 +355,25 @@ def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
     evidence: ln of the evidence of each law, of all files together.
     """
     (s,) = one.sets
-    doubts = tuple(s.doubts(one.likeliest))
+    doubts = _doubts(one)
     if doubts:
         return DropResult(s.name, None, None, doubts)
     alpha = _own_alpha(one, None, evidence, ODDS_TO_DROP)
     return DropResult(s.name, alpha, estimate_of(one.fits["constant"], "restitution"), ())
+
+
+def _doubts(one: _Fitted) -> tuple[str, ...]:
+    """Reasons to give no number for a file: those of its data, a scatter that no ball has from one
+    bounce to the next.
+    """
+    (s,) = one.sets
+    doubts = tuple(s.doubts(one.likeliest))
+    scatter = one.likeliest.scatter
+    if s.needs_gravity and scatter > _MOST_OF_A_TRAIN and not doubts:
+        doubts = (
+            f"e varies by {100 * scatter:.2g} % from bounce to bounce, a ball's by 0.1 to 2 %",
+        )
+    return doubts
 
 
 def _may_stick(evidence: dict[str, float], lack: LackOfFit) -> bool:
@@ -294,10 +414,12 @@ def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
     return tuple(doubts)
 
 
-def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) -> FitResult:
+def _with_numbers(
+    result: FitResult, whole: _Fitted, each: Sequence[_Fitted], air: AirRivals
+) -> FitResult:
     """The result with α, e0 and e of the law that is chosen, or of those left where none is.
 
-    whole: all files together.
+    whole: all files together. air: what the air may be of it; α reaches down to the one in air.
     each: the files by themselves; only those without doubts give a common α.
     """
     if result.law is not None:
@@ -317,10 +439,20 @@ def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) ->
         restitution, share, odd = _constant(whole, used)
         if drops.between is None:
             drops = replace(drops, between=share, odd=odd)
+    elif air.constant is not None:
+        restitution = estimate_of(air.constant, "restitution")
+    alpha = drops.alpha
+    if alpha is not None:
+        alpha = replace(alpha, low=air.share * alpha.low)
+    rivals = [one.rival for one in each if one.rival]
+    alpha = _spanning(alpha, [alpha_of(one.fits[PLAIN], one.fits[WITH_E0]) for one in rivals])
+    if restitution is not None:
+        of_rivals = [estimate_of(one.fits["constant"], "restitution") for one in rivals]
+        restitution = _spanning(restitution, of_rivals)
     warnings = [_odd_one(name, off) for name, off in drops.odd]
     return replace(
         result,
-        alpha=drops.alpha,
+        alpha=alpha,
         e0=e0,
         restitution=restitution,
         between=drops.between,
@@ -429,7 +561,9 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
             warnings.append(
                 f"these impacts scatter far more than the others and count little: {shown}{more}"
             )
-        if len(each) > 1 and (doubts := list(one.sets[0].doubts(one.likeliest))):
+        if one.changes:
+            warnings.append(f"{one.sets[0].name} is read so: {'; '.join(one.changes)}")
+        if len(each) > 1 and (doubts := _doubts(one)):
             warnings.append(f"{one.sets[0].name} is left out: {doubts[0]}")
     if whole.likeliest.scatter > 0.9 * MOST_SCATTER:
         warnings.append(

@@ -17,6 +17,7 @@ from hcbench.terms.resolution import SIGMAS_95
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from hcbench.fitting.recording import Indices
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
@@ -124,6 +125,7 @@ class Heights(Dataset):
     """Heights to which a ball rises after successive bounces.
 
     heights: (n,), m, of successive bounces; the first may be where the ball was let go.
+    numbers: (n,), which bounce each is, from 0; None: none is missing.
 
     Own parameter: ln of the speed of the first touch where the drop height is
     given, else of the first launch.
@@ -133,6 +135,7 @@ class Heights(Dataset):
     setup: MeasurementSetup
     heights: Floats
     uncertainty: float | None = None
+    numbers: Indices | None = None
     noise_scale: ClassVar[float] = 1e-3
     noise_unit: ClassVar[str] = "m"
 
@@ -146,6 +149,13 @@ class Heights(Dataset):
         """s_m where it is given."""
         return self.uncertainty
 
+    @property
+    def which(self) -> Indices:
+        """Number of the bounce of each height, from 0: shape (n,)."""
+        if self.numbers is None:
+            return np.arange(len(self.heights))
+        return self.numbers
+
     def _launches(self) -> Floats:
         """Launch speeds that reach the heights, m/s: shape (n,).
 
@@ -158,8 +168,15 @@ class Heights(Dataset):
         return np.sqrt(np.expm1(2.0 * drag * g * self.heights) / drag)
 
     def pairs(self) -> tuple[Floats, Floats]:
-        """Rough impact speeds (m/s) and e, without the law."""
-        return pairs_of_launches(self._launches(), self.setup, self.setup.drop)
+        """Rough impact speeds (m/s) and e, without the law; of bounces in a row alone."""
+        speed, e = pairs_of_launches(self._launches(), self.setup, self.setup.drop)
+        steps = np.diff(self.which)
+        if self.setup.height is not None:
+            steps = np.diff(self.which, prepend=-1)
+        if (steps == 1).any():
+            return speed[steps == 1], e[steps == 1]
+        # Over a gap e is that of several bounces; better than none to start from.
+        return speed, e ** (1.0 / steps)
 
     def start(self) -> Floats:
         """Own parameters to start from."""
@@ -181,10 +198,10 @@ class Heights(Dataset):
         ballistics = self.setup.ballistics
         train = bounce_train(curve, ballistics, math.exp(own[0]), latent, dropped)
         apex = np.array([ballistics.apex(w) for w in train.launch])
-        by = apex[:, 1:] * train.by
+        by = (apex[:, 1:] * train.by)[self.which]
         q = curve.count
         return LinearModel(
-            residual=self.heights - apex[:, 0] + by[:, 1 + q :] @ latent,
+            residual=self.heights - apex[self.which, 0] + by[:, 1 + q :] @ latent,
             by_own=by[:, :1],
             by_law=by[:, 1 : 1 + q],
             by_scatter=by[:, 1 + q :],
@@ -195,12 +212,12 @@ class Heights(Dataset):
 
     def touches(self) -> list[str]:
         """Labels for the columns of by_scatter."""
-        count = len(self.heights) - (self.setup.height is None)
+        count = int(self.which[-1]) + (self.setup.height is not None)
         return [f"bounce {i + 1}" for i in range(count)]
 
     def rows(self) -> list[str]:
         """Labels for the rows of the residual."""
-        return [f"height {i + 1}" for i in range(len(self.heights))]
+        return [f"height {i + 1}" for i in self.which]
 
 
 # Grid over the scatter between drops.

@@ -182,6 +182,10 @@ def reduce(
     )
 
 
+# Rows of a matrix that LAPACK decomposes in one thread.
+_BLOCK = 256
+
+
 def _directions(by_scatter: Floats) -> tuple[Floats, Floats, Floats]:
     """Singular value decomposition of D, (n, m): vectors (n, k), sizes (k,) and turn (k, m).
 
@@ -191,7 +195,17 @@ def _directions(by_scatter: Floats) -> tuple[Floats, Floats, Floats]:
     size = np.diagonal(by_scatter)
     if n == m and np.count_nonzero(by_scatter) == np.count_nonzero(size):
         return np.eye(n), size.copy(), np.eye(n)
-    return np.linalg.svd(by_scatter, full_matrices=False)
+    if n <= _BLOCK:
+        return np.linalg.svd(by_scatter, full_matrices=False)
+    # By blocks of rows, of which one matrix of all their triangles is decomposed: LAPACK takes all
+    # threads for more rows, and waits for them a hundred times as long as it computes.
+    blocks = [np.linalg.qr(rows) for rows in np.array_split(by_scatter, math.ceil(n / _BLOCK))]
+    joined, square = np.linalg.qr(np.concatenate([triangle for _, triangle in blocks]))
+    turned, size, turn = np.linalg.svd(square)
+    ends = np.cumsum([len(triangle) for _, triangle in blocks])[:-1]
+    parts = np.split(joined @ turned, ends)
+    vectors = [along @ part for (along, _), part in zip(blocks, parts, strict=True)]
+    return np.concatenate(vectors), size, turn
 
 
 # Grids over scatter and noise of measuring, and the likelihood of a law over them.

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 # Chance that good data have one touch flagged.
 _CHANCE = 0.01
+# Twice the ln of likelihood by which an error of measuring must lead, to be named.
+_TIE = 1.0
 # With fewer degrees of freedom no outlier can be told from the scatter.
 _LEAST_FREE = 3
 
@@ -66,7 +68,9 @@ def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
         directions = np.stack(columns, axis=1)
         gain, size = _gains(fit, i, directions)
         limit = float(chdtri(1, _CHANCE / len(candidates)))
-        worst = int(np.argmax(gain))
+        # The first reading is as well off where the first impact is: then the impact is named.
+        is_impact = np.array([what == "bounced off" for _, what in candidates])
+        worst = int(np.argmax(gain + _TIE * is_impact))
         if gain[worst] > limit:
             name, what = candidates[worst]
             yield Flag(s.name, name, what, float(size[worst]), float(np.sqrt(gain[worst])))
@@ -143,6 +147,9 @@ MOST_OUTLIERS = 0.25
 # Degrees of freedom of Student's t distribution, which stands for the scatter with outliers.
 _FREEDOM = 4.0
 _ROUNDS = 3
+# Impacts of a file that may be anywhere at first, at most, and their width over s_e.
+_MOST_FREED = 3
+_ANYWHERE = 100.0
 
 
 def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> list[Floats]:
@@ -154,7 +161,7 @@ def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float)
 
     reference: m/s.
     """
-    widths: list[Floats] | None = None
+    widths = _freed(law, sets, reference)
     for _ in range(_ROUNDS):
         fit = fit_law(law, sets, reference, widths)
         widths = []
@@ -166,7 +173,28 @@ def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float)
             # Mean square of each e off the law, in units of s_e².
             square = ((relative / wide) ** 2 + variance) * wide**2 / fit.scatter**2
             widths.append(np.sqrt((_FREEDOM + square) / (_FREEDOM + 1.0)))
-    assert widths is not None
+    return widths
+
+
+def _freed(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> list[Floats]:
+    """Widths to start from, (m,) per data set: impacts that stand out, a few, may be anywhere.
+
+    One impact far off raises the scatter of all so much that it would hardly count as one.
+    reference: m/s.
+    """
+    widths = [np.ones(len(s.touches())) for s in sets]
+    count = sum(map(len, widths))
+    for _ in range(min(_MOST_FREED, int(MOST_OUTLIERS * count))):
+        off = [
+            (flag, wide, s.touches().index(flag.touch))
+            for (s, wide) in zip(sets, widths, strict=True)
+            for flag in flagged_touches(fit_law(law, [s], reference, [wide]), [s])
+            if flag.what == "bounced off"
+        ]
+        if not off:
+            break
+        for _, wide, touch in off:
+            wide[touch] = _ANYWHERE
     return widths
 
 
@@ -187,6 +215,8 @@ def doubted_impacts(sets: Sequence[Dataset], widths: Sequence[Floats]) -> list[s
 
 # From these odds on, a change besides the law is certain, and no law of the list fits.
 ODDS_AGAINST = 10.0
+# From these odds on a change besides the law is so likely that no law is chosen.
+_ODDS_TO_DOUBT = 2.5
 # Prior odds of adhesion against a constant loss e0, which is the rule.
 PRIOR_OF_ADHESION = 1.0 / 3.0
 # From these odds on adhesion may be what seems a constant loss.
@@ -220,6 +250,11 @@ class LackOfFit:
     def is_certain(self) -> bool:
         """True if none of the laws fits."""
         return self.odds > ODDS_AGAINST
+
+    @property
+    def is_likely(self) -> bool:
+        """True if the data speak against all laws, and no law is to be chosen."""
+        return self.odds > _ODDS_TO_DOUBT
 
     @property
     def may_stick(self) -> bool:

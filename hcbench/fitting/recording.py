@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Callable, Iterator
@@ -297,6 +298,14 @@ if TYPE_CHECKING:
 # Lower and upper ends of the bands, Hz: ringing and speech are low and clicks reach high, but so
 # does noise.
 _BANDS = ((1200.0, None), (4000.0, None), (8000.0, None), (1200.0, 5000.0), (500.0, 2500.0))
+# Edges of the bands whose evidence for an onset is summed, Hz.
+_EDGES = (500.0, 1200.0, 2500.0, 5000.0, 10000.0, 18000.0)
+# An onset is louder for one of these times than the sound before it, s: clicks ring or do not.
+_LONG = (0.7e-3, 3e-3)
+# The sound before it is averaged over this time, s.
+_LAST_OF_ALL = 8e-3
+# Evidence, as ln of a likelihood, from which on there is an onset.
+_ONSET = 12.0
 # A click is louder for this long than the sound just before it, s.
 _NEXT = 0.6e-3
 # The sound before it is averaged over this time, s.
@@ -342,6 +351,58 @@ def bands(recording: Recording) -> Iterator[FrequencyBand]:
         filtered = _filtered(recording, frequency, upper)
         places, level = _clicks(filtered, recording.rate, recording.step)
         yield FrequencyBand(frequency, filtered, recording.rate, places, level)
+    yield _all_bands(recording)
+
+
+def _all_bands(recording: Recording) -> FrequencyBand:
+    """The recording with a noise alike at all frequencies, and onsets by the evidence of all bands.
+
+    An onset counts in each band as the ln of the likelihood that its energy has risen, above what
+    was before and above the noise; the sum over bands has one threshold, which white noise passes
+    about once in a recording. Long clicks count over a longer time.
+    """
+    rate = recording.rate
+    sound = np.zeros(len(recording.sound))
+    evidence = np.zeros(len(recording.sound))
+    power = np.zeros(len(recording.sound))
+    for lower, upper in itertools.pairwise(_EDGES):
+        if lower > 0.3 * rate:
+            break
+        top = upper
+        if upper > 0.45 * rate:
+            top = 0.45 * rate
+        part = _filtered(recording, lower, top)
+        energy = np.concatenate([[0.0], np.cumsum(part**2)])
+        before = _mean_over(energy, -round(_LAST_OF_ALL * rate))
+        noise = float(np.median(before)) + recording.step**2 + 1e-30
+        sound += part / math.sqrt(noise)
+        band = np.zeros(len(part))
+        for duration in _LONG:
+            after = _mean_over(energy, round(duration * rate))
+            rise = np.maximum(after / np.maximum(before, noise), 1.0)
+            # Half the number of independent values of the energy: band times duration.
+            half = (top - lower) * duration
+            band = np.maximum(band, half * (rise - 1.0 - np.log(rise)))
+        evidence += band
+        power += np.maximum(_mean_over(energy, round(_LONG[0] * rate)) / noise - 1.0, 0.0)
+    peaks, _ = find_peaks(evidence, height=_ONSET, distance=max(1, round(_APART * rate)))
+    # The evidence of a loud click begins a window before it: its power is largest within.
+    level = 10.0 * np.log10(np.maximum(power[peaks], 1e-3))
+    kept = np.sort(np.argsort(-evidence[peaks])[:_MOST_CLICKS])
+    return FrequencyBand(_EDGES[0], sound, rate, peaks[kept], level[kept])
+
+
+def _mean_over(energy: Floats, samples: int) -> Floats:
+    """Mean energy of so many samples from each on, or before each where below 0: shape (n,).
+
+    energy: sums from the start, (n + 1,).
+    """
+    n = len(energy) - 1
+    at = np.arange(n)
+    first = np.clip(at + min(samples, 0), 0, n)
+    last = np.clip(at + max(samples, 0), 0, n)
+    # The first samples have nothing before them.
+    return np.asarray((energy[last] - energy[first]) / np.maximum(last - first, 1))
 
 
 def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats:
@@ -480,14 +541,6 @@ def _shift_to(template: Floats, piece: Floats, reach: int) -> float:
 
 # Touches heard in a recording, and why they may not be the ball's.
 
-# Touches of a train that rivals the first one, at least.
-_RIVAL_TOUCHES = 5
-# Largest scatter of e of a rival.
-_RIVAL_SCATTER = 0.03
-# Standard deviations by which a rival's α differs, at least.
-_RIVAL_APART = 3.0
-# Share of the first train's α by which a rival's α differs, at least.
-_RIVAL_SHARE = 0.02
 # A lower score, as ln odds, is hardly more regular than noise.
 _LEAST_SCORE = 10.0
 # Touches that a fit needs.
@@ -531,24 +584,6 @@ class Picks:
         )
 
 
-def rivals(heard: Sequence[Picks]) -> list[Picks]:
-    """Trains that may be the ball's as well as the first, and give another α; empty without any.
-
-    heard: one or more, the first the one taken. Trains too short for a fit are not rivals.
-    """
-    best, others = heard[0], []
-    for other in heard[1:]:
-        if best.alpha is None or other.alpha is None or other.scatter is None:
-            continue
-        if len(other.times) < _RIVAL_TOUCHES or other.scatter > _RIVAL_SCATTER:
-            continue
-        off = abs(other.alpha.value - best.alpha.value)
-        sd = math.hypot(other.alpha.uncertainty, best.alpha.uncertainty)
-        if off > max(_RIVAL_APART * sd, _RIVAL_SHARE * best.alpha.value):
-            others.append(other)
-    return others
-
-
 def reservation_of(heard: Sequence[Picks]) -> str:
     """Reason to choose no law although the first train is likely the ball's; "" without one."""
     best = heard[0]
@@ -580,6 +615,4 @@ def doubts_of(
         reasons.append(
             f"the first impact would be at {fastest:.2g} m/s; give --height for a fall that high"
         )
-    if rivals(heard):
-        reasons.append("another train of clicks gives another α")
     return reasons

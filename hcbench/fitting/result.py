@@ -261,6 +261,8 @@ def _touch_times(result: FitResult) -> TouchTimes:
 SCHEMA = 1
 _POINTS = 20
 _BAND_POINTS = 25
+# Times of touches in a line of text.
+_TIMES_A_LINE = 10
 
 
 def with_uncertainty(value: float, uncertainty: float) -> str:
@@ -428,6 +430,8 @@ def _law_row(result: FitResult) -> str:
         return (
             "undecided: a constant loss e0 or bodies that stick; the interval of α holds for both"
         )
+    if result.lack.is_likely:
+        return f"undecided: perhaps none of these laws ({odds_text(result.lack.odds)}): {result.lack.shape}"
     return "undecided: several laws fit (see below)"
 
 
@@ -441,10 +445,13 @@ def _heard(result: FitResult) -> list[str]:
     lines = []
     for s in result.sets:
         if isinstance(s, TouchTimes) and s.picks is not None:
-            shown = zip(s.picks.numbers, s.picks.times, s.picks.level, strict=True)
-            rows = [(f"{n + 1}", f"{t:.5f}", f"{level:.0f}") for n, t, level in shown]
-            lines += ["", f"{s.name}: touches heard above {s.picks.band:g} Hz"]
-            lines += table(("touch", "s", "dB over the noise"), rows)
+            lines += ["", f"{s.name}: touches heard above {s.picks.band:g} Hz, s"]
+            places = [f"{time:.5f}" for time in s.picks.times]
+            missed = int(s.picks.numbers[-1]) + 1 - len(places)
+            for begin in range(0, len(places), _TIMES_A_LINE):
+                lines.append("  " + "  ".join(places[begin : begin + _TIMES_A_LINE]))
+            if missed:
+                lines.append(f"  and {missed} between them that were not heard")
             lines += _trains(s)
     return lines
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # A law is chosen if all others are this many times less likely.
 ODDS_TO_TELL = 25.0
 # A law other than eq. (16) needs less of a lead over the law with e0, which can bend towards any.
-ODDS_OVER_E0 = 3.0
+ODDS_OVER_E0 = 10.0
 PLAIN = "hunt-crossley"
 WITH_E0 = "hunt-crossley with e0"
 EITHER = "hunt-crossley, with or without e0"

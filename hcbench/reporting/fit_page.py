@@ -26,6 +26,7 @@ from hcbench.reporting.plot_style import (
     new_figure,
     speed_axis,
 )
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 _WINDOW = 8e-4
 # s of sound before the first touch and after the last.
 _BESIDE = 0.3
+# Dots an inch of a picture.
+_DOTS = 150
 # Points of the drawn waveform, at most.
 _MOST_SAMPLES = 4000
 
@@ -104,6 +107,21 @@ def _curve_figure(result: FitResult) -> Figure:
     axes.yaxis.label.set_color(INK)
     speed_axis(axes, inches=False)
     return figure
+
+
+def curve_picture(result: FitResult, suffix: str) -> bytes:
+    """e over impact speed with its 95 % band, as a file of this suffix: ".png" or ".svg".
+
+    Raises UserError for another suffix.
+    """
+    # A file without the date or a version of its writer is the same on every day.
+    metadata = {".png": {"Software": None}, ".svg": {"Date": None}}.get(suffix.lower())
+    if metadata is None:
+        raise UserError("--picture", f"the suffix {suffix!r}", ".png or .svg")
+    content = io.BytesIO()
+    figure = _curve_figure(result)
+    figure.savefig(content, format=suffix.lower()[1:], dpi=_DOTS, metadata=metadata)
+    return content.getvalue()
 
 
 def _residual_figure(result: FitResult) -> Figure:

@@ -1,0 +1,96 @@
+"""The air as a rival of the law: the drag of a light ball looks like a loss that grows with speed.
+
+Where mass and size of the ball are not given, a constant e in air and the law in air are tried with
+light balls, of which a table tennis ball is the lightest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.fitting.estimate import alpha_of, fit_law
+from hcbench.fitting.setup import Known
+from hcbench.fitting.which_law import LAWS, ODDS_TO_TELL, PLAIN, WITH_E0
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.linear import LawFit
+    from hcbench.terms.impact import Floats
+
+# Masses, kg, of balls of 40 mm: of table tennis, and of solid rubber.
+_LIGHTEST = 2.7e-3
+_HEAVIEST = 30e-3
+_HALVINGS = 3
+_DIAMETER = 40e-3
+# ln of the prior odds of such a ball against one that is heavy for its size.
+_LIGHT = math.log(0.1)
+# s/m: the air of a table tennis ball changes α by 0.006 to 0.009, a tenth of this.
+_MOST_ALPHA = 0.09
+
+
+@dataclass(frozen=True, slots=True)
+class AirRivals:
+    """Fits in air that the data leave beside the law's in a vacuum.
+
+    constant: a constant e in air, the likeliest; None where the data rule it out.
+    share: α in air over α in a vacuum, the least that is left; 1 where none is.
+    """
+
+    constant: LawFit | None = None
+    share: float = 1.0
+
+
+def rivals_in_air(
+    sets: Sequence[Dataset],
+    fits: Mapping[str, LawFit],
+    widths: Sequence[Floats],
+) -> AirRivals:
+    """The rivals of a fit in a vacuum; none for a given ball, for single impacts, or a large α.
+
+    fits: of all laws, in a vacuum. widths: per data set (m,), of each e's scatter over s_e.
+    """
+    if not all(s.needs_gravity for s in sets) or sets[0].setup.has_air:
+        return AirRivals()
+    alpha = alpha_of(fits[PLAIN], fits[WITH_E0]).value
+    if not 0.0 < alpha < _MOST_ALPHA:
+        return AirRivals()
+    reference = fits[PLAIN].reference
+    least = max(fit.log_evidence for fit in fits.values()) - math.log(ODDS_TO_TELL)
+
+    def in_air(law: str, mass: float) -> LawFit:
+        ball = replace(sets[0].setup, mass=Known(mass), diameter=Known(_DIAMETER))
+        return fit_law(LAWS[law], [s.with_setup(ball) for s in sets], reference, widths)
+
+    log_mass, constant = _likeliest_mass(lambda mass: in_air("constant", mass))
+    share = 1.0
+    for mass in (_LIGHTEST, math.exp(log_mass)):
+        plain = in_air(PLAIN, mass)
+        lossy = in_air(WITH_E0, mass)
+        if max(plain.log_evidence, lossy.log_evidence) + _LIGHT > least:
+            share = min(share, alpha_of(plain, lossy).value / alpha)
+    if constant.log_evidence + _LIGHT > least:
+        return AirRivals(constant, share)
+    return AirRivals(None, share)
+
+
+def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:
+    """ln of the mass in kg at which a fit is likeliest, and that fit: by halving a grid twice."""
+    tried = {
+        x: fitted(math.exp(x))
+        for x in np.linspace(math.log(_LIGHTEST), math.log(_HEAVIEST), 4).tolist()
+    }
+    step = math.log(_HEAVIEST / _LIGHTEST) / 3.0
+    for _ in range(_HALVINGS):
+        step *= 0.5
+        best = max(tried, key=lambda x: tried[x].log_evidence)
+        for x in (best - step, best + step):
+            if math.log(_LIGHTEST) <= x <= math.log(_HEAVIEST):
+                tried[x] = fitted(math.exp(x))
+    best = max(tried, key=lambda x: tried[x].log_evidence)
+    return best, tried[best]
