@@ -82,9 +82,29 @@ static void in_body_axes(const double* R, const double* A, double* out) {
   }
 }
 
-/* The change x of a free body's six velocities while it turns freely for a step from velocities v: the angular ones by
-   Euler's equations in small Runge-Kutta steps, the linear ones so that its centre of mass keeps its speed. */
-static void turn_freely(const mjModel* m, const mjData* d, int body, const double* v, double* x) {
+/* w x (w x r): the centripetal acceleration of a free body's centre of mass about its frame; w: at its velocities v. */
+static void centripetal(const mjData* d, int body, const double* v, double* out) {
+  double w[3], r[3], arm[3];
+  mju_sub3(r, d->subtree_com + 3 * body, d->xpos + 3 * body);
+  mju_mulMatVec3(w, d->xmat + 9 * body, v + 3);
+  mju_cross(arm, w, r);
+  mju_cross(out, w, arm);
+}
+
+/* What half a step adds to the velocity of every point of a lone body, shape (3,): MuJoCo's velocities lag its places by that
+   much, and the frame of a body whose mass is off it is accelerated by its turning alone. 0 of others, and in RK4. */
+static void lead_of(const mjModel* m, const mjData* d, int body, double* lead) {
+  int root = m->body_weldid[body], dof = m->body_dofadr[root];
+  mju_zero3(lead);
+  if (m->opt.integrator == mjINT_RK4 || dof < 0 || !is_lone(m, dof)) return;
+  centripetal(d, root, d->qvel + dof, lead);
+  mju_scl3(lead, lead, -0.5 * m->opt.timestep);
+}
+
+/* The change x of a free body's six velocities while it turns freely for a step from velocities v, which were `before` until an
+   impact in the middle of the step: the angular ones by Euler's equations in small Runge-Kutta steps, the linear ones so that its
+   centre of mass keeps its speed from place to place. */
+static void turn_freely(const mjModel* m, const mjData* d, int body, const double* before, const double* v, double* x) {
   const double *R = d->xmat + 9 * body, *I = d->crb + 10 * body;
   double world[9] = {I[0], I[3], I[4], I[3], I[1], I[5], I[4], I[5], I[2]}, J[9], inverse[9];
   double w[3] = {v[3], v[4], v[5]}, r[3], spin[3], arm[3], at[3], rate[4][3], h = m->opt.timestep;
@@ -105,10 +125,10 @@ static void turn_freely(const mjModel* m, const mjData* d, int body, const doubl
   mju_sub3(r, d->subtree_com + 3 * body, d->xpos + 3 * body);
   mju_mulMatVec3(spin, R, x + 3);
   mju_cross(x, r, spin);
-  mju_mulMatVec3(spin, R, v + 3);
-  mju_cross(arm, spin, r);
-  mju_cross(at, spin, arm);
-  mju_addToScl3(x, at, -h);
+  centripetal(d, body, before, at);
+  mju_addToScl3(x, at, -0.5 * h);
+  centripetal(d, body, v, at);
+  mju_addToScl3(x, at, -0.5 * h);
 }
 
 /* Of lone bodies. One is to change by y, that of the impulse and of free turning (turn_freely). Euler integrates
@@ -121,7 +141,7 @@ static void shift_lone(const mjModel* m, mjData* d, const double* impulse, const
     int body = m->dof_bodyid[j];
     if (!is_lone(m, j) || j != m->body_dofadr[body] || mju_norm(impulse + j, 6) == 0) continue;
     mju_add(after, d->qvel + j, change + j, 6);
-    if (!rk4) turn_freely(m, d, body, after, turn + j);
+    if (!rk4) turn_freely(m, d, body, d->qvel + j, after, turn + j);
     mju_add(y, change + j, turn + j, 6);
     mju_addTo(after, turn + j, 6);
     lone_bias(d, body, linear ? after : d->qvel + j, f);

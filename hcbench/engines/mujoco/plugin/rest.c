@@ -22,7 +22,8 @@
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
   int instance, id, order, contact, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
-  double rate[6], turn[3], friction[5]; /* turn: of the rates the last three, after the impact */
+  double rate[6], lead[3], turn[3], friction[5]; /* lead: of the first three of the rates, by half a step; turn: of
+                                            the last three, after the impact */
   double slip, dilation, parting, swing, x, constant; /* dilation: speed at which the slip parts MuJoCo's cones; swing: at most what
                                                          turning adds to the rate in a step; constant: solref's first number */
   const double *point, *frame;

@@ -34,7 +34,7 @@ static hcb_contact law_of_contact(const mjModel* m, const instance* own, double 
 }
 
 static void read_contact(const mjModel* m, const mjData* d, const instance* memory, const mjContact* c, blow* b) {
-  double v1[3], v2[3], turn[3], moved[2][3], turned[2][3];
+  double v1[3], v2[3], turn[3], moved[2][3], turned[2][3], lead[2][3];
   b->body[0] = m->geom_bodyid[c->geom[0]];
   b->body[1] = m->geom_bodyid[c->geom[1]];
   b->tendon = -1;
@@ -50,9 +50,13 @@ static void read_contact(const mjModel* m, const mjData* d, const instance* memo
   for (int i = 0; i < 5; i++) b->friction[i] = c->dim > 1 ? c->friction[i] : 0;
   velocity_at(m, d, b->body[0], c->pos, v1);
   velocity_at(m, d, b->body[1], c->pos, v2);
-  for (int side = 0; side < 2; side++) mocap_velocity(m, memory, b->body[side], c->pos, moved[side], turned[side]);
+  for (int side = 0; side < 2; side++) {
+    mocap_velocity(m, memory, b->body[side], c->pos, moved[side], turned[side]);
+    lead_of(m, d, b->body[side], lead[side]);
+  }
   for (int i = 0; i < 3; i++) {
     v2[i] += moved[1][i] - moved[0][i] - v1[i];
+    lead[1][i] -= lead[0][i];
     turn[i] = d->cvel[6 * b->body[1] + i] - d->cvel[6 * b->body[0] + i] + turned[1][i] - turned[0][i];
   }
   for (int side = 0; side < 2; side++) {
@@ -62,6 +66,7 @@ static void read_contact(const mjModel* m, const mjData* d, const instance* memo
   for (int i = 0; i < 3; i++) {
     b->rate[i] = dot(v2, c->frame + 3 * i);
     b->rate[3 + i] = dot(turn, c->frame + 3 * i);
+    b->lead[i] = dot(lead[1], c->frame + 3 * i);
 #ifdef HCB_SURFACE_VELOCITY
     b->rate[i] += i ? c->surfacevel[i - 1] : 0;
 #endif
@@ -145,7 +150,7 @@ static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const 
     make_rows(m, d, t, b->body, b->point, b->frame, b->dim > 1 ? 3 : 1, r.part, J);
   }
   along_rows(t, r.part, r.J, d->qvel, own);
-  for (int k = 0; k < 3; k++) u[k] = k && b->dim == 1 ? 0 : b->rate[k] - own[k];
+  for (int k = 0; k < 3; k++) u[k] = k && b->dim == 1 ? 0 : b->rate[k] + b->lead[k] - own[k];
   for (int s = 0; s < 2 && r.part[s] >= 0; s++) {
     int size = part_size(t, r.part[s]);
     for (int k = 0; k < 3; k++) hold(t, d, r.part[s], J[s] + (size_t)k * size);
