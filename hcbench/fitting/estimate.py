@@ -69,7 +69,7 @@ def fit_law(
     noise: list[float] = []
     for s in sets:
         own.append(s.start())
-        latent.append(np.zeros(len(s.touches())))
+        latent.append(_start_of_changes(law, parameters, s, reference))
         noise.append(s.known_noise or 0.1 * s.noise_scale)
     if width is None:
         width = list(map(np.ones_like, latent))
@@ -157,6 +157,22 @@ def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floa
         move = np.linalg.lstsq(np.array(slopes), log_e - log_curve, rcond=1e-8)[0]
         parameters = parameters + np.clip(move, -_LONGEST_STEP, _LONGEST_STEP)
     return parameters
+
+
+def _start_of_changes(
+    law: CandidateLaw, parameters: Floats, s: Dataset, reference: float
+) -> Floats:
+    """Relative changes of each e to start from, shape (m,): those that lead to the rough e read off.
+
+    Flights then begin where the data have them. A film's fit that begins with flights of other
+    lengths ends anywhere. None are tried where an e is not read off for each impact.
+    """
+    speed, e = s.pairs()
+    if not s.needs_gravity or len(e) != len(s.touches()):
+        return np.zeros(len(s.touches()))
+    curve = law.curve(tuple(parameters), reference)
+    log_e = [curve.local(float(v))[0] for v in speed]
+    return np.asarray(np.log(np.clip(e, 1e-3, 1.2)) - log_e)
 
 
 def _law_step(

@@ -206,7 +206,7 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     _require_loss(sets, whole)
     evidence = whole.evidence
     lack = _lack(each)
-    drops = tuple(_drop(one, evidence) for one in each)
+    drops = tuple(_drop(one, evidence, is_alone) for one in each)
     doubts = drops[0].doubts
     if not is_alone:
         doubts = _doubts_of_all(drops)
@@ -222,8 +222,8 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
         if is_alone:
             log_odds, _ = smooth_change(air.constant, sets[0])
             lack = replace(lack, odds=min(lack.odds, math.exp(log_odds)))
-    if rivals := [one for one in each if one.rival]:
-        reservation = _other_reading(rivals[0])
+    if is_alone and whole.rival is not None:
+        reservation = _other_reading(whole)
     chosen: str | None = law
     if law == "auto":
         chosen = chosen_law(evidence)
@@ -349,22 +349,22 @@ def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
     return max((whole.fits[PLAIN], whole.fits[WITH_E0]), key=lambda one: one.log_evidence)
 
 
-def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
+def _drop(one: _Fitted, evidence: dict[str, float], is_alone: bool) -> DropResult:
     """The fit of one file by itself: α, and e if it is constant; None for both where it has doubts.
 
     evidence: ln of the evidence of each law, of all files together.
     """
     (s,) = one.sets
-    doubts = _doubts(one)
+    doubts = _doubts(one, is_alone)
     if doubts:
         return DropResult(s.name, None, None, doubts)
     alpha = _own_alpha(one, None, evidence, ODDS_TO_DROP)
     return DropResult(s.name, alpha, estimate_of(one.fits["constant"], "restitution"), ())
 
 
-def _doubts(one: _Fitted) -> tuple[str, ...]:
-    """Reasons to give no number for a file: those of its data, a scatter that no ball has from one
-    bounce to the next.
+def _doubts(one: _Fitted, is_alone: bool) -> tuple[str, ...]:
+    """Reasons to give no number for a file: those of its data, a scatter from bounce to bounce that
+    no ball has, and, for one of several files, another way to read it.
     """
     (s,) = one.sets
     doubts = tuple(s.doubts(one.likeliest))
@@ -373,6 +373,8 @@ def _doubts(one: _Fitted) -> tuple[str, ...]:
         doubts = (
             f"e varies by {100 * scatter:.2g} % from bounce to bounce, a ball's by 0.1 to 2 %",
         )
+    if one.rival is not None and not is_alone:
+        doubts = (*doubts, _other_reading(one))
     return doubts
 
 
@@ -444,7 +446,7 @@ def _with_numbers(
     alpha = drops.alpha
     if alpha is not None:
         alpha = replace(alpha, low=air.share * alpha.low)
-    rivals = [one.rival for one in each if one.rival]
+    rivals = [one.rival for one in each if one.rival and len(each) == 1]
     alpha = _spanning(alpha, [alpha_of(one.fits[PLAIN], one.fits[WITH_E0]) for one in rivals])
     if restitution is not None:
         of_rivals = [estimate_of(one.fits["constant"], "restitution") for one in rivals]
@@ -563,7 +565,7 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
             )
         if one.changes:
             warnings.append(f"{one.sets[0].name} is read so: {'; '.join(one.changes)}")
-        if len(each) > 1 and (doubts := _doubts(one)):
+        if len(each) > 1 and (doubts := _doubts(one, False)):
             warnings.append(f"{one.sets[0].name} is left out: {doubts[0]}")
     if whole.likeliest.scatter > 0.9 * MOST_SCATTER:
         warnings.append(

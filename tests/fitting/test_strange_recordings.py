@@ -133,6 +133,17 @@ def test_a_disturbed_table_is_answered_or_left_open(tmp_path: Path, seed: int) -
         assert verdict.outcome in ("right", "undecided", "wide"), f"{one.what}: {verdict.note}"
 
 
+def test_every_law_comes_near_a_film(tmp_path: Path) -> None:
+    """The ln of evidence of laws differ by little where the film is a knocked ball's.
+
+    Fits that began with other flights than the film's ended hundreds below.
+    """
+    path = tmp_path / "film.csv"
+    path.write_text(strange(219).text)
+    evidence = [one.log_evidence for one in hb.fit(path).fits]
+    assert max(evidence) - min(evidence) < 100.0
+
+
 # A pulse in 5 % of noise; one that starts with a jump; loops of friction and of the law.
 @pytest.mark.parametrize("seed", [1, 2, 14, 146])
 def test_a_strange_force_is_told_by_its_contact(tmp_path: Path, seed: int) -> None:
@@ -165,8 +176,8 @@ def test_the_pages_table_of_disturbed_tables_holds(tmp_path: Path) -> None:
     verdicts = [judged(one, tmp_path) for one in tables(400, 1000)]
     is_as_published("tables", [verdict.outcome for verdict in verdicts])
     held = [verdict.held for verdict in verdicts if verdict.held is not None]
-    assert abs(len(held) - 260) <= 3 and sum(held) >= 239
-    assert "in 242 of 260 tables" in " ".join(PAGE.read_text(encoding="utf-8").split())
+    assert abs(len(held) - 261) <= 3 and sum(held) >= 240
+    assert "in 243 of 261 tables" in " ".join(PAGE.read_text(encoding="utf-8").split())
 
 
 @long_study
