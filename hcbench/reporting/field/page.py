@@ -358,6 +358,7 @@ def build(
     folder: Path,
     pool: WorkerPool | None = None,
     tick: Callable[[int, int], None] | None = None,
+    moved_to: Path | None = None,
 ) -> Path:
     """Write the field report into `folder` and return its page. All of it appears, or nothing.
 
@@ -366,6 +367,7 @@ def build(
 
     pool: draws figures side by side; None: this process does.
     tick: called with (figures drawn, figures in all).
+    moved_to: the folder that the caller moves the report to, for the page's links; None: none.
 
     Raises UserError where a file that hcbench did not write is in the way, OutputError where the
     folder cannot be written.
@@ -381,7 +383,7 @@ def build(
         probes = _probes(view)
         write_text(scratch / COST, _costs(view, probes))
         by_engine = {case.engine: probe_of_engine for case, probe_of_engine in probes.items()}
-        write_text(scratch / PAGE, page_text(view, figures, by_engine))
+        write_text(scratch / PAGE, page_text(view, figures, by_engine, moved_to or folder))
     return folder / PAGE
 
 
@@ -426,19 +428,24 @@ def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str
 
 
 def page_text(
-    view: FieldView, figures: list[dict[str, Any]], probes: dict[str, features.Probe | None]
+    view: FieldView,
+    figures: list[dict[str, Any]],
+    probes: dict[str, features.Probe | None],
+    folder: Path | None = None,
 ) -> str:
     """The field page as HTML text. It opens with the strongest gravity and the step nearest to 1
     ms.
 
     figures: what `draw` returns of each of `drawings`.
     probes: by engine; None where it could not run.
+    folder: the page's own.
     """
     made = tables(view)
     usual = min(made, key=lambda table: (-table.gravity, _far_from_usual(table.step)))
     return render(
         "field.html",
         script=script(*_SCRIPTS),
+        folder=folder,
         title="Which engines bounce right",
         view=view,
         table=usual,
