@@ -113,6 +113,7 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     "cases": ("howto/cases", ["run mujoco pybullet", "score results.json"]),
     "engines": ("howto/versions", ["-v", "add mujoco@3.3.0"]),
     "plugin": ("howto/plugin-mujoco", ["mujoco", "mujoco --install"]),
+    "docs": ("index", ["", "howto/tune"]),
     "completion": ("reference/commands", ["bash >> ~/.bashrc"]),
 }
 
@@ -123,7 +124,7 @@ Examples:
   hcbench tune mujoco --alpha "0.3 s/m" --timestep "2 ms"
   hcbench fit drop.wav
 
-Documentation: docs/tutorial.md
+Documentation: hcbench docs
 """
 
 
@@ -183,7 +184,7 @@ def described(each: Any) -> Any:
             parameter.metavar = parameter.metavar or _TAKES.get(parameter.opts[0].lstrip("-"))
     page = _EXAMPLES[each.name][0]
     lines = "\n".join(f"  {line}" for line in examples(each.name))
-    each.epilog = f"\b\nExamples:\n{lines}\n\nDocumentation: docs/{page}.md"
+    each.epilog = f"\b\nExamples:\n{lines}\n\nDocumentation: hcbench docs {page}"
     return each
 
 

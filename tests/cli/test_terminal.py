@@ -74,8 +74,8 @@ def test_the_examples_of_a_help_are_commands_and_its_page_is_there(
         parsed(line)
     text = app.commands[name].get_help(click.Context(app.commands[name]))
     assert all(line in text for line in examples(name))
-    (page,) = re.findall(r"Documentation: (docs/\S+)", text)
-    assert (ROOT / page).is_file()
+    (page,) = re.findall(r"Documentation: hcbench docs (\S+)", text)
+    assert (ROOT / "docs" / f"{page}.md").is_file()
 
 
 @pytest.mark.parametrize("command", OUTPUTS, ids=lambda c: " ".join(c)[:30])

@@ -46,6 +46,7 @@ COMMANDS = [
     "sweep my/study.toml --out my/sweep --jobs 2",
     "cases run mujoco pybullet --case C01 --case C09",
     "plugin mujoco",
+    "docs howto/tune",
 ]
 README = re.findall(
     r"^\$ hcbench (.*)$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE
