@@ -106,9 +106,7 @@ class _FilesAfterAgainst(Command):
 @output_option("--write-scene", help="Write that scene.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")
-@output_option(
-    "--write-points", help="Write e over speed, for `tune --points` and `check --pairs`."
-)
+@output_option("--write-points", help="Write e over speed, for --points of `tune` and `check`.")
 @output_option(
     "--write-material",
     help="Write the pair for `--material`; the file's name is the pair's: rubber-on-concrete.json.",

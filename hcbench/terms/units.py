@@ -339,9 +339,13 @@ def _unit_of(text: str) -> str:
 def parse_max_error(value: object) -> float:
     """Largest error of e that is allowed, from a number or its text.
 
-    Raises QuantityError for anything else than a number of 0 ... 1.
+    Text may be in per cent: "5%" is 0.05. Raises QuantityError for anything else than a number of
+    0 ... 1.
     """
-    max_error = parse(value, "number", "max-error")
+    if isinstance(value, str) and value.rstrip().endswith("%"):
+        max_error = parse(value.rstrip().removesuffix("%"), "number", "max-error") / 100
+    else:
+        max_error = parse(value, "number", "max-error")
     # Also true for NaN, which no error is larger than.
     if not 0 <= max_error <= 1:
         raise QuantityError("max-error", f"{max_error:g}", "0 ... 1, a difference in e")

@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 GOOD = str(ROOT / "examples" / "good.xml")
 FEW = ["--pair=ball,plate", "--speeds=0.2, 0.5 m/s", "--phases=1"]
 OUTPUTS = [
-    ["law", "--alpha=0.3 s/m", "--speed=0.1, 0.5, 1 m/s"],
+    ["law", "--alpha=0.3 s/m", "--speeds=0.1, 0.5, 1 m/s"],
     ["convert", "--alpha=0.3 s/m", "--speed=1 m/s", "--timestep=1 ms", "--contact-time=0.2 ms"],
     ["engines"],
     ["engines", "-v"],

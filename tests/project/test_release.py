@@ -32,7 +32,7 @@ timesteps = 1e-3
 """
 ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
 COMMANDS = [
-    'law --alpha "0.008 s/in" --speed "4, 8, 12, 16 in/s"',
+    'law --alpha "0.008 s/in" --speeds "4, 8, 12, 16 in/s"',
     "engines",
     "materials",
     'tune pybullet --alpha "0.3 s/m" --timestep "2 ms" --plugin --write-scene drop.py',
