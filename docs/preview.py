@@ -30,7 +30,7 @@ def preview(title: str) -> bytes:
     axes = figure.add_axes((0.62, 0.27, 0.33, 0.6))
     speeds = np.linspace(1e-3, 2.0, 100)
     for alpha in _ALPHAS:
-        restitution = [float(closed_form.restitution(v, alpha)) for v in speeds]
+        restitution = [float(closed_form.restitution(alpha, v)) for v in speeds]
         axes.plot(speeds, restitution, color=_BLUE, linewidth=3, alpha=1 - alpha / 2)
     axes.set(ylim=(0, 1), xlim=(0, 2), xlabel="impact speed, m/s", ylabel="restitution e")
     axes.spines[["top", "right"]].set_visible(False)

@@ -11,10 +11,10 @@ from typing import Any
 from hcbench.laws.published import LAWS
 from hcbench.paper import impact_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
-from hcbench.paper.curves import csv_of
 from hcbench.paper.engines import engines_with_two_blocks
 from hcbench.paper.printed_numbers import FACTOR_MASSES, factors, printed_numbers
 from hcbench.paper.vibroimpact_figures import FULL, QUICK, Effort
+from hcbench.reporting.curves import csv_of
 from hcbench.reporting.page import PAGE, Drawing, draw, render
 from hcbench.reporting.wording import engine_title, listed
 from hcbench.sim import registry

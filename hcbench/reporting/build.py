@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hcbench.reporting import ranking, tables, wording
+from hcbench.reporting.curves import csv_of
 from hcbench.reporting.explorer import explorer, explorer_script
 from hcbench.reporting.overview_figure import overview_figure
 from hcbench.reporting.page import PAGE, Drawing, counted, draw, render
@@ -40,7 +41,8 @@ def build(
     tick: called with (figures drawn, figures in all).
     moved_to: the folder that the caller moves the report to, for the page's links; None: none.
 
-    The folder then has index.html, figures/overview.svg and the files of `Results.write`; for a
+    The folder then has index.html, figures/overview.svg with its numbers as .csv, and the files of
+    `Results.write`; for a
     study whose page is "field", what `field.page.build` writes. The same results give the same
     bytes.
 
@@ -54,7 +56,7 @@ def build(
     by_gravity = views(results)
     with atomic_folder(folder, PAGE) as scratch:
         (scratch / "figures").mkdir()
-        save = partial(draw, folder=scratch / "figures", png=False)
+        save = partial(draw, folder=scratch / "figures", png=False, csv=csv_of)
         (overview,) = counted(map(save, [overview_drawing(by_gravity.main)]), 1, tick)
         results.write(scratch)
         write_text(scratch / PAGE, page_text(by_gravity, results, overview, moved_to or folder))

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +88,9 @@ def test_the_text_for_another_material_is_the_one_that_tune_prints(engine: str) 
         chosen + '; at("alpha").enter("other"); at("own-alpha").enter("0.3"); chooseKind("exact")',
         'at("alpha").enter(material("rubber on concrete"))',
     )
-    for screen, target in ((own, {"alpha": 0.3}), (rubber, {"restitution": 0.752})):
-        known = hb.tune(engine, timestep="2 ms", kind="exact", **target)
+    at_2_ms = partial(hb.tune, engine, timestep="2 ms", kind="exact")
+    answers = (own, at_2_ms(alpha=0.3)), (rubber, at_2_ms(restitution=0.752))
+    for screen, known in answers:
         assert code_lines(screen["paste-text"]) == code_lines(known.text)
 
 

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from hcbench.cases.score import measured
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.reporting.curves import csv_of
 from hcbench.reporting.explorer import digits
 from hcbench.reporting.field import cells, features
 from hcbench.reporting.field.cells import MatrixCell, case_table, rows
@@ -376,7 +377,8 @@ def build(
     with atomic_folder(folder, PAGE) as scratch:
         results.write(scratch)
         (scratch / "figures").mkdir()
-        save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
+        png = not results.study.get("left_out")
+        save = partial(draw, folder=scratch / "figures", png=png, csv=csv_of)
         plans = list(drawings(view))
         drawn = map(save, plans) if pool is None else pool.imap(save, plans)
         figures = list(counted(drawn, len(plans), tick))
