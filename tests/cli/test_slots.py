@@ -106,7 +106,7 @@ def test_a_bad_value_is_refused_in_the_name_of_its_option(
 
 
 def _mistake(printed: str) -> str:
-    """What `check` prints of a check that cannot be made, as of an option."""
+    """Text that `check` prints of a check that cannot be made, as of an option."""
     found = re.search(r"^MISTAKE ball\.xml: (.+)", printed, re.MULTILINE)
     return f"--{found[1]}" if found else ""
 
