@@ -372,7 +372,10 @@ TUNED = ["tune", *MEASURE[1:], "--alpha=0.3"]
         ([*TUNE, "--points=1:2"], "--points: 2; expected 0 ... 1"),
         ([*TUNE, "--points=-1:0.5"], "--points: -1 m/s; expected a value above 0"),
         ([*TUNE, "--alpha=.1", "--max-error=-1"], "--max-error: -1; expected 0 ... 1"),
-        ([*TUNE, "--alpha=.1", "--max-error=nan"], "--max-error: nan; expected 0 ... 1"),
+        (
+            [*TUNE, "--alpha=.1", "--max-error=nan"],
+            "--max-error: 'nan' is not a number; expected 0 ... 1",
+        ),
         (
             [*TUNE, "--alpha=.1", "--recipe=magic"],
             "--recipe: 'magic' for 'mujoco'; expected one of: auto",
