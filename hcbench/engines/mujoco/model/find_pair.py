@@ -92,8 +92,8 @@ def _named_geoms(model: Any, name: str, other: str | None = None) -> NamedGeoms:
 
 
 def _partners(model: Any, name: str) -> list[str]:
-    """Names of the geoms, or of their bodies where they have none, that can touch the part of a name:
-    at the model's own pose, the nearest first. [] where the model does not have it.
+    """Names of the geoms that can touch the part of a name, then of their bodies: at the model's own
+    pose, the nearest first. [] where the model does not have it.
     """
     mujoco = backend()
     try:
@@ -102,16 +102,18 @@ def _partners(model: Any, name: str) -> list[str]:
         return []
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    far: dict[str, float] = {}
+    near: dict[int, float] = {}
     for pair in _collisions(model):
         for own, geom in (pair, pair[::-1]):
             if own in part.geoms and geom not in part.geoms:
                 body = int(model.geom_bodyid[geom])
-                found = model.geom(geom).name or body_name(model, body)
                 both = (NamedGeoms("", body, (geom,)), NamedGeoms("", part.body, (own,)))
                 distance = float(ContactPair(model, *both).nearest(data).distance)
-                far[found] = min(distance, far.get(found, math.inf))
-    return sorted(far, key=far.__getitem__)
+                near[geom] = min(distance, near.get(geom, math.inf))
+    geoms = sorted(near, key=near.__getitem__)
+    names = [str(model.geom(geom).name) for geom in geoms]
+    names += [str(model.body(int(model.geom_bodyid[geom])).name) for geom in geoms]
+    return list(dict.fromkeys(filter(None, names)))
 
 
 def _carried_geoms(model: Any, body: int) -> tuple[int, ...]:
