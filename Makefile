@@ -121,6 +121,8 @@ docs: $(INSTALLED)  ## the documentation, into docs/_build/html
 	rm -rf docs/_build  # what an earlier build read, this one would not warn of
 	$(BIN)/python -m sphinx -q -W --keep-going docs docs/_build/html
 	rm -rf docs/_build/reports && cp -R reports docs/_build/  # a link here would end the search for files of a package
+	sed -i.md -E 's|"../../docs/([^"]*).md"|"../../html/\1.html"|g' docs/_build/reports/*/index.html
+	rm docs/_build/reports/*/*.md
 
 sessions: $(INSTALLED)  ## the outputs that pages show, written again: the blocks of `$$ command` in README, examples and docs
 	PYTHONPATH=tests/support $(BIN)/python -m sessions

@@ -12,6 +12,8 @@ from sphinx import addnodes
 from sphinx.transforms import SphinxTransform
 
 from hcbench import __version__
+from hcbench.reporting.page import header_html
+from hcbench.reporting.site_header import header
 
 project, author, release = "hcbench", "The hcbench developers", __version__
 copyright = author  # noqa: A001  the name that Sphinx reads
@@ -21,13 +23,14 @@ extensions = [
     "sphinx_click",
     "sphinx_copybutton",
 ]
-exclude_patterns = ["_build", "conf.py"]
+exclude_patterns = ["_build", "_templates", "conf.py"]
 myst_heading_anchors = 3
 myst_enable_extensions = ["deflist"]
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 html_theme = "furo"
 html_title = f"hcbench {release}"
+templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = html_show_sourcelink = False
@@ -81,8 +84,20 @@ def _cell(cell: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
+def _header(app: Any, pagename: str, templatename: str, context: dict[str, Any], tree: Any) -> None:
+    """The header of every page of hcbench, with links from this one: docs/ and reports/ lie side by side."""
+
+    def link(path: str) -> str:
+        inside = path.removeprefix("docs/")
+        name = inside if inside != path else f"../{path}"
+        return str(context["pathto"](name, 1))
+
+    context["site_header"] = header_html(header(link))
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
+    app.connect("html-page-context", _header)
     app.add_transform(_ReportLinks)
     app.connect("source-read", _notebook)
     app.connect("autodoc-process-docstring", _plain_text)

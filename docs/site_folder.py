@@ -3,8 +3,10 @@
 index.html      leads to docs/
 docs/           what Sphinx built
 reports/NAME/   each page of reports/ in the repository, and the files that it links to
+previews/       a picture of each page, which chats and networks show beside a link to it
 
-A link between them is the same relative path in the repository and in the folder. Usage:
+A link between them is the same relative path in the repository and in the folder, where the pages of
+docs/ end in .html. Usage:
 
     python docs/site_folder.py docs/_build/html site
 """
@@ -15,30 +17,25 @@ import posixpath
 import re
 import shutil
 import sys
+from html import escape, unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+from preview import HEIGHT, WIDTH, preview
+
+from hcbench import __version__
+from hcbench.reporting.site_header import PAGES
+from hcbench.system.project import PURPOSE, address
+
 REPORTS = Path(__file__).parents[1] / "reports"
 START = "docs/index.html"
-# The pages that each page leads to, by their names in the bar at its top.
-PAGES = {
-    "Docs": START,
-    "Answer": "reports/steel-1lb/index.html",
-    "Engines": "reports/field/index.html",
-    "Cases": "docs/reference/cases.html",
-    "Measured impacts": "reports/reality/index.html",
-    "The paper": "reports/paper/index.html",
-}
-BAR = (
-    '<div style="padding:.5rem 1.25rem;font:.9rem/1.5 system-ui,sans-serif"><b>hcbench</b>{}</div>'
-)
-LINK = ' &nbsp; <a target="_top" style="color:inherit;white-space:nowrap" href="{}">{}</a>'
 REDIRECT = f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>hcbench</title>
 <meta http-equiv="refresh" content="0; url={START}"></head>
 <body><a href="{START}">hcbench: the documentation</a></body></html>
 """
+TO_MARKDOWN = re.compile(r'href="(\.\./\.\./docs/[^"#]+)\.md"')
 _LOADED = ("src", "srcset", "data", "poster")  # attributes of what a browser asks for by itself
 _NO_REQUEST = ("canonical", "author", "search", "index", "next", "prev")
 
@@ -61,7 +58,9 @@ class Page(HTMLParser):
         if tag == "link" and values.get("rel") not in _NO_REQUEST:
             loaded.append(values.get("href", ""))
         self.requests += [url for url in loaded if re.match(r"(https?:)?//", url)]
-        self.links += [*loaded, *([values["href"]] if "href" in values else [])]
+        # A preview's picture is asked for by who shows the link, and not by the reader's browser.
+        shown = [values["content"]] if values.get("property") == "og:image" else []
+        self.links += [*shown, *loaded, *([values["href"]] if "href" in values else [])]
 
 
 def target(page: str, link: str) -> tuple[str, str] | None:
@@ -80,15 +79,16 @@ def build(html: Path, out: Path) -> list[str]:
     shutil.copytree(html, out / "docs", ignore=shutil.ignore_patterns(".*", "objects.inv"))
     (out / "index.html").write_text(REDIRECT, encoding="utf-8")
     (out / ".nojekyll").touch()  # GitHub Pages otherwise leaves out folders such as _static
-    for page in PAGES.values():
-        if (REPORTS.parent / page).is_file():
+    for page, _ in PAGES.values():
+        if page.startswith("reports/") and (REPORTS.parent / page).is_file():
             _copy(page, out)
-    pages = {name: page for name, page in PAGES.items() if (out / page).is_file()}
     texts = {
         p.relative_to(out).as_posix(): p.read_text(encoding="utf-8") for p in out.rglob("*.html")
     }
     for name, text in texts.items():
-        texts[name] = _with_bar(name, text, pages) if name != "index.html" else text
+        if name.startswith("reports/"):
+            text = TO_MARKDOWN.sub(r'href="\1.html"', text)  # noqa: PLW2901
+        texts[name] = _with_preview(name, text, out)
         (out / name).write_text(texts[name], encoding="utf-8")
     return _wrong({name: Page(text) for name, text in texts.items()}, out)
 
@@ -106,13 +106,26 @@ def _copy(page: str, out: Path) -> None:
             shutil.copyfile(REPORTS.parent / name, out / name)
 
 
-def _with_bar(name: str, text: str, pages: dict[str, str]) -> str:
-    """A page with links to the others at its top."""
-    links = (
-        LINK.format(posixpath.relpath(to, posixpath.dirname(name)), title)
-        for title, to in pages.items()
-    )
-    return re.sub(r"<body[^>]*>", lambda body: body[0] + BAR.format("".join(links)), text, count=1)
+def _with_preview(name: str, text: str, out: Path) -> str:
+    """A page with what a preview of its link shows; the picture is written beside the pages."""
+    found = re.search(r"<title>(.*?)</title>", text, re.DOTALL)
+    title = " ".join(unescape(found[1]).split()) if found else "hcbench"
+    picture = f"previews/{name.removesuffix('.html')}.png"
+    (out / picture).parent.mkdir(parents=True, exist_ok=True)
+    (out / picture).write_bytes(preview(title.removesuffix(f" - hcbench {__version__}")))
+    site = address("Documentation") or posixpath.relpath(".", posixpath.dirname(name))
+    facts = {
+        "title": title,
+        "description": PURPOSE,
+        "type": "website",
+        "image": f"{site}/{picture}",
+        "image:width": str(WIDTH),
+        "image:height": str(HEIGHT),
+    }
+    lines = [
+        f'<meta property="og:{key}" content="{escape(value)}">\n' for key, value in facts.items()
+    ]
+    return text.replace("</head>", "".join(lines) + "</head>", 1)
 
 
 def _wrong(pages: dict[str, Page], out: Path) -> list[str]:

@@ -5,7 +5,7 @@ import _signal as signal  # type: ignore[import-not-found]
 import gc
 import os
 
-# MB of addresses that NumPy, MuJoCo and their buffers take at least.
+# MB of addresses that NumPy, an engine and their buffers take at least.
 _LEAST_MB = 480
 _GARBAGE = 100_000  # objects until Python looks for some: imports make many and leave none
 

@@ -30,6 +30,7 @@ from hcbench.terms.options import (
     MaterialName,
     ModelSource,
     Quantity,
+    hint_at,
 )
 
 # A failure then shows both numbers.
@@ -49,7 +50,7 @@ _INI = {
 }
 _KEYS = (*LIMITS, *LAUNCHES, "engine", "timeout")
 _EXPECTED = (
-    "expected .matches(e), .follows(alpha=...), (pairs=...) or (material=...), .equals(baseline), "
+    "expected .matches(e), .follows(alpha=...), (points=...) or (material=...), .equals(baseline), "
     ".rests(max_depth=...) or (max_vibration=...), or .measured()"
 )
 _MARKER = (
@@ -171,6 +172,7 @@ class ModelBounce:
         self,
         alpha: float | str | None = None,
         *,
+        points: str | Path | None = None,
         pairs: str | Path | None = None,
         material: MaterialName | None = None,
         target: Literal["law", "linear"] = "law",
@@ -179,12 +181,15 @@ class ModelBounce:
         """Assert the law of eq. (16) with α, a CSV of (v, e), or a pair of materials.
 
         alpha: such as "0.008 s/in", or a number in s/m. material: such as "rubber on concrete".
-        target: "linear" for e = 1 - α v.
+        target: "linear" for e = 1 - α v. pairs: the old name of points.
         max_error: of e; None: as the options of the fixture have it.
         """
-        self._require_target("follows", alpha, pairs, material)
+        if pairs is not None:
+            hint_at("pairs", "points")
+            points = points or pairs
+        self._require_target("follows", alpha, points, material)
         return self._hold(
-            alpha=alpha, pairs=pairs, material=material, target=target, max_error=max_error
+            alpha=alpha, points=points, material=material, target=target, max_error=max_error
         )
 
     def equals(self, baseline: str | Path, max_error: float | None = None) -> Measurement:

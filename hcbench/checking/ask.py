@@ -38,7 +38,7 @@ def check(
         Two bodies or geoms, first the one that moves.
     name : text, optional
         What the result calls the check; the file's name by default.
-    material, alpha, restitution, pairs, baseline, require : optional
+    material, alpha, restitution, points, baseline, require : optional
         One target: a pair of materials that `materials` lists; α, s/m or with a unit, read as `target` "law"
         or "linear"; one e for all speeds; a CSV file of measured pairs; a baseline that
         `hcbench check --write-baseline` wrote; or limits on landings or on a recorded motion,

@@ -209,7 +209,7 @@ def read_pairs(path: Path) -> Pairs:
     from hcbench.fitting.table import read_lines, read_table
 
     if not path.exists() or path.is_dir():
-        raise UserError("pairs", f"{str(path)!r:.80} is not a file", "a file of pairs (v, e)")
+        raise UserError("points", f"{str(path)!r:.80} is not a file", "a file of pairs (v, e)")
     columns = columns_of(read_table(path, read_lines(path)))
     role = "speed_in"
     if "speed" in columns.places:

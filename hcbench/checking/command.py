@@ -111,7 +111,8 @@ def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
     """
     for check in checks:
         if not measure_only and not check.has_target:
-            options = "--restitution, --alpha, --pairs, --baseline, --require, --max-depth or --max-vibration"
+            targets = "--restitution, --alpha, --points, --baseline, --require"
+            options = f"{targets}, --max-depth or --max-vibration"
             advice = "--measure-only measures without a verdict"
             raise UserError(check.name, "no target", options, advice)
     return checks

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
-from pydantic import BeforeValidator, ConfigDict, create_model
+from pydantic import BeforeValidator, ConfigDict, create_model, model_validator
 
 from hcbench.catalogue.find import find
 from hcbench.checking.baseline import read_pairs
@@ -30,10 +30,12 @@ from hcbench.terms.fields import FileTable, mistake
 from hcbench.terms.options import (
     LAUNCHES,
     OPTIONS,
+    RENAMED,
     CheckOptions,
     LaunchOptions,
     Quantity,
     SharedOptions,
+    hint_at,
 )
 
 if TYPE_CHECKING:
@@ -112,6 +114,18 @@ class CheckSpec(_CheckTable):
     model: str | tuple[str, ...]
     name: str | None = None
     pair: str | tuple[str, ...] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_old_names(cls, fields: Any) -> Any:
+        """The fields by their names of today; a hint for each old one."""
+        if not isinstance(fields, dict):
+            return fields
+        named = dict(fields)
+        for old in RENAMED.keys() & fields.keys():
+            hint_at(old, RENAMED[old])
+            named.setdefault(RENAMED[old], named.pop(old))
+        return named
 
     if TYPE_CHECKING:
 
@@ -249,7 +263,7 @@ def _require_one_target(spec: CheckSpec, name: str) -> None:
     if spec.options["target"] != "law" and not has_alpha:
         got = f"{spec.options['target']!r} given without an α"
         raise UserError("target", got, "--alpha, which it reads")
-    targets = ("material", "alpha", "restitution", "pairs", "baseline", "require")
+    targets = ("material", "alpha", "restitution", "points", "baseline", "require")
     given = [target for target in targets if getattr(spec, target) is not None]
     if len(given) > 1:
         raise UserError(name, f"{' and '.join(given)} are given", "one target")
@@ -329,8 +343,8 @@ def _wanted(options: CheckOptions) -> RestitutionCurve | None:
 
     Raises UserError and QuantityError as `Wanted` and `read_pairs` do.
     """
-    if options["pairs"] is not None:
-        return MeasuredRestitution(read_pairs(Path(options["pairs"])))
+    if options["points"] is not None:
+        return MeasuredRestitution(read_pairs(Path(options["points"])))
     if options["alpha"] is None and options["restitution"] is None:
         return None
     return Wanted(options["alpha"], options["restitution"], reading=options["target"])

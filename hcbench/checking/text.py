@@ -264,7 +264,7 @@ def _complete(
     update: dict[str, Any] = {}
     for name in SharedSpec.model_fields.keys() - entry.model_fields_set:
         update[name] = getattr(table, name)
-    for name in ("pairs", "baseline", "trajectory"):
+    for name in ("points", "baseline", "trajectory"):
         path = getattr(entry, name)
         if path:
             update[name] = folder / path
@@ -275,6 +275,6 @@ def _complete(
         update["package"] = {name: str(folder / path) for name, path in named_folders(package)}
     update["model"] = tuple(str(folder / model) for model in entry.models)
     if baseline is not None:
-        update |= dict.fromkeys(("material", "alpha", "restitution", "pairs"))
+        update |= dict.fromkeys(("material", "alpha", "restitution", "points"))
         update["baseline"] = baseline
     return entry.model_copy(update=update)

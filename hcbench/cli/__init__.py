@@ -27,6 +27,7 @@ from hcbench.cli._process import (
 from hcbench.cli.cases import cases
 from hcbench.cli.check import check, land, measure, pairs
 from hcbench.cli.console import beyond_bounds_option
+from hcbench.cli.docs import docs
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
 from hcbench.cli.help import START, VARIABLE, completion, described, group
@@ -58,7 +59,7 @@ def app() -> None:
 
 COMMANDS = (
     law, fit, materials, tune, pairs, measure, land, check, convert, report, sweep, paper, cases, engines,
-    plugin, completion,
+    plugin, docs, completion,
 )  # fmt: skip
 for command in COMMANDS:
     command.params.append(beyond_bounds_option())

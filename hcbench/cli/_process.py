@@ -29,6 +29,7 @@ _DEFERRED_S = 0.5
 # Slots that belong to options of another name.
 _OPTIONS = {
     "lowest speed": ("--speeds",),
+    "speed": ("--speed", "--speeds"),
     "coming-from": ("--from",),
     "model": ("--python",),
     "output folder": ("--out",),

@@ -107,9 +107,7 @@ class _FilesAfterAgainst(Command):
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")
 @output_option("--picture", help="Also write e over speed with its 95 % band (PNG or SVG).")
-@output_option(
-    "--write-points", help="Write e over speed, for `tune --points` and `check --pairs`."
-)
+@output_option("--write-points", help="Write e over speed, for --points of `tune` and `check`.")
 @output_option(
     "--write-material",
     help="Write the pair for `--material`; the file's name is the pair's: rubber-on-concrete.json.",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import click
 
-from hcbench.terms.options import OPTIONS
+from hcbench.terms.options import OPTIONS, renamed
 
 
 def _flags_of(group: str) -> list[str]:
@@ -66,6 +67,14 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
     },
     "land": {"Drops": ("heights", "tilt", "controller")},
 }
+# Groups that a help shows only beside the word that they belong to: `hcbench report reality --help`.
+_ONLY_WITH = {"Study `reality`": "reality", "Your own toss": "reality"}
+_WORDS = "hcbench.cli.help.words"
+# Old names of flags, by command, which this version still takes.
+OLD_FLAGS = {
+    "check": {"--pairs": "--points"},
+    "law": {"--speed": "--speeds"},
+}
 # Values of an option of plain text, for options that only one command has.
 _TAKES = {
     **dict.fromkeys(("gravity", "stiffness"), "QUANTITY"),
@@ -82,7 +91,7 @@ _TAKES = {
 }
 # Documentation page and examples of each command; a test parses the examples.
 _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
-    "law": ("tutorial", ['--alpha "0.3 s/m" --speed "0.1, 0.5, 1 m/s"']),
+    "law": ("tutorial", ['--alpha "0.3 s/m" --speeds "0.1, 0.5, 1 m/s"']),
     "fit": ("howto/fit", ["drop.wav", 'heights.csv --height "30 +- 0.1 cm"']),
     "materials": ("reference/materials", ["", "'rubber on concrete'"]),
     "tune": (
@@ -113,6 +122,7 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     "cases": ("howto/cases", ["run mujoco pybullet", "score results.json"]),
     "engines": ("howto/versions", ["-v", "add mujoco@3.3.0"]),
     "plugin": ("howto/plugin-mujoco", ["mujoco", "mujoco --install"]),
+    "docs": ("index", ["", "howto/tune"]),
     "completion": ("reference/commands", ["bash >> ~/.bashrc"]),
 }
 
@@ -123,7 +133,7 @@ Examples:
   hcbench tune mujoco --alpha "0.3 s/m" --timestep "2 ms"
   hcbench fit drop.wav
 
-Documentation: docs/tutorial.md
+Documentation: hcbench docs
 """
 
 
@@ -134,6 +144,19 @@ def examples(name: str) -> list[str]:
 
 class Command(click.Command):
     """A command whose help has its options in groups."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the arguments; an old name of an option is taken with a hint."""
+        old_names = OLD_FLAGS.get(self.name or "", {})
+        named = []
+        for word in args:
+            flag, equals, value = word.partition("=")
+            new = old_names.get(flag)
+            if new is not None:
+                print(f"hcbench: {renamed(flag, new)}", file=sys.stderr)
+            named.append(f"{new or flag}{equals}{value}")
+        ctx.meta[_WORDS] = tuple(named)
+        return super().parse_args(ctx, named)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, a section a group."""
@@ -149,8 +172,10 @@ class Command(click.Command):
             flag = parameter.opts[0].lstrip("-")
             title = next((title for title, flags in groups.items() if flag in flags), "Options")
             sections[title].append(record)
+        asked = ctx.meta.get(_WORDS, ())
         for title, records in sections.items():
-            if records:
+            word = _ONLY_WITH.get(title)
+            if records and (word is None or word in asked):
                 with formatter.section(title):
                     formatter.write_dl(records)
 
@@ -183,7 +208,7 @@ def described(each: Any) -> Any:
             parameter.metavar = parameter.metavar or _TAKES.get(parameter.opts[0].lstrip("-"))
     page = _EXAMPLES[each.name][0]
     lines = "\n".join(f"  {line}" for line in examples(each.name))
-    each.epilog = f"\b\nExamples:\n{lines}\n\nDocumentation: docs/{page}.md"
+    each.epilog = f"\b\nExamples:\n{lines}\n\nDocumentation: hcbench docs {page}"
     return each
 
 

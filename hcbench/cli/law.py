@@ -44,7 +44,8 @@ _several = partial(click.option, multiple=True)
 @options("material")
 @_several("--alpha", type=ALPHAS, help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable.")
 @_several(
-    "--speed",
+    "--speeds",
+    "speed",
     required=True,
     type=SPEEDS,
     help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.",

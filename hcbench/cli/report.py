@@ -217,6 +217,7 @@ def report(
     Write tables and figures beside the page.
 
     STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
+    `hcbench report reality --help` adds the options of that study.
     """
     if study == NAME:
         if quick:

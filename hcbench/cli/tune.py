@@ -74,7 +74,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 )
 @click.option(
     "--max-error",
-    type=float,
+    metavar="NUMBER",
     help="Exit 1 when the largest error of e is above this.  [default: none; --recipe auto aims at 0.05]",
 )
 @_engine_option(
@@ -149,7 +149,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 )
 @force_option
 @as_json
-def tune(engine: str, points: str | None, max_error: float | None, **options: Any) -> None:
+def tune(engine: str, points: str | None, max_error: str | None, **options: Any) -> None:
     """Find settings that bounce like your material.
 
     ENGINE is an engine's name, tuned in a scene. MODEL is your own
@@ -157,11 +157,11 @@ def tune(engine: str, points: str | None, max_error: float | None, **options: An
     """
     from hcbench.cli.tune_engine import tune_engine
     from hcbench.cli.tune_model import tune_model
+    from hcbench.terms.units import parse_max_error
     from hcbench.tuning.ask import is_model
 
-    if max_error is not None and not 0 <= max_error <= 1:
-        raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
-    options |= {"points": () if points is None else _parsed(points), "max_error": max_error}
+    limit = None if max_error is None else parse_max_error(max_error)
+    options |= {"points": () if points is None else _parsed(points), "max_error": limit}
     if is_model(engine):
         _drop(options, _EngineOption, f"given with the model {engine}", "an engine's name")
         tune_model(engine, **options)

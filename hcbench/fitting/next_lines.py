@@ -51,7 +51,7 @@ def next_lines(
         what = check = f"--restitution {result.restitution.value:.6g}"
     else:
         what = f"--points {_POINTS}"
-        check = f"--pairs {_POINTS}"
+        check = f"--points {_POINTS}"
     lines = ["next:"]
     if _POINTS in what and "--write-points" not in given:
         lines.append(f"  hcbench {shlex.join(given)} --write-points {_POINTS}")

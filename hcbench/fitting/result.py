@@ -588,7 +588,7 @@ def as_record(result: FitResult) -> dict[str, Any]:
 
 
 def points_text(result: FitResult) -> str:
-    """e over speed as a CSV that `tune --points` and `check --pairs` read."""
+    """e over speed as a CSV that --points of `tune` and `check` reads."""
     speeds = speeds_over(result, _POINTS)
     curve = result.best.curve
     law = result.law or f"{result.best.law.name}, the likeliest; others are not ruled out"

@@ -265,7 +265,7 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
         raise EngineFailed("model", needs, "a model that fits") from None
     except HcbenchError:
         raise
-    # MuJoCo hands out names as text, and takes files in any encoding.
+    # Engines take files in any encoding, and some hand out names as text.
     except UnicodeDecodeError as error:
         got = f"{_label(job.source)} has the byte {error.object[error.start]:#x}, not UTF-8"
         raise UserError("model", got, "names in UTF-8", "Save the file as UTF-8") from None

@@ -79,7 +79,7 @@ def data(name: str, *, quick: bool = False) -> pd.DataFrame:
         For an unknown name.
 
     """
-    from hcbench.paper.curves import curves_of
+    from hcbench.reporting.curves import curves_of
 
     return curves_of(figure(name, quick=quick))
 

@@ -11,10 +11,10 @@ from typing import Any
 from hcbench.laws.published import LAWS
 from hcbench.paper import impact_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
-from hcbench.paper.curves import csv_of
 from hcbench.paper.engines import engines_with_two_blocks
 from hcbench.paper.printed_numbers import FACTOR_MASSES, factors, printed_numbers
 from hcbench.paper.vibroimpact_figures import FULL, QUICK, Effort
+from hcbench.reporting.curves import csv_of
 from hcbench.reporting.page import PAGE, Drawing, draw, render
 from hcbench.reporting.wording import engine_title, listed
 from hcbench.sim import registry
@@ -77,7 +77,7 @@ def build(
             figures[drawing.name] = draw(drawing, scratch / "figures", csv=csv_of)
         if tick is not None:
             tick(len(plan), len(plan))
-        write_text(scratch / PAGE, _page(figures))
+        write_text(scratch / PAGE, _page(figures, folder))
     return folder / PAGE
 
 
@@ -93,8 +93,8 @@ def engines_drawn_in(folder: Path) -> set[str]:
     return set()
 
 
-def _page(figures: dict[str, dict[str, Any]]) -> str:
-    """The page as HTML text. figures: what `draw` returns of each drawing, by its name."""
+def _page(figures: dict[str, dict[str, Any]], folder: Path) -> str:
+    """The page as HTML text. figures: what `draw` returns of each drawing, by name."""
     numbers = printed_numbers()
     titles = []
     notes = []
@@ -103,6 +103,7 @@ def _page(figures: dict[str, dict[str, Any]]) -> str:
         notes.append(registry.submodule(name, "two_blocks").NOTE)
     return render(
         "paper.html",
+        folder=folder,
         figures=figures,
         numbers=numbers,
         counts=Counter(n.verdict for n in numbers),

@@ -49,8 +49,8 @@ _SWITCH_KEYS = {
 _NEAR = 1.5
 
 
-def page_text(results: RealityResults) -> str:
-    """The page of the study as HTML text; parts without results are left out."""
+def page_text(results: RealityResults, folder: Path | None = None) -> str:
+    """The page of the study as HTML text; parts without results are left out. folder: its own."""
     scores: dict[str, list[SettingScore]] = {}
     drawn = {}
     for name in results.request.sets:
@@ -73,6 +73,7 @@ def page_text(results: RealityResults) -> str:
     return render(
         "reality.html",
         script=page_script,
+        folder=folder,
         toss=toss_json,
         sets=list(scores),
         sources=SOURCES,
@@ -292,7 +293,7 @@ def build(results: RealityResults, folder: Path) -> Path:
             "--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder"
         )
     with atomic_folder(folder, PAGE) as scratch:
-        write_text(scratch / PAGE, page_text(results))
+        write_text(scratch / PAGE, page_text(results, folder))
         write_text(scratch / study.FILE, study.csv_text(results.scores))
         write_text(scratch / PARAMETERS, json_text(results.parameters))
         if results.impacts:

@@ -162,7 +162,7 @@ def write_report(
                     plan = plan.quick()
                 results = run_in_pool(pool, plan, tick)
             with stage("drawing") as tick:
-                build(results, scratch, pool, tick)
+                build(results, scratch, pool, tick, folder)
     return StudyReport(folder / PAGE, results)
 
 

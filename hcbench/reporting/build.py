@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hcbench.reporting import ranking, tables, wording
+from hcbench.reporting.curves import csv_of
 from hcbench.reporting.explorer import explorer, explorer_script
 from hcbench.reporting.overview_figure import overview_figure
 from hcbench.reporting.page import PAGE, Drawing, counted, draw, render
@@ -31,14 +32,17 @@ def build(
     folder: Path,
     pool: WorkerPool | None = None,
     tick: Callable[[int, int], None] | None = None,
+    moved_to: Path | None = None,
 ) -> Path:
     """Write the report of `results` into `folder` and return its page.
     All of it appears, or nothing.
 
     pool: draws the figures of a field's page, side by side; None: this process does.
     tick: called with (figures drawn, figures in all).
+    moved_to: the folder that the caller moves the report to, for the page's links; None: none.
 
-    The folder then has index.html, figures/overview.svg and the files of `Results.write`; for a
+    The folder then has index.html, figures/overview.svg with its numbers as .csv, and the files of
+    `Results.write`; for a
     study whose page is "field", what `field.page.build` writes. The same results give the same
     bytes.
 
@@ -48,14 +52,14 @@ def build(
     if results.study.get("page") == "field":
         from hcbench.reporting.field import page
 
-        return page.build(results, folder, pool, tick)
+        return page.build(results, folder, pool, tick, moved_to)
     by_gravity = views(results)
     with atomic_folder(folder, PAGE) as scratch:
         (scratch / "figures").mkdir()
-        save = partial(draw, folder=scratch / "figures", png=False)
+        save = partial(draw, folder=scratch / "figures", png=False, csv=csv_of)
         (overview,) = counted(map(save, [overview_drawing(by_gravity.main)]), 1, tick)
         results.write(scratch)
-        write_text(scratch / PAGE, page_text(by_gravity, results, overview))
+        write_text(scratch / PAGE, page_text(by_gravity, results, overview, moved_to or folder))
     return folder / PAGE
 
 
@@ -80,16 +84,20 @@ def overview_drawing(view: View) -> Drawing:
     )
 
 
-def page_text(by_gravity: Views, results: Results, overview: dict[str, Any]) -> str:
+def page_text(
+    by_gravity: Views, results: Results, overview: dict[str, Any], folder: Path | None = None
+) -> str:
     """The page of a report as HTML text.
 
     by_gravity: `views` of the results. overview: what `draw` returns of `overview_drawing`.
+    folder: the page's own.
     """
     view = by_gravity.main
     explored = explorer(by_gravity)
     return render(
         "report.html",
         script=explorer_script() if explored else None,
+        folder=folder,
         explorer=explored,
         view=view,
         study=view.study,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from hcbench.catalogue.find import materials
 from hcbench.reporting import tables
 from hcbench.reporting.page import Script, script
 from hcbench.reporting.plot_style import KIND_COLOURS
@@ -132,6 +133,7 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
     return {
         "body": {"k": study["stiffness"], "n": study["exponent"], "m": view.mass},
         "alphas": view.alphas,
+        "materials": list(_materials()),
         "band": [0.0, fastest],
         "gravities": list(heads),
         "engines": [[engine_title(engine), engine] for engine in view.engines],
@@ -202,6 +204,18 @@ def _answer(view: View, answer: Mapping[str, Any]) -> dict[str, Any]:
         "alpha": alpha,
         "choices": [_choice(choice) for choice in choices(view, answer)],
     }
+
+
+def _materials() -> Iterable[dict[str, Any]]:
+    """Published pairs of materials with an α (s/m) or one e, as the script takes them."""
+    for pair in materials():
+        if not pair.points:
+            yield {
+                "id": pair.id,
+                "label": f"{pair.name}: {pair.numbers} {pair.at}",
+                "alpha": pair.alpha_s_per_m,
+                "e": pair.restitution,
+            }
 
 
 def _errors(engines: Collection[str]) -> list[dict[str, Any]]:

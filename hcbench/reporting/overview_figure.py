@@ -47,8 +47,8 @@ def _draw_law(axes: Axes, view: View, alpha: float) -> None:
     """e of (16) as a broad pale band, 1 - αv dotted."""
     v = view.speeds
     e = closed_form.restitution(alpha, v)
-    axes.plot(v, e, color=LAW, linewidth=6, solid_capstyle="butt", zorder=1)
-    axes.plot(v, 1 - alpha * v, zorder=2, **_LINEAR)
+    axes.plot(v, e, label="the law", color=LAW, linewidth=6, solid_capstyle="butt", zorder=1)
+    axes.plot(v, 1 - alpha * v, label="1 - α v", zorder=2, **_LINEAR)
 
 
 def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> None:
@@ -57,7 +57,14 @@ def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> 
     if (curve.highest - curve.lowest > _BAND_SHOWN).any():
         draw_band(axes, curve.speed_in, curve.lowest, curve.highest, style.colour)
     marks = marker_stride(len(curve), nth)
-    axes.plot(curve.speed_in, curve.restitution, markevery=marks, zorder=3, **style.line())
+    axes.plot(
+        curve.speed_in,
+        curve.restitution,
+        label=run.title,
+        markevery=marks,
+        zorder=3,
+        **style.line(),
+    )
 
 
 def overview_figure(view: View, runs: list[RunKey]) -> Figure:

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from hcbench.reporting import wording
 from hcbench.reporting.plot_style import figure_defaults
+from hcbench.reporting.site_header import Header, page_header
 from hcbench.system import text as _text
 from hcbench.system.files import read_text, write_bytes
 
@@ -139,13 +140,27 @@ def script(*names: str) -> Script:
     return Script("\n".join(["", '"use strict";', *(read_text(folder / name) for name in names)]))
 
 
-def render(template: str, script: Script | None = None, **content: Any) -> str:
+def render(
+    template: str, script: Script | None = None, folder: Path | None = None, **content: Any
+) -> str:
     """A page as text. Content is escaped, and the page's own policy forbids requests and all
     scripts but `script`: no name in a model or a study can make it run anything.
 
-    template: name of a file in this package's templates. content: its variables; a template that
-    names another raises Jinja's UndefinedError.
+    template: name of a file in this package's templates. folder: the page's own, for the links of
+    its header, see `page_header`. content: variables of the template; one that names another raises
+    Jinja's UndefinedError.
     """
+    page = _templates().get_template(template)
+    return page.render(script=script, header=page_header(folder), **content)
+
+
+def header_html(header: Header) -> str:
+    """The header of a page as HTML, for pages that others make."""
+    return _templates().get_template("site_header.html").render(header=header)
+
+
+def _templates() -> Environment:
+    """The package's templates, with the filters that they use."""
     environment = Environment(
         loader=PackageLoader("hcbench.reporting"),
         autoescape=True,
@@ -155,7 +170,7 @@ def render(template: str, script: Script | None = None, **content: Any) -> str:
         keep_trailing_newline=True,
     )
     environment.filters.update(_FILTERS)
-    return environment.get_template(template).render(script=script, **content)
+    return environment
 
 
 def svg_bytes(figure: Figure) -> bytes:

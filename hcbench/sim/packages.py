@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -25,12 +25,17 @@ _UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _LISTED = 12
 
 
-def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, Id]:
+def find_part(
+    parts: Sequence[tuple[str, str, Id]],
+    request: str,
+    likely: Callable[[], Sequence[str]] = tuple,
+) -> tuple[str, Id]:
     """(kind, id) of the part that a user names.
 
     parts: (kind, name, id) of each, such as ("geom", "plate", 0). Of several with the same name the
     first is meant.
     request: a name, or "KIND:NAME" or "KIND:ID" to say which; a name goes before these.
+    likely: names that are meant rather than others, for the error; asked for only then.
     Raises UserError with the names there are.
     """
     by_id: dict[str, tuple[str, Id]] = {}
@@ -46,7 +51,8 @@ def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, 
         return (by_id | by_kind | by_name)[request]
     except KeyError:
         kinds = " or ".join(dict.fromkeys(kind for kind, _, _ in parts))
-        expected, advice = suggest_names(request, (name for _, name, _ in parts))
+        known = likely() or [name for _, name, _ in parts]
+        expected, advice = suggest_names(request, known)
         raise UserError("pair", f"no {kinds} {request!r}", expected, advice) from None
 
 

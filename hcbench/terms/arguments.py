@@ -34,7 +34,14 @@ import numpy as np
 from hcbench.system.errors import HcbenchError, UserError
 from hcbench.system.process import NAMES_OPTIONS
 from hcbench.system.text import shown
-from hcbench.terms.options import BodyPair, Controller, PintQuantity, Quantity
+from hcbench.terms.options import (
+    RENAMED,
+    BodyPair,
+    Controller,
+    PintQuantity,
+    Quantity,
+    hint_at,
+)
 from hcbench.terms.units import is_real
 
 P = ParamSpec("P")
@@ -99,6 +106,9 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         places = [*in_places, *after_them * len(args)]
         plain_args = list(map(_plain, args))
         plain = {name: _plain(value) for name, value in kwargs.items()}
+        for old in RENAMED.keys() & plain.keys() - names.keys():
+            hint_at(old, RENAMED[old])
+            plain.setdefault(RENAMED[old], plain.pop(old))
         given = [*zip(places, plain_args, strict=False), *plain.items()]
         for name, value in given:
             if name in hints and not _fits(value, hints[name]):

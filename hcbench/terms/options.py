@@ -8,6 +8,7 @@ pytest marker and fixture. `measuring.request.make_request` reads those of launc
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import (
@@ -150,7 +151,7 @@ class LaunchOptions(TypedDict, total=False):
 
 
 class TargetOptions(TypedDict, total=False):
-    """Options for what a model is compared with: at most one of material, alpha, restitution, pairs,
+    """Options for what a model is compared with: at most one of material, alpha, restitution, points,
     baseline and require.
     """
 
@@ -177,7 +178,7 @@ class TargetOptions(TypedDict, total=False):
         ),
     ]
     restitution: Annotated[Quantity | None, Option("Compare with one e.", "NUMBER", group="Target")]
-    pairs: Annotated[
+    points: Annotated[
         str | Path | None,
         Option(
             "Compare with measured pairs (v, e): a CSV file with units in its header.",
@@ -280,5 +281,19 @@ def _options_of(declared: type) -> dict[str, Option]:
 
 
 OPTIONS = _options_of(CheckOptions)
+# Old names of options of a check, which this version still takes with a hint.
+RENAMED = {"pairs": "points"}
+
+
+def renamed(old: str, new: str) -> str:
+    """The hint at an old name. old, new: as the user writes them."""
+    return f"{old} is now {new}; the next version no longer takes {old}"
+
+
+def hint_at(old: str, new: str) -> None:
+    """Warn of an old name, see `renamed`."""
+    warnings.warn(renamed(old, new), FutureWarning, stacklevel=3)
+
+
 LAUNCHES = tuple(_options_of(LaunchOptions))
 LIMITS = tuple(_options_of(LimitOptions))

@@ -339,12 +339,21 @@ def _unit_of(text: str) -> str:
 def parse_max_error(value: object) -> float:
     """Largest error of e that is allowed, from a number or its text.
 
-    Raises QuantityError for anything else than a number of 0 ... 1.
+    Text may be in per cent: "5%" is 0.05. Raises QuantityError for anything else than a number of
+    0 ... 1.
     """
-    max_error = parse(value, "number", "max-error")
+    expected = "0 ... 1, a difference in e, such as 0.05 or 5%"
+    in_percent = isinstance(value, str) and value.rstrip().endswith("%")
+    number = str(value).rstrip().removesuffix("%") if in_percent else value
+    try:
+        max_error = parse(number, "number", "max-error")
+    except QuantityError as error:
+        raise QuantityError("max-error", error.got, expected) from None
+    if in_percent:
+        max_error /= 100
     # Also true for NaN, which no error is larger than.
     if not 0 <= max_error <= 1:
-        raise QuantityError("max-error", f"{max_error:g}", "0 ... 1, a difference in e")
+        raise QuantityError("max-error", f"{max_error:g}", expected)
     return max_error
 
 

@@ -17,6 +17,7 @@ import pytest
 import yaml
 
 from hcbench.cli.check import check
+from hcbench.cli.help import OLD_FLAGS
 
 ROOT = Path(__file__).parents[2]
 ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
@@ -235,4 +236,5 @@ def test_no_script_has_an_expression_in_it() -> None:
 def test_every_input_is_an_option_of_check() -> None:
     options = {flag.removeprefix("--") for option in check.params for flag in option.opts}
     own = {"model", "args", "working-directory", "python-version", "install"}
-    assert set(ACTION["inputs"]) - own <= options
+    old = {flag.removeprefix("--") for flag in OLD_FLAGS["check"]}
+    assert set(ACTION["inputs"]) - own <= options | old

@@ -41,7 +41,7 @@ def test_speeds_outside_the_measured_pairs_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "pairs.csv"
     file.write_text("v [m/s],e\n0.1,0.95\n0.5,0.9\n")
     with pytest.raises(UserError, match="within the measured pairs"):
-        plan(ask(pairs=file, speeds="2 m/s"))
+        plan(ask(points=file, speeds="2 m/s"))
 
 
 def test_outputs_that_cannot_be_written_are_refused_first(tmp_path: Path) -> None:

@@ -48,9 +48,9 @@ def test_the_law_and_its_linear_reading_are_distinguished(reading: Reading) -> N
 def test_measured_pairs_in_the_units_of_their_header(tmp_path: Path) -> None:
     csv = tmp_path / "pairs.csv"
     csv.write_text("# a rig\nspeed [in/s],restitution\n20,0.90\n4,0.91\n")
-    outcome = one(check(CheckSpec(model=GOOD, pair="ball,plate", pairs=csv)))
+    outcome = one(check(CheckSpec(model=GOOD, pair="ball,plate", points=csv)))
     assert [row.speed for row in outcome.rows] == pytest.approx([4 * 0.0254, 20 * 0.0254])
     assert outcome.verdict is Verdict.PASSED
     assert outcome.rows[0].error == pytest.approx(-0.01, abs=3e-3)
-    tight = check(CheckSpec(model=GOOD, pair="ball,plate", pairs=csv, max_error=0.005))
+    tight = check(CheckSpec(model=GOOD, pair="ball,plate", points=csv, max_error=0.005))
     assert tight.exit_code == 1

@@ -63,13 +63,13 @@ def test_an_input_without_an_end_is_not_read_to_it(tmp_path: Path) -> None:
     with longest.open("wb") as file:
         file.truncate(MOST_BYTES + 1)
     for path, reason in ((endless, "a pipe or a device"), (longest, "has more than")):
-        for spec in (ask(pairs=path), ask(baseline=path), CheckSpec(model=str(path))):
+        for spec in (ask(points=path), ask(baseline=path), CheckSpec(model=str(path))):
             with pytest.raises(UserError, match=reason):
                 check(spec)
 
 
 def test_pairs_from_no_file_or_no_text(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="does not exist"):
+    with pytest.raises(UserError, match="is not a file"):
         read_pairs(tmp_path / "gone.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(UserError, match="UTF-8"):

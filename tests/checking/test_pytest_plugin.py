@@ -99,7 +99,7 @@ def test_the_law_pairs_baselines_and_objects(models: pytest.Pytester) -> None:
             restitution("good.xml", pair="ball,plate", speeds="2 m/s").follows(alpha="0.008 s/in")
 
         def test_pairs(restitution):
-            restitution("good.xml", pair="ball,plate").follows(pairs=HERE / "pairs.csv")
+            restitution("good.xml", pair="ball,plate").follows(points=HERE / "pairs.csv")
 
         def test_baseline(restitution):
             bounce = restitution("good.xml", pair="ball,plate", speeds="0.1 m/s")

@@ -44,7 +44,7 @@ def test_a_toml_file_that_is_neither_checks_nor_a_study_says_what_it_lacks(
 
 
 @pytest.mark.parametrize("value", ["true", "1979-05-27", "nan", "[[1]]"])
-@pytest.mark.parametrize("key", ["pairs", "baseline", "trajectory", "package"])
+@pytest.mark.parametrize("key", ["points", "baseline", "trajectory", "package"])
 def test_a_value_of_another_type_is_refused_in_the_words_of_its_key(
     key: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

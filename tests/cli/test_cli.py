@@ -31,7 +31,7 @@ INCH, LBF, PSI = 0.0254, 4.4482216152605, 6894.757293168361
 def test_reference_prints_the_papers_case_to_all_digits(
     capsys: pytest.CaptureFixture[str], alpha: float, speed: float, e: str, depth: str, force: str
 ) -> None:
-    assert run(["law", "--alpha", f"{alpha} s/in", "--speed", f"{speed} in/s", "--json"]) == 0
+    assert run(["law", "--alpha", f"{alpha} s/in", "--speeds", f"{speed} in/s", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert f"{row['restitution']:.10f}" == e
     assert f"{row['penetration_max_m'] / INCH:.4e}" == depth
@@ -47,7 +47,7 @@ def test_reference_prints_the_papers_case_to_all_digits(
 def test_the_papers_stress_limit_is_passed_by_about_15_percent_at_16_in_per_s(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run(["law", "--alpha", "0.008 s/in", "--speed", "16 in/s", "--json"]) == 0
+    assert run(["law", "--alpha", "0.008 s/in", "--speeds", "16 in/s", "--json"]) == 0
     caught = capsys.readouterr()
     (row,) = json.loads(caught.out)
     assert 1.10 < row["shear_stress_max_pa"] / (62_000 * PSI) < 1.15
@@ -57,7 +57,7 @@ def test_the_papers_stress_limit_is_passed_by_about_15_percent_at_16_in_per_s(
 def test_reference_takes_ranges_and_warns_where_the_paper_ends(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run(["law", "--alpha", "0.002, 0.008 s/in", "--speed", "1:24:12 in/s", "--json"]) == 0
+    assert run(["law", "--alpha", "0.002, 0.008 s/in", "--speeds", "1:24:12 in/s", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert len(rows) == 24
     assert not rows[0]["warnings"]
@@ -74,7 +74,7 @@ def test_every_commands_summary_fits_a_terminal(capsys: pytest.CaptureFixture[st
 
 
 def test_reference_prints_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["law", "--alpha", "0.315", "--speed", "0.1:0.4:4"]) == 0
+    assert run(["law", "--alpha", "0.315", "--speeds", "0.1:0.4:4"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 6
     assert "e of the law" in lines[0] and "of a steel ball" in lines[5]
@@ -95,13 +95,13 @@ RUN = 'recipe = "hunt-crossley"\ntimesteps = 1e-6\n'
 @pytest.mark.parametrize(
     ("arguments", "study", "says"),
     [
-        (["law", "--alpha", "1 furlong", "--speed", "1"], "", "--alpha"),
-        (["law", "--alpha=-0.1", "--speed", "1"], "", "alpha"),
-        (["law", "--alpha", "0.1", "--speed", "0"], "", "--speed"),
-        (["law", "--alpha", "0.1", "--speed=-1 in/s"], "", "--speed"),
-        (["law", "--alpha", "0.1", "--speed", "1", "--mass", "0"], "", "--mass"),
-        (["law", "--alpha", "0.1", "--speed", "1", "--exponent", "0.5"], "", "exponent"),
-        (["law", "--alpha", "0.1"], "", "--speed"),
+        (["law", "--alpha", "1 furlong", "--speeds", "1"], "", "--alpha"),
+        (["law", "--alpha=-0.1", "--speeds", "1"], "", "alpha"),
+        (["law", "--alpha", "0.1", "--speeds", "0"], "", "--speeds"),
+        (["law", "--alpha", "0.1", "--speeds=-1 in/s"], "", "--speeds"),
+        (["law", "--alpha", "0.1", "--speeds", "1", "--mass", "0"], "", "--mass"),
+        (["law", "--alpha", "0.1", "--speeds", "1", "--exponent", "0.5"], "", "exponent"),
+        (["law", "--alpha", "0.1"], "", "--speeds"),
         (["rebound"], "", "rebound"),
         (["report", "no-such-study"], "", "no-such-study"),
         (["report", "STUDY"], "not toml at all", "TOML"),

@@ -18,7 +18,7 @@ from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import MANIFEST, atomic_folder, write_bytes
 
 HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
-LAW = ["law", "--alpha", "0.1", "--speed", "0.1"]
+LAW = ["law", "--alpha", "0.1", "--speeds", "0.1"]
 STUDY = """scene = "steel-plane"
 alphas = 0.3
 speeds = 0.2
@@ -85,7 +85,7 @@ def test_other_streams_may_be_closed(redirection: str) -> None:
 
 @pytest.mark.parametrize("warnings", [[], ["-W", "error"]])
 def test_a_reader_that_goes_away_is_no_failure(warnings: list[str]) -> None:
-    many = ["law", "--alpha", "0.1", "--speed", "1:2:700", "--json"]
+    many = ["law", "--alpha", "0.1", "--speeds", "1:2:700", "--json"]
     command = [HCBENCH[0], *warnings, *HCBENCH[1:], *many]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None and process.stderr is not None
@@ -362,7 +362,7 @@ TUNED = ["tune", *MEASURE[1:], "--alpha=0.3"]
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["law", "--alpha=-0.1", "--speed=1"], "--alpha: -0.1; expected 0 s/m or more"),
+        (["law", "--alpha=-0.1", "--speeds=1"], "--alpha: -0.1; expected 0 s/m or more"),
         ([*LAW, "--stiffness=-1"], "--stiffness: -1; expected a value above 0"),
         ([*LAW, "--exponent=.5", "--stiffness=1"], "--exponent: 0.5; expected 1 ... 5"),
         ([*LAW, "--mass=-1"], "--mass: -1 kg; expected a value above 0"),
@@ -372,7 +372,10 @@ TUNED = ["tune", *MEASURE[1:], "--alpha=0.3"]
         ([*TUNE, "--points=1:2"], "--points: 2; expected 0 ... 1"),
         ([*TUNE, "--points=-1:0.5"], "--points: -1 m/s; expected a value above 0"),
         ([*TUNE, "--alpha=.1", "--max-error=-1"], "--max-error: -1; expected 0 ... 1"),
-        ([*TUNE, "--alpha=.1", "--max-error=nan"], "--max-error: nan; expected 0 ... 1"),
+        (
+            [*TUNE, "--alpha=.1", "--max-error=nan"],
+            "--max-error: 'nan' is not a number; expected 0 ... 1",
+        ),
         (
             [*TUNE, "--alpha=.1", "--recipe=magic"],
             "--recipe: 'magic' for 'mujoco'; expected one of: auto",

@@ -65,7 +65,7 @@ def refused(capsys: pytest.CaptureFixture[str], arguments: list[str], cause: str
         (["tune", "mujoco", "--alpha", "1e20", "--timestep", "1e-3"], "0 ... 10000 s/m"),
         (["convert", "--alpha", "1e300", "--speed", "1"], "0 ... 10000 s/m"),
         (
-            ["law", "--alpha", "1", "--speed", "1", "--stiffness", "1e300", "--mass", "1e-300"],
+            ["law", "--alpha", "1", "--speeds", "1", "--stiffness", "1e300", "--mass", "1e-300"],
             "1e-12 ... 1e+09 kg",
         ),
     ],
@@ -193,7 +193,7 @@ def test_a_law_is_of_numbers_whose_squares_are_numbers(value: float) -> None:
 def test_the_ends_of_the_range_are_computed_without_a_warning() -> None:
     ends = ["1e-30", "1e30"]
     for alpha, speed, mass, stiffness in np.array(np.meshgrid(*[ends] * 4)).reshape(4, -1).T:
-        options = ["--speed", speed, "--mass", mass, "--stiffness", stiffness]
+        options = ["--speeds", speed, "--mass", mass, "--stiffness", stiffness]
         assert run(["law", "--alpha", alpha, *options]) in (0, 2)
         assert run(["convert", "--alpha", alpha, "--speed", speed, "--timestep", mass]) in (0, 2)
 

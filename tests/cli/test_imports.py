@@ -34,7 +34,7 @@ print(json.dumps([code, list(sys.modules)]))
 @pytest.mark.parametrize(
     ("words", "uses"),
     [
-        (["law", "--alpha", "0.008 s/in", "--speed", "8 in/s"], set()),
+        (["law", "--alpha", "0.008 s/in", "--speeds", "8 in/s"], set()),
         (["convert", "--alpha", "0.008 s/in"], {"pydantic"}),
         (["engines"], {"pydantic"}),
         (["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"], {"pydantic", "mujoco"}),

@@ -137,7 +137,7 @@ def test_commands_replace_what_they_wrote(folder: Path) -> None:
         assert cli.run([*HELD, "--junit=j.xml", "--markdown=m.md"]) == 0
         assert cli.run(["check", *LAUNCH, "--write-baseline=b.json"]) == 0
         assert cli.run([*TUNED, "--write-scene=s.xml"]) == 0
-    again = ["check", *LAUNCH[:2], "--speeds=2", "--pairs=p.csv", "--max-error=1"]
+    again = ["check", *LAUNCH[:2], "--speeds=2", "--points=p.csv", "--max-error=1"]
     assert cli.run(again) == 0, "the mark is a comment"
     assert cli.run(["pairs", "s.xml"]) == 0
 

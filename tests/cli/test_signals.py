@@ -271,7 +271,7 @@ def test_an_interrupt_of_which_python_makes_another_error_is_one(
         type("Owner", (), {"field": Name()})
 
     monkeypatch.setattr("hcbench.laws.closed_form.restitution", interrupted)
-    assert run(["law", "--alpha", "0.1", "--speed", "0.1"]) == 130
+    assert run(["law", "--alpha", "0.1", "--speeds", "0.1"]) == 130
     assert capsys.readouterr().err == "hcbench: interrupted; nothing was left half-written\n"
 
 

@@ -21,7 +21,7 @@ BALL = """<mujoco><worldbody>
 </worldbody></mujoco>"""
 # Words of each verb that a bad value is added to.
 COMMANDS = {
-    "law": ["law", "--alpha", "0.3", "--speed", "1"],
+    "law": ["law", "--alpha", "0.3", "--speeds", "1"],
     "fit": ["fit", "times.csv"],
     "tune an engine": ["tune", "mujoco", "--alpha", "0.3", "--timestep", "1e-3"],
     "tune a model": ["tune", "ball.xml", "--pair", "ball,floor", "--alpha", "0.3"],
@@ -46,7 +46,7 @@ CALLS: dict[str, tuple[Callable[..., Any], tuple[str, ...], dict[str, Any]]] = {
 }
 # Each takes the place of alpha.
 TARGETS = {"material", "restitution", "points", "adams", "newton", "drake", "simbody", "solref"}
-TARGETS |= {"pairs", "baseline", "require"}
+TARGETS |= {"baseline", "require"}
 # Text that is a name of a file or of a package's version is looked for, and named itself.
 NAMES = {
     "--against",
@@ -106,7 +106,7 @@ def test_a_bad_value_is_refused_in_the_name_of_its_option(
 
 
 def _mistake(printed: str) -> str:
-    """What `check` prints of a check that cannot be made, as of an option."""
+    """Text that `check` prints of a check that cannot be made, as of an option."""
     found = re.search(r"^MISTAKE ball\.xml: (.+)", printed, re.MULTILINE)
     return f"--{found[1]}" if found else ""
 

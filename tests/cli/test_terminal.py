@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 GOOD = str(ROOT / "examples" / "good.xml")
 FEW = ["--pair=ball,plate", "--speeds=0.2, 0.5 m/s", "--phases=1"]
 OUTPUTS = [
-    ["law", "--alpha=0.3 s/m", "--speed=0.1, 0.5, 1 m/s"],
+    ["law", "--alpha=0.3 s/m", "--speeds=0.1, 0.5, 1 m/s"],
     ["convert", "--alpha=0.3 s/m", "--speed=1 m/s", "--timestep=1 ms", "--contact-time=0.2 ms"],
     ["engines"],
     ["engines", "-v"],
@@ -74,8 +74,8 @@ def test_the_examples_of_a_help_are_commands_and_its_page_is_there(
         parsed(line)
     text = app.commands[name].get_help(click.Context(app.commands[name]))
     assert all(line in text for line in examples(name))
-    (page,) = re.findall(r"Documentation: (docs/\S+)", text)
-    assert (ROOT / page).is_file()
+    (page,) = re.findall(r"Documentation: hcbench docs (\S+)", text)
+    assert (ROOT / "docs" / f"{page}.md").is_file()
 
 
 @pytest.mark.parametrize("command", OUTPUTS, ids=lambda c: " ".join(c)[:30])

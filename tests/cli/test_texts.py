@@ -32,7 +32,7 @@ COMMANDS = [
     ["tune", "mujoco", "--alpha=0.3 s/m", "--timestep=2 ms"],
     ["tune", GOOD, "--pair=ball,plate", "--restitution=0.9", "--max-error=1"],
     ["convert", "--alpha=0.3 s/m", "--speed=1 m/s"],
-    ["law", "--alpha=0.008 s/in", "--speed=0.2"],
+    ["law", "--alpha=0.008 s/in", "--speeds=0.2"],
     ["engines"],
     ["fit", "pairs.csv"],
     ["measure", GOOD, "--pair=ball,plat"],

@@ -62,6 +62,9 @@ def test_the_site_builds_without_a_warning_and_loads_nothing_from_outside(tmp_pa
     folder = [sys.executable, str(DOCS / "site_folder.py"), str(out), str(tmp_path / "site")]
     linked = subprocess.run(folder, capture_output=True, text=True, check=False)
     assert not linked.returncode, f"links and requests: {linked.stdout}{linked.stderr}"
+    for page in (tmp_path / "site").glob("*/**/*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert text.count('class="hcbench-site"') == text.count('property="og:image"') == 1, page
     for style in out.rglob("*.css"):
         assert not re.search(
             r"(@import|url\()\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")

@@ -54,7 +54,7 @@ COMMANDS = (
     ("convert", "--alpha", "0.3", "--speed", "1 m/s", "--timestep", "1 ms"),
     ("materials",),
     ("materials", "steel on steel"),
-    ("law", "--alpha", "0.3", "--speed", "0.1, 1 m/s"),
+    ("law", "--alpha", "0.3", "--speeds", "0.1, 1 m/s"),
 )
 
 

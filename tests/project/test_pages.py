@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 from pathlib import Path
 
 import pytest
 
+from hcbench.laws import closed_form
 from hcbench.sim import registry
 
 ROOT = Path(__file__).parents[2]
@@ -74,3 +76,18 @@ def test_cards_and_pictures_are_those_of_their_data() -> None:
     } | pictures.pictures()
     assert all(path.read_text(encoding="utf-8") == svg for path, svg in drawn.items())
     assert set(cards.FOLDER.glob("*.svg")) <= set(drawn)
+
+
+def test_the_dropped_balls_of_the_picture_rise_as_measured() -> None:
+    """By the law to e² of the height; MuJoCo as it is stays down; the plug-in rises as the law."""
+    svg = pictures.drop()
+    rises = []
+    for ball in re.findall(r"@keyframes b\d\{((?:[\d.]+%\{[^}]*\})+)\}", svg):
+        places = [-float(y) for y in re.findall(r"translateY\((-?[\d.]+)px\)", ball)]
+        landed = next(i for i, up in enumerate(places) if up < 0.02 * places[0])
+        rises.append(max(places[landed:]) / places[0])
+    law, stock, ours = rises
+    e = float(closed_form.restitution(0.315, math.sqrt(2 * 9.81 * 0.01)))
+    assert law == pytest.approx(e**2, abs=0.01)
+    assert stock < 0.01
+    assert ours == pytest.approx(law, rel=0.03)

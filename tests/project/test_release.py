@@ -32,7 +32,7 @@ timesteps = 1e-3
 """
 ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
 COMMANDS = [
-    'law --alpha "0.008 s/in" --speed "4, 8, 12, 16 in/s"',
+    'law --alpha "0.008 s/in" --speeds "4, 8, 12, 16 in/s"',
     "engines",
     "materials",
     'tune pybullet --alpha "0.3 s/m" --timestep "2 ms" --plugin --write-scene drop.py',
@@ -46,6 +46,7 @@ COMMANDS = [
     "sweep my/study.toml --out my/sweep --jobs 2",
     "cases run mujoco pybullet --case C01 --case C09",
     "plugin mujoco",
+    "docs howto/tune",
 ]
 README = re.findall(
     r"^\$ hcbench (.*)$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE

@@ -6,11 +6,16 @@ from __future__ import annotations
 
 import hashlib
 import json
+import posixpath
 import re
 import subprocess
 from pathlib import Path
 
 import pytest
+
+from hcbench.reporting import site_header
+from hcbench.reporting.page import header_html
+from hcbench.reporting.site_header import PAGES, page_header
 
 ROOT = Path(__file__).parents[2]
 MANIFEST = "hcbench-files.json"
@@ -45,10 +50,32 @@ def test_each_file_of_a_report_is_the_one_that_was_written_with_the_others(
         assert wrong in ([], ["cost.csv"]), manifest
 
 
-def test_pages_link_to_nothing_that_a_clone_lacks(tracked: dict[str, bytes]) -> None:
+def test_every_link_of_a_page_leads_to_a_file_of_the_clone(tracked: dict[str, bytes]) -> None:
+    done = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True)
+    of_clone = set(done.stdout.splitlines())
     for name, content in tracked.items():
         if name.endswith(".html"):
             links = re.findall(r'<a [^>]*href="([^"#:]+)"', content.decode("utf-8"))
-            assert not [link for link in links if str(Path(name).parent / link) not in tracked], (
-                name
-            )
+            paths = [posixpath.normpath(posixpath.join(posixpath.dirname(name), a)) for a in links]
+            assert not set(paths) - of_clone, name
+
+
+def test_every_page_opens_with_the_header_and_links_to_all_others(
+    tracked: dict[str, bytes],
+) -> None:
+    for name, content in tracked.items():
+        if name.endswith(".html"):
+            html = header_html(page_header((ROOT / name).parent))
+            assert content.decode("utf-8").count(html) == 1, name
+            assert html.count("<a ") >= len(PAGES), name
+
+
+def test_a_page_of_a_user_has_no_dead_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands while the project has no address, and links to it once it has one."""
+    monkeypatch.setattr(site_header, "address", lambda name: "")
+    html = header_html(page_header(tmp_path))
+    assert "href" not in html and "<code>hcbench docs</code>" in html
+    monkeypatch.setattr(site_header, "address", lambda name: f"https://example.org/{name}")
+    html = header_html(page_header(tmp_path))
+    assert 'href="https://example.org/Documentation/reports/field/index.html"' in html
+    assert 'href="https://example.org/Source"' in html

@@ -32,7 +32,7 @@ for module in pkgutil.walk_packages(hcbench.__path__, "hcbench."):
     except ModuleNotFoundError as error:  # an engine that is not installed
         assert error.name not in posix, module.name
 from hcbench import cli
-assert cli.run(["law", "--alpha=0.3 s/m", "--speed=0.5 m/s"]) == 0
+assert cli.run(["law", "--alpha=0.3 s/m", "--speeds=0.5 m/s"]) == 0
 assert cli.run(["convert", "--alpha=0.3 s/m", "--speed=0.5 m/s"]) == 0
 """
 

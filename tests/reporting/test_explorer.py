@@ -362,7 +362,9 @@ def test_the_text_takes_the_readers_two_names_and_kind(
     assert (text["first"], text["second"]) == ("foot", "floor")
     page.fill("#explorer-first-name", "<b>")
     assert page.locator("#explorer-first-name").get_attribute("aria-invalid") == "true"
-    assert "foot" in (page.locator("#explorer-paste-text").text_content() or "")
+    assert "“<b>” cannot stand in this text" in words(page, "say")
+    assert not page.locator("#explorer-paste-text").text_content()
+    page.fill("#explorer-first-name", "foot")
     assert words(page, "say") == "Set impulse: e within 0.05 from 0.1 to 0.4 m/s."
     for line in (
         "One e would do.",

@@ -63,7 +63,10 @@ def test_same_results_same_bytes(page: Path, tmp_path: Path) -> None:
 def test_files_beside_the_page(page: Path) -> None:
     names = set(contents(page.parent))
     assert {"index.html", "restitution.csv", "loops.csv", "scores.csv", "summary.json"} <= names
-    assert {name for name in names if name.startswith("figures/")} == {"figures/overview.svg"}
+    assert {name for name in names if name.startswith("figures/")} == {
+        "figures/overview.csv",
+        "figures/overview.svg",
+    }
 
 
 def test_nothing_of_this_machine_or_day_is_in_the_files(page: Path) -> None:

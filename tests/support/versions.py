@@ -80,7 +80,7 @@ COMMANDS = (
     "pairs quadruped.xml",
     'land quadruped.xml --heights "5 cm"',
     "fit drop.wav",
-    'law --alpha "0.3 s/m" --speed "0.5 m/s"',
+    'law --alpha "0.3 s/m" --speeds "0.5 m/s"',
     'convert --alpha "0.3 s/m" --speed "0.5 m/s"',
     "report --quick --out report",
     "sweep study.toml --out sweep -j 1",

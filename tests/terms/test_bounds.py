@@ -90,10 +90,10 @@ def test_complex_numbers_are_no_pose(tmp_path: Path) -> None:
     ("arguments", "says"),
     [
         (
-            ["law", "--alpha=0.1", "--speed=1e30"],
-            "--speed: 1e+30 m/s; expected 1e-06 ... 10000 m/s",
+            ["law", "--alpha=0.1", "--speeds=1e30"],
+            "--speeds: 1e+30 m/s; expected 1e-06 ... 10000 m/s",
         ),
-        (["law", "--alpha=0.31 --s/m", "--speed=1"], "--alpha: '0.31 --s/m': not a unit"),
+        (["law", "--alpha=0.31 --s/m", "--speeds=1"], "--alpha: '0.31 --s/m': not a unit"),
         (
             ["tune", "mujoco", "--alpha=1e-12", "--speeds=1e9:1e10", "--timestep=1e-3"],
             "--speeds: 1e+09 m/s",
@@ -122,8 +122,8 @@ def test_nonsense_is_exit_2(
 
 
 def test_beyond_bounds_ends_with_its_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(["law", "--alpha=1e-9", "--speed=2e4", "--beyond-bounds"]) == 0
-    assert cli.run(["law", "--alpha=1e-9", "--speed=2e4"]) == 2
+    assert cli.run(["law", "--alpha=1e-9", "--speeds=2e4", "--beyond-bounds"]) == 0
+    assert cli.run(["law", "--alpha=1e-9", "--speeds=2e4"]) == 2
 
 
 def test_a_drop_without_end_is_refused() -> None:

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from hcbench.cases.score import measured
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.reporting.curves import csv_of
 from hcbench.reporting.explorer import digits
 from hcbench.reporting.field import cells, features
 from hcbench.reporting.field.cells import MatrixCell, case_table, rows
@@ -358,6 +359,7 @@ def build(
     folder: Path,
     pool: WorkerPool | None = None,
     tick: Callable[[int, int], None] | None = None,
+    moved_to: Path | None = None,
 ) -> Path:
     """Write the field report into `folder` and return its page. All of it appears, or nothing.
 
@@ -366,6 +368,7 @@ def build(
 
     pool: draws figures side by side; None: this process does.
     tick: called with (figures drawn, figures in all).
+    moved_to: the folder that the caller moves the report to, for the page's links; None: none.
 
     Raises UserError where a file that hcbench did not write is in the way, OutputError where the
     folder cannot be written.
@@ -374,14 +377,15 @@ def build(
     with atomic_folder(folder, PAGE) as scratch:
         results.write(scratch)
         (scratch / "figures").mkdir()
-        save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
+        png = not results.study.get("left_out")
+        save = partial(draw, folder=scratch / "figures", png=png, csv=csv_of)
         plans = list(drawings(view))
         drawn = map(save, plans) if pool is None else pool.imap(save, plans)
         figures = list(counted(drawn, len(plans), tick))
         probes = _probes(view)
         write_text(scratch / COST, _costs(view, probes))
         by_engine = {case.engine: probe_of_engine for case, probe_of_engine in probes.items()}
-        write_text(scratch / PAGE, page_text(view, figures, by_engine))
+        write_text(scratch / PAGE, page_text(view, figures, by_engine, moved_to or folder))
     return folder / PAGE
 
 
@@ -426,19 +430,24 @@ def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str
 
 
 def page_text(
-    view: FieldView, figures: list[dict[str, Any]], probes: dict[str, features.Probe | None]
+    view: FieldView,
+    figures: list[dict[str, Any]],
+    probes: dict[str, features.Probe | None],
+    folder: Path | None = None,
 ) -> str:
     """The field page as HTML text. It opens with the strongest gravity and the step nearest to 1
     ms.
 
     figures: what `draw` returns of each of `drawings`.
     probes: by engine; None where it could not run.
+    folder: the page's own.
     """
     made = tables(view)
     usual = min(made, key=lambda table: (-table.gravity, _far_from_usual(table.step)))
     return render(
         "field.html",
         script=script(*_SCRIPTS),
+        folder=folder,
         title="Which engines bounce right",
         view=view,
         table=usual,

@@ -131,7 +131,7 @@ def signals(count: int, folder: Path) -> list[str]:
         ["tune", "mujoco", "--alpha=0.3", "--timestep=1e-3", "--write-scene", str(folder / "s.xml")],
         ["tune", model, "--pair=ball,plate", "--alpha=0.3", "--write-model", str(folder / "m.xml")],
         ["fit", str(folder / "h.csv"), "--page", str(folder / "f.html")],
-        ["law", "--alpha=0.1", "--speed=1:2:2000", "--json"],
+        ["law", "--alpha=0.1", "--speeds=1:2:2000", "--json"],
         ["convert", "--alpha=0.3"], ["engines"], ["pairs", model], ["paper", "--quick", "--out", str(folder / "paper"), "-j", "1"],
     ]  # fmt: skip
     for kind in _SIGNALS:  # which a job in the background may ignore, and its processes with it

@@ -214,7 +214,7 @@ class Inputs:
 
 
 def _law(i: Inputs) -> list[str]:
-    wanted = [f"--alpha={i.text('0.008 s/in')}", f"--speed={i.text('4, 8 in/s')}"]
+    wanted = [f"--alpha={i.text('0.008 s/in')}", f"--speeds={i.text('4, 8 in/s')}"]
     return ["law", *wanted, *i.some(mass="1 lb", stiffness="3.1e7 lbf/in^1.5", exponent="1.5")]
 
 
@@ -255,7 +255,7 @@ def _check(i: Inputs) -> list[str]:
     target = (
         i.some(restitution="0.9")
         or i.some(alpha="0.3")
-        or [f"--pairs={i.data()}"] * (i.random.random() < 0.5)
+        or [f"--points={i.data()}"] * (i.random.random() < 0.5)
     )
     options = i.some(max_error="0.05", target="law")
     outputs = [

@@ -59,26 +59,29 @@ def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
 
     Raises UserError for unknown names, and for two that are the same or cannot collide.
     """
-    first, second = (_named_geoms(model, name) for name in names)
+    first = _named_geoms(model, names[0], names[1])
+    second = _named_geoms(model, names[1], names[0])
     if set(first.geoms) & set(second.geoms):
         got = f"{names[0]!r} and {names[1]!r} are the same"
         raise UserError("pair", got, "two different bodies or geoms")
     return require_collisions(ContactPair(model, first, second))
 
 
-def _named_geoms(model: Any, name: str) -> NamedGeoms:
+def _named_geoms(model: Any, name: str, other: str | None = None) -> NamedGeoms:
     """The part of this name with those of its geoms that can collide; with all where none can.
 
     name: of a body or geom, or "body:NAME", "geom:NUMBER" and the like. A body without geoms stands
     for the bodies that hang on it.
+    other: name of the part that it is to touch; None: of none.
 
-    Raises UserError where neither has geoms, and for a name that the model does not have.
+    Raises UserError where neither has geoms, and for a name that the model does not have: it lists
+    what can touch the other part, the nearest first.
     """
     parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
     parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
     # A body without geoms comes last: of the same name, a geom is meant.
     parts.sort(key=lambda part: part[0] == "body" and not model.body_geomnum[part[2]])
-    kind, number = find_part(parts, name)
+    kind, number = find_part(parts, name, lambda: _partners(model, other) if other else [])
     if kind == "geom":
         return NamedGeoms(name, int(model.geom_bodyid[number]), (number,))
     geoms = geoms_of(model, number) or _carried_geoms(model, number)
@@ -86,6 +89,31 @@ def _named_geoms(model: Any, name: str) -> NamedGeoms:
     if not solid:
         raise UserError("pair", f"body {name!r} has no geoms", "a body that can touch something")
     return NamedGeoms(name, number, solid)
+
+
+def _partners(model: Any, name: str) -> list[str]:
+    """Names of the geoms that can touch the part of a name, then of their bodies: at the model's own
+    pose, the nearest first. [] where the model does not have it.
+    """
+    mujoco = backend()
+    try:
+        part = _named_geoms(model, name)
+    except UserError:
+        return []
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    near: dict[int, float] = {}
+    for pair in _collisions(model):
+        for own, geom in (pair, pair[::-1]):
+            if own in part.geoms and geom not in part.geoms:
+                body = int(model.geom_bodyid[geom])
+                both = (NamedGeoms("", body, (geom,)), NamedGeoms("", part.body, (own,)))
+                distance = float(ContactPair(model, *both).nearest(data).distance)
+                near[geom] = min(distance, near.get(geom, math.inf))
+    geoms = sorted(near, key=near.__getitem__)
+    names = [str(model.geom(geom).name) for geom in geoms]
+    names += [str(model.body(int(model.geom_bodyid[geom])).name) for geom in geoms]
+    return list(dict.fromkeys(filter(None, names)))
 
 
 def _carried_geoms(model: Any, body: int) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ const near = (one, other) => Math.abs(one - other) < 1e-9 * Math.max(one, other)
 
 function answerNow() {
   const here = data.answers.filter(isHere);
+  if (state.e !== null) return here.length ? constantAnswer(here) : undefined;
   const known = state.band === "" && here.find(answer => answer.alpha === alphaNow());
   return known || (here.length && data.errors?.length ? madeAnswer(here) : undefined);
 }
@@ -76,7 +77,7 @@ function madeAnswer(here) {
   });
   const known = here.flatMap(answer => answer.choices.filter(choice => choice.kind === "exact").map(choice => ({answer, choice})))[0];
   if (known && low < band[1]) {
-    const {answer, choice} = known, text = choice.text.replaceAll(String(answer.alpha), String(alpha));
+    const {answer, choice} = known, text = withAlpha(choice.text, answer.alpha, alpha);
     const more = choice.more.filter(line => line.startsWith("It needs"));
     const above = low > band[0] ? [`Slower impacts than ${digits3(low)} m/s may come to rest.`] : [];
     choices.push(made("exact", choice.setting, choice.error, errorText(choice.error), [...more, ...above], text, [Math.max(low, band[0]), band[1]]));
@@ -84,40 +85,91 @@ function madeAnswer(here) {
   return {choices};
 }
 
+// The plug-in's text for another α: in full where it acts, in six digits where hcbench notes what it wrote.
+function withAlpha(text, was, now) {
+  const note = alpha => `alpha ${Number(alpha.toPrecision(6))} s/m`;
+  return text.replaceAll(String(was), String(now)).replaceAll(note(was), note(now));
+}
+
+// The plug-in's text for one e at all speeds, as `hcbench tune --restitution` prints it.
+function withConstant(text, was, e) {
+  const reading = /<config key="alpha" value="[^"]*" \/>\n\s*<config key="reading" value="law" \/>/;
+  return withAlpha(text, was, was).replace(reading, `<config key="restitution" value="${e}" />`)
+    .replace(/"restitution alpha=[^"]*"/, `"restitution restitution=${e}"`).replace(/; alpha [^;]* s\/m;/, `; restitution ${e};`);
+}
+
+// For the one e of a pair of materials: the plug-in's text, and the command that finds settings.
+function constantAnswer(here) {
+  const stock = stockHere(), shown = stock ? [keyOf(stock)] : [], {e} = state;
+  const say = `Ask for it: this command finds settings of ${engineTitle()} for e = ${e}.`;
+  const settings = {kind: "settings", setting: "", error: NaN, band: data.band, shown, text: `${tuneLine()} --settings`, say, more: []};
+  const known = here.flatMap(answer => answer.choices.filter(choice => choice.kind === "exact").map(choice => ({answer, choice})))[0];
+  if (!known) return {choices: [settings]};
+  const {answer, choice} = known, text = withConstant(choice.text, answer.alpha, e);
+  const told = `Attach ${choice.setting}: e within ${errorText(choice.error)} ${bandText(choice.band)}.`;
+  const exact = {...choice, shown, text, say: told, more: choice.more.filter(line => line.startsWith("It needs"))};
+  return {choices: [exact, settings]};
+}
+
 const engineTitle = () => data.engines.find(([, key]) => key === state.engine)[0];
 
 function tuneLine() {
-  return `hcbench tune ${state.engine} --alpha "${Number(alphaNow().toPrecision(6))} s/m" --timestep "${Number(state.step.toPrecision(9))} s"`
-    + ` --gravity ${state.gravity} --friction 0 --pair "${state.first},${state.second}"`;
+  const target = state.e === null ? `--alpha "${Number(alphaNow().toPrecision(6))} s/m"` : `--restitution ${state.e}`;
+  return `hcbench tune ${state.engine} ${target} --timestep "${Number(state.step.toPrecision(9))} s"`
+    + ` --gravity ${state.gravity} --friction ${state.friction} --pair "${state.first},${state.second}"`;
 }
 
 // What happens with nothing set, which no α changes.
-const stockHere = () => data.runs.find(run => isHere(run) && run.kind === "stock" && (sameAlpha(run) || state.own !== null));
+const stockHere = () => data.runs.find(run => isHere(run) && run.kind === "stock" && (sameAlpha(run) || state.own !== null || state.e !== null));
 
 function nothingSet() {
   const run = stockHere();
   if (!run) return [];
-  const errors = run.v.flatMap((v, i) => run.e[i] === null ? [] : [run.low[i], run.high[i]].map(e => Math.abs(e - lawRestitution(alphaNow(), v))));
+  const errors = run.v.flatMap((v, i) => run.e[i] === null ? [] : [run.low[i], run.high[i]].map(e => Math.abs(e - targetAt(v))));
   const highest = Math.max(...run.high), words = highest > 0 ? `e up to ${digits3(highest)}` : "no bounce";
   return [element("b", "Nothing set"), `${words}: wrong by at most ${errorText(Math.max(...errors))}`];
 }
 
 function showAnswer() {
   if (!at("say")) return;
-  const choice = choiceNow(), names = {ball: state.first, plate: state.second};
+  const choice = withFriction(choiceNow()), names = {ball: state.first, plate: state.second};
   const {say, more, text: words} = choice ?? {
-    say: `Not asked here: ${engineTitle()} at ${stepName(state.step)} for α = ${text(alphaNow())} s/m.`,
+    say: `Not asked here: ${engineTitle()} at ${stepName(state.step)} for ${state.e === null ? `α = ${text(alphaNow())} s/m` : `e = ${state.e}`}.`,
     more: ["This command finds a setting."], text: tuneLine(),
   };
-  at("say").textContent = say;
-  at("more").replaceChildren(...more.map(line => Object.assign(document.createElement("p"), {textContent: line})));
+  at("say").textContent = said(say);
+  at("more").replaceChildren(...more.map(line => Object.assign(document.createElement("p"), {textContent: said(line)})));
   const pasted = words.startsWith("hcbench tune ") ? words : words.replace(/\b(ball|plate)\b/g, name => names[name]);
   at("paste-text").textContent = pasted;
-  const kept = Math.round(100 * lawRestitution(alphaNow(), 1));
-  at("plain").textContent = `At 1 m/s a ball of this material keeps ${kept} % of its speed.`;
+  const published = materialOf(state.material)?.label;
+  const kept = `At 1 m/s a ball of this material keeps ${Math.round(100 * targetAt(1))} % of its speed.`;
+  at("plain").textContent = state.e === null ? [published && `${published}.`, kept].filter(Boolean).join(" ") : `${published}. One number is published: e at other speeds is not known.`;
   at("nothing").replaceChildren(...nothingSet());
   showKinds(choice);
   at("copied").textContent = "";
+}
+
+// Speeds as people say them: 32 mm/s to 0.5 m/s, rounded to the inside of the band.
+function said(words) {
+  const round = (value, way) => {
+    const ten = 10 ** (Math.floor(Math.log10(value)) - 1);
+    return Number((way(Number((value / ten).toPrecision(12))) * ten).toPrecision(2));
+  };
+  const spoken = value => value < 0.1 ? `${Number((1e3 * value).toPrecision(2))} mm/s` : `${value} m/s`;
+  return words.replace(/from ([\d.e-]+) to ([\d.e-]+) m\/s/g, (_, low, high) => {
+    const ends = [round(Number(low), Math.ceil), round(Number(high), Math.floor)];
+    return ends[0] < 0.1 ? `from ${spoken(ends[0])} to ${spoken(ends[1])}` : `from ${ends[0]} to ${ends[1]} m/s`;
+  });
+}
+
+// A text that makes the pair frictionless says so, and gives way to the command once a friction is chosen.
+function withFriction(choice) {
+  if (!choice?.kind || choice.text.startsWith("hcbench tune ")) return choice;
+  if (!choice.text.includes('condim="1"')) return {...choice, more: ["Friction stays as your model has it.", ...choice.more]};
+  if (!state.friction) return {...choice, more: ["This text takes the friction of the pair away: write yours above to keep it.", ...choice.more]};
+  const band = choice.band.map(digits3).join(":");
+  return {...choice, text: `${tuneLine()} --speeds "${band} m/s" ${FLAGS[choice.kind]}`, more: ["The command finds its numbers with your friction.", ...choice.more],
+    say: `Ask for it: this command finds ${choice.setting} with friction ${state.friction}.`};
 }
 
 function showKinds(choice) {
@@ -127,7 +179,7 @@ function showKinds(choice) {
     if (!other) return [];
     const within = other.known ?? other.say.match(/e within .*(?=\.$)/)?.[0] ?? "no error known here";
     const tab = Object.assign(document.createElement("button"), {type: "button", value: kind, id: `explorer-kind-${kind}`});
-    tab.append(Object.assign(document.createElement("b"), {textContent: KINDS[kind]}), within);
+    tab.append(Object.assign(document.createElement("b"), {textContent: KINDS[kind]}), said(within));
     tab.setAttribute("role", "tab");
     tab.setAttribute("aria-controls", "explorer-paste");
     tab.setAttribute("aria-selected", kind === choice.kind);

@@ -4,13 +4,17 @@
 const data = JSON.parse(document.getElementById("explorer-data").textContent);
 const at = id => document.getElementById(`explorer-${id}`);
 const INCH = 0.0254, LAW_STYLE = {colour: "var(--law-ink)", dashes: ""};
-const state = {...data.start, own: null, band: "", kind: "", first: "ball", second: "plate", setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
+const state = {...data.start, own: null, e: null, material: "", band: "", kind: "", first: "ball", second: "plate", friction: 0, setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
 
 // What is chosen
 
-const sameAlpha = run => state.own === null && run.alpha === state.alpha;
+const sameAlpha = run => state.own === null && state.e === null && run.alpha === state.alpha;
 const keyOf = run => `${run.engine} ${run.setting}`;
 const alphaNow = () => state.own ?? state.alpha;
+// What is aimed at: e of the law at a speed, or the one e of a pair of materials.
+const targetAt = speed => state.e ?? lawRestitution(alphaNow(), speed);
+const targetName = () => state.e === null ? "the law" : "the target";
+const materialOf = id => (data.materials ?? []).find(material => material.id === id);
 // What ran at this step and gravity for this α; with nothing set, for any.
 function runsHere() {
   return data.runs.filter(run => run.gravity === state.gravity && run.step === state.step && (sameAlpha(run) || run === stockHere()));
@@ -47,9 +51,9 @@ function chosen() {
 }
 
 function describe({run, i}) {
-  const v = run.v[i], law = lawRestitution(alphaNow(), v), range = run.high[i] - run.low[i] > 5e-4;
+  const v = run.v[i], range = run.high[i] - run.low[i] > 5e-4;
   const chance = range ? ` (${run.low[i].toFixed(3)} to ${run.high[i].toFixed(3)} by chance of where in a step the contact starts)` : "";
-  return `${run.title} at ${text(v)} m/s (${text(v / INCH)} in/s): e = ${run.e[i].toFixed(4)}${chance}; the law ${law.toFixed(4)}`;
+  return `${run.title} at ${text(v)} m/s (${text(v / INCH)} in/s): e = ${run.e[i].toFixed(4)}${chance}; ${targetName()} ${targetAt(v).toFixed(4)}`;
 }
 
 // Choices
@@ -58,12 +62,28 @@ function fill(select, options, value) {
   select.replaceChildren(...options.map(([name, key]) => new Option(name, key, false, key === String(value))));
 }
 
-const isName = name => /^[\w.:/-]{1,60}$/.test(name ?? "");
+// Names that stand in an engine's text as they are: variables of Python in PyBullet's, attributes of XML in others.
+const NAME = {pybullet: [/^[\p{L}_][\p{L}\p{N}_]{0,59}$/u, "a variable of your script: letters, digits and _"]};
+const XML_NAME = [/^[\p{L}\p{N}_.:/-]([\p{L}\p{N}_.:/ -]{0,58}[\p{L}\p{N}_.:/-])?$/u, "letters, digits, spaces and _ . : / -"];
+
+// What is wrong in a field, as a sentence; "" where nothing is.
+function mistake() {
+  const [legal, expected] = NAME[state.engine] ?? XML_NAME;
+  for (const name of ["first", "second"]) if (!legal.test(state[name])) return `“${state[name]}” cannot stand in this text. Write ${expected}.`;
+  if (state.own !== null && !(state.own >= 0 && state.own <= 100)) return `${Number.isNaN(state.own) ? "No α" : `α = ${state.own} s/m`}: write a number from 0 to 100, in s/m.`;
+  if (!(state.friction >= 0 && state.friction <= 10)) return `Friction ${state.friction}: write a number from 0 to 10, or nothing.`;
+  return "";
+}
 
 function showChoices() {
   const here = [...data.runs, ...data.answers].filter(one => one.engine === state.engine && one.gravity === state.gravity);
   const steps = [...new Set(here.map(one => one.step))].sort((a, b) => a - b);
-  for (const name of ["first", "second"]) if (document.activeElement !== at(`${name}-name`)) at(`${name}-name`).value = state[name];
+  const [legal] = NAME[state.engine] ?? XML_NAME;
+  for (const name of ["first", "second"]) {
+    if (document.activeElement !== at(`${name}-name`)) at(`${name}-name`).value = state[name];
+    at(`${name}-name`).setAttribute("aria-invalid", !legal.test(state[name]));
+  }
+  if (document.activeElement !== at("friction")) at("friction").value = state.friction || "";
   if (!steps.includes(state.step)) {
     const far = steps.map(h => Math.abs(Math.log(h / state.step)));
     state.step = steps[far.indexOf(Math.min(...far))];
@@ -71,11 +91,19 @@ function showChoices() {
   fill(at("engine"), data.engines, state.engine);
   fill(at("step"), steps.map(h => [stepName(h), String(h)]), state.step);
   fill(at("gravity"), data.gravities.map(g => [g ? "under gravity" : "without gravity", String(g)]), state.gravity);
-  const alphas = data.alphas.map(a => [`${text(a)} s/m`, String(a)]);
-  fill(at("alpha"), [...alphas, ["another", "other"]], state.own === null ? state.alpha : "other");
-  at("own").hidden = state.own === null;
+  const alphas = data.alphas.map(a => [`α = ${text(a)} s/m`, String(a)]);
+  fill(at("alpha"), [...alphas, ["another α", "other"]], state.own === null ? state.alpha : "other");
+  addMaterials();
+  at("own").hidden = state.own === null || state.material !== "";
   showBands();
-  if (state.own !== null && Number(at("own-alpha").value) !== state.own) at("own-alpha").value = state.own;
+  if (state.own !== null && document.activeElement !== at("own-alpha")) at("own-alpha").value = state.own;
+}
+
+// Pairs of materials below the α, each with its number and the speeds that it was measured at.
+function addMaterials() {
+  const group = Object.assign(document.createElement("optgroup"), {label: "Published pairs of materials"});
+  group.append(...data.materials.map(({id, label}) => new Option(label, id, false, id === state.material)));
+  at("alpha").append(group);
 }
 
 function showBands() {
@@ -101,13 +129,13 @@ function split(runs, law) {
 
 function drawCurve() {
   const runs = shownRuns(), choice = choiceNow(), top = Math.max(data.band[1], state.band ? choice?.band[1] ?? 0 : 0);
-  const speeds = Array.from({length: 81}, (_, i) => top * i / 80), law = speeds.map(v => lawRestitution(alphaNow(), v));
+  const speeds = Array.from({length: 81}, (_, i) => top * i / 80), law = speeds.map(targetAt);
   const promised = runs.some(run => run.kind !== "stock") ? [] : (answerNow()?.choices ?? []).flatMap(promise);
   const {least, strip} = split(runs, [...law, ...promised.flatMap(({low}) => low)]);
   const most = Math.max(1, ...runs.flatMap(run => run.high));
   const low = least < 0.5 ? 0 : Math.floor(20 * least - 0.2) / 20;
   const last = run => run.e.findLast(e => e !== null) ?? low;
-  const names = [{name: "the law", y: law.at(-1)}, ...runs.map(run => ({name: nameOf(run), style: run, y: last(run)}))];
+  const names = [{name: targetName(), y: law.at(-1)}, ...runs.map(run => ({name: nameOf(run), style: run, y: last(run)}))];
   names.push(...promised.map(each => ({name: each.name, style: each, y: each.low.at(-1)})));
   const right = Plot.room(names.map(({name}) => name), at("curve")), wide = right > 12;
   curve = new Plot(at("curve"), {low: 0, high: top, label: "impact speed, m/s", upper: {label: "in/s", scale: INCH}},
@@ -127,13 +155,13 @@ function drawCurve() {
 // The law give or take the promised error, where nothing was run.
 function promise({kind, setting, error, band: [from, to]}) {
   if (!Number.isFinite(error)) return [];
-  const v = Array.from({length: 41}, (_, i) => from + (to - from) * i / 40), law = v.map(speed => lawRestitution(alphaNow(), speed));
+  const v = Array.from({length: 41}, (_, i) => from + (to - from) * i / 40), law = v.map(targetAt);
   const low = law.map(e => Math.max(0, e - error)), high = law.map(e => Math.min(1, e + error));
   return [{name: setting, colour: data.hues[kind], dashes: kind === "exact" ? "" : "2 3", v, low, high}];
 }
 
 function legend(place, runs) {
-  place.replaceChildren(...["the law", ...runs].filter(() => runs.length).map(run => {
+  place.replaceChildren(...[targetName(), ...runs].filter(() => runs.length).map(run => {
     const entry = Object.assign(document.createElement("span"), {className: "key", textContent: run.title ?? run});
     entry.style.setProperty("--colour", run.colour ?? "var(--law-ink)");
     return entry;
@@ -198,7 +226,8 @@ function save() {
   const {engine, step, gravity, band, kind, first, second, setting, speed, toggled, tab} = state;
   const named = first === "ball" && second === "plate" ? {} : {first, second};
   const which = {setting, speed: Number.isFinite(speed) ? speed : "", toggled: [...toggled].join(","), tab};
-  const choice = {engine, step, gravity, alpha: alphaNow(), band, kind, ...named, ...which};
+  const target = state.material ? {material: state.material} : {alpha: alphaNow()};
+  const choice = {engine, step, gravity, ...target, friction: state.friction || "", band, kind, ...named, ...which};
   const parts = Object.entries(choice).filter(([, value]) => value !== "");
   history.replaceState(null, "", `#${new URLSearchParams(parts)}`);
 }
@@ -212,9 +241,12 @@ function load() {
   const alpha = number("alpha");
   if (data.alphas.includes(alpha)) Object.assign(state, {alpha, own: null});
   else if (alpha >= 0 && alpha <= 100) state.own = alpha;
+  const material = materialOf(choice.get("material"));
+  if (material) Object.assign(state, {own: material.alpha, e: material.e, material: material.id});
+  if (number("friction") > 0 && number("friction") <= 10) state.friction = number("friction");
   state.kind = choice.get("kind") ?? "";
   state.band = choice.get("band") ?? "";
-  for (const name of ["first", "second"]) if (isName(choice.get(name))) state[name] = choice.get(name);
+  for (const name of ["first", "second"]) if ((NAME[state.engine] ?? XML_NAME)[0].test(choice.get(name) ?? "")) state[name] = choice.get(name);
   state.setting = choice.get("setting") ?? "";
   state.speed = number("speed");
   state.toggled = new Set((choice.get("toggled") ?? "").split(",").filter(Boolean));
@@ -223,6 +255,13 @@ function load() {
 
 function draw() {
   if (at("choices")) showChoices();
+  // No answer to what is chosen: no older one may stand there.
+  document.body.classList.toggle("mistaken", mistake() !== "");
+  if (mistake()) {
+    at("say").textContent = mistake();
+    at("paste-text").textContent = "";
+    return;
+  }
   showAnswer();
   drawCurve();
   drawDrop();
@@ -233,5 +272,5 @@ function draw() {
 function change(update) {
   Object.assign(state, update);
   draw();
-  save();
+  if (!mistake()) save();
 }

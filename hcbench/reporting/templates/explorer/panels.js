@@ -38,6 +38,11 @@ function stairs(t, f, step) {
 }
 
 function drawLoop() {
+  if (state.e !== null) {
+    at("loops").hidden = true;
+    at("loop-words").textContent = "One e says nothing of force over penetration: choose an α.";
+    return;
+  }
   const point = chosen(), loop = point && data.loops[point.run.loops[point.i]];
   at("loops").hidden = !loop;
   if (!loop) {
@@ -128,7 +133,7 @@ function drawSteps() {
 
 function showText() {
   const point = chosen(), about = point && data.how[keyOf(point.run)];
-  at("how").textContent = about ? `${point.run.title}, ${stepName(state.step)}, α = ${text(alphaNow())} s/m. ${about.summary}` : "Nothing ran for this α: the first screen has its answer.";
+  at("how").textContent = about ? `${point.run.title}, ${stepName(state.step)}, α = ${text(alphaNow())} s/m. ${about.summary}` : "Nothing ran for this material: the first screen has its answer.";
   const pasted = about ? data.texts[point.run.text] : "";
   at("how-text").hidden = !pasted;
   at("how-text").textContent = pasted;
@@ -148,7 +153,7 @@ function element(name, words, className = "") {
 function fillTable() {
   const runs = shownRuns(), speeds = [...new Set(runs.flatMap(run => run.asked))].sort((a, b) => a - b);
   const cell = (name, words) => element(name, words, "number");
-  const head = ["speed, m/s", "in/s", "the law", ...runs.map(run => run.title)].map(words => Object.assign(cell("th", words), {scope: "col"}));
+  const head = ["speed, m/s", "in/s", targetName(), ...runs.map(run => run.title)].map(words => Object.assign(cell("th", words), {scope: "col"}));
   at("numbers-head").replaceChildren(row(...head));
   at("numbers-body").replaceChildren(...speeds.map(v => {
     const cells = runs.map(run => {
@@ -156,7 +161,7 @@ function fillTable() {
       if (i < 0 || run.e[i] === null) return cell("td", "–");
       return cell("td", run.high[i] - run.low[i] > 5e-5 ? `${run.low[i].toFixed(4)} … ${run.high[i].toFixed(4)}` : run.e[i].toFixed(4));
     });
-    const law = lawRestitution(alphaNow(), v).toFixed(4);
+    const law = targetAt(v).toFixed(4);
     return row(Object.assign(cell("th", text(v)), {scope: "row"}), cell("td", text(v / INCH)), cell("td", law), ...cells);
   }));
 }

@@ -6,22 +6,15 @@ function listenToChoices() {
   at("step").addEventListener("change", event => change({step: Number(event.target.value)}));
   at("gravity").addEventListener("change", event => change({gravity: Number(event.target.value)}));
   at("alpha").addEventListener("change", event => {
-    if (event.target.value !== "other") return change({alpha: Number(event.target.value), own: null});
-    change({own: state.alpha});
+    const material = materialOf(event.target.value);
+    if (material) return change({own: material.alpha, e: material.e, material: material.id});
+    if (event.target.value !== "other") return change({alpha: Number(event.target.value), own: null, e: null, material: ""});
+    change({own: alphaNow(), e: null, material: ""});
     at("own-alpha").focus();
   });
-  at("own-alpha").addEventListener("change", event => {
-    const value = Number(event.target.value);
-    const known = data.alphas.find(a => Math.abs(a - value) < 1e-9);
-    if (event.target.value && value >= 0 && value <= 100) change(known === undefined ? {own: value} : {own: null, alpha: known});
-  });
-  for (const name of ["first", "second"]) {
-    at(`${name}-name`).addEventListener("input", event => {
-      const known = isName(event.target.value);
-      event.target.setAttribute("aria-invalid", !known);
-      if (known) change({[name]: event.target.value});
-    });
-  }
+  at("own-alpha").addEventListener("input", event => change({own: event.target.value === "" ? NaN : Number(event.target.value)}));
+  at("friction").addEventListener("input", event => change({friction: event.target.value === "" && !event.target.validity.badInput ? 0 : event.target.valueAsNumber}));
+  for (const name of ["first", "second"]) at(`${name}-name`).addEventListener("input", event => change({[name]: event.target.value}));
   at("band").addEventListener("change", event => change({band: event.target.value}));
   at("kinds").addEventListener("click", event => {
     const tab = event.target.closest("button");
@@ -59,6 +52,7 @@ function start() {
   // As wide as its place; on paper as wide as that will be.
   let width = 0;
   const redraw = () => {
+    if (mistake()) return;
     drawCurve();
     drawDrop();
     drawTab();
@@ -81,7 +75,7 @@ function start() {
   });
   load();
   draw();
-  if (at("play") && data.dropHeight && !still.matches) play();
+  if (at("play") && data.dropHeight && !still.matches && !mistake()) play();
 }
 
 start();
