@@ -42,6 +42,7 @@ class SpeedPairs(Dataset):
     speed_uncertainty: Floats
     restitution_uncertainty: Floats
     twice: bool = False
+    assumed: str = ""
     noise_scale: ClassVar[float] = 0.01
     noise_unit: ClassVar[str] = ""
 
@@ -133,6 +134,7 @@ class Heights(Dataset):
     setup: MeasurementSetup
     heights: Floats
     uncertainty: float | None = None
+    assumed: str = ""
     noise_scale: ClassVar[float] = 1e-3
     noise_unit: ClassVar[str] = "m"
 
