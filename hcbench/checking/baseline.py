@@ -206,11 +206,12 @@ def read_pairs(path: Path) -> Pairs:
     a speed not above 0 or given twice, an e outside 0 ... 1, and more than MOST pairs.
     """
     from hcbench.fitting.columns import columns_of
-    from hcbench.fitting.table import read_lines, read_table
+    from hcbench.fitting.sheets import read_sheets
+    from hcbench.fitting.table import tables_of
 
     if not path.exists() or path.is_dir():
         raise UserError("points", f"{str(path)!r:.80} is not a file", "a file of pairs (v, e)")
-    columns = columns_of(read_table(path, read_lines(path)))
+    columns = columns_of(tables_of(read_sheets(path)[0])[0])
     role = "speed_in"
     if "speed" in columns.places:
         role = "speed"

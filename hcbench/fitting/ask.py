@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from hcbench.fitting.fit import fit as fit_sets
-from hcbench.fitting.read import KINDS, Excerpt, has_force, read_dataset, read_force
+from hcbench.fitting.read import KINDS, Excerpt, has_force, read_datasets, read_force
 from hcbench.fitting.result import compare
 from hcbench.fitting.setup import MeasurementSetup, read_setup, require_different
 from hcbench.system.errors import UserError
@@ -175,7 +175,9 @@ def fit_files(
     require_different((*paths, *against))
 
     def fit_group(group: Sequence[Path]) -> FitResult:
-        return fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
+        return fit_sets(
+            [one for path in group for one in read_datasets(path, setup, kind, part)], law
+        )
 
     fitted = fit_group(paths)
     if not against:

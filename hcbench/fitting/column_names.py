@@ -1,161 +1,57 @@
-"""Names of columns, the kind of number under each, and what a refusal of a table says of them."""
+"""Names of columns: what their words mean in eight languages, and what a refusal says of them."""
 
 from __future__ import annotations
 
+import itertools
+import re
+import tomllib
+import unicodedata
 from contextlib import contextmanager
+from functools import cache
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
-from hcbench.system.errors import UserError
+from hcbench.system.errors import QuantityError, UserError
 from hcbench.terms import units
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-# Names that a column may have, and the kind of number in it.
-NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "time": (
-        "time",
-        (
-            "time",
-            "t",
-            "touch",
-            "touch time",
-            "impact time",
-            "time of impact",
-            "event time",
-            "zeit",
-            "temps",
-            "timestamp",
-        ),
-    ),
-    "interval": (
-        "time",
-        (
-            "interval",
-            "intervals",
-            "dt",
-            "Δt",
-            "δt",
-            "time between bounces",
-            "flight time",
-            "flight",
-        ),
-    ),
-    "height": (
-        "position",
-        ("height", "h", "y", "z", "position", "bounce height", "hoehe", "höhe", "hauteur"),
-    ),
-    "height_in": (
-        "position",
-        ("drop height", "drop", "h_drop", "h_in", "h0", "height in", "release height"),
-    ),
-    "height_out": (
-        "position",
-        ("rebound height", "rebound", "h_rebound", "h_out", "h1", "height out"),
-    ),
-    "speed": (
-        "speed",
-        (
-            "speed",
-            "v",
-            "v_n",
-            "vn",
-            "impact speed",
-            "approach speed",
-            "impact velocity",
-            "velocity",
-        ),
-    ),
-    "speed_in": (
-        "speed",
-        (
-            "v_in",
-            "vin",
-            "v in",
-            "speed_in",
-            "speed in",
-            "v_i",
-            "v_before",
-            "v before",
-            "speed before",
-            "velocity in",
-            "v1",
-        ),
-    ),
-    "speed_out": (
-        "speed",
-        (
-            "v_out",
-            "vout",
-            "v out",
-            "speed_out",
-            "speed out",
-            "v_o",
-            "v_after",
-            "v after",
-            "speed after",
-            "velocity out",
-            "rebound speed",
-            "v2",
-        ),
-    ),
-    "restitution": (
-        "number",
-        (
-            "restitution",
-            "e",
-            "cor",
-            "e_n",
-            "en",
-            "coefficient of restitution",
-            "restitution coefficient",
-            "cor e",
-        ),
-    ),
-    "penetration": ("position", ("penetration", "x", "depth", "indentation", "approach")),
-    "rate": ("speed", ("rate", "xdot", "penetration rate", "indentation rate")),
-    "force": ("force", ("force", "f", "load")),
+# The kind of number under each role.
+QUANTITY_OF = {
+    "time": "time",
+    "interval": "time",
+    "height": "position",
+    "height_in": "position",
+    "height_out": "position",
+    "speed": "speed",
+    "speed_in": "speed",
+    "speed_out": "speed",
+    "restitution": "number",
+    "squared": "number",
+    "penetration": "position",
+    "rate": "speed",
+    "force": "force",
 }
-_ROLE_OF = {name: role for role, (_, names) in NAMES.items() for name in names}
-_BEFORE = (
-    "u_",
-    "u ",
-    "sigma_",
-    "sigma ",
-    "sd_",
-    "sd ",
-    "uncertainty of ",
-    "uncertainty ",
-    "±",
-    "d_",
-)
-_AFTER = (
-    "_uncertainty",
-    " uncertainty",
-    "_error",
-    " error",
-    "_sd",
-    " sd",
-    "_sigma",
-    " sigma",
-    "_u",
-    "_std",
-)
 EXPECTED_COLUMNS = (
     "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
 )
-# Sets of columns that are data, by their roles, and the kind of data.
+# Sets of columns that are data, by their roles, and the kind of data: of those that a table has,
+# the first is taken, since the others say less or are computed from it.
 DATA_KINDS: dict[frozenset[str], str] = {
-    frozenset({"time"}): "times",
-    frozenset({"height"}): "heights",
+    frozenset({"penetration", "rate", "force"}): "loop",
+    frozenset({"time", "force"}): "force",
     frozenset({"time", "height"}): "track",
+    frozenset({"speed_in", "speed_out"}): "speeds",
+    frozenset({"height_in", "height_out"}): "rises",
     frozenset({"speed", "restitution"}): "pairs",
     frozenset({"speed_in", "restitution"}): "pairs",
-    frozenset({"speed_in", "speed_out"}): "speeds",
+    frozenset({"speed", "squared"}): "pairs",
+    frozenset({"speed_in", "squared"}): "pairs",
+    frozenset({"height_in", "restitution"}): "pairs",
+    frozenset({"time"}): "times",
     frozenset({"interval"}): "times",
-    frozenset({"height_in", "height_out"}): "rises",
-    frozenset({"time", "force"}): "force",
-    frozenset({"penetration", "rate", "force"}): "loop",
+    frozenset({"height"}): "heights",
 }
 # A header and a number of each role, as a file may have them.
 _EXAMPLES = {
@@ -168,27 +64,397 @@ _EXAMPLES = {
     "speed_in": ("v_in [m/s]", "1.2"),
     "speed_out": ("v_out [m/s]", "0.9"),
     "restitution": ("restitution", "0.75"),
+    "squared": ("energy ratio", "0.56"),
     "penetration": ("penetration [um]", "4.5"),
     "rate": ("rate [m/s]", "0.3"),
     "force": ("force [N]", "12"),
 }
+# Meanings of whole files, which no column has.
+_OF_FILES = ("frequency", "unit of length", "unit of time", "units")
+# Roles: the meanings that a name must have, and those that it may have besides.
+_EVENTS = {"touch", "bounce"}
+_UPWARDS = {"vertical", "y", "z"}
+_ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
+    ("time", {"time"}, {*_EVENTS, "begin", "number", "sample", "frame"}),
+    ("time", {"begin"}, _EVENTS),
+    ("interval", {"interval"}, {"time", *_EVENTS}),
+    ("height_in", {"height", "drop"}, {"before", "bounce", *_UPWARDS, "place"}),
+    ("height_in", {"height", "before"}, {"bounce", "touch", *_UPWARDS, "place"}),
+    ("height_in", {"place", "drop"}, _UPWARDS),
+    ("height_out", {"height", "after"}, {"bounce", "touch", "peak", *_UPWARDS, "place"}),
+    ("height", {"height"}, {"bounce", "peak", "place", *_UPWARDS}),
+    ("height", {"place"}, _UPWARDS),
+    ("height", {"y"}, {"vertical"}),
+    ("height", {"z"}, {"vertical"}),
+    ("height", {"peak", "bounce"}, set()),
+    ("speed_in", {"speed", "before"}, {*_EVENTS, "drop", "vertical"}),
+    ("speed_in", {"speed", "touch"}, {"drop", "vertical"}),
+    ("speed_in", {"speed", "drop"}, {"vertical"}),
+    ("speed_out", {"speed", "after"}, {*_EVENTS, "vertical"}),
+    ("speed_out", {"speed", "bounce"}, {"vertical"}),
+    ("speed", {"speed"}, {"vertical"}),
+    ("restitution", {"restitution"}, {*_EVENTS, "vertical"}),
+    ("squared", {"restitution", "squared"}, _EVENTS),
+    ("squared", {"energy", "ratio"}, {*_EVENTS, "after"}),
+    ("squared", {"energy", "restitution"}, set()),
+    ("squared", {"height", "ratio"}, {"bounce", "after"}),
+    ("force", {"force"}, {"touch", "vertical", "z"}),
+    ("rate", {"rate"}, set()),
+    ("rate", {"penetration", "rate"}, set()),
+    ("rate", {"penetration", "speed"}, set()),
+    ("penetration", {"penetration"}, {"touch", "vertical"}),
+    ("frame", {"frame"}, {"number"}),
+    ("sample", {"sample"}, {"number"}),
+)
+# Names of lengths and times alone: "drop [cm]" is a height, "drop" a number.
+_BY_QUANTITY = {
+    ("drop", "position"): "height_in",
+    ("after", "position"): "height_out",
+    ("before", "position"): "height_in",
+    ("bounce", "position"): "height",
+    ("after", "speed"): "speed_out",
+    ("before", "speed"): "speed_in",
+    ("touch", "speed"): "speed_in",
+    ("touch", "time"): "time",
+    ("bounce", "time"): "time",
+    ("x", "position"): "penetration",
+    ("penetration", "time"): "interval",
+}
+# Columns that say nothing of the bounces, where a name has these meanings alone. Any other column
+# of numbers may change what the rest means: a time beside a temperature is no time of a touch.
+_BESIDE = {
+    "number",
+    "beside",
+    "vertical",
+    "bounce",
+    "touch",
+    "drop",
+    "mean",
+    "before",
+    "frame",
+    "sample",
+}
+# Units of a column that is a ratio, such as e.
+NO_UNIT = ("", "1", "-", "–", "—", "none", "dimensionless", "ohne", "a.u.", "n/a", "/")
+# The brackets in which a unit may stand: square ones first, as round ones are used for words too.
+_BRACKETS = (
+    re.compile(r"\[\s*([^\[\]]*?)\s*\]"),
+    re.compile(r"\(\s*([^()]*(?:\([^()]*\)[^()]*)*)\s*\)"),
+    re.compile(r"\{\s*([^{}]*?)\s*\}"),
+)
+# What a word in brackets may add to a name: "v (in)", "e (mean)", "u(v)".
+_IN_BRACKETS = frozenset(
+    [
+        "before",
+        "after",
+        "mean",
+        "touch",
+        "bounce",
+        "drop",
+        "vertical",
+        "x",
+        "y",
+        "z",
+        "peak",
+        "uncertainty",
+    ]
+)
+_RUN = re.compile(
+    r"\s*(?:[,;:|-]\s*)?\b(?:run|data set|dataset|set|latest|mass [a-z]|mass_[a-z])\b\s*#?\s*\d*\s*:?\s*",
+    re.IGNORECASE,
+)
+_BEFORE_UNIT = re.compile(r"\s*/\s*|_|\s*,\s*|\s+(?:in|en)\s+|\s+")
+# "m s^-1" and "m*s^-1" are m/s.
+_BY_POWER = re.compile(r"([a-zµ]+)[\s*]([sh])\^-1")
+_SIGNS = {
+    "-": "before",
+    "−": "before",
+    "–": "before",
+    "+": "after",
+    "'": "after",
+    "′": "after",
+    "’": "after",
+}
+_SIGNED = re.compile(r"([a-zA-Z]+)\s*[_^]*\{?\s*([-−–+'′’])\}?")
+_DELTA = re.compile(r"^[δ∆]\s*_?\s*([a-z])\b")
+_HAN = re.compile(r"[\u4e00-\u9fff]")
+# Parts of compounds, such as Fallhöhe, have this many letters or more.
+_LEAST_PART = 3
 # Columns that a refusal shows, and letters of each name, at most.
 _MOST_SHOWN = 4
 _LETTERS = 24
 
 
-def role_of(name: str) -> str:
+@cache
+def _table() -> dict[str, Mapping[str, list[str]]]:
+    """Words by meaning and language, as `words.toml` has them."""
+    text = files("hcbench.fitting").joinpath("words.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+@cache
+def _lexicon(of_files: bool = False) -> dict[str, str]:
+    """Meaning of each word or phrase, as `_words` parts it.
+
+    of_files: those of lines before a table, in place of those of columns.
+    """
+    meanings: dict[str, str] = {}
+    for meaning, languages in _table().items():
+        if meaning == "unit" or (meaning in _OF_FILES) != of_files:
+            continue
+        for word in itertools.chain(*languages.values()):
+            meanings.setdefault(" ".join(_words(word)), meaning)
+    return meanings
+
+
+@cache
+def _unit_words() -> dict[str, str]:
+    """Units as Pint has them, by what people write."""
+    found = {}
+    for unit, words in _table()["unit"].items():
+        for word in words:
+            found[_folded(word)] = unit
+    return found
+
+
+def _folded(text: str) -> str:
+    """Text in lower case without accents, wide letters and LaTeX's marks."""
+    text = unicodedata.normalize("NFKC", text).casefold().strip()
+    bare = unicodedata.normalize("NFD", text)
+    return "".join(letter for letter in bare if not unicodedata.combining(letter))
+
+
+def _words(name: str) -> list[str]:
+    """Words of a name: lower case, without accents; digits and signs of counting are words."""
+    name = re.sub(r"\\(?:mathrm|text|rm|mathit|operatorname|textrm|mathbf)\b", "", name)
+    name = (
+        re.sub(r"\\(?=[a-zA-Z])|[${}\\]", "", name)
+        .replace("²", " squared ")
+        .replace("^2", " squared ")
+    )
+    name = re.sub(r"(?<=[a-zа-я])(?=[A-ZА-Я])", " ", name)
+    signed = _SIGNED.fullmatch(name.strip())
+    if signed is not None:
+        name = f"{signed[1]} {_SIGNS[signed[2]]}"
+    name = _folded(name)
+    delta = _DELTA.match(name)
+    if delta is not None and delta[1] != "t":
+        name = f"sigma {name[delta.end() - 1 :]}"
+    name = re.sub(r"[^\w#°№±σδ']+|_", " ", name).replace("'", " ")
+    name = re.sub(r"(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])", " ", name)
+    return name.split()
+
+
+def meanings_of(name: str) -> frozenset[str]:
+    """What the words of a name mean; "?" where one is not known, digits as themselves."""
+    return _meanings(tuple(_words(name)))
+
+
+@cache
+def _meanings(words: tuple[str, ...]) -> frozenset[str]:
+    lexicon = _lexicon()
+    found = set()
+    at = 0
+    while at < len(words):
+        for count in range(min(5, len(words) - at), 0, -1):
+            phrase = " ".join(words[at : at + count])
+            if phrase in lexicon:
+                found.update(lexicon[phrase].split(" + "))
+                at += count
+                break
+        else:
+            found |= _parts(words[at])
+            at += 1
+    return frozenset(found - {"filler"})
+
+
+def _parts(word: str) -> set[str]:
+    """Meanings of the parts of a word that is in no list: a compound, or Chinese without blanks."""
+    if word.isdigit():
+        return {word}
+    lexicon = _lexicon()
+    if _HAN.search(word):
+        found = set()
+        while word:
+            for end in range(len(word), 0, -1):
+                if word[:end] in lexicon or word[:end].isdigit():
+                    found.add(lexicon.get(word[:end], word[:end]))
+                    word = word[end:]
+                    break
+            else:
+                return {"?"}
+        return found
+    for end in range(_LEAST_PART, len(word) - _LEAST_PART + 1):
+        first, last = word[:end], word[end:]
+        for part in (first, first.removesuffix("s")):
+            if part in lexicon and last in lexicon and len(part) >= _LEAST_PART:
+                return {lexicon[part], lexicon[last]}
+    return {"?"}
+
+
+def role_of(name: str, unit: str = "") -> str:
     """Role of a column with this name; "u_" and the role for an uncertainty, "" for an unknown
     name.
+
+    unit: as the header has it: "drop [cm]" is a height, "drop" a number.
     """
-    name = " ".join(name.split())
-    if name in _ROLE_OF:
-        return _ROLE_OF[name]
-    bare_names = [*map(name.removeprefix, _BEFORE), *map(name.removesuffix, _AFTER)]
-    for bare in bare_names:
-        if bare != name and bare.strip() in _ROLE_OF:
-            return f"u_{_ROLE_OF[bare.strip()]}"
+    found = set(meanings_of(name)) - {"mean"}
+    if "uncertainty" in found:
+        bare = _role_of_meanings(found - {"uncertainty"}, unit)
+        return f"u_{bare}" if bare in QUANTITY_OF else ""
+    return _role_of_meanings(found, unit)
+
+
+def _role_of_meanings(found: set[str], unit: str) -> str:
+    """Role of a set of meanings, "" for none.
+
+    Digits of a single column do not count; where two columns differ in them, `columns_of` asks.
+    """
+    found = {meaning for meaning in found if not meaning.isdigit()}
+    for role, needed, allowed in _ROLES:
+        if needed <= found <= needed | allowed:
+            return role
+    if len(found) == 1 and unit:
+        (meaning,) = found
+        for quantity in ("time", "position", "speed"):
+            if is_unit_of(unit, quantity):
+                return _BY_QUANTITY.get((meaning, quantity), "")
     return ""
+
+
+def is_beside(name: str) -> bool:
+    """Say whether programs and people write such a column besides the data."""
+    found = {meaning for meaning in meanings_of(name) if not meaning.isdigit()}
+    return bool(found) and (found <= _BESIDE or "beside" in found)
+
+
+def is_group(name: str) -> bool:
+    """Say whether a column tells one ball or plate from another."""
+    return meanings_of(name) == {"group"} or _words(name) in (
+        ["ball"],
+        ["plate"],
+        ["kugel"],
+        ["balle"],
+    )
+
+
+def of_file(name: str) -> str:
+    """Meaning of a name in a line before the table, such as "frequency"; "" for any other."""
+    words = _words(name)
+    lexicon = _lexicon(of_files=True)
+    for end in range(len(words)):
+        meaning = lexicon.get(" ".join(words[end:]), "") or lexicon.get(
+            " ".join(words[: len(words) - end]), ""
+        )
+        if meaning:
+            return meaning
+    return ""
+
+
+def split_header(cell: str) -> tuple[str, str]:
+    """(name in lower case, unit) of "name [unit]", "name (unit)", "t/s", "time_s" or "time, s".
+
+    The unit is "" where the cell has none. "Latest:" and "Run #1" are left out.
+    """
+    cell = unicodedata.normalize(
+        "NFKC", cell.replace("²", "^2").replace("⁻¹", "^-1").replace("⁻", "-")
+    )
+    cell = re.sub(r"\\(?:si|SI|unit)\s*\{([^{}]*)\}", r"[\1]", cell)
+    cell = (
+        re.sub(r"\\(?:mathrm|text|rm|textrm)\b\s*|\\[,;: ]|\$", "", cell).replace("\\", " ").strip()
+    )
+    if re.search(r"\b(?:latest|run|set|mass)\b", cell, re.IGNORECASE):
+        cell = _RUN.sub(" ", cell).strip() or cell
+    for brackets in _BRACKETS:
+        found = list(brackets.finditer(cell))
+        if not found:
+            continue
+        last = found[-1]
+        unit = last[1].strip()
+        # "v_{y}" is a name in LaTeX.
+        if cell[last.start()] == "{" and not is_unit(unit):
+            break
+        outside = f"{cell[: last.start()]} {cell[last.end() :]}".strip().lower()
+        if _adds_to_name(outside, unit):
+            outside = f"{outside} {unit}"
+            unit = ""
+        return _with_unit(re.sub(r"[\[\](){}]", " ", outside), unit)
+    return _with_unit(cell.lower(), "")
+
+
+def _adds_to_name(outside: str, inside: str) -> bool:
+    """Say whether a word in brackets belongs to the name before it, and is no unit.
+
+    "v (in)" has no inches: a speed has none.
+    """
+    meanings = meanings_of(inside)
+    role = _role_of_meanings(set(meanings_of(outside)), "")
+    if is_unit(inside):
+        quantity = QUANTITY_OF.get(role, "")
+        return inside.lower() in ("in", "n") and bool(quantity) and not is_unit_of(inside, quantity)
+    if meanings_of(outside) <= {"uncertainty"} and inside:
+        return "?" not in meanings
+    return len(inside) > 1 and bool(meanings) and meanings <= _IN_BRACKETS
+
+
+def _with_unit(name: str, unit: str) -> tuple[str, str]:
+    """(name, unit) of "t/s", "time_s", "time, s", "height in cm"."""
+    # Keyboards have the Greek letter, Unicode the sign of micro too.
+    name, unit = (text.replace("\N{GREEK SMALL LETTER MU}", "µ") for text in (name, unit))
+    name = name.strip().rstrip("/").strip()
+    if unit:
+        return name, plain_unit(unit)
+    # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
+    for sign in _BEFORE_UNIT.finditer(name, 1):
+        written = name[sign.end() :]
+        # "v_in" has no inches, and "v_m" no metres: what is before is no name, or all is one.
+        if "?" not in meanings_of(name) and written in ("in", "n") and sign[0] in ("_", " "):
+            continue
+        unit = _BY_POWER.sub(r"\1/\2", units.usual_unit(plain_unit(written)))
+        if is_unit(unit):
+            return name[: sign.start()].strip(" _"), unit
+    # "seconds" alone.
+    if len(name) > 2 and is_unit_of(plain_unit(name), "time") and name in _unit_words():
+        return "time", plain_unit(name)
+    return name, ""
+
+
+def plain_unit(text: str) -> str:
+    """A unit in the word that Pint knows: "s" of "Sekunden", "m/s" of "м/с"; else as it is."""
+    text = text.strip().strip("[](){}").strip()
+    found = _unit_words().get(_folded(text))
+    if found is not None:
+        return found
+    return text
+
+
+@cache
+def is_unit(text: str) -> bool:
+    """True for the unit of a column of times, places, speeds or forces, and for %."""
+    return (
+        any(is_unit_of(text, quantity) for quantity in ("time", "position", "speed", "force"))
+        or text == "%"
+    )
+
+
+@cache
+def is_unit_of(text: str, quantity: str) -> bool:
+    """True for a unit of this quantity, in a word of any language."""
+    text = _BY_POWER.sub(r"\1/\2", units.usual_unit(plain_unit(text)))
+    usual = {"time": "s", "position": "m", "speed": "m/s", "force": "N"}
+    if text not in _usual_units() or quantity not in usual:
+        return False
+    try:
+        units.parse(f"1 {text}", quantity, "unit")
+    except QuantityError:
+        return False
+    return True
+
+
+@cache
+def _usual_units() -> frozenset[str]:
+    """Units that stand in headers without brackets."""
+    return frozenset(_table()["unit"]) | {"µs", "µm", "dm", "kmh", "knots", "nm"}
 
 
 @contextmanager
@@ -201,11 +467,15 @@ def explained(name: str, header: Sequence[tuple[str, str]]) -> Iterator[None]:
     try:
         yield
     except UserError as error:
-        if not error.slot.startswith(name):
+        if (
+            not error.slot.startswith(name)
+            or "Read: " in error.advice
+            or "Lines that" in error.advice
+        ):
             raise
         advice = [error.advice, _read_as(header)]
         # EXPECTED_COLUMNS are lines that are read: they do where no name was known.
-        if error.expected != EXPECTED_COLUMNS or any(role_of(name) for name, _ in header):
+        if error.expected != EXPECTED_COLUMNS or any(role_of(*one) for one in header):
             advice.append(_lines_that_are_read(header))
         text = ". ".join(filter(None, advice))
         raise type(error)(error.slot, error.got, error.expected, text) from error
@@ -215,16 +485,20 @@ def _read_as(header: Sequence[tuple[str, str]]) -> str:
     """Sentence on how hcbench read the columns: "Read: 'time [s]' as time in s, 'foo' as nothing"."""
     shown = []
     for name, unit in header[:_MOST_SHOWN]:
-        role = role_of(name)
+        role = role_of(name, unit)
         cell = f"{name[:_LETTERS]} [{unit}]" if unit else name[:_LETTERS]
         meaning = "nothing"
-        if role:
-            bare = role.removeprefix("u_")
+        bare = role.removeprefix("u_")
+        if bare in QUANTITY_OF:
             meaning = _EXAMPLES[bare][0].partition(" [")[0]
             if role != bare:
                 meaning = f"uncertainty of {meaning}"
-            if units.QUANTITIES[NAMES[bare][0]].unit:
+            if units.QUANTITIES[QUANTITY_OF[bare]].unit:
                 meaning += f" in {unit}" if unit else " without a unit"
+        elif role or is_beside(name):
+            meaning = "a number of rows"
+            if not role and "number" not in meanings_of(name):
+                meaning = "no data"
         shown.append(f"{cell!r} as {meaning}")
     if len(header) > _MOST_SHOWN:
         shown.append(f"and {len(header) - _MOST_SHOWN} more")
@@ -233,8 +507,10 @@ def _read_as(header: Sequence[tuple[str, str]]) -> str:
 
 def _lines_that_are_read(header: Sequence[tuple[str, str]]) -> str:
     """Lines of a table of the kind that a header is nearest to."""
-    roles = {role_of(name) for name, _ in header}
+    roles = {role_of(*one) for one in header}
     nearest = max(DATA_KINDS, key=lambda needed: len(needed & roles) - len(needed ^ roles) / 100)
+    if not roles & set(QUANTITY_OF):
+        nearest = frozenset({"time"})
     examples = [_EXAMPLES[role] for role in _EXAMPLES if role in nearest]
     names, numbers = zip(*examples, strict=True)
     return f"Lines that are read: {','.join(names)!r}, {','.join(numbers)!r}"

@@ -1,105 +1,83 @@
-"""Meaning of a table's columns, by the names in its header."""
+"""Roles of a table's columns: what its names say, and what they mean beside one another."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.column_names import EXPECTED_COLUMNS, NAMES, role_of
+from hcbench.fitting.column_names import (
+    DATA_KINDS,
+    EXPECTED_COLUMNS,
+    QUANTITY_OF,
+    is_beside,
+    is_group,
+    meanings_of,
+    role_of,
+)
+from hcbench.fitting.table import cell_of
+from hcbench.fitting.track import seen_fall
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import ArrayLike
 
+    from hcbench.fitting.recording import Indices
     from hcbench.fitting.table import Table
     from hcbench.terms.impact import Floats
 
-# Columns that programs and people write besides the data; they say nothing of the bounces.
-_BESIDE = frozenset(
-    [
-        "#",
-        "n",
-        "no",
-        "no.",
-        "nr",
-        "nr.",
-        "i",
-        "k",
-        "id",
-        "index",
-        "row",
-        "number",
-        "bounce",
-        "bounces",
-        "bounce_no",
-        "bounce_number",
-        "impact",
-        "trial",
-        "run",
-        "drop",
-        "ball",
-        "frame",
-        "step",
-        "sample",
-        "name",
-        "file",
-        "date",
-        "note",
-        "notes",
-        "comment",
-        "comments",
-        "remark",
-        "remarks",
-        "color",
-        "colour",
-        "energy",
-        "amplitude",
-        "vx",
-        "vy",
-        "v_x",
-        "v_y",
-        "v_{x}",
-        "v_{y}",
-        "ax",
-        "ay",
-        "a_{x}",
-        "a_{y}",
-        "pixelx",
-        "pixely",
-    ]
-) | {
-    "bounce no",
-    "bounce no.",
-    "bounce number",
-    "bounce #",
-    "trial no",
-    "x velocity",
-    "y velocity",
-    "velocity x",
-}
+# Two columns of one quantity are the same where they differ by no more than this share: rounding.
+_SAME = 2e-3
+# Kinds of one column: any other column of numbers may change what it means.
+_ALONE = ("times", "heights")
 
 
 @dataclass(frozen=True, slots=True)
 class DataColumns:
     """The columns of a table by what they are: SI, shape (n,);
     uncertainties under "u_" and the name.
+
+    assumed: what the file does not say and its numbers leave no choice about; "" for nothing.
     """
 
     table: Table
     places: dict[str, int]
+    assumed: str = ""
 
     def get(self, role: str) -> Floats:
         """A column of the file."""
-        return self.table.column(self.places[role], NAMES[role.removeprefix("u_")][0])
+        bare = role.removeprefix("u_")
+        if role == "time" and role not in self.places:
+            return self._counted_time()
+        return self.table.column(self.places[role], QUANTITY_OF[bare])
+
+    def _counted_time(self) -> Floats:
+        """Times of frames or samples that are counted, or of rows where nothing counts them, s."""
+        assert self.table.frequency is not None
+        for role in ("frame", "sample"):
+            if role in self.places:
+                return self.table.column(self.places[role], "number") / self.table.frequency
+        return np.arange(len(self.table.cells)) / self.table.frequency
+
+    @property
+    def roles(self) -> frozenset[str]:
+        """What the table has, uncertainties apart."""
+        found = {role for role in self.places if role in QUANTITY_OF}
+        has_count = self.table.frequency is not None and "interval" not in found
+        has_series = bool({"frame", "sample"} & self.places.keys()) or bool({"force"} & found)
+        if has_count and has_series:
+            found.add("time")
+        return frozenset(found)
 
     def uncertainty(self, role: str) -> Floats:
         """The standard uncertainties of a column, 0 where none are given."""
         name = f"u_{role}"
         if name not in self.places:
-            return np.zeros(len(self.table.cells))
+            return self.table.uncertainty(self.places[role], QUANTITY_OF[role])
         values = self.get(name)
         self.require(name, values >= 0, "0 or more")
         return values
@@ -107,51 +85,177 @@ class DataColumns:
     def require(self, role: str, good: ArrayLike, expected: str) -> None:
         """Raise UserError for the first row that is not good."""
         bad = np.flatnonzero(~np.asarray(good, dtype=bool))
-        if bad.size:
+        if bad.size and role in self.places:
             i = int(bad[0])
-            cell = self.table.cells[i][self.places[role]].strip()
+            cell = cell_of(self.table.cells[i], self.places[role]).strip()
             name = self.table.header[self.places[role]][0]
             where = f"{self.table.name}, line {self.table.lines[i]}"
             raise UserError(where, f"{name} {cell}", expected)
 
+    def taken(self, rows: Iterable[int]) -> DataColumns:
+        """These rows alone, in this order."""
+        kept = tuple(rows)
+        table = replace(
+            self.table,
+            cells=tuple(self.table.cells[i] for i in kept),
+            lines=tuple(self.table.lines[i] for i in kept),
+        )
+        return replace(self, table=table)
 
-def columns_of(table: Table) -> DataColumns:
+
+def columns_of(table: Table, asked: str | None = None) -> DataColumns:
     """Identify the columns by the names in the header; columns that do not concern bounces are left
     out.
 
-    Raises UserError for a name that is not known: it may change what the others mean.
+    asked: the kind of data, where the user says it.
+
+    Raises UserError for two columns of one quantity that differ, for rows of several balls, and for a
+    column of numbers that may change what the only known one means.
     """
+    roles: dict[str, list[int]] = {}
+    unknown: list[int] = []
+    for i, (name, unit) in enumerate(table.header):
+        role = role_of(name, unit)
+        if not table.has_number(i):
+            _require_one_ball(table, i)
+        elif role:
+            roles.setdefault(role, []).append(i)
+        elif not is_beside(name) and not _counts_rows(table, i):
+            unknown.append(i)
+    _part_numbered(table, roles)
+    _part_by_others(table, roles)
     places: dict[str, int] = {}
-    named = {role_of(name) for name, _ in table.header}
-    for i, (name, _) in enumerate(table.header):
-        role = role_of(name)
-        if _is_beside(table, i, role, named):
+    for role, at in roles.items():
+        places[role] = at[0] if len(at) == 1 else _one_of(table, role, at, roles)
+    columns = DataColumns(table, places)
+    kind = asked or kind_of(columns.roles)
+    is_doubtful = kind is None or (kind in _ALONE and kind != asked)
+    if unknown and is_doubtful:
+        got = f"a column {table.header[unknown[0]][0]!r}"
+        raise UserError(table.name, got, EXPECTED_COLUMNS, "Leave other columns out")
+    return columns
+
+
+def kind_of(roles: frozenset[str]) -> str | None:
+    """The kind of data that columns of these roles are; None for none."""
+    return next((kind for needed, kind in DATA_KINDS.items() if needed <= roles), None)
+
+
+def row_order(columns: DataColumns) -> Indices | None:
+    """The order of rows by their numbers, where a column numbers them and they do not rise; else None."""
+    table = columns.table
+    for at, (name, unit) in enumerate(table.header):
+        is_count = bool(meanings_of(name)) and meanings_of(name) <= {
+            "number",
+            "bounce",
+            "touch",
+            "drop",
+        }
+        if not is_count or unit or at in columns.places.values():
             continue
-        if not role:
-            got = f"a column {name!r}"
-            raise UserError(table.name, got, EXPECTED_COLUMNS, "Leave other columns out")
-        if role in places:
-            raise UserError(
-                table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one"
-            )
-        places[role] = i
-    return DataColumns(table, places)
+        numbers = np.array([table.number(cell_of(row, at)) for row in table.cells])
+        is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))
+        if is_whole and len(set(numbers.tolist())) == len(numbers) and (np.diff(numbers) < 0).any():
+            return np.argsort(numbers)
+    return None
 
 
-def _is_beside(table: Table, i: int, role: str, named: set[str]) -> bool:
-    """Say whether programs write this column besides the data: row numbers, notes, another axis."""
-    name = " ".join(table.header[i][0].split())
-    if role == "interval":
-        return "time" in named
-    # A track of a video gives the place of the ball as x: only a force makes it a penetration.
-    if role == "penetration":
-        is_track = {"time", "height"} <= named and "force" not in named
-        return name == "x" and is_track
-    if role:
+def _require_one_ball(table: Table, at: int) -> None:
+    """Raise UserError where a column of text names several balls or plates."""
+    if not is_group(table.header[at][0]):
+        return
+    named = list(dict.fromkeys(cell for row in table.cells if (cell := cell_of(row, at))))
+    if len(named) > 1:
+        got = f"{len(named)} of {table.header[at][0]!r}: {', '.join(named[:3])}"
+        raise UserError(table.name, got, "one ball on one plate", "Put each into a file of its own")
+
+
+def _counts_rows(table: Table, at: int) -> bool:
+    """Say whether a column without a name counts the rows, as the index that pandas writes."""
+    numbers = [table.number(cell_of(row, at)) for row in table.cells]
+    return (
+        not table.header[at][0]
+        and numbers[:1] in ([0], [1])
+        and bool(np.all(np.diff(numbers) == 1))
+    )
+
+
+def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:
+    """Take two columns that differ by a number, such as h1 and h2, for before and after the impact."""
+    for role in ("height", "speed"):
+        numbered = []
+        for i in roles.get(role, []):
+            digits = [meaning for meaning in meanings_of(table.header[i][0]) if meaning.isdigit()]
+            if len(digits) == 1:
+                numbered.append((int(digits[0]), i))
+        if len(numbered) == 2 and len(roles[role]) == 2:
+            numbered.sort()
+            if numbered[1][0] - numbered[0][0] == 1:
+                del roles[role]
+                roles[f"{role}_in"] = [numbered[0][1]]
+                roles[f"{role}_out"] = [numbered[1][1]]
+
+
+def _part_by_others(table: Table, roles: dict[str, list[int]]) -> None:
+    """Take columns for what they mean beside the others: a height beside that of the drop is one of a
+    rebound.
+    """
+    is_film = bool({"time", "frame", "sample"} & roles.keys())
+    if "height_in" in roles and "height" in roles and "height_out" not in roles and not is_film:
+        roles["height_out"] = roles.pop("height")
+    if "height_out" in roles and not {"height_in", "height"} & roles.keys():
+        roles["height"] = roles.pop("height_out")
+    if "speed" in roles and "speed_out" in roles and "speed_in" not in roles:
+        roles["speed_in"] = roles.pop("speed")
+    if "force" in roles and "penetration" not in roles:
+        sideways = [i for i, (name, _) in enumerate(table.header) if meanings_of(name) == {"x"}]
+        if sideways:
+            roles["penetration"] = sideways
+    if "height" in roles and "force" not in roles:
+        # The place of the ball sideways.
+        roles.pop("penetration", None)
+
+
+def _one_of(table: Table, role: str, at: list[int], roles: dict[str, list[int]]) -> int:
+    """The column to take of several with one role: any of equal ones, and the height that falls freely.
+
+    Raises UserError where they differ.
+    """
+    if role == "height" and "time" in roles:
+        upright = [
+            i for i in at if meanings_of(table.header[i][0]) & {"z", "y", "vertical", "height"}
+        ]
+        falling = [i for i in upright or at if _falls(table, roles["time"][0], i)]
+        if len(falling) == 1:
+            return falling[0]
+    if role in QUANTITY_OF or role.removeprefix("u_") in QUANTITY_OF:
+        quantity = QUANTITY_OF[role.removeprefix("u_")]
+        if role == "time":
+            # Of a message, the time of measuring, and not that of its arrival.
+            at = sorted(at, key=lambda i: "stamp" not in table.header[i][0])
+        if all(_are_same(table, quantity, a, b) for a, b in itertools.pairwise(at)):
+            return at[0]
+    elif role in ("frame", "sample"):
+        return at[0]
+    raise UserError(table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one")
+
+
+def _are_same(table: Table, quantity: str, a: int, b: int) -> bool:
+    """Say whether two columns are one quantity in two units or from two zeros of time."""
+    try:
+        one, other = table.column(a, quantity), table.column(b, quantity)
+    except UserError:
         return False
-    if name in _BESIDE:
-        return True
-    numbers = [table.number(row[i]) for row in table.cells if i < len(row)]
-    is_index = not name and numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
-    # pandas writes its index as a first column without a name.
-    return is_index or not any(map(math.isfinite, numbers))
+    if quantity == "time":
+        one, other = one - one[0], other - other[0]
+    return bool(np.allclose(one, other, rtol=_SAME, atol=_SAME * float(np.ptp(one))))
+
+
+def _falls(table: Table, time: int, height: int) -> bool:
+    """Say whether a column of places falls freely over time, whatever its unit."""
+    numbers = [[table.number(cell_of(row, at)) for row in table.cells] for at in (time, height)]
+    times, heights = np.array(numbers)
+    given = np.isfinite(times) & np.isfinite(heights)
+    if given.sum() < 2 or (np.diff(times[given]) <= 0).any():
+        return False
+    return seen_fall(times[given], heights[given]) != 0.0

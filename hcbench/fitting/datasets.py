@@ -30,10 +30,14 @@ _OF_CLICKS = 1.15
 
 
 class Dataset(NoisyData, ABC):
-    """One file. Subclasses are frozen dataclasses with the fields `name` and `setup`."""
+    """One drop. Subclasses are frozen dataclasses with the fields `name` and `setup`.
+
+    assumed: what the file does not say, such as a unit, and its numbers leave no choice about.
+    """
 
     name: str
     setup: MeasurementSetup
+    assumed: str
 
     @property
     @abstractmethod
@@ -184,6 +188,7 @@ class TouchTimes(Dataset):
     picks: Picks | None = None
     recording: Recording | None = None
     heard: tuple[Picks, ...] = ()
+    assumed: str = ""
     # Likely size of the measuring noise, in the data's SI unit.
     noise_scale: ClassVar[float] = 2e-4
     noise_unit: ClassVar[str] = "s"

@@ -553,7 +553,7 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
 
     whole: all files together. each: the files by themselves.
     """
-    warnings = []
+    warnings = [f"{s.name}: {s.assumed}" for s in whole.sets if s.assumed]
     for one in each:
         if one.impacts:
             shown = ", ".join(one.impacts[:_SHOWN])

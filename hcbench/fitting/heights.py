@@ -43,6 +43,7 @@ class SpeedPairs(Dataset):
     speed_uncertainty: Floats
     restitution_uncertainty: Floats
     twice: bool = False
+    assumed: str = ""
     noise_scale: ClassVar[float] = 0.01
     noise_unit: ClassVar[str] = ""
 
@@ -135,6 +136,7 @@ class Heights(Dataset):
     setup: MeasurementSetup
     heights: Floats
     uncertainty: float | None = None
+    assumed: str = ""
     numbers: Indices | None = None
     noise_scale: ClassVar[float] = 1e-3
     noise_unit: ClassVar[str] = "m"

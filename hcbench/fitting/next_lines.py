@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import math
-import re
 import shlex
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hcbench.fitting.result import limit_of, with_uncertainty
-from hcbench.fitting.table import Table, cell_of, table_of
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels
-from hcbench.system.errors import UserError
-from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from hcbench.fitting.replay import Replay
     from hcbench.fitting.result import FitResult
-    from hcbench.terms.impact import Floats
 
 
 # Names in a scene that hcbench writes.
@@ -96,74 +88,3 @@ def _reads_xml(engine: str) -> bool:
     """Say whether scenes of an engine are models that `check` opens; those of others are scripts."""
     adapter = registry.engine(engine)
     return isinstance(adapter, OpensModels) and ".xml" in adapter.suffixes
-
-
-_BOUNCE = re.compile(r"bounce (\d+)")
-
-
-def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
-    """The columns t and y of a Tracker export in metres and seconds; None where it is none.
-
-    lines: number and text of each line of the file.
-    Raises UserError for several tracks in one file.
-    """
-    # Numbers of lines, and their cells.
-    rows = [(n, line.rstrip("\r\n").split("\t")) for n, line in lines]
-    for at, (_, header) in enumerate(rows[:4]):
-        if "t" in header and "y" in header:
-            below = rows[at + 1 :]
-            break
-    else:
-        return None
-    # Tracker writes no line of units: this file is of another program.
-    if below and below[0][1][0].strip().isalpha():
-        return None
-    if lines[0][1].startswith("#multi:"):
-        raise UserError(path.name, "several tracks", "one", "Export the ball's track alone")
-    cells = []
-    numbers = []
-    decimal = "."
-    time_column = header.index("t")
-    height_column = header.index("y")
-    for n, row in below:
-        cell_t = cell_of(row, time_column)
-        cell_y = cell_of(row, height_column)
-        # Frames without the ball have a time and no place.
-        if not cell_t.strip() or not cell_y.strip():
-            continue
-        cells.append((cell_t, cell_y))
-        numbers.append(n)
-        if "," in cell_t or "," in cell_y:
-            decimal = ","
-    return Table(
-        name=sanitized(path.name),
-        header=(("t", "s"), ("y", "m")),
-        cells=tuple(cells),
-        lines=tuple(numbers),
-        decimal=decimal,
-    )
-
-
-def phyphox_times(path: Path, lines: list[tuple[int, str]]) -> Floats | None:
-    """Times of touches of an export of phyphox' "(In)elastic collision", s; None where it is none.
-
-    lines: number and text of each line of the file.
-    Touches that were not heard are 0 or NaN there, and left out here.
-    """
-    first = lines[0][1].lower()
-    if '"bounce 0' not in first and not first.startswith("bounce 0"):
-        return None
-    table = table_of(path, lines[:2])
-    row = table.cells[0]
-    # Pairs of (number of the bounce, column).
-    places = []
-    for column, (name, _) in enumerate(table.header):
-        if match := _BOUNCE.fullmatch(name):
-            places.append((int(match[1]), column))
-    times = np.array(
-        [table.number(row[column]) for _, column in sorted(places) if column < len(row)]
-    )
-    # The first bounce is at 0; any other 0 was not heard.
-    is_heard = np.isfinite(times) & (times > 0.0)
-    is_heard[:1] = np.isfinite(times[:1])
-    return np.asarray(times[is_heard])

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.column_names import DATA_KINDS, EXPECTED_COLUMNS, explained
-from hcbench.fitting.columns import DataColumns, columns_of
+from hcbench.fitting.assumed import named, with_units
+from hcbench.fitting.column_names import (
+    DATA_KINDS,
+    EXPECTED_COLUMNS,
+    QUANTITY_OF,
+    explained,
+    meanings_of,
+    role_of,
+)
+from hcbench.fitting.columns import DataColumns, columns_of, kind_of, row_order
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.listening import listen, quick_score
-from hcbench.fitting.next_lines import phyphox_times, tracker_table
 from hcbench.fitting.recording import is_sound, read_recording
-from hcbench.fitting.table import computed, read_lines, read_table
+from hcbench.fitting.sheets import read_sheets
+from hcbench.fitting.table import Table, cell_of, computed, tables_of, unit_scale
 from hcbench.fitting.track import track_of, upright
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
 from hcbench.terms.bounds import require_bounds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from hcbench.fitting.datasets import Dataset
@@ -54,6 +63,10 @@ _MOST_PAIRS = 500
 _LEAST_SAMPLES = 12
 # Of so many steps one may be wrong.
 _STEPS_FOR_A_RISE = 4
+# Share of the largest height by which noise may lift one above the height before it.
+_OF_NOISE = 0.02
+# Share by which a column of e may differ from the columns that it is computed from.
+_OF_E = 0.05
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
 # Letters of the trains in a recording, the likeliest first.
@@ -63,7 +76,22 @@ _TRAINS = "ABCDEF"
 def read_dataset(
     path: Path, setup: MeasurementSetup, kind: str | None = None, part: Excerpt = WHOLE
 ) -> Dataset:
-    """The data set in a file.
+    """The data set in a file of one drop.
+
+    Raises UserError as `read_datasets`, and for a file with several drops.
+    """
+    found = read_datasets(path, setup, kind, part)
+    if len(found) > 1:
+        names = ", ".join(one.name for one in found[:3])
+        raise UserError(sanitized(path.name), f"{len(found)} drops: {names}", "one")
+    return found[0]
+
+
+def read_datasets(
+    path: Path, setup: MeasurementSetup, kind: str | None = None, part: Excerpt = WHOLE
+) -> list[Dataset]:
+    """The data sets in a file, one for each drop: a workbook may have several sheets, and a sheet
+    several drops.
 
     kind: one of KINDS, in place of what the header says.
     part: of a recording, what to take.
@@ -71,24 +99,106 @@ def read_dataset(
     Raises UserError with the file, the line, what it has and what was expected.
     """
     if kind == "sound" or (kind is None and is_sound(path)):
-        return _sound(path, setup, part)
+        return [_sound(path, setup, part)]
     if part != WHOLE:
         slot = "--from"
         if part.train is not None:
             slot = "--touches"
         raise UserError(slot, f"given for {path.name}, which is not a recording", "a .wav")
-    lines = read_lines(path)
-    if kind in (None, "times"):
-        times = phyphox_times(path, lines)
-        if times is not None:
-            return _touch_times(sanitized(path.name), setup, times)
-    table = None
-    if kind in (None, "track"):
-        table = tracker_table(path, lines)
-    table = table or read_table(path, lines)
-    with explained(table.name, table.header), computed(table.name):
-        columns = columns_of(table)
-        return _READERS[_kind_of(columns, kind)](columns, setup)
+    found: list[tuple[DataColumns, Dataset]] = []
+    refused: list[tuple[Table | None, UserError]] = []
+    for table, error in _tables(path):
+        if table is None:
+            refused.append((None, error))
+            continue
+        try:
+            with explained(table.name, table.header), computed(table.name):
+                columns, of_kind = _understood(table, kind, setup)
+                if of_kind in ("force", "loop"):
+                    got = "forces among other files"
+                    raise UserError(table.name, got, "one file of forces alone")
+                found.append((columns, _READERS[of_kind](columns, setup)))
+        except UserError as error:
+            refused.append((table, error))
+    if not found:
+        raise _worst(refused)
+    _require_all_read(found, refused)
+    return _different([data for _, data in found])
+
+
+def _tables(path: Path) -> Iterator[tuple[Table | None, UserError]]:
+    """The tables of a file; None with the error for a sheet that has none."""
+    none = UserError(path.name, "no table", "one")
+    for sheet in read_sheets(path):
+        if not sheet.rows:
+            continue
+        try:
+            for table in tables_of(sheet):
+                yield table, none
+        except UserError as error:
+            yield None, error
+
+
+def _worst(refused: list[tuple[Table | None, UserError]]) -> UserError:
+    """Of several refusals the one of the sheet that most looks like data."""
+
+    def columns_known(one: tuple[Table | None, UserError]) -> tuple[int, int]:
+        table = one[0]
+        if table is None:
+            return 0, 0
+        return sum(role_of(*name) in QUANTITY_OF for name in table.header), len(table.cells)
+
+    return max(refused, key=columns_known)[1]
+
+
+def _require_all_read(
+    found: list[tuple[DataColumns, Dataset]], refused: list[tuple[Table | None, UserError]]
+) -> None:
+    """Raise the refusal of a sheet that has the columns of one that is read: a drop would be missing."""
+    read = {columns.table.header for columns, _ in found}
+    for table, error in refused:
+        if table is not None and table.header in read:
+            raise error
+
+
+def _different(found: list[Dataset]) -> list[Dataset]:
+    """Data sets without those that another one has whole: phyphox writes a stopwatch's first times
+    into several sheets.
+    """
+    kept: list[Dataset] = []
+    for data in sorted(found, key=lambda one: -len(one.pairs()[0])):
+        same = (other for other in kept if type(other) is type(data))
+        if not any(_begins_with(other, data) for other in same):
+            kept.append(data)
+    return [data for data in found if data in kept]
+
+
+def _begins_with(longer: Dataset, data: Dataset) -> bool:
+    """Say whether one data set has the impacts of another as its first ones."""
+    speeds, es = longer.pairs()
+    of_data = data.pairs()
+    count = len(of_data[0])
+    return bool(
+        np.allclose(speeds[:count], of_data[0], rtol=1e-6)
+        and np.allclose(es[:count], of_data[1], rtol=1e-6)
+    )
+
+
+def _understood(
+    table: Table, asked: str | None, setup: MeasurementSetup
+) -> tuple[DataColumns, str]:
+    """The columns of a table by role, rows without a reading left out and times rising, and the kind of
+    data.
+
+    asked: one of KINDS, or None. Raises UserError where the columns are no data of a kind.
+    """
+    table, of_names = named(table)
+    with explained(table.name, table.header):
+        columns = columns_of(table, asked)
+        kind = _kind_of(columns, asked)
+        table, of_units = with_units(columns.table, columns.places)
+        columns = replace(columns, table=table, assumed=of_names or of_units)
+        return _complete(columns, kind), _of_bounces(columns, kind, asked)
 
 
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
@@ -98,21 +208,80 @@ def _kind_of(columns: DataColumns, asked: str | None) -> str:
     asked: one of KINDS, or None.
     """
     name = columns.table.name
-    named = frozenset(role for role in columns.places if not role.startswith("u_"))
-    by_header = DATA_KINDS.get(named)
-    kind = asked
+    roles = columns.roles
+    kind = asked or kind_of(roles)
     if kind is None:
-        kind = by_header
-    if kind is None:
-        names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
+        if "restitution" in roles or "squared" in roles:
+            raise UserError(name, "e without a speed", EXPECTED_COLUMNS)
+        if {"frame", "sample"} & columns.places.keys():
+            expected = "a time, or a line such as '# fps: 240' before the table"
+            raise UserError(name, "frames without their rate", expected)
+        names = ", ".join(text for text, _ in columns.table.header if text)
         raise UserError(name, f"columns {names}", EXPECTED_COLUMNS)
-    if kind in ("force", "loop"):
-        raise UserError(name, "forces among other files", "one file of forces alone")
-    needed = next(roles for roles, of_roles in DATA_KINDS.items() if of_roles == kind)
-    if kind != by_header and not needed <= named:
-        missing = ", ".join(sorted(needed - named))
+    needed = [of for of, of_kind in DATA_KINDS.items() if of_kind == kind]
+    if not any(of <= roles for of in needed):
+        missing = ", ".join(sorted(needed[0] - roles))
         raise UserError(name, f"no column {missing}", f"what --as {kind} needs")
     return kind
+
+
+def _of_bounces(columns: DataColumns, kind: str, asked: str | None) -> str:
+    """The kind of data, "heights" or "times" where a time and a height are those of each bounce.
+
+    A track rises again after each touch; heights of bounces fall from row to row.
+    """
+    if kind != "track" or asked is not None:
+        return kind
+    heights = [
+        columns.table.number(cell_of(row, columns.places["height"])) for row in columns.table.cells
+    ]
+    if len(heights) > 2 and (np.diff(heights) < 0).all():
+        name = columns.table.header[columns.places["time"]][0] if "time" in columns.places else ""
+        return "times" if meanings_of(name) & {"touch", "bounce"} else "heights"
+    return kind
+
+
+def _complete(columns: DataColumns, kind: str) -> DataColumns:
+    """The columns without rows that lack a reading, and with times that rise.
+
+    Of successive bounces only those before the first and after the last reading are left out: a gap
+    among them counts. A list from the last to the first row, or shuffled beside the numbers of its
+    rows, is turned.
+    """
+    needed = next(
+        of for of, of_kind in DATA_KINDS.items() if of_kind == kind and of <= columns.roles
+    )
+    given = np.ones(len(columns.table.cells), dtype=bool)
+    for role in needed & columns.places.keys():
+        given &= columns.table.is_given(columns.places[role])
+    kept = np.flatnonzero(given)
+    if not len(kept):
+        raise UserError(columns.table.name, "no row has all of its numbers", "rows of numbers")
+    if kind in ("times", "heights"):
+        kept = np.arange(kept[0], kept[-1] + 1)
+    columns = columns.taken(kept.tolist())
+    order = row_order(columns)
+    if order is not None and kind in ("times", "heights"):
+        return columns.taken(order.tolist())
+    if "time" in columns.places and kind in ("times", "track", "force"):
+        numbers = np.array(
+            [
+                columns.table.number(cell_of(row, columns.places["time"]))
+                for row in columns.table.cells
+            ]
+        )
+        is_turned = len(numbers) > 1 and bool((np.diff(numbers) < 0).all())
+        if is_turned or (kind != "times" and len(set(numbers.tolist())) == len(numbers)):
+            return columns.taken(np.argsort(numbers, kind="stable").tolist())
+        if kind != "times":
+            return columns.taken(_without_copies(columns))
+    return columns
+
+
+def _without_copies(columns: DataColumns) -> list[int]:
+    """Rows, without those that say the same as the row before them."""
+    cells = columns.table.cells
+    return [i for i in range(len(cells)) if not i or cells[i] != cells[i - 1]]
 
 
 def has_force(path: Path, kind: str | None = None) -> bool:
@@ -123,22 +292,26 @@ def has_force(path: Path, kind: str | None = None) -> bool:
     return _force_columns(path, kind) is not None
 
 
-def _force_columns(path: Path, kind: str | None) -> DataColumns | None:
-    """The columns of a file of forces; None for any other.
+def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | None:
+    """The columns of a file of forces, and their kind; None for any other.
 
     kind: as for `read_dataset`.
     """
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
-    lines = read_lines(path)
-    if phyphox_times(path, lines) is not None or tracker_table(path, lines) is not None:
-        return None
-    table = read_table(path, lines)
-    with explained(table.name, table.header):
-        columns = columns_of(table)
-    if "force" not in columns.places:
-        return None
-    return columns
+    for table, _ in _tables(path):
+        if table is None or not any(role_of(*name) == "force" for name in table.header):
+            continue
+        with explained(table.name, table.header):
+            columns = columns_of(table, kind)
+            if "force" not in columns.roles:
+                continue
+            if kind is None and kind_of(columns.roles) not in ("force", "loop"):
+                got = "force without time, or penetration and rate"
+                raise UserError(table.name, got, EXPECTED_COLUMNS)
+            of_kind = _kind_of(columns, kind)
+            return _complete(columns, of_kind), of_kind
+    return None
 
 
 def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
@@ -149,29 +322,30 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
     kind: as for `read_dataset`.
     Raises UserError for a force without the other columns, and times that do not rise.
     """
-    columns = _force_columns(path, kind)
-    if columns is None:
+    found = _force_columns(path, kind)
+    if found is None:
         return None
+    columns, of_kind = found
     with explained(columns.table.name, columns.table.header):
-        return _fitted_force(columns, setup, kind)
+        return _fitted_force(columns, setup, of_kind)
 
 
-def _fitted_force(columns: DataColumns, setup: MeasurementSetup, kind: str | None) -> ForceFit:
+def _fitted_force(columns: DataColumns, setup: MeasurementSetup, kind: str) -> ForceFit:
     """The fit of columns that have a force, as of `read_force`, which says what it raises."""
-    if kind != "force" and {"penetration", "rate"} <= columns.places.keys():
+    force = columns.get("force")
+    if kind == "loop":
         x = columns.get("penetration")
         v = columns.get("rate")
-        force = columns.get("force")
         with computed(columns.table.name):
             return fit_loop(columns.table.name, x, v, force, setup.exponent)
-    if "time" not in columns.places:
-        raise UserError(
-            columns.table.name, "force without time, or penetration and rate", EXPECTED_COLUMNS
-        )
     time = columns.get("time")
     columns.require("time", np.concatenate([[True], np.diff(time) > 0]), "times that rise")
+    # Plates give the force on the plate or the one on the ball.
+    zero = float(np.median(force))
+    if zero - force.min() > 2.0 * (force.max() - zero):
+        force = -force
     with computed(columns.table.name):
-        return fit_pulse(columns.table.name, setup, time, columns.get("force"))
+        return fit_pulse(columns.table.name, setup, time, force)
 
 
 def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
@@ -201,33 +375,45 @@ def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
 
 
 def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    """Read touch times, or the intervals between touches, s. Raises UserError unless they rise."""
-    if "interval" in columns.places:
+    """Read touch times, or the intervals between touches, s. Raises UserError unless they rise.
+
+    A row without a time is a touch that was not seen.
+    """
+    name = columns.table.name
+    if "time" not in columns.places:
         intervals = columns.get("interval")
+        if len(intervals) > 1 and intervals[-1] == 0:
+            # The last touch has no interval after it.
+            intervals = intervals[:-1]
         columns.require("interval", intervals > 0, "above 0")
         return _touch_times(
-            columns.table.name, setup, np.concatenate([[0.0], np.cumsum(intervals)])
+            name, setup, np.concatenate([[0.0], np.cumsum(intervals)]), columns.assumed
         )
-    times = columns.get("time")
-    columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
-    return _touch_times(columns.table.name, setup, times)
+    numbers = np.flatnonzero(columns.table.is_given(columns.places["time"]))
+    seen = columns.taken(numbers.tolist())
+    times = seen.get("time")
+    seen.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
+    data = _touch_times(name, setup, times, columns.assumed)
+    if len(numbers) < len(columns.table.cells):
+        return replace(data, numbers=numbers)
+    return data
 
 
-def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
+def _touch_times(
+    name: str, setup: MeasurementSetup, times: Floats, assumed: str = ""
+) -> TouchTimes:
     """Check the times of touches, s, shape (n,), and make a data set of them.
 
-    Raises UserError for times that do not rise, too few or too many of them, a contact that lasts
-    longer than the shortest flight, and flights that no ball has.
+    Raises UserError for too few or too many of them, a contact that lasts longer than the shortest
+    flight, and flights that no ball has.
     """
-    if (np.diff(times) <= 0).any():
-        raise UserError(name, "times that fall", "times that rise")
     if len(times) < setup.least_touches:
         raise too_few_touches(name, len(times), setup.least_touches)
     _require_few(name, len(times), "times")
     if setup.contact_time.value >= np.diff(times).min():
         got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
         raise UserError("contact-time", got, "less than from one touch to the next")
-    return TouchTimes(name, setup, times)
+    return TouchTimes(name, setup, times, assumed=assumed)
 
 
 def _require_few(name: str, count: int, what: str) -> None:
@@ -269,7 +455,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     ):
         # The first row is the height of the drop itself: it comes before the first bounce.
         heights = heights[1:]
-    _require_falling(columns)
+    _require_falling(columns, _rounding(columns, setup))
     _require_few(columns.table.name, len(heights), "heights")
     given = columns.uncertainty("height")
     # Heights lie between the touches: one fewer.
@@ -283,14 +469,37 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     height_noise = None
     if given.any():
         height_noise = float(given.mean())
-    return Heights(columns.table.name, setup, heights, height_noise)
+    return Heights(columns.table.name, setup, heights, height_noise, columns.assumed)
 
 
-def _require_falling(columns: DataColumns) -> None:
-    """Raise UserError for heights that rise too often to be bounces: a reading or two may be wrong,
-    and late bounces are equal by rounding.
+def _rounding(columns: DataColumns, setup: MeasurementSetup) -> float:
+    """How far a height may lie above the one before it, m: by the last digit that the file has, the
+    given uncertainty, or 2 % of the largest.
     """
-    falls = np.diff(columns.get("height")) <= 0
+    heights = columns.get("height")
+    last = 1.0
+    for row in columns.table.cells:
+        _, point, digits = cell_of(row, columns.places["height"]).partition(
+            columns.table.style.decimal
+        )
+        digits = re.match(r"\d*", digits)[0]  # type: ignore[index]
+        last = min(last, 10.0 ** -len(digits) if point else 1.0)
+    scale = unit_scale(
+        columns.table.name,
+        "height",
+        columns.table.unit_of(columns.places["height"], "position"),
+        "position",
+    )
+    given = float(columns.uncertainty("height").max(initial=0.0))
+    return max(1.01 * last * scale, 3.0 * given, _OF_NOISE * float(heights.max()))
+
+
+def _require_falling(columns: DataColumns, allowed: float) -> None:
+    """Raise UserError for heights that rise too often to be bounces: a reading or two may be wrong.
+
+    allowed: a rise that noise or rounding may make, m.
+    """
+    falls = np.diff(columns.get("height")) <= allowed
     if (~falls).sum() > len(falls) // _STEPS_FOR_A_RISE:
         columns.require("height", np.concatenate([[True], falls]), "heights that fall")
 
@@ -301,17 +510,30 @@ def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     Raises UserError for speeds that are not above 0, and an e outside of 0 ... 1.2.
     """
     name = columns.table.name
-    role = "speed_in"
-    if "speed" in columns.places:
+    if "speed_in" in columns.places:
+        role = "speed_in"
+    elif "speed" in columns.places:
         role = "speed"
-    speed = columns.get(role)
-    e = columns.get("restitution")
-    columns.require(role, speed > 0, "a speed above 0")
-    require_bounds(f"{name}: {role}", speed.tolist(), "speed", "m/s")
-    columns.require("restitution", (e >= 0) & (e <= 1.2), "0 ... 1")
+    else:
+        role = "height_in"
+    size = columns.get(role)
+    columns.require(role, size > 0, "above 0")
     u_speed = columns.uncertainty(role)
-    u_e = columns.uncertainty("restitution")
-    return _checked_pairs(SpeedPairs(name, setup, speed, e, u_speed, u_e))
+    speed = size
+    if role == "height_in":
+        speed = np.array([setup.ballistics.dropped(h)[0] for h in size])
+        u_speed = 0.5 * speed * u_speed / size
+    require_bounds(f"{name}: {role}", speed.tolist(), "speed", "m/s")
+    if "restitution" in columns.places:
+        e = columns.get("restitution")
+        columns.require("restitution", (e >= 0) & (e <= 1.2), "0 ... 1")
+        u_e = columns.uncertainty("restitution")
+    else:
+        squared = columns.get("squared")
+        columns.require("squared", (squared >= 0) & (squared <= 1.44), "0 ... 1")
+        e = np.sqrt(squared)
+        u_e = columns.uncertainty("squared") / (2.0 * np.maximum(e, 1e-3))
+    return _checked_pairs(SpeedPairs(name, setup, speed, e, u_speed, u_e, assumed=columns.assumed))
 
 
 def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
@@ -327,9 +549,19 @@ def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
         columns.require("speed_out", ~gains, "from 0 to the speed in")
     columns.require("speed_out", after >= 0, "from 0 to the speed in")
     e = after / before
+    _require_e(columns, e)
     u_in = columns.uncertainty("speed_in")
     u_out = columns.uncertainty("speed_out")
     return _checked_pairs(SpeedPairs(name, setup, before, e, u_in, u_out / before, twice=True))
+
+
+def _require_e(columns: DataColumns, e: Floats) -> None:
+    """Raise UserError where a column of e says something else than the speeds, or heights, beside it."""
+    if "restitution" not in columns.places:
+        return
+    written = columns.get("restitution")
+    expected = f"{e[0]:.3g}, of the columns before and after"
+    columns.require("restitution", np.abs(written - e) <= _OF_E * np.maximum(e, 0.2), expected)
 
 
 def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
@@ -346,6 +578,7 @@ def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     )
     v_in = np.array([setup.ballistics.dropped(h)[0] for h in before])
     v_out = np.sqrt(2.0 * setup.ballistics.gravity * after)
+    _require_e(columns, v_out / v_in)
     nothing = np.zeros(len(before))
     name = columns.table.name
     return _checked_pairs(SpeedPairs(name, setup, v_in, v_out / v_in, nothing, nothing, twice=True))
@@ -386,7 +619,8 @@ def _track(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
         raise UserError(
             columns.table.name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track"
         )
-    return track_of(columns.table.name, setup, times, upright(times, heights, setup))
+    track = track_of(columns.table.name, setup, times, upright(times, heights, setup))
+    return replace(track, assumed=columns.assumed)
 
 
 _READERS: dict[str, Callable[[DataColumns, MeasurementSetup], Dataset]] = {

@@ -1,11 +1,7 @@
-"""Columns of numbers with units in their header, from text files as
-spreadsheets and phones write them.
-"""
+"""Tables in a sheet: which rows are the header, where the numbers begin, and what is said before."""
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 import re
@@ -15,34 +11,63 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.column_names import explained
+from hcbench.fitting.cells import NumberStyle, TwoMeaningsError, is_missing, looks_numeric, style_of
+from hcbench.fitting.column_names import (
+    NO_UNIT,
+    QUANTITY_OF,
+    explained,
+    is_unit,
+    is_unit_of,
+    meanings_of,
+    of_file,
+    plain_unit,
+    role_of,
+    split_header,
+)
 from hcbench.system.errors import QuantityError, UserError
-from hcbench.system.files import is_file, read_bytes
-from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.bounds import beyond_bounds, require_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
+    from hcbench.fitting.cells import Cell
+    from hcbench.fitting.separators import Row
+    from hcbench.fitting.sheets import Sheet
     from hcbench.terms.impact import Floats
 
-
-# Largest file that is read, bytes.
-_LARGEST = 16 << 20
 # Smallest measured value of bounces, SI; its inverse is the largest.
 _SMALLEST = 1e-12
 # Units of a picture or of print: no lengths of the scene.
 _NO_LENGTHS = ("px", "pixel", "pixels", "dot", "pt")
-# Units of a column that is a ratio, such as e.
-NO_UNIT = ("", "1", "-", "–")
-# A "#" after a number starts a comment; in a header it may be part of a name, as in "bounce #".
-_COMMENT = re.compile(r"(?<=[\d.])\s+#.*")
-_NAMED = re.compile(
-    r"\s*(?P<name>[^\[\]{}]*?)\s*"
-    r"(?:\[\s*(?P<square>[^\]]*?)\s*\]|\(\s*(?P<round>[^()]*?)\s*\)|\{\s*(?P<curly>[^{}]*?)\s*\})\s*"
+# Times beyond this, in any unit, count from a date: the first of them is taken off.
+_OF_A_DATE = 1e6
+# Rows above the numbers that may have names or units.
+_MOST_HEADER_ROWS = 6
+# Rows after which another header begins another table.
+_LEAST_ROWS = 2
+# Words before a number over the rows above.
+_SUMS = (
+    "sum",
+    "total",
+    "min",
+    "max",
+    "minimum",
+    "maximum",
+    "count",
+    "range",
+    "summe",
+    "somme",
+    "suma",
+    "var",
+    "variance",
 )
+# Meanings of columns that have a time of a touch each.
+_OF_TIMES = {"time", "touch", "bounce", "begin", "beside"}
+# Quantities whose units a line before the table may name.
+_UNITS_OF = {"unit of length": "position", "unit of time": "time"}
+_POINTS = NumberStyle()
+_RATE_IN_WORDS = re.compile(r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*(?:per|/)\s*s)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,52 +77,85 @@ class Table:
     name: what errors call the file.
     header: names in lower case with their units, "" for none.
     cells: text, a row each; lines: their numbers in the file.
-    decimal: the sign in numbers.
+    style: of the numbers. frequency: of frames or samples, Hz; None for none.
+    units: those of a quantity that lines before the table name, such as {"position": "mm"}.
     """
 
     name: str
     header: tuple[tuple[str, str], ...]
     cells: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
-    decimal: str = "."
+    style: NumberStyle = _POINTS
+    frequency: float | None = None
+    units: tuple[tuple[str, str], ...] = ()
 
     def number(self, text: str) -> float:
         """A cell as a number; NaN for what is none."""
-        # Python's float takes "1_0" for 10.
-        if "_" in text:
-            return math.nan
-        try:
-            return float(text.strip().replace(self.decimal, "."))
-        except ValueError:
-            return math.nan
+        cell = self.style.read(text)
+        return math.nan if cell is None else cell.value
+
+    def has_number(self, at: int) -> bool:
+        """Say whether any cell of a column is a number."""
+        return any(math.isfinite(self.number(cell_of(row, at))) for row in self.cells)
+
+    def is_given(self, at: int) -> list[bool]:
+        """Of each row, whether the column has something there that does not say "missing"."""
+        return [not is_missing(cell_of(row, at)) for row in self.cells]
 
     def column(self, at: int, quantity: str) -> Floats:
         """Return a column in SI. Raises UserError for a cell that is not a finite number and for a
         missing unit.
         """
-        name, unit = self.header[at]
-        scale = unit_scale(self.name, name, unit, quantity)
-        values = np.empty(len(self.cells))
-        for i, (row, line) in enumerate(zip(self.cells, self.lines, strict=True)):
-            cell = cell_of(row, at)
-            values[i] = self.number(cell)
-            if not math.isfinite(values[i]):
+        return self._in_si(at, quantity, [cell.value for cell in self._read(at)])
+
+    def uncertainty(self, at: int, quantity: str) -> Floats:
+        """Standard uncertainties that cells such as "0.20 ± 0.01" have, in SI; 0 for none."""
+        each = [cell.uncertainty for cell in self._read(at)]
+        return self._scale(at, quantity) * np.nan_to_num(np.array(each))
+
+    def _read(self, at: int) -> list[Cell]:
+        """The cells of a column as numbers. Raises UserError for one that is none."""
+        found = []
+        for row, line in zip(self.cells, self.lines, strict=True):
+            text = cell_of(row, at)
+            cell = self.style.read(text)
+            if cell is None or not math.isfinite(cell.value):
                 where = f"{self.name}, line {line}"
-                raise UserError(where, f"{cell.strip()!r} under {name!r}", "a number")
-            if values[i] and not _SMALLEST <= abs(values[i] * scale) <= 1.0 / _SMALLEST:
+                raise UserError(where, f"{text.strip()!r} under {self.header[at][0]!r}", "a number")
+            found.append(cell)
+        return found
+
+    def unit_of(self, at: int, quantity: str) -> str:
+        """The unit of a column: of its header, of its cells, or of a line before the table."""
+        unit = self.header[at][1]
+        if not unit:
+            written = {
+                cell.unit for row in self.cells if (cell := self.style.read(cell_of(row, at)))
+            }
+            if len(written) == 1:
+                (unit,) = written
+        return unit or dict(self.units).get(quantity, "")
+
+    def _scale(self, at: int, quantity: str) -> float:
+        """One unit of a column in SI. Raises UserError for a missing one, and one that does not fit."""
+        return unit_scale(self.name, self.header[at][0], self.unit_of(at, quantity), quantity)
+
+    def _in_si(self, at: int, quantity: str, each: list[float]) -> Floats:
+        """A column's numbers in SI. Raises UserError for one that no measurement has."""
+        scale = self._scale(at, quantity)
+        values = np.array(each)
+        if quantity == "time" and len(values) and values.min() > _OF_A_DATE:
+            values = values - values.min()
+        name = self.header[at][0]
+        for value, row, line in zip(values, self.cells, self.lines, strict=True):
+            if value and not _SMALLEST <= abs(value * scale) <= 1.0 / _SMALLEST:
                 where = f"{self.name}, line {line}"
-                got = f"{cell.strip()} under {name!r}"
-                raise UserError(
-                    where, got, f"0, or {_SMALLEST:g} ... {1 / _SMALLEST:g} in SI units"
-                )
-        require_bounds(
-            f"{self.name}: {name}",
-            (values * scale).tolist(),
-            quantity,
-            units.QUANTITIES[quantity].unit,
-            0.0,
-        )
-        return values * scale
+                got = f"{cell_of(row, at).strip()} under {name!r}"
+                expected = f"0, or {_SMALLEST:g} ... {1 / _SMALLEST:g} in SI units"
+                raise UserError(where, got, expected)
+        si_unit = units.QUANTITIES[quantity].unit
+        require_bounds(f"{self.name}: {name}", (values * scale).tolist(), quantity, si_unit, 0.0)
+        return np.asarray(values * scale)
 
 
 @contextmanager
@@ -123,8 +181,10 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
     """
     example = units.QUANTITIES[quantity].example.split()[-1]
     si_unit = units.QUANTITIES[quantity].unit
-    if not si_unit and unit in NO_UNIT:
+    if not si_unit and unit.lower() in NO_UNIT:
         return 1.0
+    if not si_unit and unit == "%":
+        return 0.01
     if not unit and si_unit:
         advice = f"Write it with one, such as: {name} [{example}]"
         raise UserError(file, f"the header {name!r} names no unit", "one in brackets", advice)
@@ -141,389 +201,322 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
         raise UserError(file, got, expected) from None
 
 
-def read_lines(path: Path) -> list[tuple[int, str]]:
-    """Lines that have something in them, with their numbers. Raises UserError for what is not text."""
-    name = path.name
-    try:
-        text = _decoded(path)
-    except FileNotFoundError:
-        raise UserError(str(path), "does not exist", "a file of measurements") from None
-    except UnicodeDecodeError:
-        # A damaged archive still begins as one.
-        if path.read_bytes().startswith(b"PK\3\4"):
-            advice = "Unpack it and give its .csv"
-            raise UserError(name, "a zip archive", "a file of numbers", advice) from None
-        expected = "text in columns, or .wav"
-        # A recording is read in parts, which no pipe gives.
-        advice = "" if is_file(path) else "Save what the pipe brings to a file, and give that"
-        raise UserError(
-            name, "is neither UTF-8 text nor a WAV recording", expected, advice
-        ) from None
-    except OSError as error:
-        raise UserError(name, error.strerror or str(error), "a file that can be read") from None
-    except ValueError as error:
-        # ValueError: a name with a null character.
-        raise UserError(name, str(error), "a file that can be read") from None
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    if not lines:
-        with explained(name, ()):
-            raise UserError(name, "is empty", "a header and rows of numbers")
-    return lines
+def tables_of(sheet: Sheet) -> list[Table]:
+    """The tables of a sheet: one below the other, and drops side by side.
 
-
-def _decoded(path: Path) -> str:
-    """UTF-8, UTF-16 with or without its mark, and what spreadsheets in Windows write.
-
-    Raises UnicodeDecodeError for what is not text, OSError for what cannot be read, and ValueError
-    for
-    a file beyond 16 MiB.
+    Raises UserError, `explained`, for a sheet without numbers, a row with more cells than the header
+    has, and numbers that can be read in two ways.
     """
-    # Read once: a pipe cannot be read again.
-    raw = read_bytes(path, _LARGEST)
-    try:
-        text = raw.decode("utf-8-sig")
-        if "\0" not in text:
-            return text
-        # Latin letters in UTF-16 without its mark: each second byte is 0,
-        # and all of it is valid UTF-8.
-        if raw[1:2] == b"\0":
-            return raw.decode("utf-16-le")
-        return raw.decode("utf-16-be")
-    except UnicodeDecodeError:
-        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            text = raw.decode("utf-16")
-            if any(letter.isdecimal() for letter in text):
-                return text
-        if any(byte < 9 for byte in raw):
-            raise
-        return raw.decode("cp1252")
+    rows = [(line, tuple(cell.strip() for cell in cells)) for line, cells in sheet.rows]
+    turned = _turned(rows)
+    if len(turned) > len(rows) or not any(_is_data(cells) for _, cells in rows):
+        rows = turned
+    if any("multi" in cells[0].split(":") for _, cells in rows[:3]):
+        raise UserError(sheet.name, "several tracks", "one", "Export the ball's track alone")
+    tables = []
+    for part in _parts(rows):
+        table = _table(sheet.name, part)
+        tables += _in_a_row(table) or _side_by_side(table)
+    return tables
 
 
-def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
-    """A table with one header line. Separators: comma, semicolon, tab,
-    |, blanks; # begins a comment.
-
-    A header may be the last comment before the numbers, as `numpy.savetxt` writes it. Raises
-    UserError with the file, the line, what it has and what was expected.
-    """
-    kept: list[tuple[int, str]] = []
-    comment = None
-    for number, line in lines:
-        if line.lstrip().startswith("#"):
-            if not kept:
-                comment = (number, line.strip().removeprefix("#").strip())
-            continue
-        kept.append((number, _COMMENT.sub("", line)))
-    if comment is not None and kept and _is_header_of(comment[1], kept[0][1]):
-        kept.insert(0, comment)
-    return table_of(path, kept)
-
-
-def _is_header_of(comment: str, first: str) -> bool:
-    """Say whether a comment names the cells of the first line of numbers.
-
-    comment: without its "#". first: the first line of numbers.
-    """
-    if not _ONLY_NUMBERS.fullmatch(first):
+def _is_data(cells: Sequence[str]) -> bool:
+    """Say whether a row has numbers of a table: half of its cells, and no name first."""
+    given = [cell for cell in cells if not is_missing(cell)]
+    numeric = sum(map(looks_numeric, given))
+    if not numeric or 2 * numeric < len(given):
         return False
-    # The first of the signs that either has is the separator: both need as many of it.
-    for sign in ("\t", ";", ","):
-        if sign in comment or sign in first:
-            if comment.count(sign) != first.count(sign):
-                return False
-            break
-    last = re.split(r"[\t;,]", comment)[-1].strip()
-    name, _ = split_header(last)
-    return any(letter.isalpha() for letter in name)
+    return looks_numeric(given[0]) or role_of(*split_header(given[0])) not in QUANTITY_OF
 
 
-def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
-    """The table in these lines, each with its number in the file.
+def _turned(rows: list[Row]) -> list[Row]:
+    """Rows and columns exchanged where each row has a name and then numbers; else as they are."""
+    named: list[tuple[int, list[str]]] = []
+    others: list[Row] = []
+    for line, cells in rows:
+        first, *rest = [*cells]
+        match = re.fullmatch(r"(.*\D)\s*[:=]\s*\[?\s*(\S*)", first)
+        if match is not None and role_of(*split_header(match[1])) in QUANTITY_OF:
+            first, rest = match[1], [match[2], *rest] if match[2] else rest
+        numeric = sum(map(looks_numeric, rest))
+        is_named = bool(first) and not looks_numeric(first)
+        if (
+            is_named
+            and numeric > 1
+            and 2 * numeric > sum(1 for cell in rest if not is_missing(cell))
+        ):
+            named.append((line, [first, *(cell.strip("[]") for cell in rest)]))
+        else:
+            others.append((line, cells))
+    has_role = any(role_of(*split_header(cells[0])) in QUANTITY_OF for _, cells in named)
+    # Under a header of several names a row with a name is a row of that table.
+    is_under_header = any(
+        sum(role_of(*split_header(cell)) in QUANTITY_OF for cell in cells) > 1
+        for _, cells in others
+    )
+    if not named or not has_role or is_under_header:
+        return rows
+    turned = itertools.zip_longest(*(cells for _, cells in named), fillvalue="")
+    line = named[0][0]
+    return [*others, *((line, tuple(cells)) for cells in turned)]
 
-    Raises UserError, `explained`, for lines without a header or without rows, a row with more cells
-    than the header has, and numbers that can be read in two ways.
-    """
-    name = sanitized(path.name)
-    with explained(name, ()):
-        table = _parted(name, lines)
-    with explained(name, table.header):
-        _require_rows(table)
-        _require_one_meaning(table)
-    return plain(table)
+
+def _parts(rows: list[Row]) -> Iterator[list[Row]]:
+    """Tables one below the other: after rows of numbers, a row of names begins another one."""
+    part: list[Row] = []
+    count = 0
+    for line, cells in rows:
+        is_data = _is_data(cells)
+        if not is_data and count >= _LEAST_ROWS and _names(cells):
+            yield part
+            part, count = [], 0
+        part.append((line, cells))
+        count += is_data
+    yield part
 
 
-def _parted(name: str, lines: list[tuple[int, str]]) -> Table:
-    """The table in these lines, its cells as they are.
+def _names(cells: Sequence[str]) -> int:
+    """Number of names of columns in a row."""
+    return sum(
+        role_of(*split_header(cell)) in QUANTITY_OF
+        for cell in cells
+        if cell and not looks_numeric(cell)
+    )
 
-    name: what errors call the file. lines: each with its number in the file.
-    Raises UserError for lines without a header, and for a cell that is too long.
-    """
-    if not lines:
-        raise UserError(name, "has comments only", "a header and rows of numbers")
-    if len(lines) > 2 and _is_title(lines[0][1], lines[1][1]):
-        lines = lines[1:]
-    lines = _without_pipes(lines)
-    numbers = [n for n, _ in lines]
-    texts = [text for _, text in lines]
-    separator = _separator(texts)
-    if separator not in "".join(texts):
-        texts = _without_blanks(texts)
-        separator = _separator(texts)
-    rows = []
-    for number, text in zip(numbers, texts, strict=True):
-        rows.append(_cells(name, number, text, separator))
-    joined = joined_header(rows)
-    if joined is not None:
-        begin, header = joined
-        rows = [header, *rows[begin:]]
-        numbers = [numbers[0], *numbers[begin:]]
-    header, *cells = rows
-    decimal = "."
-    # Where commas do not part the cells, a comma in a cell is for a point.
-    if separator != "," and "," in "".join(itertools.chain(*cells)):
-        decimal = ","
+
+def _table(name: str, rows: list[Row]) -> Table:
+    """The table in these rows. Raises UserError, `explained`, where there is none."""
+    begin, end = _block(name, rows)
+    body = rows[begin:end]
+    width = max(len(_trimmed(cells)) for _, cells in body)
+    header, before = _header(rows[:begin], body, width)
+    frequency, written = _said_before(before)
     table = Table(
         name=name,
-        header=tuple(map(split_header, header)),
-        cells=tuple(cells),
-        lines=tuple(numbers[1:]),
-        decimal=decimal,
+        header=header,
+        cells=tuple(cells for _, cells in body),
+        lines=tuple(line for line, _ in body),
+        frequency=frequency,
+        units=tuple(written.items()),
     )
-    if all(math.isfinite(table.number(cell)) for cell in header if cell.strip()):
-        raise UserError(name, f"begins with the numbers {texts[0].strip()!r:.60}", "a header")
+    with explained(name, table.header):
+        table = replace(table, style=_style(table))
+        for row, line in zip(table.cells, table.lines, strict=True):
+            if any(row[len(header) :]):
+                got = f"{len(row)} cells"
+                raise UserError(f"{name}, line {line}", got, f"{len(header)}, as the header has")
     return table
 
 
-def _require_rows(table: Table) -> None:
-    """Raise UserError for a table without rows, and for a row with more cells than the header has."""
-    if not table.cells:
-        raise UserError(table.name, "has a header and no rows", "rows of numbers")
-    width = len(table.header)
-    for row, line in zip(table.cells, table.lines, strict=True):
-        beyond = "".join(row[width:])
-        if beyond.strip():
-            raise UserError(
-                f"{table.name}, line {line}", f"{len(row)} cells", f"{width}, as the header has"
-            )
+def _block(name: str, rows: list[Row]) -> tuple[int, int]:
+    """Where the numbers begin and end among the rows: the longest run of rows of numbers, and what
+    belongs to it before and after.
 
-
-def _require_one_meaning(table: Table) -> None:
-    """Raise UserError for numbers whose commas or points may be decimal signs or part thousands.
-
-    In a file there is one decimal sign. A comma before three digits is one only where another comma
-    of the file can be nothing else, as in 0,5.
+    Rows that sum up, such as "mean,0.8", end it. Raises UserError where no row has numbers.
     """
-    with_comma: list[str] = []
-    with_point: list[str] = []
-    for row in table.cells:
-        for cell in row:
-            number = cell.strip().rstrip("% ")
-            if not _looks_numeric(number) and _uncertain(number) is None:
-                continue
-            if "," in number:
-                with_comma.append(number)
-            if "." in number:
-                with_point.append(number)
-    advice = "Write numbers without a sign between the thousands"
-    if with_comma and with_point:
-        got = f"{with_comma[0]!r} and {with_point[0]!r}"
-        raise UserError(table.name, got, "one decimal sign in the file", advice)
-    if with_comma and all(_THOUSANDS.fullmatch(number) for number in with_comma):
-        whole = with_comma[0].replace(",", "")
-        decimal = with_comma[0].replace(",", ".")
-        expected = f"{whole} or {decimal}, whichever it is"
-        raise UserError(table.name, repr(with_comma[0]), expected, advice)
+    is_data = [_is_data(cells) for _, cells in rows]
+    longest, start, at = 0, 0, 0
+    for has_numbers, group in itertools.groupby(is_data):
+        count = len(list(group))
+        if has_numbers and count >= longest:
+            longest, start = count, at
+        at += count
+    if not longest:
+        header = next((tuple(map(split_header, cells)) for _, cells in rows if _names(cells)), ())
+        got = "has a header and no rows" if header else "has no numbers"
+        with explained(name, header):
+            raise UserError(name, got, "a header and rows of numbers")
+    above = max((i for i in range(start) if _names(rows[i][1])), default=-1)
+    width = len(_trimmed(rows[start][1]))
+    begin = next(
+        i for i in range(above + 1, start + 1) if is_data[i] and len(_trimmed(rows[i][1])) == width
+    )
+    end = next((i for i in range(start, len(rows)) if _sums_up(rows[i][1])), len(rows))
+    return begin, end
 
 
-def _cells(name: str, number: int, text: str, separator: str) -> tuple[str, ...]:
-    """Cells of one line. Raises UserError where one of them is too long to be a number or a name."""
-    try:
-        return tuple(next(csv.reader(io.StringIO(text), delimiter=separator)))
-    except csv.Error as error:
-        raise UserError(f"{name}, line {number}", str(error), "cells of numbers") from None
+def _sums_up(cells: Sequence[str]) -> bool:
+    """Say whether a row begins with "mean", "sd" or another word for a number over the rows above."""
+    return re.fullmatch(r"[^\W\d_][\w\s.]*:?", cells[0]) is not None and (
+        (meanings_of(cells[0]) <= {"mean", "uncertainty", "filler"} and bool(meanings_of(cells[0])))
+        or cells[0].strip(": ").lower() in _SUMS
+    )
 
 
-def _separator(texts: list[str]) -> str:
-    """The sign between the cells of a table, by its first line; ";" for one
-    column with commas for points.
+def _trimmed(cells: Sequence[str]) -> tuple[str, ...]:
+    """Cells without the empty ones at their end."""
+    count = len(cells)
+    while count and not cells[count - 1]:
+        count -= 1
+    return tuple(cells[:count])
+
+
+def _header(
+    above: list[Row], body: list[Row], width: int
+) -> tuple[tuple[tuple[str, str], ...], list[tuple[str, ...]]]:
+    """Names with units over rows of numbers, and the rows above that are none of it.
+
+    body: the rows of numbers; width: their cells. Names may have a row of units below them, a row
+    of groups above them, as motion capture writes it, or be missing: then all are "".
     """
-    first, *others = texts
-    single = re.compile(r"\s*[-+]?\d+,\d+\s*")
-    if "," not in first and all(map(single.fullmatch, others)):
-        return ";"
-    for sign in ("\t", ";"):
-        if sign in first:
-            return sign
-    return ","
-
-
-def _without_pipes(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """Lines of a table of Markdown or of a database, with tabs for "|" and without rules."""
-    if "|" not in lines[0][1]:
-        return lines
-    kept: list[tuple[int, str]] = []
-    for number, text in lines:
-        if not _RULE.fullmatch(text):
-            cells = text.strip().strip("|").split("|")
-            kept.append((number, "\t".join(cell.strip() for cell in cells)))
-    return kept
-
-
-def _without_blanks(texts: list[str]) -> list[str]:
-    """Lines of numbers between blanks, with tabs for the blanks; other lines as they are.
-
-    Names in the header may have single blanks where there are two and more between the columns.
-    """
-    header, *rows = texts
-    cells = list(map(str.split, rows))
-    widths = set(map(len, cells))
-    is_of_numbers = all(map(_looks_numeric, itertools.chain(*cells)))
-    if len(widths) != 1 or widths == {1} or not is_of_numbers:
-        return texts
-    # A unit in brackets belongs to the name before it.
-    for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])"):
-        names = re.split(blanks, header.strip())
-        if {len(names)} == widths:
-            return list(map("\t".join, [names, *cells]))
-    return texts
-
-
-def _is_title(first: str, second: str) -> bool:
-    """Say whether a line is a name alone, over a header of several columns."""
-    titles = [cell for cell in re.split(r"[\t;,]", first) if cell.strip()]
-    below = list(map(str.strip, re.split(r"[\t;,]", second)))
-    if len(titles) != 1 or len(below) < 2:
-        return False
-    # A name begins with neither a digit nor a sign.
-    return all(re.match(r"[^\d+-]", cell) for cell in below)
-
-
-def split_header(cell: str) -> tuple[str, str]:
-    """(name in lower case, unit) of "name [unit]", "name (unit)" or "name
-    {unit}"; the unit "" for none.
-    """
-    match = _NAMED.fullmatch(cell)
-    if match is None:
-        return with_unit(cell.lower(), "")
-    brackets = match.group("square", "round", "curly")
-    # One of the three has matched; its text may be empty.
-    unit = next(text for text in brackets if text is not None)
-    return with_unit(match["name"].lower(), unit)
-
-
-_LATEST = re.compile(r"^(?:latest|run \d+|data set(?: \d+)?|set \d+|mass [a-z]|ball)\s*:\s*")
-_UNITS = frozenset(
-    [
-        "s",
-        "ms",
-        "us",
-        "µs",
-        "min",
-        "m",
-        "mm",
-        "cm",
-        "um",
-        "µm",
-        "km",
-        "in",
-        "ft",
-        "m/s",
-        "cm/s",
-        "mm/s",
-        "km/h",
-        "mph",
-        "ft/s",
-        "in/s",
-        "mps",
-        "kph",
-        "kmh",
-        "knots",
-        "sec",
-        "secs",
-        "second",
-        "seconds",
-        "msec",
-        "millimeter",
-        "millimeters",
-        "centimeter",
-        "centimeters",
-        "meter",
-        "meters",
-        "metre",
-        "metres",
-        "meter/second",
-        "meters/second",
-        "inch",
-        "inches",
-        "feet",
-        "n",
-        "kn",
-        "mn",
-        "%",
+    rows = [_trimmed(cells) for _, cells in above]
+    near = [
+        i
+        for i in range(max(0, len(rows) - _MOST_HEADER_ROWS), len(rows))
+        if _fits(rows[i], body, width) or (_are_units(rows[i]) and len(rows[i]) <= width)
     ]
-)
-_RULE = re.compile(r"[\s|:+-]+")
-_BEFORE_UNIT = re.compile(r"\s*/\s*|_|\s*,\s*|\s+in\s+|\s+")
-# "m s^-1" and "m*s^-1" are m/s.
-_BY_POWER = re.compile(r"([a-zµ]+)[\s*]([sh])\^-1")
-_NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
-_ONLY_NUMBERS = re.compile(r"[-+\d.,;\teE\s±()%]*\d[-+\d.,;\teE\s±()%]*")
-_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
-_UNCERTAIN = re.compile(rf"\s*({_NUMBER})\s*(?:±|\+-|\+/-)\s*({_NUMBER})\s*")
-_SHORT = re.compile(r"\s*([-+]?\d*[.,]?(\d*))\((\d+)\)\s*")
+    at = max(near, key=lambda i: (_names(rows[i]), -i), default=None)
+    if at is not None and not _names(rows[at]):
+        # No name is known: the row next to the numbers is the header, unless it is a title.
+        at = next(
+            (i for i in reversed(near) if not _are_units(rows[i]) and len(rows[i]) == width), None
+        )
+    if at is None:
+        return tuple([("", "")] * width), rows
+    names = _padded(rows[at], body, width)
+    header = [split_header(name) for name in names]
+    used = {at}
+    below = next((i for i in near if i != at and _are_units(rows[i])), None)
+    if below is not None:
+        used.add(below)
+        written = _padded(rows[below], body, width)
+        for i, unit in enumerate(map(plain_unit, written)):
+            if not header[i][1] and unit.lower() not in NO_UNIT:
+                header[i] = (header[i][0], unit)
+    groups = [i for i in near if i < at and i not in used]
+    if groups and len(set(header)) < len(header):
+        group = _padded(rows[groups[-1]], body, width)
+        header = [
+            (f"{of} {name}".lower() if of else name, unit)
+            for of, (name, unit) in zip(group, header, strict=True)
+        ]
+    return tuple(header), [row for i, row in enumerate(rows) if i not in used]
 
 
-def with_unit(name: str, unit: str) -> tuple[str, str]:
-    """(name, unit) of "t/s", "time_s", "time, s", "height in cm"; "Latest: " is left out."""
-    # Keyboards have the Greek letter, Unicode the sign of micro too.
-    name, unit = (text.replace("\N{GREEK SMALL LETTER MU}", "µ") for text in (name, unit))
-    name = _LATEST.sub("", name.strip()).strip().rstrip("/").strip()
-    if unit:
-        return name, unit
-    # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
-    for sign in _BEFORE_UNIT.finditer(name, 1):
-        unit = _BY_POWER.sub(r"\1/\2", units.usual_unit(name[sign.end() :]))
-        if unit in _UNITS:
-            return name[: sign.start()].strip(), unit
-    return name, ""
+def _fits(cells: tuple[str, ...], body: list[Row], width: int) -> bool:
+    """Say whether a row may name the columns of the numbers below it."""
+    if not any(any(map(str.isalpha, cell)) for cell in cells) or any(map(looks_numeric, cells)):
+        return False
+    if len(cells) == width or (len(cells) == width - 1 and _is_counted(body)):
+        return True
+    return _names(cells) > 0 and (width == 1 or len(cells) > 1)
 
 
-def plain(table: Table) -> Table:
-    """The table without shares in per cent and with an uncertainty in a column of its own.
+def _is_counted(body: list[Row]) -> bool:
+    """Say whether the first column counts or names the rows: pandas gives it no name."""
+    first = [cells[0] for _, cells in body]
+    if not any(map(looks_numeric, first)):
+        return True
+    return all(map(str.isdigit, first)) and all(
+        int(b) - int(a) == 1 for a, b in itertools.pairwise(first)
+    )
 
-    Cells such as `0.20 ± 0.01`, `0.960(5)`, and commas for points in single columns.
+
+def _padded(cells: tuple[str, ...], body: list[Row], width: int) -> tuple[str, ...]:
+    """The cells of a row above the numbers, as many as there are columns."""
+    if len(cells) == width - 1 and _is_counted(body):
+        return ("", *cells)
+    return (*cells, *[""] * (width - len(cells)))
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Say whether a row has units alone."""
+    given = [cell.strip("()[] ") for cell in cells if cell.strip("()[] ").lower() not in NO_UNIT]
+    return bool(given) and all(map(is_unit, given))
+
+
+def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, str]]:
+    """The frequency of frames or samples, Hz, and units by quantity, that lines before a table name."""
+    frequency = None
+    written: dict[str, str] = {}
+    for i, cells in enumerate(rows):
+        text = "\t".join(cells)
+        parts = [part.strip() for part in re.split(r"[\t:=;,]", text) if part.strip()]
+        for name, value in itertools.pairwise(parts):
+            meaning = of_file(name)
+            number = re.match(r"\d+(?:\.\d+)?", value)
+            if meaning == "frequency" and number is not None:
+                frequency = frequency or float(number[0])
+            elif meaning in _UNITS_OF and is_unit(plain_unit(value)):
+                written[_UNITS_OF[meaning]] = plain_unit(value)
+            elif meaning == "units" and value.lower() in ("si", "mks"):
+                written |= {"time": "s", "position": "m", "speed": "m/s", "force": "N"}
+        match = _RATE_IN_WORDS.search(text)
+        if match is not None:
+            frequency = frequency or float(match[1].replace(",", "."))
+        # Vicon: the rate is alone in the line below "Trajectories" or "Devices".
+        is_of_vicon = i and rows[i - 1][:1] in (("Trajectories",), ("Devices",), ("Model Outputs",))
+        if is_of_vicon and len(cells) == 1 and re.fullmatch(r"\d+(?:\.\d+)?", cells[0]):
+            frequency = float(cells[0])
+    return frequency, written
+
+
+def _style(table: Table) -> NumberStyle:
+    """The style of a table's numbers. Raises UserError for those that can be read in two ways."""
+    columns = [[cell_of(row, i) for row in table.cells] for i in range(len(table.header))]
+    try:
+        return style_of(columns)
+    except TwoMeaningsError as error:
+        advice = "Write numbers without a sign between the thousands"
+        raise UserError(table.name, error.got, error.expected, advice) from None
+
+
+def _in_a_row(table: Table) -> list[Table]:
+    """The times, or the heights, that a table has in a row for each drop, under names with numbers:
+    "Bounce 0 (s), Bounce 1 (s), ..."; empty where it has none.
+
+    phyphox writes its stopwatch and "(In)elastic collision" so, with 0 for what was not heard.
     """
-    header = list(table.header)
-    names = [name for name, _ in table.header]
-    columns = _transposed(table)
-    for i, (name, unit) in enumerate(table.header):
-        split = _split_uncertainties(columns[i])
-        if split is not None and f"u_{name}" not in names:
-            columns[i], uncertainties = split
-            names.append(f"u_{name}")
-            header.append((f"u_{name}", unit))
-            columns.append(uncertainties)
-        columns[i] = [_with_point(table, cell) for cell in columns[i]]
-    for i, (name, unit) in enumerate(header):
-        cells = columns[i]
-        if unit == "%" or (cells and all(cell.strip().endswith("%") for cell in cells)):
-            header[i] = (name, "")
-            columns[i] = list(map(_share, cells))
-    rows = tuple(zip(*columns, strict=True))
-    return replace(table, header=tuple(header), cells=rows, decimal=".")
+    for quantity, allowed in (("time", _OF_TIMES), ("position", {"height", "bounce"})):
+        numbered = []
+        for i, (name, unit) in enumerate(table.header):
+            found = meanings_of(name)
+            digits = [int(meaning) for meaning in found if meaning.isdigit()]
+            words = found - set(map(str, digits))
+            if words and words <= allowed and is_unit_of(unit, quantity):
+                numbered.append((digits[0] if digits else -1, i))
+        if len(numbered) < 3 or len({number for number, _ in numbered}) < len(numbered):
+            continue
+        places = [i for _, i in sorted(numbered)]
+        drops = []
+        for k, (row, line) in enumerate(zip(table.cells, table.lines, strict=True), 1):
+            cells = [cell_of(row, i) for i in places]
+            heard = [cell for cell in cells[1:] if table.number(cell) and not is_missing(cell)]
+            called = table.name if len(table.cells) == 1 else f"{table.name}, drop {k}"
+            header = (("time" if quantity == "time" else "height", table.header[places[0]][1]),)
+            column = tuple((cell,) for cell in [cells[0], *heard])
+            drops.append(
+                replace(
+                    table, name=called, header=header, cells=column, lines=(line,) * len(column)
+                )
+            )
+        return drops
+    return []
 
 
-def _split_uncertainties(cells: list[str]) -> tuple[list[str], list[str]] | None:
-    """Values, and their standard uncertainties; None where a cell has none."""
-    values = []
-    uncertainties = []
-    for cell in cells:
-        pair = _uncertain(cell)
-        if pair is None:
-            return None
-        values.append(pair[0])
-        uncertainties.append(pair[1])
-    return values, uncertainties
+def _side_by_side(table: Table) -> list[Table]:
+    """The drops of a table whose columns repeat, one table each; the table alone where none do."""
+    names = [name for name in table.header if name[0]]
+    first = names[0] if names else ("", "")
+    starts = [i for i, name in enumerate(table.header) if name == first]
+    if not first[0] or len(starts) < 2 or role_of(*first) not in QUANTITY_OF:
+        return [table]
+    drops = []
+    for k, (begin, end) in enumerate(itertools.pairwise([*starts, len(table.header)]), 1):
+        rows = [(row[begin:end], line) for row, line in zip(table.cells, table.lines, strict=True)]
+        kept = [(row, line) for row, line in rows if not all(map(is_missing, row))]
+        drops.append(
+            replace(
+                table,
+                name=f"{table.name}, drop {k}",
+                header=table.header[begin:end],
+                cells=tuple(row for row, _ in kept),
+                lines=tuple(line for _, line in kept),
+            )
+        )
+    if len({tuple(one for one in drop.header if one[0]) for drop in drops}) > 1:
+        return [table]
+    return drops
 
 
 def cell_of(row: Sequence[str], at: int) -> str:
@@ -531,78 +524,3 @@ def cell_of(row: Sequence[str], at: int) -> str:
     if at >= len(row):
         return ""
     return row[at]
-
-
-def _transposed(table: Table) -> list[list[str]]:
-    """The cells column by column; "" for those that a short row lacks."""
-    columns: list[list[str]] = [[] for _ in table.header]
-    for row in table.cells:
-        for i, column in enumerate(columns):
-            column.append(cell_of(row, i))
-    return columns
-
-
-def _with_point(table: Table, cell: str) -> str:
-    """The cell with a point for the decimal sign; other text as it is."""
-    if math.isfinite(table.number(cell)):
-        return cell.replace(table.decimal, ".")
-    single = re.fullmatch(r"\s*[-+]?\d+,\d+(?:[eE][-+]?\d+)?\s*%?\s*", cell)
-    if single is None:
-        return cell
-    return cell.replace(",", ".")
-
-
-def _share(cell: str) -> str:
-    """A share in per cent as a ratio; other text as it is."""
-    try:
-        return f"{float(cell.strip().rstrip('%').replace(',', '.')) / 100.0:.12g}"
-    except ValueError:
-        return cell
-
-
-def _uncertain(cell: str) -> tuple[str, str] | None:
-    """Value and standard uncertainty of `0.20 ± 0.01` or `0.960(5)`."""
-    if (match := _UNCERTAIN.fullmatch(cell)) is not None:
-        return match[1].replace(",", "."), match[2].replace(",", ".")
-    if (match := _SHORT.fullmatch(cell)) is not None and match[1]:
-        digits = len(match[2])
-        return match[1].replace(",", "."), f"{int(match[3]) * 10.0**-digits:.12g}"
-    return None
-
-
-def joined_header(rows: list[tuple[str, ...]]) -> tuple[int, tuple[str, ...]] | None:
-    """Return the first row of numbers and the header, if the units have a line of their own; else
-    None.
-
-    As Logger Pro writes it: names, short names and units in three lines; or names and units in two.
-    """
-    for count in (3, 2):
-        widths = set(map(len, rows[: count + 1]))
-        if len(rows) <= count or len(widths) != 1:
-            continue
-        names = rows[0]
-        below = [cell.strip().strip("()[]").lower() for cell in rows[count - 1]]
-        # A ratio has no unit.
-        of_quantities = [cell for cell in below if cell not in NO_UNIT]
-        has_units = bool(of_quantities) and all(map(_is_unit, of_quantities))
-        if has_units and not any(map(_looks_numeric, names)):
-            pairs = zip(names, below, strict=True)
-            return count, tuple(f"{name.strip()} [{unit}]" for name, unit in pairs)
-    return None
-
-
-def _looks_numeric(cell: str) -> bool:
-    return re.fullmatch(rf"\s*{_NUMBER}\s*", cell) is not None
-
-
-def _is_unit(text: str) -> bool:
-    """True for the unit of a column of times, places, speeds or forces."""
-    if text not in _UNITS:
-        return False
-    for quantity in ("time", "position", "speed", "force"):
-        try:
-            units.parse(f"1 {text}", quantity, "unit")
-        except QuantityError:
-            continue
-        return True
-    return False

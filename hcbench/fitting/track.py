@@ -44,6 +44,13 @@ _NEAR = 0.01
 _GROSS = 0.2
 # Longest flight, as a multiple of the flight before: bounces get lower, and frames round times.
 _SHORTER = 1.1
+# Frames of the windows in which free flight is looked for, and windows of each length, at most.
+_WINDOWS = (6, 9, 14, 20, 30, 45, 70, 105, 160, 240)
+_MOST_WINDOWS = 250
+# So few of noise alone look like flights.
+_LEAST_WINDOWS = 6
+# A flight's bend over its noise, at least.
+_CLEAR = 12.0
 # Frames from which the bend of a flight shows g.
 _FRAMES_OF_G = 6
 
@@ -65,6 +72,7 @@ class Track(Dataset):
     touch_times: Floats
     floor: float
     drop: float | None
+    assumed: str = ""
     noise_scale: ClassVar[float] = 1e-3
     noise_unit: ClassVar[str] = "m"
 
@@ -153,11 +161,45 @@ class Track(Dataset):
         return labels[first:-1]
 
 
+def seen_fall(times: Floats, heights: Floats) -> float:
+    """The acceleration of free flight between touches, as the heights' unit over time's squared: below
+    0 where heights rise upwards; 0 where no flight is seen.
+
+    times, heights: (n,), rising times. Parabolas through windows of many lengths: those of flights
+    are smooth and bent, those with a touch are not smooth, those at rest are not bent. Frames in
+    which the ball rests or that are noisy do not count, as they would in a median over all.
+    """
+    bends: list[float] = []
+    weights: list[float] = []
+    count = len(times)
+    for frames in _WINDOWS:
+        if frames > count:
+            break
+        step = max(1, frames // 4, count // _MOST_WINDOWS)
+        for begin in range(0, count - frames + 1, step):
+            t = times[begin : begin + frames]
+            t = t - t.mean()
+            matrix = np.vander(t / t[-1], 3)
+            fitted, *_ = np.linalg.lstsq(matrix, heights[begin : begin + frames], rcond=None)
+            off = heights[begin : begin + frames] - matrix @ fitted
+            rms = float(np.sqrt((off**2).sum() / max(frames - 3, 1)))
+            if abs(fitted[0]) > _CLEAR * rms:
+                bends.append(2.0 * float(fitted[0]) / float(t[-1]) ** 2)
+                weights.append(min(abs(float(fitted[0])) / max(rms, 1e-12), 1e3))
+    if len(bends) < _LEAST_WINDOWS:
+        return 0.0
+    order = np.argsort(bends)
+    share = np.cumsum(np.array(weights)[order])
+    middle = float(np.array(bends)[order][int(np.searchsorted(share, 0.5 * share[-1]))])
+    alike = float(np.array(weights)[np.abs(np.array(bends) / middle - 1.0) < _GROSS].sum())
+    if alike < 0.5 * share[-1]:
+        return 0.0
+    return middle
+
+
 def upright(times: Floats, heights: Floats, setup: MeasurementSetup) -> Floats:
     """Heights that rise upwards: pictures count downwards, and flights then curve the other way."""
-    steps = np.diff(times)
-    bend = np.diff(np.diff(heights) / steps) / (0.5 * (steps[1:] + steps[:-1]))
-    if float(np.median(bend)) > 0.5 * setup.ballistics.gravity:
+    if seen_fall(times, heights) > 0.5 * setup.ballistics.gravity:
         return -heights
     return heights
 

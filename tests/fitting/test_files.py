@@ -43,7 +43,7 @@ def test_the_command_hands_alpha_to_tune_and_check(
         ("time\n0.1\n0.2\n", "names no unit"),
         ("0.1\n0.2\n0.3\n", "a header"),
         ("time [s]\n0.1\nx\n", "line 3: 'x' under 'time'"),
-        ("time [s]\n0.1\nnan\n", "line 3: 'nan'"),
+        ("interval [s]\n0.1\nnan\n0.2\n", "line 3: 'nan'"),
         ("time [s]\n0.3\n0.2\n0.4\n0.5\n", "line 3: time 0.2; expected times that rise"),
         ("time [s]\n0.1\n0.4\n0.6\n", "3 touches"),
         ("time [kg]\n0.1\n0.4\n0.6\n", "'kg'"),

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.fitting.table import read_lines, split_header, unit_scale
+from hcbench.fitting.column_names import split_header
+from hcbench.fitting.sheets import read_sheets
+from hcbench.fitting.table import unit_scale
 from hcbench.system.errors import UserError
 
 
@@ -59,9 +61,17 @@ def test_both_letters_for_micro_are_read(header: str, micro: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["drop.zip", "drop.csv"])
-def test_a_zip_archive_is_named_whatever_its_suffix(name: str, tmp_path: Path) -> None:
+def test_a_table_in_a_zip_archive_is_read_whatever_its_suffix(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("drop.csv", "time [s]\n1\n")
-    with pytest.raises(UserError, match="a zip archive"):
-        read_lines(path)
+        archive.writestr("meta/device.csv", "property,value\nversion,1.1\n")
+    (sheet,) = read_sheets(path)
+    assert sheet.rows == ((1, ("time [s]",)), (2, ("1",)))
+
+
+def test_an_archive_without_tables_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "drop.zip", "w") as archive:
+        archive.writestr("drop.png", "no table")
+    with pytest.raises(UserError, match="a zip archive without tables"):
+        read_sheets(tmp_path / "drop.zip")

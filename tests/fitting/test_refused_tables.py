@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         ("speed [m/s],e,u_e\n1,.5,-1\n", "'u_e' as uncertainty of restitution"),
         ("force [N]\n1\n2\n", "'force [N]' as force in N"),
         ("a,b,c,d,e,f\n1,2,3,4,5,6\n", "'d' as nothing, and 2 more"),
-        ("a,b\n1,2,3\n", "'a' as nothing, 'b' as nothing"),
+        ("a,b\n1,2\n", "'a' as nothing, 'b' as nothing"),
     ],
 )
 def test_a_refusal_says_what_each_column_was_taken_for(

@@ -1,0 +1,260 @@
+"""Cells of a table: numbers as programs and people write them, in one style for a file."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from hcbench.fitting.column_names import is_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+# Cells without a number.
+MISSING = frozenset(
+    [
+        "",
+        "-",
+        "--",
+        "---",
+        "–",
+        "—",
+        "na",
+        "n/a",
+        "nan",
+        "null",
+        "none",
+        "#n/a",
+        "#value!",
+        "missing",
+        "?",
+        "*",
+        ".",
+    ]
+)
+# Signs between thousands that are never decimal signs.
+_BLANKS = "  \u2009\u202f'’"
+_EXPONENT = (
+    r"(?:[eEdD][-+−]?\d+|\s*(?:[×x*·]|\\times|\\cdot)\s*10\s*(?:\^|\*\*)?\s*\{?[-+−]?\d+\}?)"
+)
+_MANTISSA = rf"[-+−]?(?:\d(?:[\d.,]|[{_BLANKS}](?=\d{{3}}))*|[.,]\d+)"
+_NUMBER = re.compile(rf"({_MANTISSA})({_EXPONENT})?")
+_TAIL = re.compile(r"\s*([%‰]|[^\d\s.,;+\-±()][^\d;±()]*(?:\^?-?\d)?)?\s*")
+_PLUS_MINUS = re.compile(r"\s*(?:±|\+/?[-−]|\\pm)\s*")
+_SHORT = re.compile(r"([-+−]?\d*(?:[.,](\d+))?)\((\d+(?:[.,]\d+)?)\)")
+# "1:02.5", "0:00:01.234", "0:00:01:23" with hundredths, as Kinovea writes it.
+_CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:([.,:])(\d+))?")
+# 1970-01-01: later dates in seconds keep a microsecond.
+_EPOCH = 719163
+_EXPONENT_SIGNS = str.maketrans("dD−", "eE-")
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell that has a number: its value, standard uncertainty (NaN for none) and unit ("")."""
+
+    value: float
+    uncertainty: float = math.nan
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class NumberStyle:
+    """How the numbers of a file are written.
+
+    decimal: "." or ","; the other one of the two parts thousands.
+    """
+
+    decimal: str = "."
+
+    def read(self, text: str) -> Cell | None:
+        """The number in a cell: "0,5", "1.2E-3", "0.20 ± 0.01", "0.960(5)", "85 %", "31 cm", "1:02.5".
+
+        None for other text.
+        """
+        text = text.strip().strip("$").strip().replace("\\%", "%").replace("\\,", " ")
+        if (seconds := _seconds(text)) is not None:
+            return Cell(seconds, unit="s")
+        short = _SHORT.fullmatch(text.partition(" ")[0]) if "(" in text else None
+        if short is not None and short[1]:
+            value = self._float(short[1], "")
+            by = short[3].replace(",", ".")
+            unit = text.partition(" ")[2].strip()
+            return Cell(
+                value, float(by) * 10.0 ** (-len(short[2] or "") if "." not in by else 0), unit
+            )
+        parts = _PLUS_MINUS.split(text.strip("()"))
+        if len(parts) > 2:
+            return None
+        number = _NUMBER.match(parts[0])
+        if number is None:
+            return None
+        value = self._float(number[1], number[2] or "")
+        tail = _TAIL.fullmatch(parts[0][number.end() :])
+        if tail is None or not math.isfinite(value):
+            return None
+        unit = (tail[1] or "").strip()
+        if unit and not is_unit(unit):
+            return None
+        if len(parts) == 1:
+            return Cell(value, unit=unit)
+        by_number = _NUMBER.match(parts[1])
+        if by_number is None:
+            return None
+        tail = _TAIL.fullmatch(parts[1][by_number.end() :].lstrip(")"))
+        if tail is None:
+            return None
+        return Cell(
+            value, self._float(by_number[1], by_number[2] or ""), unit or (tail[1] or "").strip()
+        )
+
+    def _float(self, mantissa: str, exponent: str) -> float:
+        """A number of its parts; NaN where its signs are not of this style."""
+        for blank in _BLANKS:
+            mantissa = mantissa.replace(blank, "")
+        mantissa = mantissa.replace("−", "-")
+        other = "," if self.decimal == "." else "."
+        if other in mantissa:
+            if not _is_grouped(mantissa, other, self.decimal):
+                return math.nan
+            mantissa = mantissa.replace(other, "")
+        exponent = exponent.translate(_EXPONENT_SIGNS)
+        if exponent and exponent[0] not in "eE":
+            exponent = "e" + re.split(r"10", exponent, maxsplit=1)[1].strip(" ^*{}")
+        try:
+            return float(mantissa.replace(self.decimal, ".") + exponent)
+        except ValueError:
+            return math.nan
+
+
+def _seconds(text: str) -> float | None:
+    """Seconds of a clock's time or of a date with a time; None for other text."""
+    clock = _CLOCK.fullmatch(text)
+    if clock is not None:
+        hours, minutes, seconds, sign, part = clock.groups()
+        if sign == ":" and hours is None:
+            return None
+        # After a colon stand hundredths or thousandths.
+        fraction = float(f"0.{part}") if part else 0.0
+        return 3600.0 * float(hours or 0) + 60.0 * float(minutes) + float(seconds) + fraction
+    if len(text) > 10 and text[4:5] in "-/" and text[:4].isdigit():
+        for form in (
+            text,
+            text.removesuffix(" UTC"),
+            text.replace("/", "-"),
+            text.replace(",", "."),
+        ):
+            try:
+                stamp = datetime.fromisoformat(form)
+            except ValueError:
+                continue
+            midnight = stamp.replace(hour=0, minute=0, second=0, microsecond=0)
+            return (stamp - midnight).total_seconds() + 86400.0 * (stamp.toordinal() - _EPOCH)
+    return None
+
+
+def looks_numeric(text: str) -> bool:
+    """Say whether a cell has a number in any style."""
+    return any(NumberStyle(decimal).read(text) is not None for decimal in ".,")
+
+
+def is_missing(text: str) -> bool:
+    """Say whether a cell says that there is no number."""
+    return text.strip().strip('"').lower() in MISSING
+
+
+def _is_grouped(mantissa: str, sign: str, decimal: str) -> bool:
+    """Say whether a sign parts the thousands of a number."""
+    whole = mantissa.partition(decimal)[0]
+    return sign not in mantissa.partition(decimal)[2] and bool(
+        re.fullmatch(rf"[-+]?[1-9]\d{{0,2}}(?:{re.escape(sign)}\d{{3}})+", whole)
+    )
+
+
+class TwoMeaningsError(ValueError):
+    """Numbers that can be read in two ways: what was found, and what was expected."""
+
+    def __init__(self, got: str, expected: str) -> None:
+        """Keep both parts of the message."""
+        super().__init__(got)
+        self.got = got
+        self.expected = expected
+
+
+def style_of(columns: Sequence[Sequence[str]]) -> NumberStyle:
+    """The style of all numbers of a table.
+
+    columns: their cells. In a file there is one decimal sign. A comma before three digits may part
+    thousands: then another number has to say which it is.
+    Raises TwoMeaningsError where none does.
+    """
+    of_decimal: dict[str, str] = {}
+    unclear: dict[str, list[tuple[int, str]]] = {",": [], ".": []}
+    for at, column in enumerate(columns):
+        for text in column:
+            for mantissa in _mantissas(text):
+                _sort_signs(mantissa, at, of_decimal, unclear)
+    if len(of_decimal) == 2:
+        raise TwoMeaningsError(
+            f"{of_decimal[',']!r} and {of_decimal['.']!r}", "one decimal sign in the file"
+        )
+    if not of_decimal:
+        if unclear[","] and not unclear["."]:
+            number = unclear[","][0][1]
+            expected = f"{number.replace(',', '')} or {number.replace(',', '.')}, whichever it is"
+            raise TwoMeaningsError(repr(number), expected)
+        if unclear[","]:
+            got = f"{unclear[','][0][1]!r} and {unclear['.'][0][1]!r}"
+            raise TwoMeaningsError(got, "one decimal sign in the file")
+        return NumberStyle(".")
+    ((decimal, shown),) = of_decimal.items()
+    thousands = "," if decimal == "." else "."
+    for at, number in unclear[thousands]:
+        if not any(_says_thousands(text, thousands, decimal) for text in columns[at]):
+            both = sorted((number, shown), key=lambda one: "," not in one)
+            got = f"{both[0]!r} and {both[1]!r}"
+            raise TwoMeaningsError(got, "one decimal sign in the file")
+    return NumberStyle(decimal)
+
+
+def _mantissas(text: str) -> Iterable[str]:
+    """The numbers in a cell, without their exponents; none in a clock's time."""
+    text = text.strip()
+    if _seconds(text) is not None or not looks_numeric(text):
+        return
+    for part in _PLUS_MINUS.split(text):
+        number = _NUMBER.match(part.partition("(")[0] if part[:1] != "(" else part[1:])
+        if number is not None:
+            yield number[1].lstrip("-+−")
+
+
+def _sort_signs(
+    mantissa: str, at: int, of_decimal: dict[str, str], unclear: dict[str, list[tuple[int, str]]]
+) -> None:
+    """Add a number to those that tell the decimal sign, or to those that may part thousands.
+
+    at: its column.
+    """
+    for blank in _BLANKS:
+        mantissa = mantissa.replace(blank, "")
+    has = {sign for sign in ".," if sign in mantissa}
+    if len(has) == 2:
+        of_decimal.setdefault(max(".,", key=mantissa.rfind), mantissa)
+        return
+    for sign in has:
+        if mantissa.count(sign) > 1:
+            of_decimal.setdefault("," if sign == "." else ".", mantissa)
+        elif re.fullmatch(rf"[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}", mantissa):
+            unclear[sign].append((at, mantissa))
+        else:
+            of_decimal.setdefault(sign, mantissa)
+
+
+def _says_thousands(text: str, thousands: str, decimal: str) -> bool:
+    """Say whether a number has both signs, or is whole: next to 922, 1.067 is a thousand."""
+    if thousands in text and decimal in text:
+        return True
+    return re.fullmatch(r"\s*[-+]?[1-9]\d{2,}\s*", text) is not None

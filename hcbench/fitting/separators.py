@@ -1,0 +1,198 @@
+"""Lines of text as rows of cells: comments, marks of Markdown and LaTeX, and the sign between cells."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from typing import TYPE_CHECKING
+
+from hcbench.fitting.cells import is_missing, looks_numeric
+from hcbench.fitting.column_names import is_unit, role_of, split_header
+from hcbench.system.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+# A row: its number in the file, and its cells.
+Row = tuple[int, tuple[str, ...]]
+
+# "" is no separator: one column.
+_BLANKS = r"\s+"
+_WIDE_BLANKS = r"\s{2,}"
+# Likelier ones first: they win where two part the lines equally well.
+_SEPARATORS = ("\t", ";", "|", "&", ",", _WIDE_BLANKS, _BLANKS, "")
+_COMMENT = re.compile(r"\s*(?:#|%|//|!|\\(?=\t)|<!--)+\s*")
+# A "#" after a number starts a comment; in a header it may be part of a name, as in "bounce #".
+_AFTER_NUMBER = re.compile(r"(?<=[\d.])\s+(?:#|//).*")
+# A line between header and numbers in tables of text: "|---|:---:|", "+---+", "====  ====".
+_RULE = re.compile(
+    r"[\s|:+=_&*–—-]*(?:-{2,}|={2,}|_{3,}|—{2,})[\s|:+=_&*–—-]*|\s*\|?\s*:?-:?\s*(?:\|\s*:?-:?\s*)+\|?\s*"
+)
+_LATEX_END = re.compile(r"\\\\(?:\s*\[[^\]]*\])?\s*(?:\\[a-z]*(?:rule|line)\b.*)?\s*$")
+_LATEX_ALONE = re.compile(
+    r"\s*\\(?:[a-z]*(?:rule|line)|begin|end|centering|caption|label|small|footnotesize)\b.*"
+)
+# Lines that are looked at to find the separator.
+_MOST_LOOKED_AT = 200
+# The longest cell.
+_LONGEST = 400
+
+
+def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
+    """Rows of cells in the lines of a file, parted by the sign that gives the most columns of
+    numbers under a header of as many names.
+
+    name: what errors call the file. lines: numbers and text, without empty ones.
+    Raises UserError for a cell that is too long to be a number or a name.
+    """
+    kept = list(_without_marks(lines))
+    told = re.fullmatch(r"sep=(.)", kept[0][1].strip()) if kept else None
+    if told is not None:
+        kept = kept[1:]
+    texts = [text for _, text in kept]
+    if told is not None:
+        sign = told[1]
+    else:
+        sign = max(_SEPARATORS, key=lambda one: _score(texts, one)[0])
+    _, width, first = _score(texts, sign)
+    rows: list[Row] = []
+    for at, (number, text) in enumerate(kept):
+        cells = split(text, sign)
+        if at < first:
+            # A header may have other signs between its names than there are between the numbers.
+            cells = next((way for way in header_cells(text, sign) if len(way) == width), cells)
+        longest = max(map(len, cells))
+        if longest > _LONGEST:
+            where = f"{name}, line {number}"
+            raise UserError(where, f"a cell of {longest} characters", "cells of numbers")
+        if any(cells):
+            rows.append((number, tuple(cells)))
+    return tuple(rows)
+
+
+def _without_marks(lines: Sequence[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    """Lines without comments, rules and LaTeX's commands.
+
+    Before the first numbers a comment may be a header: there it loses its mark only.
+    """
+    is_latex = sum(1 for _, text in lines if _LATEX_END.search(text)) > 1
+    begun = False
+    for number, line in lines:
+        text = line
+        if is_latex:
+            if _LATEX_ALONE.fullmatch(text):
+                continue
+            text = _LATEX_END.sub("", text).removeprefix("\\hline").strip()
+        if _RULE.fullmatch(text):
+            continue
+        bare = _COMMENT.sub("", text, count=1) if _COMMENT.match(text) else text
+        if bare != text:
+            if begun:
+                continue
+            text = bare.removesuffix("-->")
+        else:
+            text = _AFTER_NUMBER.sub("", text)
+            begun = begun or _is_of_numbers(text)
+        if "|" in text and text.strip().startswith("|"):
+            text = text.strip().removeprefix("|").removesuffix("|")
+        if text.strip():
+            yield number, text
+
+
+def _is_of_numbers(text: str) -> bool:
+    """Say whether a line has numbers as a table has them, two or one alone."""
+    cells = [cell for cell in re.split(r"[\t;|&]|,\s|\s+|,", text) if cell.strip()]
+    numeric = sum(map(looks_numeric, cells))
+    return numeric > 0 and 2 * numeric >= len(cells)
+
+
+def split(text: str, separator: str) -> list[str]:
+    """Cells of a line, with quotes as csv has them; without blanks at their ends."""
+    if not separator:
+        return [text.strip().strip('"')]
+    if separator in (_BLANKS, _WIDE_BLANKS):
+        return [cell.strip('"') for cell in re.split(separator, text.strip())]
+    try:
+        cells = next(
+            csv.reader(io.StringIO(text.strip(" \r\n")), delimiter=separator, skipinitialspace=True)
+        )
+    except (csv.Error, StopIteration):
+        return [text]
+    return [cell.strip() for cell in cells]
+
+
+def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
+    """How well a sign parts lines: the numbers in rows of the commonest width, and ten times that
+    where a header of the same width goes before; that width, and the first line that has it.
+    """
+    step = max(1, len(texts) // _MOST_LOOKED_AT)
+    begin = min(40, len(texts))
+    chosen = [*range(begin), *range(begin, len(texts), step)]
+    widths: dict[int, int] = {}
+    first: dict[int, int] = {}
+    for at in chosen:
+        cells = split(texts[at], separator)
+        while cells and not cells[-1]:
+            cells.pop()
+        numeric = sum(map(looks_numeric, cells))
+        if separator == "," and any(re.fullmatch(r"0\d+", cell) for cell in cells):
+            # "0,05" is no 0 and 05.
+            numeric = 0
+        empty = sum(map(is_missing, cells))
+        if not numeric or 2 * (numeric + empty) < len(cells):
+            continue
+        widths[len(cells)] = widths.get(len(cells), 0) + numeric
+        first.setdefault(len(cells), at)
+    if not widths:
+        return 0.0, 0, len(texts)
+    # A table of one row, such as phyphox writes it, counts as well as a table of one column.
+    width = max(widths, key=lambda count: (widths[count], count))
+    has_header = any(width in header_widths(texts[at], separator) for at in range(first[width]))
+    return widths[width] * (10.0 if has_header else 1.0), width, first[width]
+
+
+def header_widths(text: str, separator: str) -> set[int]:
+    """Numbers of columns that a header may have under a separator of numbers."""
+    return {len(cells) for cells in header_cells(text, separator)}
+
+
+def header_cells(text: str, separator: str) -> Iterator[list[str]]:
+    """Ways to part a header: by the sign itself, or by another one where numbers have blanks between.
+
+    A unit belongs to the name before it: "time, s" is one cell.
+    """
+    if separator not in (_BLANKS, _WIDE_BLANKS, ""):
+        cells = split(text, separator)
+        while cells and not cells[-1]:
+            cells.pop()
+        if (
+            any(any(map(str.isalpha, cell)) for cell in cells)
+            and sum(map(looks_numeric, cells)) == 0
+        ):
+            yield cells if separator != "," else _with_units(cells)
+        return
+    if not separator:
+        if any(map(str.isalpha, text)) and not looks_numeric(text):
+            yield [text.strip()]
+        return
+    for sign in ("\t", ";", ","):
+        if sign in text:
+            yield _with_units(split(text, sign))
+    # A unit in brackets belongs to the name before it.
+    for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])", r"\s+"):
+        names = re.split(blanks, text.strip())
+        if not any(map(looks_numeric, names)):
+            yield names
+
+
+def _with_units(cells: list[str]) -> list[str]:
+    """Cells with a unit alone joined to the name before them: "time", "s" is "time, s"."""
+    joined: list[str] = []
+    for cell in cells:
+        is_for_name = joined and is_unit(cell.strip()) and not split_header(joined[-1])[1]
+        if is_for_name and role_of(joined[-1].lower()):
+            joined[-1] = f"{joined[-1]}, {cell.strip()}"
+        else:
+            joined.append(cell)
+    return joined

@@ -1,0 +1,360 @@
+"""Files as sheets of cells: text in any encoding, workbooks, zip archives, JSON and XML of labels."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+from hcbench.fitting.column_names import explained
+from hcbench.fitting.separators import Row, rows_of
+from hcbench.system.errors import UserError
+from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
+from hcbench.system.text import sanitized
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# Largest file that is read, bytes.
+_LARGEST = 16 << 20
+_OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
+_ARCHIVE = b"PK\3\4"
+# Files in an archive that hold tables.
+_TABLES = (".csv", ".txt", ".tsv", ".dat", ".json")
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """Rows of cells, with the names and units still among them.
+
+    name: what errors call it: the file, and the sheet or the member where there are several.
+    rows: number of each in the file, and its cells as text.
+    """
+
+    name: str
+    rows: tuple[Row, ...]
+
+
+def read_sheets(path: Path) -> list[Sheet]:
+    """The sheets of a file: one of text, several of a workbook or an archive.
+
+    Raises UserError, `explained`, for a file that cannot be read, that is no table, or that is empty.
+    """
+    name = sanitized(path.name)
+    with explained(name, ()):
+        content = _content(path, name)
+        sheets = _sheets(name, content, is_file(path))
+        if not any(sheet.rows for sheet in sheets):
+            raise UserError(name, "is empty", "a header and rows of numbers")
+    return sheets
+
+
+def _content(path: Path, name: str) -> bytes:
+    """The bytes of a file. Raises UserError where it cannot be read."""
+    try:
+        # Read once: a pipe cannot be read again.
+        return read_bytes(path, _LARGEST)
+    except FileNotFoundError:
+        raise UserError(str(path), "does not exist", "a file of measurements") from None
+    except OSError as error:
+        raise UserError(name, error.strerror or str(error), "a file that can be read") from None
+    except ValueError as error:
+        # A name with a null character, or a file beyond the largest.
+        raise UserError(name, str(error), "a file that can be read") from None
+
+
+def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
+    """Sheets in the content of a file, by what it begins with."""
+    if content.startswith(_OLD_WORKBOOK):
+        return _of_workbook(name, content)
+    if content.startswith(_ARCHIVE):
+        return _of_archive(name, content)
+    try:
+        text = decoded(content)
+    except UnicodeDecodeError:
+        expected = "text in columns, a workbook, or .wav"
+        # A recording is read in parts, which no pipe gives.
+        advice = "" if is_on_disk else "Save what the pipe brings to a file, and give that"
+        raise UserError(name, "is neither text nor a WAV recording", expected, advice) from None
+    return [_of_text(name, text)]
+
+
+def decoded(raw: bytes) -> str:
+    """Text in UTF-8, in UTF-16 with or without its mark, or in what spreadsheets in Windows write.
+
+    Raises UnicodeDecodeError for what is not text.
+    """
+    try:
+        text = raw.decode("utf-8-sig")
+        if "\0" not in text:
+            return text
+        # Latin letters in UTF-16 without its mark: each second byte is 0,
+        # and all of it is valid UTF-8.
+        if raw[1:2] == b"\0":
+            return raw.decode("utf-16-le")
+        return raw.decode("utf-16-be")
+    except UnicodeDecodeError:
+        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            text = raw.decode("utf-16")
+            if any(letter.isdecimal() for letter in text):
+                return text
+        if any(byte < 9 for byte in raw):
+            raise
+        return raw.decode("cp1252", errors="replace")
+
+
+def _of_text(name: str, text: str) -> Sheet:
+    """The sheet in a text. Raises UserError for JSON and XML that have no table."""
+    begin = text.lstrip()[:1]
+    if begin in ("{", "["):
+        try:
+            return _of_json(name, parse_json(text))
+        except ValueError:
+            records = _of_json_lines(text)
+            if records:
+                return _of_json(name, records)
+    if begin == "<" and "<point" in text:
+        return _of_labels(name, text)
+    if re.match(r"[\w/]+:\s*$", text.lstrip().partition("\n")[0]) and "\n---" in text:
+        return _of_messages(name, text)
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+    return Sheet(name, rows_of(name, lines))
+
+
+def _of_json_lines(text: str) -> list[Any]:
+    """A record in each line of a text; empty where one is none."""
+    records = []
+    for line in text.splitlines():
+        if not line.strip():
+            continue
+        try:
+            records.append(parse_json(line))
+        except ValueError:
+            return []
+    return records
+
+
+def _of_json(name: str, content: Any) -> Sheet:
+    """The sheet in JSON: records, columns, or names beside rows, at any depth.
+
+    Raises UserError where there is none of these.
+    """
+    rows = _json_rows(content)
+    if rows is None:
+        expected = 'records, or columns such as {"time [s]": [0.32, 0.61]}'
+        raise UserError(name, "JSON without a table", expected)
+    return Sheet(name, tuple(enumerate(rows, 1)))
+
+
+def _json_rows(content: Any) -> list[tuple[str, ...]] | None:
+    """Rows of text with a header, of what `_of_json` reads; None for other content."""
+    if isinstance(content, list):
+        return _rows_of_list(content)
+    if not isinstance(content, dict) or not content:
+        return None
+    if isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
+        return [_texts(content["columns"]), *map(_texts, content["data"])]
+    about = [(str(key), _text(value)) for key, value in content.items() if _is_scalar(value)]
+    columns = {}
+    for key, value in content.items():
+        unit, series = _series(value)
+        if series is not None:
+            columns[f"{key} [{unit}]" if unit else str(key)] = series
+    if columns:
+        # {"unit": "s", "times": [...]}: the unit of the only column.
+        unit = next((text for key, text in about if key.lower() in ("unit", "units")), "")
+        if len(columns) == 1 and unit:
+            columns = {f"{key} [{unit}]": series for key, series in columns.items()}
+        length = max(map(len, columns.values()))
+        padded = [[*series, *[""] * (length - len(series))] for series in columns.values()]
+        return [*about, tuple(columns), *map(_texts, zip(*padded, strict=True))]
+    for value in content.values():
+        rows = _json_rows(value) if isinstance(value, (dict, list)) else None
+        if rows is not None:
+            return [*about, *rows]
+    return None
+
+
+def _rows_of_list(content: list[Any]) -> list[tuple[str, ...]] | None:
+    """Rows of records, of lists, or of numbers alone; None for anything else."""
+    if content and all(isinstance(one, dict) for one in content):
+        flat = list(map(_flat, content))
+        names = list(dict.fromkeys(name for record in flat for name in record))
+        return [
+            tuple(names),
+            *(tuple(_text(record.get(name)) for name in names) for record in flat),
+        ]
+    if content and all(isinstance(one, list) for one in content):
+        return list(map(_texts, content))
+    if content and all(map(_is_scalar, content)):
+        return [(_text(one),) for one in content]
+    return None
+
+
+def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """A record with the names of nested ones joined by points."""
+    found: dict[str, Any] = {}
+    for key, value in record.items():
+        if isinstance(value, Mapping):
+            found |= _flat(value, f"{before}{key}.")
+        elif isinstance(value, list):
+            found |= {f"{before}{key}[{i}]": one for i, one in enumerate(value)}
+        else:
+            found[f"{before}{key}"] = value
+    return found
+
+
+def _series(value: Any) -> tuple[str, list[Any] | None]:
+    """The unit and the numbers of a column in JSON: a list, numbers by row, or a record of both."""
+    if isinstance(value, list) and value and all(map(_is_scalar, value)):
+        return "", value
+    if not isinstance(value, dict) or not value:
+        return "", None
+    if all(str(key).isdigit() for key in value) and all(map(_is_scalar, value.values())):
+        return "", [value[key] for key in sorted(value, key=int)]
+    lists = [one for one in value.values() if isinstance(one, list)]
+    if len(lists) == 1 and all(map(_is_scalar, lists[0])):
+        unit = next((one for key, one in value.items() if key.lower() in ("unit", "units")), "")
+        return str(unit), lists[0]
+    return "", None
+
+
+def _is_scalar(value: Any) -> bool:
+    return value is None or isinstance(value, (str, int, float))
+
+
+def _text(value: Any) -> str:
+    """A value as a cell's text."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    if isinstance(value, float):
+        return repr(value)
+    return str(value)
+
+
+def _texts(values: Sequence[Any]) -> tuple[str, ...]:
+    return tuple(map(_text, values))
+
+
+def _of_labels(name: str, text: str) -> Sheet:
+    """Instants of an .svl file of Sonic Visualiser, s: it has them in samples.
+
+    Raises UserError for another kind of XML.
+    """
+    try:
+        root = ElementTree.fromstring(text)
+        rate = float(next(model.attrib["sampleRate"] for model in root.iter("model")))
+        points = [int(point.attrib["frame"]) / rate for point in root.iter("point")]
+    except (ElementTree.ParseError, StopIteration, KeyError, ValueError, ZeroDivisionError):
+        raise UserError(name, "XML without instants", "a layer of Sonic Visualiser, .svl") from None
+    rows = [(f"{seconds:.9f}",) for seconds in points]
+    return Sheet(name, tuple(enumerate([("time [s]",), *rows], 1)))
+
+
+def _of_messages(name: str, text: str) -> Sheet:
+    """Messages of `rostopic echo` or `ros2 topic echo`: names with blanks before them for their
+    depth, and "---" between messages.
+    """
+    records = []
+    for message in re.split(r"(?m)^---\s*$", text):
+        record: dict[str, str] = {}
+        depths: list[tuple[int, str]] = []
+        for line in message.splitlines():
+            match = re.match(r"(\s*)([\w/]+):\s*(.*)", line)
+            if match is None:
+                continue
+            while depths and depths[-1][0] >= len(match[1]):
+                depths.pop()
+            depths.append((len(match[1]), match[2]))
+            if match[3].strip():
+                record[".".join(part for _, part in depths)] = match[3].strip().strip("'\"")
+        _join_stamp(record)
+        if record:
+            records.append(record)
+    return _of_json(name, records)
+
+
+def _join_stamp(record: dict[str, str]) -> None:
+    """Replace the seconds and nanoseconds of a stamp by its time in s, with all its digits."""
+    for whole, part in (("secs", "nsecs"), ("sec", "nanosec")):
+        for key in [key for key in record if key.rpartition(".")[2] == whole]:
+            before = key.rpartition(".")[0]
+            other = f"{before}.{part}"
+            if other in record and record[key].isdigit() and record[other].isdigit():
+                record[f"{before} [s]"] = f"{record.pop(key)}.{int(record.pop(other)):09d}"
+
+
+def _of_workbook(name: str, content: bytes) -> list[Sheet]:
+    """Sheets of an .xls, .xlsx or .ods workbook, read by Calamine through pandas.
+
+    Raises UserError for a damaged one.
+    """
+    import pandas as pd
+
+    try:
+        frames = pd.read_excel(
+            io.BytesIO(content),
+            sheet_name=None,
+            header=None,
+            engine="calamine",
+            keep_default_na=False,
+        )
+    except Exception as error:
+        # Calamine and pandas raise several unrelated kinds of error for damaged workbooks.
+        raise UserError(
+            name, f"cannot be read as a workbook: {error}", "one that a spreadsheet opens"
+        ) from None
+    sheets = []
+    for title, frame in frames.items():
+        rows = []
+        for number, values in enumerate(frame.itertuples(index=False, name=None), 1):
+            cells = tuple(_text(value).strip() for value in values)
+            if any(cells):
+                rows.append((number, cells))
+        called = name if len(frames) == 1 else f"{name}, {sanitized(str(title).strip())}"
+        sheets.append(Sheet(called, tuple(rows)))
+    return sheets
+
+
+def _of_archive(name: str, content: bytes) -> list[Sheet]:
+    """Sheets of a workbook, or of the tables in a zip archive such as phyphox exports.
+
+    Raises UserError for a damaged archive and for one without tables.
+    """
+    expected = "a workbook, or an archive with a .csv"
+    try:
+        require_small_archive(content)
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = [one for one in archive.namelist() if not one.endswith("/")]
+            if any(one.startswith(("xl/", "Object")) or one == "content.xml" for one in members):
+                return _of_workbook(name, content)
+            # phyphox puts what it knows of the device into meta/.
+            kept = [
+                one
+                for one in members
+                if PurePath(one).suffix.lower() in _TABLES
+                and not one.startswith(("meta/", "__MACOSX"))
+            ]
+            if not kept:
+                raise UserError(name, "a zip archive without tables", expected)
+            sheets = []
+            for one in kept:
+                sheets += [_of_text(f"{name}, {sanitized(one)}", decoded(archive.read(one)))]
+            return sheets
+    except UserError:
+        raise
+    except (
+        zipfile.BadZipFile,
+        UnicodeDecodeError,
+        ValueError,
+        OSError,
+        NotImplementedError,
+        RuntimeError,
+    ) as error:
+        raise UserError(name, f"a zip archive that cannot be read: {error}", expected) from None
