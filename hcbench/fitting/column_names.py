@@ -117,6 +117,7 @@ _BY_QUANTITY = {
     ("touch", "speed"): "speed_in",
     ("touch", "time"): "time",
     ("bounce", "time"): "time",
+    ("after", "force"): "force",
     ("x", "position"): "penetration",
     ("penetration", "time"): "interval",
 }
@@ -316,7 +317,7 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
             return role
     if len(found) == 1 and unit:
         (meaning,) = found
-        for quantity in ("time", "position", "speed"):
+        for quantity in ("time", "position", "speed", "force"):
             if is_unit_of(unit, quantity):
                 return _BY_QUANTITY.get((meaning, quantity), "")
     return ""

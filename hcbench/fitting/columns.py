@@ -109,8 +109,9 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
 
     asked: the kind of data, where the user says it.
 
-    Raises UserError for two columns of one quantity that differ, for rows of several balls, and for a
-    column of numbers that may change what the only known one means.
+    Raises UserError for two columns of one quantity that differ, for rows of several balls, for a
+    column of numbers without a name that does not count the rows, and for one that may change what
+    the only known one means.
     """
     roles: dict[str, list[int]] = {}
     unknown: list[int] = []
@@ -130,6 +131,11 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
     columns = DataColumns(table, places)
     kind = asked or kind_of(columns.roles)
     is_doubtful = kind is None or (kind in _ALONE and kind != asked)
+    nameless = [i for i in unknown if not table.header[i][0]]
+    if nameless:
+        # More numbers in a row than names, such as two for "1,5": which is whose cannot be told.
+        advice = "Name each column, and write 1.5 or put semicolons between the cells"
+        raise UserError(table.name, "a column without a name", EXPECTED_COLUMNS, advice)
     if unknown and is_doubtful:
         got = f"a column {table.header[unknown[0]][0]!r}"
         raise UserError(table.name, got, EXPECTED_COLUMNS, "Leave other columns out")

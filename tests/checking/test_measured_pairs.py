@@ -18,17 +18,17 @@ from hcbench.system.files import MOST_BYTES
     ("text", "words"),
     [
         ("", "is empty"),
-        ("# only a remark\n", "comments only"),
+        ("# only a remark\n", "has no numbers"),
         ("speed,restitution\n1,0.9\n", "names no unit"),
-        ("1,0.9\n2,0.8\n", "expected a header"),
+        ("1,0.9\n2,0.8\n", "a column without a name"),
         ("speed [kg],restitution\n1,0.9\n", "'kg' under 'speed' is not such a unit"),
         ("speed [wibble],e\n1,0.9\n", "'wibble' under 'speed' is not such a unit"),
-        ("speed [m/s],e\n", "no rows"),
-        ("speed [m/s],e\n1,fast\n", "line 2: 'fast'"),
-        ("speed [m/s],e\n1,nan\n", "line 2: 'nan'"),
+        ("speed [m/s],e\n", "has no numbers"),
+        ("speed [m/s],e\n1,fast\n2,0.8\n", "line 2: 'fast'"),
+        ("speed [m/s],e\n1,nan\n", "expected speed [m/s],restitution"),
         ("speed [m/s],e\n\n1,0.9\n1,0.8\n", "line 4: speed 1; expected each speed once"),
-        ("speed [m/s],e\n1,0.9,3\n", "3 cells"),
-        ("speed [m/s],e,x\n1,0.9,3\n", "columns speed, e, x"),
+        ("speed [m/s],e\n1.5,0.9,3\n0.7,0.8,3\n", "a column without a name"),
+        ("speed [m/s],e\n2,0,0,9\n3,0,0,8\n", "a column without a name"),
         ("speed [m/s],e\n1,1.4\n", "line 2: e 1.4"),
         ("speed [m/s],e\n-1,0.4\n", "above 0"),
     ],
@@ -48,6 +48,7 @@ def test_pairs_that_cannot_be_used_name_their_line(tmp_path: Path, text: str, wo
         "e;v {m/s}\n0.9;0.5\n0.95;0.1\n",
         "\ufeffspeed [m/s]\trestitution\n0.1\t0.95\n0.5\t0.9\n",
         "speed [cm/s],coefficient of restitution\n50,0.9\n10,0.95\n",
+        "speed [m/s],e,remark\n0.5,0.9,good\n0.1,0.95,good\n",
     ],
 )
 def test_pairs_are_read_as_people_write_them(tmp_path: Path, text: str) -> None:
@@ -72,5 +73,5 @@ def test_pairs_from_no_file_or_no_text(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is not a file"):
         read_pairs(tmp_path / "gone.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(UserError, match="UTF-8"):
+    with pytest.raises(UserError, match="has no numbers"):
         read_pairs(tmp_path / "bytes.csv")
