@@ -229,9 +229,9 @@ def _tuned(job: Job) -> TunedModel:
     ):
         error = _tried(setting, alike, wanted, job.max_error)
         if setting.slides and all(error < tried.error for tried in tries):
-            lift = lift_of(setting.open, alike)
+            lift = _lift(setting.open, alike)
             # A change that the model as it is has, too, does not count.
-            if lift > max(job.max_error, WORSE * lift_of(as_it_was, alike)):
+            if lift > max(job.max_error, WORSE * _lift(as_it_was, alike)):
                 error = max(error, lift)
         after = engine.standing(source, setting, requests)
         worse = len(list(after.worse_than(before)))
@@ -397,7 +397,7 @@ def _tried(
     return worst
 
 
-def lift_of(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
+def _lift(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
     """The largest difference of e between launches that slide and those that do not, of one speed
     along the normal; infinite where one has no e or cannot slide.
     """

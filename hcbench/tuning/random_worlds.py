@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from hcbench.sim.columns import Whole
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E, MOST_ENERGY
 from hcbench.sim.rest import Standing
@@ -48,7 +49,7 @@ class Certificate:
     launches: their number.
     """
 
-    worlds: Floats
+    worlds: Whole
     speeds: Floats
     restitution: Floats
     lowest: Floats
@@ -102,7 +103,7 @@ class RandomWorlds(Shown):
     @property
     def errors(self) -> Floats:
         """Measured e less the e drawn of each certified world, (c,)."""
-        return self.measured - self.restitution[self.certificate.worlds]
+        return np.asarray(self.measured - self.restitution[self.certificate.worlds])
 
     @property
     def friction_errors(self) -> Floats:
@@ -145,7 +146,7 @@ class RandomWorlds(Shown):
             ("e", self.p_restitution, self.restitution_band, self.errors),
             ("friction", self.p_friction, self.friction_band, self.friction_errors),
         ):
-            if p < LEVEL:
+            if band is not None and p < LEVEL:
                 found.append(
                     f"measured {name} is not uniform from {band[0]:g} to {band[1]:g} (p = {p:.2g})"
                 )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.capabilities import RandomizesContacts, TunesModels
+from hcbench.sim.columns import Whole
 from hcbench.sim.model_under_test import BESIDE, ModelUnderTest, Output, Request
 from hcbench.sim.rest import UNKNOWN, WORSE, Standing
 from hcbench.sim.simulate import impacts_in
@@ -36,7 +37,6 @@ from hcbench.terms.options import (
     Quantities,
     Quantity,
 )
-from hcbench.tuning.model import lift_of
 from hcbench.tuning.random_worlds import Band, Certificate, RandomWorlds
 from hcbench.tuning.tune import MAX_ERROR
 
@@ -50,7 +50,13 @@ MOST_WORLDS = 10_000_000
 SPEEDS = "0.5, 1, 2 m/s"
 LIMIT_S = 600.0
 # Nominal e at which the map is measured, and the phases of a step at each.
-_NODES = 17
+_NODES = 13
+# Of a first look at how far a family reaches, and by how much that may be wrong.
+_FEW_NODES = 7
+_SLACK = 0.02
+# Angles from the normal of launches that slide, rad, at so many phases.
+_OBLIQUE = (math.radians(45.0), math.radians(70.0))
+_OBLIQUE_PHASES = 4
 _PHASES = 8
 # Frictions at which it is measured.
 _FRICTIONS = 3
@@ -245,7 +251,7 @@ def _randomized(job: Job) -> RandomWorlds:
     before = UNKNOWN
     if isinstance(engine, TunesModels):
         before = engine.standing(source, None, requests)
-    lift = lift_of(lambda request: engine.open(rebuild() if rebuild else source, request), requests)
+    rise = _rise(lambda request: engine.open(rebuild() if rebuild else source, request), requests)
     faults: list[str] = []
     reached: list[Band] = []
     for family in engine.contact_families(source, requests, rebuild):
@@ -254,11 +260,15 @@ def _randomized(job: Job) -> RandomWorlds:
         if fault := _rest_faults(family, requests, job, before):
             faults.append(f"{family.name}: {fault[0]}")
             continue
-        maps = _measured_maps(family, requests, job)
-        low, high = maps.reach
-        if not low <= job.restitution[0] <= job.restitution[1] <= high:
+        frictions = _frictions(job)
+        # Closer near 0, where e changes fastest.
+        few = MOST_NOMINAL * np.linspace(0.0, 1.0, _FEW_NODES) ** 2
+        maps = _measured_maps(family, requests, frictions[len(frictions) // 2 :][:1], few)
+        if _covers(maps.reach, job.restitution, _SLACK):
+            maps = _measured_maps(family, requests, frictions, maps.nodes(job.restitution))
+        if not _covers(maps.reach, job.restitution):
             reached.append(maps.reach)
-        elif _lift(family, maps, requests, job) > max(MAX_ERROR, WORSE * lift):
+        elif _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
             faults.append(f"{family.name}: sliding throws it up more than the model as it is")
         else:
             return _drawn(family, maps, requests, job, before)
@@ -277,10 +287,10 @@ def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) ->
     )
 
 
-def _lift(
+def _rise_in(
     family: ContactFamily, maps: _Maps, requests: Sequence[Request], job: _RandomizeJob
 ) -> float:
-    """Largest change of e by sliding, at both ends of the band and with the most friction."""
+    """Largest rise of e by sliding, at both ends of the band and with the most friction."""
     mu = None if job.friction is None else job.friction[1]
 
     def opened(e: float, request: Request) -> ModelUnderTest:
@@ -289,7 +299,27 @@ def _lift(
         family.set(model, family.one(float(nominal.mean()), mu), 0)
         return model
 
-    return max(lift_of(partial(opened, e), requests) for e in job.restitution)
+    return max(_rise(partial(opened, e), requests) for e in job.restitution)
+
+
+def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
+    """Largest rise of e, by where a launch slides, over that of a launch straight down; infinite
+    where one has no e, 0 where the pair cannot slide.
+    """
+    phases = tuple((i + 0.5) / _OBLIQUE_PHASES for i in range(_OBLIQUE_PHASES))
+    largest = 0.0
+    for request in requests:
+        ends = tuple(dict.fromkeys((min(request.speeds), max(request.speeds))))
+        sent = dataclasses.replace(request, speeds=ends, phases=phases, angle=(0.0, *_OBLIQUE))
+        try:
+            with opened(request) as model:
+                impacts = impacts_in(model, sent.launches())
+        except UserError:
+            continue
+        e = np.array([i.restitution for i in impacts]).reshape(len(ends), -1, _OBLIQUE_PHASES)
+        rises = np.nan_to_num(e[:, 1:] - e[:, :1], nan=math.inf)
+        largest = max(largest, float(rises.max()))
+    return largest
 
 
 def _corners(job: _RandomizeJob) -> list[float | None]:
@@ -331,6 +361,13 @@ class _Maps:
         """Lowest and highest e that every pair has at every friction."""
         return float(self.measured[..., 0].max()), float(self.measured[..., -1].min())
 
+    def nodes(self, band: Band) -> Floats:
+        """Nominal e at which the pairs have about evenly spaced e over a band and a little more."""
+        low = max(band[0] - _SLACK, self.reach[0])
+        high = min(band[1] + _SLACK, self.reach[1])
+        found = np.unique(self.nominal_of(np.linspace(low, high, _NODES), None))
+        return np.unique([self.nominal[0], *found, self.nominal[-1]])
+
     def nominal_of(self, restitution: Floats, friction: Floats | None) -> Floats:
         """Nominal e by which each kind has an e at a friction, (n, kinds).
 
@@ -357,20 +394,31 @@ def _inverse(measured: Floats, nominal: Floats, restitution: Floats) -> Floats:
     """
     # Of nodes with one e the last one is kept: below it e does not change.
     differs = np.append(np.diff(measured) > _SAME_E, True)
-    return np.interp(restitution, measured[differs], nominal[differs])
+    return np.asarray(np.interp(restitution, measured[differs], nominal[differs]))
 
 
-def _measured_maps(family: ContactFamily, requests: Sequence[Request], job: _RandomizeJob) -> _Maps:
-    """Measure e of a family over its nominal e, for each kind of pair, at frictions of the band.
+def _frictions(job: _RandomizeJob) -> Floats:
+    """Frictions at which e is measured, rising; NaN for the model's own."""
+    if job.friction is None:
+        return np.array([math.nan])
+    return np.unique(np.linspace(*job.friction, _FRICTIONS))
+
+
+def _covers(reach: Band, band: Band, slack: float = 0.0) -> bool:
+    return reach[0] - slack <= band[0] and band[1] <= reach[1] + slack
+
+
+def _measured_maps(
+    family: ContactFamily, requests: Sequence[Request], frictions: Floats, nominal: Floats
+) -> _Maps:
+    """Measure e of a family over its nominal e, for each kind of pair and friction.
+
+    frictions: μ, (m,). nominal: (nodes,), rising.
 
     Nodes without an e, and those beyond which e falls, are left out of a map: its reach ends there.
     """
     kinds = tuple(sorted(set(family.kinds)))
-    frictions = np.array([math.nan])
-    if job.friction is not None:
-        frictions = np.unique(np.linspace(*job.friction, _FRICTIONS))
-    nominal = np.linspace(0.0, MOST_NOMINAL, _NODES)
-    measured = np.empty((len(kinds), len(frictions), _NODES))
+    measured = np.empty((len(kinds), len(frictions), len(nominal)))
     phases = tuple((i + 0.5) / _PHASES for i in range(_PHASES))
     for kind, number in enumerate(kinds):
         sent = dataclasses.replace(requests[number], phases=phases)
@@ -404,7 +452,7 @@ def _rising(measured: Floats) -> slice:
     return longest
 
 
-def sliced(worlds: int, dimensions: int, random: np.random.Generator) -> tuple[Floats, Floats]:
+def sliced(worlds: int, dimensions: int, random: np.random.Generator) -> tuple[Floats, Whole]:
     """(numbers from 0 to 1, (n, dimensions); numbers of the worlds of a tenth, rising), each evenly
     spread: one number in each n-th part, and the tenth's in each of its larger parts.
 
@@ -475,7 +523,7 @@ def _certificate(
     requests: Sequence[Request],
     job: _RandomizeJob,
     parameters: dict[str, Floats],
-    certified: Floats,
+    certified: Whole,
     random: np.random.Generator,
 ) -> Certificate:
     """Launch the pairs in some of the worlds, each world one pair, at phases that no map saw."""

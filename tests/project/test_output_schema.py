@@ -47,6 +47,7 @@ COMMANDS = (
         "0",
     ),
     ("tune MODEL", *BALL, "--restitution", "0.5", "--max-error", "1"),
+    ("randomize", *BALL, "--restitution", "0.9", "--worlds", "1", "--speeds", "1 m/s"),
     ("fit", "examples/recording/drop.wav"),
     ("pairs", "examples/good.xml"),
     ("land", "examples/good.xml", "--heights", "2 cm"),

@@ -58,8 +58,8 @@ _LESS_CREEP = 1.1
 class PairWorlds(ContactFamily):
     """<pair> elements of a model, whose solref and friction differ from world to world.
 
-    The parameters are arrays as `MjModel` has them, with a world as their first axis: `pair_solref`
-    (n, npair, 2), `pair_solimp` (n, npair, 5) and `pair_friction` (n, npair, 5).
+    The parameters are the fields of `MjModel` by name, with a world as their first axis:
+    `pair_solref` (n, npair, 2), `pair_solimp` (n, npair, 5) and `pair_friction` (n, npair, 5).
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class PairWorlds(ContactFamily):
             sliding_mobility(pair.place, pair.load) / pair.load.strength for pair in pairs
         )
         # Of each pair: its <pair>s, and the part of the row's solref that each has.
-        self._numbers = []
+        self._numbers: list[tuple[int, int, Floats]] = []
         for pair in pairs:
             asked = np.array(row_of(pair, 0.5).solref)
             for geoms in pair.geoms:

@@ -29,6 +29,7 @@ from hcbench.engines.mujoco.scene.rows import (
     MIN_IMPEDANCE,
     STIFF_SOLIMP,
     ConstraintRow,
+    Solimp,
 )
 from hcbench.sim.model_under_test import Texts
 from hcbench.system.errors import UserError
@@ -149,9 +150,7 @@ def one_step(e: float, timestep: float) -> Rows:
     return (ConstraintRow.direct(spring, (1.0 + e) / timestep, STIFF_SOLIMP),)
 
 
-def spring_row(
-    e: float, steps: int, load: Load, solimp: tuple[float, ...] = SPRING_SOLIMP
-) -> ConstraintRow:
+def spring_row(e: float, steps: int, load: Load, solimp: Solimp = SPRING_SOLIMP) -> ConstraintRow:
     """One row with this e and a half period of so many steps, for the load.
 
     solimp: of one impedance. Euler's steps are matched exactly, so the steps are whole; RK4 follows
