@@ -29,7 +29,6 @@ from hcbench.engines.mujoco.scene.rows import (
     MIN_IMPEDANCE,
     STIFF_SOLIMP,
     ConstraintRow,
-    Solimp,
 )
 from hcbench.sim.model_under_test import Texts
 from hcbench.system.errors import UserError
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.pair import ContactPair
     from hcbench.engines.mujoco.model.place import PairAtTouch
     from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.engines.mujoco.scene.rows import Solimp
     from hcbench.sim.model_under_test import Output, Request
 
 # Load on a contact of a user's model, and rows for it that need no search in the model.
