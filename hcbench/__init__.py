@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Setting as Setting
     from hcbench.tuning.answer import Answer as Answer
     from hcbench.tuning.ask import tune, tune_model
+    from hcbench.tuning.random_worlds import RandomWorlds as RandomWorlds
+    from hcbench.tuning.randomize import randomize
 
 _VERBS = {
     "HcbenchError": "system.errors",
@@ -68,6 +70,7 @@ _VERBS = {
     "materials": "catalogue.find",
     "measure": "measuring.measure",
     "pairs": "measuring.measure",
+    "randomize": "tuning.randomize",
     "report": "reporting.ask",
     "tune": "tuning.ask",
     "tune_model": "tuning.ask",
@@ -86,6 +89,7 @@ _CLASSES = {
     "MaterialPair": "catalogue.material",
     "Materials": "catalogue.find",
     "Measurement": "measuring.measurement",
+    "RandomWorlds": "tuning.random_worlds",
     "Results": "benchmark.results",
     "Scene": "terms.scene",
     "Score": "scoring",
@@ -113,6 +117,7 @@ __all__ = [
     "materials",
     "measure",
     "pairs",
+    "randomize",
     "report",
     "tune",
     "tune_model",

@@ -33,6 +33,7 @@ from hcbench.cli.fit import fit
 from hcbench.cli.help import START, VARIABLE, completion, described, group
 from hcbench.cli.law import convert, law
 from hcbench.cli.materials import materials
+from hcbench.cli.randomize import randomize
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
 from hcbench.system.errors import LONGEST, HcbenchError, UserError
@@ -58,8 +59,8 @@ def app() -> None:
 
 
 COMMANDS = (
-    law, fit, materials, tune, pairs, measure, land, check, convert, report, sweep, paper, cases, engines,
-    plugin, docs, completion,
+    law, fit, materials, tune, randomize, pairs, measure, land, check, convert, report, sweep, paper, cases,
+    engines, plugin, docs, completion,
 )  # fmt: skip
 for command in COMMANDS:
     command.params.append(beyond_bounds_option())

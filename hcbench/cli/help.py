@@ -66,6 +66,7 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
         "Your own toss": ("poses", "size", "mass", "model", "inertia"),
     },
     "land": {"Drops": ("heights", "tilt", "controller")},
+    "randomize": {"Worlds": ("restitution", "friction", "worlds", "seed")},
 }
 # Groups that a help shows only beside the word that they belong to: `hcbench report reality --help`.
 _ONLY_WITH = {"Study `reality`": "reality", "Your own toss": "reality"}
@@ -101,6 +102,10 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
             'mujoco --alpha "0.3 s/m" --timestep "2 ms" --plugin',
             "my.xml --pair foot,floor --alpha 0.3 --write-model tuned.xml",
         ],
+    ),
+    "randomize": (
+        "howto/randomize",
+        ["my.xml --pair foot,floor --restitution 0.3:0.6 --friction 0.5:1 --out params.npz"],
     ),
     "pairs": ("howto/measure", ["my.xml"]),
     "measure": (

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
     from hcbench.sim.touch import TrajectoryTouchdowns
+    from hcbench.sim.worlds import ContactFamily
     from hcbench.terms.impact import Floats
 
 
@@ -134,6 +135,23 @@ def opener(engine: Engine) -> OpensModels:
     if not isinstance(engine, OpensModels):
         raise UserError("engine", repr(engine.name), "an engine that opens models of users")
     return engine
+
+
+class RandomizesContacts(OpensModels):
+    """Gives a user's model contacts that differ from world to world."""
+
+    @abstractmethod
+    def contact_families(
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        rebuild: Callable[[], Any] | None = None,
+    ) -> Iterable[ContactFamily]:
+        """Families of contacts for pairs of a user's own model, the ones whose e chance moves least
+        first.
+
+        source, rebuild: as in `open`. requests: one a pair.
+        """
 
 
 class TunesModels(OpensModels):

@@ -262,6 +262,22 @@ class Standing:
                 unit = quantity.si
                 yield f"{quantity.title} {was / unit:.3g} -> {now / unit:.3g} {quantity.unit}"
 
+    def rests_worse_than(self, before: Standing, timestep: float) -> Iterator[str]:
+        """Reasons why it does not rest as well, in words: it creeps or slips more, lies deeper than
+        before and than a step (s) allows, or vibrates more than before and than a body at rest.
+        """
+        limits = (
+            ("drift_m_per_s", self.drift, before.drift, 0.0),
+            ("hold_m_per_s", self.hold, before.hold, 0.0),
+            ("penetration_m", self.penetration, before.penetration, _DEPTH_STEP * timestep),
+            ("vibration_m_per_s", self.vibration, before.vibration, VIBRATION_MAX),
+        )
+        for key, now, was, enough in limits:
+            quantity = next(each for each in QUANTITIES if each.key == key)
+            if quantity.is_worse(was, now) and not now <= enough:
+                unit = quantity.si
+                yield f"{quantity.title} {was / unit:.3g} -> {now / unit:.3g} {quantity.unit}"
+
     def throws_up(self, before: Standing) -> bool:
         """Say whether a body that slides hops higher than before."""
         return _HOP.is_worse(before.hop, self.hop)

@@ -167,7 +167,9 @@ def _power(rows: Floats, contact: slice) -> float:
     rows: (11, n), penetration, rate, force, and the eight of `Record.tangential`.
     contact: the steps in which the force acted.
     """
-    ends = slice(contact.start + 1, contact.stop + 1)
+    # A body that stays down is in contact to the record's last step, which then has no end.
+    steps = np.arange(contact.start, contact.stop)
+    ends = np.minimum(steps + 1, rows.shape[1] - 1)
     rates = rows[1]
     slips = rows[3:][SLIP]
     rate = (rates[..., contact] + rates[..., ends]) / 2

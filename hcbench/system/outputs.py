@@ -29,6 +29,7 @@ _JSON = {
     "--out": b'"set":"hcbench-cases-',
 }
 _PNG = b"\x89PNG\r\n\x1a\n"
+_ZIP = b"PK\x03\x04"
 _QUOTED = re.compile(rb"[\"']([^\"'\n]{1,255})[\"']")
 # Input files that are searched for the names of further ones, at most.
 _MOST_NAMED = 1000
@@ -217,8 +218,8 @@ def _mark(option: str) -> bytes:
 
 
 def _marked(content: bytes, option: str) -> bytes:
-    """The content with its mark: a last comment, or a text chunk before the last of a PNG. JSON
-    stays as it is, since it takes no comment.
+    """The content with its mark: a last comment, that of a ZIP archive, or a text chunk before the
+    last of a PNG. JSON stays as it is, since it takes no comment.
 
     option: the one that writes it.
     """
@@ -228,6 +229,9 @@ def _marked(content: bytes, option: str) -> bytes:
         # Length of the data, type and data, checksum of these two. The last chunk has 12 bytes.
         framed = (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
         return content[:-12] + framed + content[-12:]
+    if content.startswith(_ZIP):
+        # An archive ends with the length of its comment; NumPy writes none.
+        return content[:-2] + len(mark).to_bytes(2, "little") + mark
     if content.startswith((b"{", b"[")):
         return content
     is_markup = content.lstrip().startswith(b"<") or option == "--markdown"

@@ -47,6 +47,7 @@ COMMANDS = (
         "0",
     ),
     ("tune MODEL", *BALL, "--restitution", "0.5", "--max-error", "1"),
+    ("randomize", *BALL, "--restitution", "0.9", "--worlds", "1", "--speeds", "1 m/s"),
     ("fit", "examples/recording/drop.wav"),
     ("pairs", "examples/good.xml"),
     ("land", "examples/good.xml", "--heights", "2 cm"),
@@ -111,4 +112,8 @@ def test_the_schema_is_written_from_the_types() -> None:
     about = output_schema.schema()["$defs"].items()
     named = {(record, name) for record, each in about for name in each.get("properties", {})}
     used = {f"{record}.{name}" for record, name in named} | {name for _, name in named}
+    # In the schema, the record of a whole output has the name of its command.
+    for output in output_schema.OUTPUTS.values():
+        for name in getattr(output, "__annotations__", ()):
+            used.add(f"{output.__name__}.{name}")
     assert set(output_schema.MEANING) <= used

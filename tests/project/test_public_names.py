@@ -97,6 +97,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.run_study": {"study": None},
     "hcbench.score": {"impacts": [], "law": LAW, "mass": 0.45},
     "hcbench.tune": {"engine": "reference", "timestep": 1e-3, "alpha": 0.3},
+    "hcbench.randomize": {"model": object(), "pair": "a,b", "restitution": "0.3:0.6"},
     "hcbench.tune_model": {"model": object(), "pair": "a,b", "alpha": 0.3},
     "hcbench.contact.mujoco.ConstantRestitution": {"restitution": 0.9},
     "hcbench.contact.mujoco.Restitution": {"alpha": 0.3},
@@ -137,6 +138,7 @@ MADE_BY_HCBENCH = {
     "Materials",
     "Loop",
     "Measurement",
+    "RandomWorlds",
     "Results",
     "Score",
     "Status",
@@ -275,7 +277,7 @@ def test_every_public_name_of_the_package_is_tried_here() -> None:
 
 def test_dir_shows_few_names_which_is_what_a_user_calls() -> None:
     assert dir(hcbench) == sorted([*hcbench.__all__, "__version__", "paper"])
-    assert len(hcbench.__all__) == 15
+    assert len(hcbench.__all__) == 16
     for name in (*hcbench._VERBS, *hcbench._CLASSES):
         assert getattr(hcbench, name).__module__.startswith("hcbench.")
 

@@ -40,6 +40,10 @@ def results() -> None:
     assert_type(
         hb.tune_model("my.xml", ["a,floor", "b,floor"], alpha=0.3, write_model="t.xml"), TunedModel
     )
+    assert_type(
+        hb.randomize("my.xml", "foot,floor", restitution="0.3:0.6", friction=(0.5, 1.0)),
+        hb.RandomWorlds,
+    )
     assert_type(hb.report("study.toml", out="report", quick=True), StudyReport)
     assert_type(hb.load_scene("steel-plane"), hb.Scene)
     assert_type(hb.engine("mujoco"), Engine)

@@ -35,6 +35,7 @@ from hcbench.sim.capabilities import (
     Features,
     HasPlugin,
     LandsRobots,
+    RandomizesContacts,
     TunesModels,
 )
 from hcbench.sim.engine import SteppedEngine
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
     from hcbench.sim.touch import TrajectoryTouchdowns
+    from hcbench.sim.worlds import ContactFamily
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting
@@ -118,7 +120,9 @@ def _spring_damper(
 _DOCS = "MuJoCo documentation, Computation: Soft contact model"
 
 
-class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, SteppedEngine):
+class MujocoEngine(
+    DescribesContact, HasPlugin, RandomizesContacts, TunesModels, LandsRobots, SteppedEngine
+):
     """MuJoCo behind its Python bindings, 3.3 and later."""
 
     name = "mujoco"
@@ -336,6 +340,17 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
         return model_settings(_one_file(source), requests, goal, was, version)
+
+    def contact_families(
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        rebuild: Callable[[], Any] | None = None,
+    ) -> Iterable[ContactFamily]:
+        """Families of <pair> elements; errors come as they are made, as of `worlds.families`."""
+        from hcbench.engines.mujoco.model.worlds import families
+
+        return families(_one_file(source), requests)
 
     def land(
         self,

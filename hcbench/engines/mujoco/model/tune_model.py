@@ -188,11 +188,10 @@ def model_settings(
     load(source, requests[0])
     model = spec_of(source).compile()
     label = label_of(source)
-    _require_tunable(model)
     attitudes_of_pair: dict[Any, list[Request]] = {}
     for request in requests:
         attitudes_of_pair.setdefault(request.pair, []).append(request)
-    pairs = _grouped([_read_pair(model, label, of_pair) for of_pair in attitudes_of_pair.values()])
+    pairs = pairs_to_tune(model, label, list(attitudes_of_pair.values()))
     adhesive = can_pull(version)
 
     def setting(name: str, rows_of: Mapping[_Kind, Rows]) -> ModelSetting:
@@ -282,6 +281,18 @@ def _row_setter(
                 model.pair_solimp[number] = row.solimp
 
     return set_rows
+
+
+def pairs_to_tune(
+    model: Any, label: str, requests: Sequence[Sequence[Request]]
+) -> list[PairToTune]:
+    """The pairs of a user's compiled model, those of one shape and nearly one load alike.
+
+    label: its name in errors. requests: of each pair, one for each attitude. Raises UserError where
+    no <pair> keeps its e or a pair cannot be measured, and SceneError.
+    """
+    _require_tunable(model)
+    return _grouped([_read_pair(model, label, of_pair) for of_pair in requests])
 
 
 def _require_tunable(model: Any) -> None:

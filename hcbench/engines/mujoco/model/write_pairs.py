@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.pair import ContactPair
     from hcbench.engines.mujoco.model.place import PairAtTouch
     from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.engines.mujoco.scene.rows import Solimp
     from hcbench.sim.model_under_test import Output, Request
 
 # Load on a contact of a user's model, and rows for it that need no search in the model.
@@ -60,6 +61,8 @@ ONE_STEP = "one step"
 _RK4_STEPS = 8
 # K h² of a contact that stops a body: it pushes out what is inside, and no more.
 _STOP = 0.005
+# A row of at most this impedance is a spring that MuJoCo scales by its estimate of the mass.
+SOFT_IMPEDANCE = 0.01
 # A target e below this is met by a stop.
 NO_BOUNCE = 0.02
 # No spring and damper is made for a smaller e.
@@ -126,7 +129,7 @@ def row_choices(
     elif not load.slides and not load.rk4:
         yield ONE_STEP, one_step(constant, h)
     steps = _RK4_STEPS if load.rk4 else half_period_steps(load.points)
-    yield f"spring of {steps} steps", (_spring(constant, steps, load),)
+    yield f"spring of {steps} steps", (spring_row(constant, steps, load),)
     e = goal.at(np.geomspace(*band, 50))
     if e.min() > NO_BOUNCE and e.max() < 1.0:
         # Two digits: two feet whose loads differ by rounding share one fit.
@@ -147,11 +150,11 @@ def one_step(e: float, timestep: float) -> Rows:
     return (ConstraintRow.direct(spring, (1.0 + e) / timestep, STIFF_SOLIMP),)
 
 
-def _spring(e: float, steps: int, load: Load) -> ConstraintRow:
+def spring_row(e: float, steps: int, load: Load, solimp: Solimp = SPRING_SOLIMP) -> ConstraintRow:
     """One row with this e and a half period of so many steps, for the load.
 
-    Euler's steps are matched exactly, so the steps are whole; RK4 follows continuous time, in which
-    the half period lasts as long.
+    solimp: of one impedance. Euler's steps are matched exactly, so the steps are whole; RK4 follows
+    continuous time, in which the half period lasts as long.
     """
     loss = -math.log(max(e, _LEAST_E))
     lasts = steps * load.timestep
@@ -164,7 +167,7 @@ def _spring(e: float, steps: int, load: Load) -> ConstraintRow:
         c = math.exp(-2.0 * loss / steps)
         stiffness = (1.0 + c - 2.0 * math.sqrt(c) * math.cos(math.pi / steps)) / load.timestep**2
         damping = (1.0 - c) / load.timestep
-    return ConstraintRow.direct(stiffness / load.strength, damping / load.strength, SPRING_SOLIMP)
+    return ConstraintRow.direct(stiffness / load.strength, damping / load.strength, solimp)
 
 
 @lru_cache(maxsize=16)
@@ -391,10 +394,13 @@ def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output
     return Texts(paste, whole, included(paste))
 
 
-def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
+def written(
+    source: Any, pairs: Sequence[tuple[PairToTune, Rows]], impratio: float | None = None
+) -> Written:
     """The model of a source with rows for its pairs, in a spec of its own.
 
-    pairs: each with its rows, one <pair> a row for every two geoms. Raises UserError for a source
+    pairs: each with its rows, one <pair> a row for every two geoms. impratio: of the whole model
+    under elliptic cones, 0 to leave both; None: what the rows need. Raises UserError for a source
     that cannot be written, as `spec_of` does.
     """
     spec = spec_of(source)
@@ -410,7 +416,8 @@ def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
         for one, other in pair.geoms:
             lines += _write_rows(spec, model, pair, (one, other), (names[one], names[other]), rows)
     option = ""
-    impratio = needed_impratio(model, pairs)
+    if impratio is None:
+        impratio = needed_impratio(model, pairs)
     if impratio > 0.0:
         what_for = "friction neither throws up what slides nor slips"
         option = elliptic_option(spec, impratio, what_for, notes)
@@ -477,14 +484,15 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
             return IMPRATIO
         now = contact_in_force(model, *pair.geoms[0])
         # The user's contact is judged where it lies deep, at its full impedance.
-        before = _slip(now["solref"], now["solimp"], now["solimp"][1])
+        before = slip_under_load(now["solref"], now["solimp"], now["solimp"][1])
         needed = max(
-            needed, own * _slip(rows[0].solref, rows[0].solimp, rows[0].solimp[0]) / before
+            needed,
+            own * slip_under_load(rows[0].solref, rows[0].solimp, rows[0].solimp[0]) / before,
         )
     return float(f"{1.1 * needed:.1g}") if needed > own else 0.0
 
 
-def _slip(solref: Sequence[float], solimp: Sequence[float], impedance: float) -> float:
+def slip_under_load(solref: Sequence[float], solimp: Sequence[float], impedance: float) -> float:
     """Slip of a friction row under a load, at an impedance, but for what all have in common, s.
 
     solref, solimp: of the row, in either of MuJoCo's formats. The slip is (1 - d)/(d b), where
@@ -532,7 +540,7 @@ def _write_rows(
     for extra in known[1:]:
         spec.delete(extra)
     # MuJoCo scales a soft row by its own estimate of the mass; a stiff one sets the acceleration.
-    is_soft = rows[0].solimp[0] == MIN_IMPEDANCE
+    is_soft = rows[0].solimp[0] <= SOFT_IMPEDANCE
     scale = 1.0
     if is_soft:
         scale = share
@@ -551,8 +559,8 @@ def _write_rows(
             values["friction"] = model.pair_friction[own].tolist()
         else:
             values |= friction_values(model, geoms)
-        if i == 0 and is_soft and pair.load.slides:
-            values["solreffriction"] = [0.0, -_friction_damping(place, pair.load)]
+        if i == 0 and (solreffriction := _solreffriction(pair, row, is_soft)):
+            values["solreffriction"] = solreffriction
         if row.adhesion:
             values["adhesion"] = row.adhesion
         if place.contact.onset or known:
@@ -588,11 +596,26 @@ def set_pair(element: Any, names: tuple[str, str], values: dict[str, Any]) -> st
     return f"<pair geom1={first} geom2={second} {' '.join(attributes)}/>"
 
 
+def _solreffriction(pair: PairToTune, row: ConstraintRow, is_soft: bool) -> list[float]:
+    """MuJoCo's solreffriction of a row; empty where its friction has the row's solref."""
+    if row.solreffriction or not (is_soft and pair.load.slides):
+        return list(row.solreffriction)
+    return [0.0, -_friction_damping(pair.place, pair.load)]
+
+
 def _friction_damping(place: PairAtTouch, load: Load) -> float:
     """Damping, 1/s, of friction rows that together stop a slip in one step, along the way that
     slides most easily.
 
     place: the pair at touch.
+    """
+    weight = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE) * IMPRATIO * sliding_mobility(place, load)
+    return MIN_IMPEDANCE * (1.0 + weight) / max(weight, 1e-3) / load.timestep
+
+
+def sliding_mobility(place: PairAtTouch, load: Load) -> float:
+    """Mobility of a pair at touch along the way that slides most easily, over MuJoCo's estimate of
+    that along the normal.
     """
     model = place.pair.model
     data = backend().MjData(place.pair.model)
@@ -602,9 +625,7 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
     across = np.linalg.svd(normal[None])[2][1:]
     rows = np.array([place.pair.approach_row(data, place.contact.point, way) for way in across])
     mobility = rows @ np.array([response(model, data, row) for row in rows]).T
-    weight = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE) * IMPRATIO * load.strength
-    weight *= place.effective_mass * float(np.linalg.eigvalsh(mobility)[-1])
-    return MIN_IMPEDANCE * (1.0 + weight) / max(weight, 1e-3) / load.timestep
+    return load.strength * place.effective_mass * float(np.linalg.eigvalsh(mobility)[-1])
 
 
 def name_geoms(

@@ -1,0 +1,206 @@
+"""Contacts of a user's MuJoCo model in many worlds: one spring for each pair, whose damping and
+friction differ from world to world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, integrator_name
+from hcbench.engines.mujoco.model.find_pair import contact_in_force
+from hcbench.engines.mujoco.model.open import as_requested, load
+from hcbench.engines.mujoco.model.standing import standing
+from hcbench.engines.mujoco.model.tune_model import pairs_to_tune
+from hcbench.engines.mujoco.model.under_test import MujocoModel
+from hcbench.engines.mujoco.model.write_pairs import (
+    ONE_STEP,
+    SOFT_IMPEDANCE,
+    label_of,
+    one_step,
+    sliding_mobility,
+    slip_under_load,
+    spec_of,
+    spring_row,
+    texts_of,
+    written,
+)
+from hcbench.engines.mujoco.scene.rows import ConstraintRow
+from hcbench.sim.worlds import ContactFamily
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from hcbench.engines.mujoco.model.write_pairs import PairToTune
+    from hcbench.sim.model_under_test import ModelUnderTest, Output, Request, Texts
+    from hcbench.sim.rest import Standing
+    from hcbench.terms.impact import Floats
+
+# Impedances d of a spring. A soft one hardly feels what slides: friction that stops a slip v in a
+# step h adds d μ v/h to it, in units of the mass. A stiff one takes half of what servos and weight
+# do to the approach out of it: feet of robots reach a higher e.
+_SOFT = SOFT_IMPEDANCE
+_STIFF = 0.5
+# Least weight d/(1 - d) of a friction row.
+_FRICTION_WEIGHT = 1.0
+# Least impratio of a stiff spring, with which feet creep less than with MuJoCo's default.
+_STIFF_IMPRATIO = 10.0
+# Steps of the half period of a spring. In a longer contact chance moves e less, but it is deeper.
+_STEPS = (16, 12, 10, 8, 6, 5, 4)
+# A friction row creeps less than the user's own by this factor.
+_LESS_CREEP = 1.1
+
+
+class PairWorlds(ContactFamily):
+    """<pair> elements of a model, whose solref and friction differ from world to world.
+
+    The parameters are the fields of `MjModel` by name, with a world as their first axis:
+    `pair_solref` (n, npair, 2), `pair_solimp` (n, npair, 5) and `pair_friction` (n, npair, 5).
+    """
+
+    def __init__(
+        self,
+        source: Any,
+        pairs: Sequence[PairToTune],
+        name: str,
+        row_of: Callable[[PairToTune, float], ConstraintRow],
+        impratio: float,
+    ) -> None:
+        """Write a row of a middling e into a copy of the model, and compile it.
+
+        row_of: the row of a pair that has a nominal e. impratio: of the whole model; 0: its own.
+        """
+        self.name = name
+        self._source = source
+        self._pairs = pairs
+        self._row_of = row_of
+        self._written = written(source, [(pair, (row_of(pair, 0.5),)) for pair in pairs], impratio)
+        self._model = self._written.spec.compile()
+        self.notes = tuple(self._written.notes)
+        self.slides = any(pair.load.slides for pair in pairs)
+        numbers: dict[object, int] = {}
+        self.kinds = tuple(numbers.setdefault(pair.like, i) for i, pair in enumerate(pairs))
+        self.mobility = tuple(
+            sliding_mobility(pair.place, pair.load) / pair.load.strength for pair in pairs
+        )
+        # Of each pair: its <pair>s, and the part of the row's solref that each has.
+        self._numbers: list[tuple[int, int, Floats]] = []
+        for pair in pairs:
+            asked = np.array(row_of(pair, 0.5).solref)
+            for geoms in pair.geoms:
+                (number,) = explicit_pairs(self._model, geoms)
+                share = self._model.pair_solref[number] / np.where(asked, asked, 1.0)
+                self._numbers.append((len(self._numbers), number, share))
+        self._of_pair = np.repeat(np.arange(len(pairs)), [len(pair.geoms) for pair in pairs])
+
+    def parameters(self, nominal: Floats, friction: Floats | None) -> dict[str, Floats]:
+        """solref, solimp and friction of every <pair> of the model in each world.
+
+        <pair>s of the model's own that are not randomised have their own values.
+        """
+        count = len(nominal)
+        solref = np.repeat(self._model.pair_solref[None], count, axis=0)
+        sliding = np.repeat(self._model.pair_friction[None], count, axis=0)
+        for place, number, share in self._numbers:
+            pair = self._pairs[self._of_pair[place]]
+            for world, e in enumerate(nominal[:, self._of_pair[place]].tolist()):
+                solref[world, number] = share * self._row_of(pair, e).solref
+            if friction is not None:
+                sliding[:, number, :2] = friction[:, None]
+        solimp = np.repeat(self._model.pair_solimp[None], count, axis=0)
+        return {"pair_solref": solref, "pair_solimp": solimp, "pair_friction": sliding}
+
+    def open(self, request: Request) -> MujocoModel:
+        """A copy of the model with the <pair>s, with the request's step and gravity."""
+        label = label_of(self._source)
+        return MujocoModel(as_requested(self._model.__copy__(), request), label, None, request)
+
+    def set(self, model: ModelUnderTest, parameters: Mapping[str, Floats], world: int) -> None:
+        """Write one world's arrays into the fields of the compiled model that they are named after."""
+        assert isinstance(model, MujocoModel)
+        for name, values in parameters.items():
+            getattr(model.model, name)[:] = values[world]
+
+    def standing(self, models: Sequence[ModelUnderTest]) -> Standing:
+        """Measure how the model stands, in its plain steps."""
+        return standing([model for model in models if isinstance(model, MujocoModel)])
+
+    def texts(self, output: Output) -> Texts:
+        """The <pair> lines, with the <option> that they need, and the whole model with them."""
+        return texts_of(self._source, self._written, (), output)
+
+
+def families(source: Any, requests: Sequence[Request]) -> Iterator[PairWorlds]:
+    """Families of contacts for pairs of a user's model, the ones whose e chance moves least first.
+
+    source: see `open.load`. requests: one a pair. Raises SceneError for a model that does not
+    compile, UserError where a pair cannot be measured or no <pair> keeps its e.
+    """
+    load(source, requests[0])
+    model = spec_of(source).compile()
+    pairs = pairs_to_tune(model, label_of(source), [[request] for request in requests])
+    slides = any(pair.load.slides for pair in pairs)
+    if not slides and integrator_name(model) != "RK4":
+        yield PairWorlds(source, pairs, ONE_STEP, _one_step_row, 0.0)
+    for kind, impedance in (("spring", _SOFT), ("stiff spring", _STIFF)):
+        impratio = _impratio(model, pairs, impedance) if slides else 0.0
+        for steps in _STEPS:
+            row_of = partial(_spring_row, impedance, impratio, steps)
+            yield PairWorlds(source, pairs, f"{kind} of {steps} steps", row_of, impratio)
+
+
+def _one_step_row(pair: PairToTune, e: float) -> ConstraintRow:
+    (row,) = one_step(e, pair.load.timestep)
+    return row
+
+
+def _spring_row(
+    impedance: float, impratio: float, steps: int, pair: PairToTune, e: float
+) -> ConstraintRow:
+    """A spring of a nominal e, with friction that stops a slip in one step where the cone allows it.
+
+    A stiff one sets an acceleration whatever the mass, so it is not scaled by the load.
+    """
+    load = pair.load
+    if impedance > _SOFT:
+        load = replace(load, strength=1.0)
+    row = spring_row(e, steps, load, (impedance, impedance, 1.0, 0.5, 1.0))
+    if not load.slides:
+        return row
+    weight = _weight(pair, impedance, impratio)
+    damping = impedance * (1.0 + weight) / weight / load.timestep
+    return ConstraintRow(row.solref, row.solimp, solreffriction=(0.0, -damping))
+
+
+def _weight(pair: PairToTune, impedance: float, impratio: float) -> float:
+    """Weight d/(1 - d) of a pair's friction row along the way that slides most easily."""
+    return impedance / (1.0 - impedance) * impratio * sliding_mobility(pair.place, pair.load)
+
+
+def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> float:
+    """The impratio with which every friction row is heavy enough to hold, and creeps no faster than
+    the user's own; two digits.
+
+    model: compiled, as the user has it. impedance: of the normal row.
+    """
+    own = float(model.opt.impratio)
+    is_elliptic = model.opt.cone == backend().mjtCone.mjCONE_ELLIPTIC
+    needed = own if is_elliptic else 1.0
+    if impedance > _SOFT:
+        needed = max(needed, _STIFF_IMPRATIO)
+    solimp = (impedance, impedance, 1.0, 0.5, 1.0)
+    for pair in pairs:
+        if not pair.load.slides:
+            continue
+        needed = max(needed, _FRICTION_WEIGHT / _weight(pair, impedance, 1.0))
+        # The damping of a row of any weight is at least this.
+        damping = impedance / pair.load.timestep
+        mine = slip_under_load((0.0, -damping), solimp, impedance)
+        now = contact_in_force(model, *pair.geoms[0])
+        before = slip_under_load(now["solref"], now["solimp"], now["solimp"][1])
+        needed = max(needed, _LESS_CREEP * own * mine / before)
+    return float(f"{needed:.2g}")

@@ -1,0 +1,600 @@
+"""Draws contacts for many worlds, whose measured e and friction have an asked distribution in a
+user's own model.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.measuring.measure import Job, run_job, source_of
+from hcbench.measuring.request import make_request, read_limit
+from hcbench.sim.capabilities import RandomizesContacts, TunesModels
+from hcbench.sim.columns import Whole
+from hcbench.sim.model_under_test import BESIDE, ModelUnderTest, Output, Request
+from hcbench.sim.rest import UNKNOWN, WORSE, Standing
+from hcbench.sim.simulate import impacts_in
+from hcbench.sim.worlds import MOST_NOMINAL, ContactFamily
+from hcbench.system.errors import LimitPassed, UserError
+from hcbench.system.outputs import require_outputs, write_output
+from hcbench.system.text import sanitized
+from hcbench.terms import units
+from hcbench.terms.arguments import checked
+from hcbench.terms.options import (
+    BodyPair,
+    Folders,
+    Joints,
+    LaunchOptions,
+    ModelSource,
+    PoseState,
+    Quantities,
+    Quantity,
+)
+from hcbench.tuning.random_worlds import Band, Certificate, RandomWorlds
+from hcbench.tuning.tune import MAX_ERROR
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from hcbench.terms.impact import Floats, Impact
+
+WORLDS = 4096
+MOST_WORLDS = 10_000_000
+SPEEDS = "0.5, 1, 2 m/s"
+LIMIT_S = 600.0
+# Nominal e at which the map is measured, and the phases of a step at each.
+_NODES = 13
+# Of a first look at how far a family reaches, and by how much that may be wrong.
+_FEW_NODES = 7
+_SLACK = 0.02
+# Angles from the normal of launches that slide, rad, at so many phases.
+_OBLIQUE = (math.radians(45.0), math.radians(70.0))
+_OBLIQUE_PHASES = 4
+_PHASES = 8
+# Frictions at which it is measured.
+_FRICTIONS = 3
+# One world in so many is certified; of few worlds more, so that the test has this many.
+_SHARE = 10
+_LEAST_CERTIFIED = 40
+# Slips of oblique launches, over what friction can stop; the first counts with which the friction
+# measured is that of the next, so that the launch slides throughout.
+_SLIPS = (2.0, 4.0, 8.0, 16.0)
+_SAME_FRICTION = 0.01
+_SLIDING_PHASES = 2
+# A map that falls by more than this has more than one contact of one e.
+_FALLS = 0.03
+# Differences of e that the map does not tell apart.
+_SAME_E = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class _RandomizeJob(Job):
+    """A job of measuring, with what randomizing needs besides.
+
+    others: requests of further pairs. restitution, friction: bands; None: the model's own friction.
+    """
+
+    others: tuple[Request, ...] = ()
+    restitution: Band = (0.0, 1.0)
+    friction: Band | None = None
+    worlds: int = WORLDS
+    seed: int = 0
+    output: Output = BESIDE
+
+
+@checked
+def randomize(
+    model: ModelSource,
+    pair: BodyPair | Sequence[BodyPair] | None = None,
+    *,
+    restitution: str | float | tuple[float, float],
+    friction: str | float | tuple[float, float] | None = None,
+    worlds: int = WORLDS,
+    seed: int = 0,
+    speeds: Quantities | None = None,
+    engine: str | None = None,
+    limit: Quantity | None = None,
+    timestep: Quantity | None = None,
+    gravity: Quantities | None = None,
+    key: str | None = None,
+    qpos: Joints | None = None,
+    state: PoseState | None = None,
+    package: Folders | None = None,
+    move: str | None = None,
+    coming_from: str | Sequence[float | str] | None = None,
+    actuators: bool | None = None,
+    out: str | Path | None = None,
+    write_model: str | Path | None = None,
+    force: bool = False,
+) -> RandomWorlds:
+    """Draw contacts for many worlds, whose measured e and friction are uniform, as
+    `hcbench randomize`.
+
+    Parameters
+    ----------
+    model : path, text or object
+        Your model, as `measure` takes it.
+    pair : text or two names, or several
+        Two bodies or geoms, first the one that moves; or a list of pairs, which share each world's e.
+    restitution : text, or two numbers
+        Band of e, such as "0.3:0.6" or (0.3, 0.6); one number for all worlds.
+    friction : text, or two numbers, optional
+        Band of μ; the model's own by default.
+    worlds, seed : int
+        The number of worlds, and the seed of what is drawn.
+    speeds : float, text, quantity of Pint's, or several, optional
+        Launch speeds, over which e of a world is the mean; 0.5, 1 and 2 m/s by default.
+    engine, limit, timestep, gravity, key, qpos, state, package, move, coming_from, actuators : optional
+        As `measure` takes them.
+    out, write_model : path, optional
+        Files for the parameters (.npz), and for the model to which they belong.
+    force : bool
+        Replace files that hcbench did not write.
+
+    Returns
+    -------
+    RandomWorlds
+        `parameters` are the engine's own, an array each; the first axis is the world. `failures` says
+        what a launch in a tenth of the worlds found wrong; empty where nothing is.
+
+    Raises
+    ------
+    UserError
+        For an e that no contact has in this model, with the range that can be reached, and as `measure`.
+    LimitPassed
+        For worlds that fail their certificate. Nothing is written then.
+
+    Examples
+    --------
+    >>> import hcbench as hb
+    >>> drawn = hb.randomize("ball.xml", "ball,plate", restitution="0.3:0.6", worlds=40)
+    >>> drawn.parameters["pair_solref"].shape
+    (40, 1, 2)
+
+    """
+    pairs = _each_pair(pair)
+    if not pairs:
+        advice = f"`hcbench pairs {sanitized(model)}` lists them"
+        raise UserError("pair", "missing", "two bodies or geoms", advice)
+    if not 1 <= worlds <= MOST_WORLDS:
+        raise UserError("worlds", str(worlds), f"1 ... {MOST_WORLDS}")
+    if seed < 0:
+        raise UserError("seed", str(seed), "0 or more")
+    launch: LaunchOptions = {
+        "speeds": SPEEDS if speeds is None else speeds,
+        "timestep": timestep,
+        "gravity": gravity,
+        "key": key,
+        "qpos": qpos,
+        "state": state,
+        "package": package,
+        "move": move,
+        "coming_from": coming_from,
+        "actuators": actuators,
+    }
+    first, *others = [make_request(each, **launch) for each in pairs]
+    outputs: dict[str, Path] = {}
+    if out is not None:
+        outputs["--out"] = Path(out)
+    if write_model is not None:
+        outputs["--write-model"] = Path(write_model)
+    require_outputs(outputs, [model, package], force)
+    folder = None if write_model is None else Path(write_model).parent
+    job = _RandomizeJob(
+        source=model,
+        engine=engine,
+        request=first,
+        wanted=None,
+        tolerance=0.0,
+        diagnose=False,
+        others=tuple(others),
+        restitution=read_band(restitution, "restitution"),
+        friction=None if friction is None else read_band(friction, "friction"),
+        worlds=worlds,
+        seed=seed,
+        output=Output(folder=folder),
+    )
+    drawn = run_job(_randomized, job, read_limit(limit) or LIMIT_S)
+    if drawn.failures:
+        advice = "Nothing is written. Ask for a narrower band, or take a smaller --timestep"
+        raise LimitPassed(
+            "randomize", "; ".join(drawn.failures), "worlds as they were drawn", advice
+        )
+    if out is not None:
+        drawn.save(out, force)
+    if write_model is not None:
+        write_output(Path(write_model), drawn.texts.written, "--write-model", force)
+    return drawn.written_to(tuple(outputs.values()))
+
+
+def _each_pair(pair: BodyPair | Sequence[BodyPair] | None) -> list[Any]:
+    """The pairs of one or of several: "a,b", two names, or a list of either."""
+    if pair is None:
+        return []
+    if isinstance(pair, str) or (len(pair) == 2 and not any("," in str(name) for name in pair)):
+        return [pair]
+    return list(pair)
+
+
+def read_band(band: object, quantity: str) -> Band:
+    """Lowest and highest value of "0.3:0.6", two numbers or one. Raises QuantityError."""
+    ends: Iterable[Any] = [band]
+    if isinstance(band, str):
+        ends = band.split(":")
+    elif isinstance(band, Sequence):
+        ends = band
+    values = [units.parse(end, quantity, quantity) for end in ends]
+    if not 1 <= len(values) <= 2 or values[0] > values[-1]:
+        raise UserError(quantity, str(band), "a band, lowest first", "Write for example 0.3:0.6")
+    return values[0], values[-1]
+
+
+def _randomized(job: Job) -> RandomWorlds:
+    """Find a family of contacts that reaches the band and rests as well as the model as it is; draw
+    from it, and certify.
+
+    Raises UserError where no family reaches the band, with what each reaches.
+    """
+    assert isinstance(job, _RandomizeJob)
+    requests = (job.request, *job.others)
+    engine, source, rebuild = source_of(job)
+    if not isinstance(engine, RandomizesContacts):
+        expected = "an engine in which each world has contacts of its own"
+        raise UserError("engine", repr(engine.name), expected, f"{source!r}")
+    before = UNKNOWN
+    if isinstance(engine, TunesModels):
+        before = engine.standing(source, None, requests)
+    rise = _rise(lambda request: engine.open(rebuild() if rebuild else source, request), requests)
+    faults: list[str] = []
+    reached: list[Band] = []
+    for family in engine.contact_families(source, requests, rebuild):
+        if job.friction is not None and not family.slides:
+            raise UserError("friction", "a band", "a pair with friction", "Its condim is 1")
+        if fault := _rest_faults(family, requests, job, before):
+            faults.append(f"{family.name}: {fault[0]}")
+            continue
+        frictions = _frictions(job)
+        # Closer near 0, where e changes fastest.
+        few = MOST_NOMINAL * np.linspace(0.0, 1.0, _FEW_NODES) ** 2
+        maps = _measured_maps(family, requests, frictions[len(frictions) // 2 :][:1], few)
+        if _covers(maps.reach, job.restitution, _SLACK):
+            maps = _measured_maps(family, requests, frictions, maps.nodes(job.restitution))
+        if not _covers(maps.reach, job.restitution):
+            reached.append(maps.reach)
+        elif _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
+            faults.append(f"{family.name}: sliding throws it up more than the model as it is")
+        else:
+            return _drawn(family, maps, requests, job, before)
+    raise _out_of_reach(job, reached, faults)
+
+
+def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) -> UserError:
+    """The error for a band of e that no family of contacts has in this model."""
+    asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
+    if not reached:
+        return UserError("restitution", asked, f"a contact that rests as well ({faults[-1]})")
+    low, high = max(reached, key=lambda band: band[1] - band[0])
+    advice = "A smaller --timestep, other --speeds or another pose reach others"
+    return UserError(
+        "restitution", asked, f"{low:.2g} ... {high:.2g}, the reach in this model", advice
+    )
+
+
+def _rise_in(
+    family: ContactFamily, maps: _Maps, requests: Sequence[Request], job: _RandomizeJob
+) -> float:
+    """Largest rise of e by sliding, at both ends of the band and with the most friction."""
+    mu = None if job.friction is None else job.friction[1]
+
+    def opened(e: float, request: Request) -> ModelUnderTest:
+        model = family.open(request)
+        nominal = maps.nominal_of(np.array([e]), None if mu is None else np.array([mu]))
+        family.set(model, family.one(float(nominal.mean()), mu), 0)
+        return model
+
+    return max(_rise(partial(opened, e), requests) for e in job.restitution)
+
+
+def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
+    """Largest rise of e, by where a launch slides, over that of a launch straight down; infinite
+    where one has no e, 0 where the pair cannot slide.
+    """
+    phases = tuple((i + 0.5) / _OBLIQUE_PHASES for i in range(_OBLIQUE_PHASES))
+    largest = 0.0
+    for request in requests:
+        ends = tuple(dict.fromkeys((min(request.speeds), max(request.speeds))))
+        sent = dataclasses.replace(request, speeds=ends, phases=phases, angle=(0.0, *_OBLIQUE))
+        try:
+            with opened(request) as model:
+                impacts = impacts_in(model, sent.launches())
+        except UserError:
+            continue
+        e = np.array([i.restitution for i in impacts]).reshape(len(ends), -1, _OBLIQUE_PHASES)
+        rises = np.nan_to_num(e[:, 1:] - e[:, :1], nan=math.inf)
+        largest = max(largest, float(rises.max()))
+    return largest
+
+
+def _corners(job: _RandomizeJob) -> list[float | None]:
+    """Lowest and highest friction; None alone where it is the model's own."""
+    return [None] if job.friction is None else list(dict.fromkeys(job.friction))
+
+
+def _rest_faults(
+    family: ContactFamily, requests: Sequence[Request], job: _RandomizeJob, before: Standing
+) -> list[str]:
+    """Reasons why a middling contact of a family rests worse than the model as it is, in words, so
+    that measuring its map would be in vain.
+    """
+    models = [family.open(request) for request in requests]
+    faults: list[str] = []
+    for mu in _corners(job):
+        for model in models:
+            family.set(model, family.one(0.5, mu), 0)
+        faults += family.standing(models).rests_worse_than(before, models[0].timestep)
+    return faults
+
+
+@dataclass(frozen=True, slots=True)
+class _Maps:
+    """From nominal e to measured e, of each kind of pair and at each friction.
+
+    kinds: numbers of the first pair of each kind. frictions: μ; (nan,) for the model's own.
+    nominal: (nodes,). measured: (kinds, frictions, nodes), rising along the last axis.
+    friction: measured at each of `frictions`; () where it is not randomised.
+    """
+
+    kinds: tuple[int, ...]
+    frictions: Floats
+    nominal: Floats
+    measured: Floats
+
+    @property
+    def reach(self) -> Band:
+        """Lowest and highest e that every pair has at every friction."""
+        return float(self.measured[..., 0].max()), float(self.measured[..., -1].min())
+
+    def nodes(self, band: Band) -> Floats:
+        """Nominal e at which the pairs have about evenly spaced e over a band and a little more."""
+        low = max(band[0] - _SLACK, self.reach[0])
+        high = min(band[1] + _SLACK, self.reach[1])
+        found = np.unique(self.nominal_of(np.linspace(low, high, _NODES), None))
+        return np.unique([self.nominal[0], *found, self.nominal[-1]])
+
+    def nominal_of(self, restitution: Floats, friction: Floats | None) -> Floats:
+        """Nominal e by which each kind has an e at a friction, (n, kinds).
+
+        restitution: (n,), within reach. friction: (n,).
+        """
+        found = np.empty((len(restitution), len(self.kinds)))
+        for kind, curves in enumerate(self.measured):
+            at_each = np.array([_inverse(curve, self.nominal, restitution) for curve in curves])
+            if friction is None or len(self.frictions) == 1:
+                found[:, kind] = at_each[0]
+                continue
+            place = np.interp(friction, self.frictions, np.arange(len(self.frictions)))
+            left = np.minimum(place.astype(int), len(self.frictions) - 2)
+            share = place - left
+            worlds = np.arange(len(restitution))
+            found[:, kind] = (1 - share) * at_each[left, worlds] + share * at_each[left + 1, worlds]
+        return found
+
+
+def _inverse(measured: Floats, nominal: Floats, restitution: Floats) -> Floats:
+    """Nominal e of measured ones, linear between the nodes, whose curve hardly bends.
+
+    measured, nominal: (nodes,), the first rising or equal.
+    """
+    # Of nodes with one e the last one is kept: below it e does not change.
+    differs = np.append(np.diff(measured) > _SAME_E, True)
+    return np.asarray(np.interp(restitution, measured[differs], nominal[differs]))
+
+
+def _frictions(job: _RandomizeJob) -> Floats:
+    """Frictions at which e is measured, rising; NaN for the model's own."""
+    if job.friction is None:
+        return np.array([math.nan])
+    return np.unique(np.linspace(*job.friction, _FRICTIONS))
+
+
+def _covers(reach: Band, band: Band, slack: float = 0.0) -> bool:
+    return reach[0] - slack <= band[0] and band[1] <= reach[1] + slack
+
+
+def _measured_maps(
+    family: ContactFamily, requests: Sequence[Request], frictions: Floats, nominal: Floats
+) -> _Maps:
+    """Measure e of a family over its nominal e, for each kind of pair and friction.
+
+    frictions: μ, (m,). nominal: (nodes,), rising.
+
+    Nodes without an e, and those beyond which e falls, are left out of a map: its reach ends there.
+    """
+    kinds = tuple(sorted(set(family.kinds)))
+    measured = np.empty((len(kinds), len(frictions), len(nominal)))
+    phases = tuple((i + 0.5) / _PHASES for i in range(_PHASES))
+    for kind, number in enumerate(kinds):
+        sent = dataclasses.replace(requests[number], phases=phases)
+        with family.open(requests[number]) as model:
+            for place, mu in enumerate(frictions.tolist()):
+                for node, e in enumerate(nominal.tolist()):
+                    family.set(model, family.one(e, None if math.isnan(mu) else mu), 0)
+                    impacts = impacts_in(model, sent.launches())
+                    measured[kind, place, node] = np.mean([i.restitution for i in impacts])
+    good = _rising(measured)
+    return _Maps(
+        kinds, frictions, nominal[good], np.maximum.accumulate(measured[..., good], axis=-1)
+    )
+
+
+def _rising(measured: Floats) -> slice:
+    """The longest run of nodes at which all have an e, and along which no e falls by much.
+
+    measured: (kinds, frictions, nodes).
+    """
+    longest = slice(0, 1)
+    start = 0
+    count = measured.shape[-1]
+    for node in range(count):
+        so_far = measured[..., start : node + 1]
+        falls = (np.maximum.accumulate(so_far, axis=-1) - so_far).max() > _FALLS
+        if falls or not np.isfinite(so_far).all():
+            start = node if np.isfinite(measured[..., node]).all() else node + 1
+        if node + 1 - start > longest.stop - longest.start:
+            longest = slice(start, node + 1)
+    return longest
+
+
+def sliced(worlds: int, dimensions: int, random: np.random.Generator) -> tuple[Floats, Whole]:
+    """(numbers from 0 to 1, (n, dimensions); numbers of the worlds of a tenth, rising), each evenly
+    spread: one number in each n-th part, and the tenth's in each of its larger parts.
+
+    P. Z. G. Qian, Sliced Latin hypercube designs, 2012.
+    """
+    slices = max(1, min(_SHARE, worlds // _LEAST_CERTIFIED))
+    size = -(-worlds // slices)
+    columns = []
+    for _ in range(dimensions):
+        # Row i has the slices' levels within the i-th part of size; each slice then shuffles its own.
+        levels = random.permuted(np.arange(size * slices).reshape(size, slices), axis=1)
+        levels = random.permuted(levels, axis=0)
+        columns.append((levels + random.random(levels.shape)) / levels.size)
+    # The first column is the tenth that is certified; the last few of another make up the number.
+    shares = np.stack(columns, axis=-1).transpose(1, 0, 2).reshape(-1, dimensions)[:worlds]
+    order = random.permutation(worlds)
+    return shares[order], np.flatnonzero(order < size)
+
+
+def _within(band: Band, shares: Floats) -> Floats:
+    return np.asarray(band[0] + (band[1] - band[0]) * shares)
+
+
+def _drawn(
+    family: ContactFamily,
+    maps: _Maps,
+    requests: Sequence[Request],
+    job: _RandomizeJob,
+    before: Standing,
+) -> RandomWorlds:
+    """Draw the worlds of a family, and certify some of them by launches."""
+    random = np.random.default_rng(job.seed)
+    shares, certified = sliced(job.worlds, 2, random)
+    restitution = _within(job.restitution, shares[:, 0])
+    friction = None if job.friction is None else _within(job.friction, shares[:, 1])
+    by_kind = maps.nominal_of(restitution, friction)
+    nominal = by_kind[:, [maps.kinds.index(kind) for kind in family.kinds]]
+    parameters = family.parameters(nominal, friction)
+    models = [family.open(request) for request in requests]
+    certificate = _certificate(family, models, requests, job, parameters, certified, random)
+    after = []
+    for e in dict.fromkeys(job.restitution):
+        for mu in _corners(job):
+            of_kind = maps.nominal_of(np.array([e]), None if mu is None else np.array([mu]))
+            for model, kind in zip(models, family.kinds, strict=True):
+                family.set(model, family.one(float(of_kind[0, maps.kinds.index(kind)]), mu), 0)
+            after.append(family.standing(models))
+    return RandomWorlds(
+        parameters=parameters,
+        restitution=restitution,
+        friction=friction,
+        restitution_band=job.restitution,
+        friction_band=job.friction,
+        seed=job.seed,
+        facts=tuple(model.facts() for model in models),
+        name=family.name,
+        notes=family.notes,
+        certificate=certificate,
+        before=before,
+        after=tuple(after),
+        texts=family.texts(job.output),
+    )
+
+
+def _certificate(
+    family: ContactFamily,
+    models: Sequence[ModelUnderTest],
+    requests: Sequence[Request],
+    job: _RandomizeJob,
+    parameters: dict[str, Floats],
+    certified: Whole,
+    random: np.random.Generator,
+) -> Certificate:
+    """Launch the pairs in some of the worlds, each world one pair, at phases that no map saw."""
+    speeds = np.array(job.request.speeds)
+    sliding = None
+    if job.friction is not None:
+        sliding = _sliding_launches(family, models, requests, job)
+    restitution = np.empty((len(certified), len(speeds)))
+    lowest, highest, rubbed = np.empty((3, len(certified)))
+    gained = -math.inf
+    launches = 0
+    for row, world in enumerate(certified.tolist()):
+        number = row % len(models)
+        model = models[number]
+        family.set(model, parameters, world)
+        phases = tuple((np.arange(_PHASES) + random.random()) / _PHASES)
+        impacts = impacts_in(model, dataclasses.replace(requests[number], phases=phases).launches())
+        e = np.array([impact.restitution for impact in impacts])
+        restitution[row] = e.reshape(len(speeds), _PHASES).mean(axis=1)
+        lowest[row] = e.min()
+        highest[row] = e.max()
+        launches += len(impacts)
+        if sliding is None:
+            continue
+        phases = tuple((np.arange(_SLIDING_PHASES) + random.random()) / _SLIDING_PHASES)
+        slid = impacts_in(model, dataclasses.replace(sliding[number], phases=phases).launches())
+        rubbed[row] = _friction_of(slid)
+        gained = max(
+            gained, *(-impact.tangential.energy_lost for impact in slid if impact.tangential)
+        )
+        launches += len(slid)
+    return Certificate(
+        worlds=certified,
+        speeds=speeds,
+        restitution=restitution,
+        lowest=lowest,
+        highest=highest,
+        friction=None if sliding is None else rubbed,
+        energy_gained=gained,
+        launches=launches,
+    )
+
+
+def _sliding_launches(
+    family: ContactFamily,
+    models: Sequence[ModelUnderTest],
+    requests: Sequence[Request],
+    job: _RandomizeJob,
+) -> list[Request]:
+    """Oblique launches of each pair that slide throughout, in worlds with the most friction.
+
+    The models are left with other parameters than those of a world.
+    """
+    assert job.friction is not None
+    most = job.friction[1]
+    sent = []
+    for model, request, mobility in zip(models, requests, family.mobility, strict=True):
+        family.set(model, family.one(job.restitution[1], most), 0)
+        stops = mobility * (1.0 + job.restitution[1]) * most
+        tried = [
+            dataclasses.replace(
+                request, speeds=(min(request.speeds),), angle=(math.atan(slips * stops),)
+            )
+            for slips in _SLIPS
+        ]
+        measured = [_friction_of(impacts_in(model, each.launches())) for each in tried]
+        alike = np.abs(np.diff(measured)) <= _SAME_FRICTION * most
+        sent.append(tried[int(alike.argmax()) if alike.any() else -1])
+    return sent
+
+
+def _friction_of(impacts: Sequence[Impact]) -> float:
+    """Mean impulse of friction over that of the normal force; NaN where none was measured."""
+    return float(np.mean([i.tangential.impulse_ratio for i in impacts if i.tangential is not None]))
