@@ -253,8 +253,9 @@ def energy(model: Any, data: Any) -> float:
 
 
 def _power_of_turning(model: Any, data: Any) -> float:
-    """What accelerates the frames of free bodies whose mass is off them, times the velocities of
-    their centres of mass, W. Their places keep the velocities with half a step of it in each.
+    """Power, W, of what accelerates the frames of free bodies whose mass is off them.
+
+    Their places keep the velocities with half a step of it in each.
     """
     power = 0.0
     for joint in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
