@@ -99,6 +99,11 @@ def _library() -> Any:
     return library
 
 
+def bare_steps(model: Any, data: Any, steps: int) -> None:
+    """`for (...) mj_step(m, d)` in C, of any model."""
+    _library().bare(model._address, data._address, steps)
+
+
 def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) -> Any:
     """`for (...) mj_step(m, d)` over all of these balls in one model, ready to be run."""
     library, data, whole = _library(), mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION

@@ -123,7 +123,8 @@ _CONNECTION = "connectionMethod"
 _FAR = 1e4
 
 
-def _can_fork(bullet: BulletClient) -> bool:
+def can_fork(bullet: BulletClient) -> bool:
+    """Say whether a forked copy of this process has a copy of the client's world in it."""
     return fork.AVAILABLE and bullet.getConnectionInfo()[_CONNECTION] == bullet.module.DIRECT
 
 
@@ -134,7 +135,7 @@ def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:
     In a forked copy of this process where that is possible, else in the world itself. Raises what
     the function raises; EngineFailed if the copy dies.
     """
-    if _can_fork(bullet):
+    if can_fork(bullet):
         return run_forked(function)
     state = bullet.saveState()
     try:
@@ -146,7 +147,7 @@ def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:
 
 def release_aside(bullet: BulletClient, release: Callable[[], Simulation]) -> Simulation:
     """The simulation that `release()` begins in the world as it is now."""
-    return ForkedSimulation(release) if _can_fork(bullet) else _InPlace(bullet, release)
+    return ForkedSimulation(release) if can_fork(bullet) else _InPlace(bullet, release)
 
 
 class _InPlace(Simulation):

@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from hcbench.engines.pybullet.model.causes import (
     restitutions,
     what_distorts,
 )
-from hcbench.engines.pybullet.model.in_child import release_aside, run_aside
+from hcbench.engines.pybullet.model.in_child import Answer, can_fork, release_aside, run_aside
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
 from hcbench.engines.pybullet.model.place import place
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.engines.pybullet.model.open import BodyPart
     from hcbench.engines.pybullet.model.place import BulletPlacement
+    from hcbench.sim.promise import Promise
 
 # Refuses a world whose numbers no bouncing body has, as PyBullet read them.
 
@@ -117,11 +118,26 @@ _ONE_POINT = (
 )
 
 
+class _Placed(NamedTuple):
+    """The pair of a world at touch.
+
+    law: number of the plug-in's law between the two and the command that added it, or None.
+    timestep: s. gravity: along the normal, into the other body, m/s².
+    """
+
+    place: BulletPlacement
+    law: tuple[int, str] | None
+    promise: Promise | None
+    timestep: float
+    gravity: float
+
+
 class PybulletModel(ModelUnderTest):
     """A PyBullet world with a pair in it, opened; `close` restores a live client.
 
     build: makes the world again, for trials; None for a live client, on which nothing is tried.
-    fixes: made in the world before the pair is placed.
+    fixes: made in the world before the pair is placed, in forked copies of this process where it
+    can fork.
 
     Raises UserError where the request does not fit the world or the two cannot be brought to touch,
     SceneError and QuantityError for numbers that no body has, EngineFailed where PyBullet dies. A
@@ -152,25 +168,42 @@ class PybulletModel(ModelUnderTest):
         try:
             self._apply_request()
             set_pose(world, request)
-            first, second = find_pair(world, request.pair)
+            self._parts = find_pair(world, request.pair)
             for fix in fixes:
                 if fix.apply is not None:
                     fix.apply(self.bullet)
-            self.place = run_aside(
-                self.bullet, lambda: place(world, first, second, request.coming_from, request.move)
-            )
-            require_plausible(self.bullet, self.place)
-            self.law = None if world.files else self._plugin_law()
-            self.promise = promise_in(self.bullet, self.place)
-            parameters = self.bullet.getPhysicsEngineParameters()
-            self.timestep = float(parameters["fixedTimeStep"])
-            self.mass = self.place.effective_mass
-            self.gravity = 0.0
-            if self._falls_alone():
-                self.gravity = float((np.array(self._gravity()) * self.place.normal).sum())
+            self._take(self._placed())
         except BaseException:
             self._put_back()
             raise
+
+    def _placed(self) -> _Placed:
+        """The pair at touch, and what the world as it is now says of it; errors are the class's."""
+        request = self.request
+        first, second = self._parts
+        self.place = run_aside(
+            self.bullet,
+            lambda: place(self.world, first, second, request.coming_from, request.move),
+        )
+        require_plausible(self.bullet, self.place)
+        gravity = 0.0
+        if self._falls_alone():
+            gravity = float((np.array(self._gravity()) * self.place.normal).sum())
+        return _Placed(
+            place=self.place,
+            law=None if self.world.files else self._plugin_law(),
+            promise=promise_in(self.bullet, self.place),
+            timestep=float(self.bullet.getPhysicsEngineParameters()["fixedTimeStep"]),
+            gravity=gravity,
+        )
+
+    def _take(self, placed: _Placed) -> None:
+        self.place = placed.place
+        self.law = placed.law
+        self.promise = placed.promise
+        self.timestep = placed.timestep
+        self.gravity = placed.gravity
+        self.mass = placed.place.effective_mass
 
     def _plugin_law(self) -> tuple[int, str] | None:
         """Number of the plug-in's law between the two, and the command
@@ -233,13 +266,12 @@ class PybulletModel(ModelUnderTest):
                     "PyBullet does not report its friction"
                 )
                 raise UserError("launch", got, "launches along the normal")
+        return release_aside(self.bullet, lambda: self._launched(launch, law_number))
+
+    def _launched(self, launch: Launch, law: int | None) -> Simulation:
+        """A launch in the world itself, which it changes. law: number of the plug-in's, or None."""
         along = self.request.along
-        return release_aside(
-            self.bullet,
-            lambda: LaunchInUserWorld(
-                self.bullet, self.place, launch, self.gravity, along, law_number
-            ),
-        )
+        return LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, along, law)
 
     @property
     def step_cost(self) -> float:
@@ -343,19 +375,79 @@ class PybulletModel(ModelUnderTest):
         return suspects
 
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
-        """The same world made again, with the fixes of `suspects` made before the pair is placed.
+        """The same world with the fixes of `suspects` made before the pair is placed.
 
-        Raises UserError for a live client, which cannot be made again, and the errors of the class.
+        It is this world in forked copies of the process, where that is possible; else it is made
+        again. Raises UserError for a live client, which is not tried on, and the errors of the
+        class.
         """
         if self.build is None:
             raise UserError(
                 "model", "a live client cannot be made again", "files, or a function for it"
             )
-        return PybulletModel(self.build(), self.build, self.request, suspects)
+        if can_fork(self.bullet):
+            return _FixedInForks(self, suspects)
+        return self._made_again(suspects)
+
+    def _made_again(self, fixes: Sequence[Suspect]) -> PybulletModel:
+        assert self.build is not None, "`fixed` refuses a live client"
+        return PybulletModel(self.build(), self.build, self.request, fixes)
 
     def close(self) -> None:
         """Remove everything that hcbench added, and restore the user's world."""
         self._put_back()
+
+
+class _FixedInForks(PybulletModel):
+    """The world of a model under test with fixes made, each time in a forked copy of this process.
+
+    Loading a robot's meshes again takes as long as hundreds of launches; the world itself is as it
+    was loaded, because its launches are stepped in forked copies, too.
+    """
+
+    def __init__(self, model: PybulletModel, fixes: Sequence[Suspect]) -> None:
+        """Bring the pair to touch with the fixes made; errors are those of `PybulletModel`."""
+        # Its world, its request and its parts.
+        self.__dict__.update(model.__dict__)
+        self._fixes = [*getattr(model, "_fixes", ()), *fixes]
+        self._take(self._with_fixes(self._placed))
+
+    def _with_fixes(self, function: Callable[[], Answer]) -> Answer:
+        """Call a function where the fixes are made, and return its result, pickled."""
+
+        def run() -> Answer:
+            self._make_fixes()
+            return function()
+
+        return run_aside(self.bullet, run)
+
+    def _make_fixes(self) -> None:
+        for fix in self._fixes:
+            if fix.apply is not None:
+                fix.apply(self.bullet)
+
+    def _launched(self, launch: Launch, law: int | None) -> Simulation:
+        self._make_fixes()
+        return super()._launched(launch, law)
+
+    def facts(self) -> Facts:
+        """Properties of the world and of its pair with the fixes made."""
+        return self._with_fixes(super().facts)
+
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
+        """Return settings that may keep this pair from bouncing as `wanted`, with the fixes made.
+
+        Fixes are functions, which no copy of the process can send: the world is made again.
+        """
+        with self._made_again(self._fixes) as again:
+            return again.suspects(impacts, wanted)
+
+    def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
+        """The same world with more fixes made."""
+        return _FixedInForks(self, suspects)
+
+    def close(self) -> None:
+        """Nothing: the world is that of the model, which closes it."""
 
 
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
