@@ -101,6 +101,14 @@ wait
 """
 
 
+def _runs(process: str) -> bool:
+    """Say whether a process has not ended; one that its parent has not yet asked for has."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().split()[2] != "Z"
+    except OSError:
+        return False
+
+
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
 def test_an_interrupted_compiler_leaves_no_process_and_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -115,8 +123,12 @@ def test_an_interrupted_compiler_leaves_no_process_and_no_file(
     monkeypatch.setattr(_compile, "_LIMIT_S", 1.0)
     with pytest.raises(_compile.NotCompiled, match="cc ran for 1 s"):
         _compile.build("laws/impacts.c")
-    state = Path(f"/proc/{pid.read_text().strip()}/stat")
-    assert not state.exists() or state.read_text().split()[2] == "Z"
+    # A busy machine gives a killed process its last turn later.
+    for _ in range(100):
+        if not _runs(pid.read_text().strip()):
+            break
+        time.sleep(0.1)
+    assert not _runs(pid.read_text().strip())
     assert not [path for path in cache.rglob("*") if path.name != "hcbench"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "cc", "pid"]
 
