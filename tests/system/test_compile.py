@@ -6,6 +6,7 @@ import ctypes
 import errno
 import os
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 
