@@ -117,6 +117,7 @@ _BY_QUANTITY = {
     ("touch", "speed"): "speed_in",
     ("touch", "time"): "time",
     ("bounce", "time"): "time",
+    ("after", "force"): "force",
     ("x", "position"): "penetration",
     ("penetration", "time"): "interval",
 }
@@ -240,6 +241,8 @@ def _words(name: str) -> list[str]:
     delta = _DELTA.match(name)
     if delta is not None and delta[1] != "t":
         name = f"sigma {name[delta.end() - 1 :]}"
+    # "d'impact", "l'urto".
+    name = re.sub(r"\b[dl]['’]", " ", name)
     name = re.sub(r"[^\w#°№±σδ']+|_", " ", name).replace("'", " ")
     name = re.sub(r"(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])", " ", name)
     return name.split()
@@ -252,8 +255,11 @@ def meanings_of(name: str) -> frozenset[str]:
 
 @cache
 def _meanings(words: tuple[str, ...]) -> frozenset[str]:
+    # Alone, "F" is a force; in "v_f" it is final.
+    if words == ("f",):
+        return frozenset({"force"})
     lexicon = _lexicon()
-    found = set()
+    found: set[str] = set()
     at = 0
     while at < len(words):
         for count in range(min(5, len(words) - at), 0, -1):
@@ -316,7 +322,7 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
             return role
     if len(found) == 1 and unit:
         (meaning,) = found
-        for quantity in ("time", "position", "speed"):
+        for quantity in ("time", "position", "speed", "force"):
             if is_unit_of(unit, quantity):
                 return _BY_QUANTITY.get((meaning, quantity), "")
     return ""
@@ -407,8 +413,9 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
     # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
     for sign in _BEFORE_UNIT.finditer(name, 1):
         written = name[sign.end() :]
-        # "v_in" has no inches, and "v_m" no metres: what is before is no name, or all is one.
-        if "?" not in meanings_of(name) and written in ("in", "n") and sign[0] in ("_", " "):
+        # "v_in" has no inches: a speed has none.
+        quantity = QUANTITY_OF.get(role_of(name[: sign.start()]), "")
+        if written in ("in", "n") and sign[0] in ("_", " ") and not is_unit_of(written, quantity):
             continue
         unit = _BY_POWER.sub(r"\1/\2", units.usual_unit(plain_unit(written)))
         if is_unit(unit):

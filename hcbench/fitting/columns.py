@@ -172,12 +172,9 @@ def _require_one_ball(table: Table, at: int) -> None:
 
 def _counts_rows(table: Table, at: int) -> bool:
     """Say whether a column without a name counts the rows, as the index that pandas writes."""
-    numbers = [table.number(cell_of(row, at)) for row in table.cells]
-    return (
-        not table.header[at][0]
-        and numbers[:1] in ([0], [1])
-        and bool(np.all(np.diff(numbers) == 1))
-    )
+    numbers = sorted(table.number(cell_of(row, at)) for row in table.cells)
+    is_counting = numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
+    return not table.header[at][0] and is_counting
 
 
 def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:

@@ -195,9 +195,10 @@ def _understood(
     with explained(table.name, table.header):
         columns = columns_of(table, asked)
         kind = _kind_of(columns, asked)
+        of_kind = _of_bounces(columns, kind, asked)
+        columns = _complete(columns, of_kind)
         table, of_units = with_units(columns.table, columns.places)
-        columns = replace(columns, table=table, assumed=of_names or of_units)
-        return _complete(columns, kind), _of_bounces(columns, kind, asked)
+        return replace(columns, table=table, assumed=of_names or of_units), of_kind
 
 
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
@@ -548,9 +549,14 @@ def _require_e(columns: DataColumns, e: Floats) -> None:
     """Raise UserError where a column of e says something else than the speeds, or heights, beside it."""
     if "restitution" not in columns.places:
         return
-    written = columns.get("restitution")
+    at = columns.places["restitution"]
+    percent = 0.01 if columns.table.unit_of(at, "number") == "%" else 1.0
+    written = percent * np.array(
+        [columns.table.number(cell_of(row, at)) for row in columns.table.cells]
+    )
     expected = f"{e[0]:.3g}, of the columns before and after"
-    columns.require("restitution", np.abs(written - e) <= _OF_E * np.maximum(e, 0.2), expected)
+    off = np.abs(written - e) > _OF_E * np.maximum(e, 0.2)
+    columns.require("restitution", ~off | np.isnan(written), expected)
 
 
 def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:

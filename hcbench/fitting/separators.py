@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from typing import TYPE_CHECKING
 
 from hcbench.fitting.cells import is_missing, looks_numeric
-from hcbench.fitting.column_names import is_unit, role_of, split_header
+from hcbench.fitting.column_names import is_beside, is_unit, meanings_of, role_of, split_header
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,6 +36,10 @@ _LATEX_ALONE = re.compile(
 )
 # Lines that are looked at to find the separator.
 _MOST_LOOKED_AT = 200
+# Signs that stand between two numbers of a cell, or between cells.
+_MARKS = frozenset(["±", "+-", "+/-", "\\pm", "&", "|", ";", ","])
+# Words in a header that is parted by what they mean.
+_MOST_WORDS = 14
 # The longest cell.
 _LONGEST = 400
 
@@ -61,7 +66,9 @@ def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
         cells = split(text, sign)
         if at < first:
             # A header may have other signs between its names than there are between the numbers.
-            cells = next((way for way in header_cells(text, sign) if len(way) == width), cells)
+            cells = next(
+                (way for way in header_cells(text, sign, width) if len(way) == width), cells
+            )
         longest = max(map(len, cells))
         if longest > _LONGEST:
             where = f"{name}, line {number}"
@@ -94,8 +101,8 @@ def _without_marks(lines: Sequence[tuple[int, str]]) -> Iterator[tuple[int, str]
         else:
             text = _AFTER_NUMBER.sub("", text)
             begun = begun or _is_of_numbers(text)
-        if "|" in text and text.strip().startswith("|"):
-            text = text.strip().removeprefix("|").removesuffix("|")
+        if len(text.strip()) > 1 and text.strip()[0] == text.strip()[-1] == "|":
+            text = text.strip()[1:-1]
         if text.strip():
             yield number, text
 
@@ -129,43 +136,66 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
     step = max(1, len(texts) // _MOST_LOOKED_AT)
     begin = min(40, len(texts))
     chosen = [*range(begin), *range(begin, len(texts), step)]
-    widths: dict[int, int] = {}
+    widths: dict[int, float] = {}
     first: dict[int, int] = {}
+    heads: dict[int, list[str]] = {}
+    full: dict[int, int] = {}
     for at in chosen:
         cells = split(texts[at], separator)
-        while cells and not cells[-1]:
-            cells.pop()
         numeric = sum(map(looks_numeric, cells))
+        if not _MARKS.isdisjoint(cells):
+            # A sign between numbers is no cell.
+            numeric = 0
         if separator == "," and any(re.fullmatch(r"0\d+", cell) for cell in cells):
             # "0,05" is no 0 and 05.
             numeric = 0
         empty = sum(map(is_missing, cells))
         if not numeric or 2 * (numeric + empty) < len(cells):
             continue
-        widths[len(cells)] = widths.get(len(cells), 0) + numeric
+        # Cells that are no numbers say that the sign is another one.
+        share = (numeric + empty) / len(cells)
+        widths[len(cells)] = widths.get(len(cells), 0.0) + numeric * share**2
         first.setdefault(len(cells), at)
+        heads.setdefault(len(cells), []).append(cells[0])
+        full[len(cells)] = max(full.get(len(cells), 0), len([*_trimmed(cells)]))
     if not widths:
         return 0.0, 0, len(texts)
     # A table of one row, such as phyphox writes it, counts as well as a table of one column.
     width = max(widths, key=lambda count: (widths[count], count))
-    has_header = any(width in header_widths(texts[at], separator) for at in range(first[width]))
-    return widths[width] * (10.0 if has_header else 1.0), width, first[width]
+    worth = 1.0
+    is_counted = counts(heads[width][:begin])
+    for at in range(first[width]):
+        for way in header_cells(texts[at], separator, width):
+            known = any(role_of(*split_header(cell)) for cell in way)
+            fits = len(way) in (width, full[width]) or len(_trimmed(way)) in (width, full[width])
+            # The index of the rows may have no name.
+            if fits or (known and is_counted and len(way) == width - 1):
+                worth = max(worth, 10.0 if known else 2.0)
+    return widths[width] * worth, width, first[width]
 
 
-def header_widths(text: str, separator: str) -> set[int]:
-    """Numbers of columns that a header may have under a separator of numbers."""
-    return {len(cells) for cells in header_cells(text, separator)}
+def counts(cells: Sequence[str]) -> bool:
+    """Say whether cells count rows: whole numbers, each one above the one before."""
+    if len(cells) < 2 or not all(map(str.isdigit, cells)):
+        return False
+    return all(int(b) - int(a) == 1 for a, b in itertools.pairwise(cells))
 
 
-def header_cells(text: str, separator: str) -> Iterator[list[str]]:
+def _trimmed(cells: Sequence[str]) -> list[str]:
+    """Cells without the empty ones at their end."""
+    kept = list(cells)
+    while kept and not kept[-1]:
+        kept.pop()
+    return kept
+
+
+def header_cells(text: str, separator: str, width: int) -> Iterator[list[str]]:
     """Ways to part a header: by the sign itself, or by another one where numbers have blanks between.
 
-    A unit belongs to the name before it: "time, s" is one cell.
+    width: of the rows of numbers. A unit belongs to the name before it: "time, s" is one cell.
     """
     if separator not in (_BLANKS, _WIDE_BLANKS, ""):
         cells = split(text, separator)
-        while cells and not cells[-1]:
-            cells.pop()
         if (
             any(any(map(str.isalpha, cell)) for cell in cells)
             and sum(map(looks_numeric, cells)) == 0
@@ -182,8 +212,34 @@ def header_cells(text: str, separator: str) -> Iterator[list[str]]:
     # A unit in brackets belongs to the name before it.
     for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])", r"\s+"):
         names = re.split(blanks, text.strip())
+        if not any(map(looks_numeric, names)) and (
+            len(names) != width or all(map(_is_known, names))
+        ):
+            yield names
+    yield from _by_meaning(text.split(), width)
+    for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])", r"\s+"):
+        names = re.split(blanks, text.strip())
         if not any(map(looks_numeric, names)):
             yield names
+
+
+def _by_meaning(words: list[str], width: int) -> Iterator[list[str]]:
+    """Names of several words each with blanks between: the ways in which each name is known."""
+    if not 1 < width < len(words) <= _MOST_WORDS:
+        return
+    for cuts in itertools.combinations(range(1, len(words)), width - 1):
+        names = [" ".join(words[a:b]) for a, b in itertools.pairwise([0, *cuts, len(words)])]
+        roles = [role_of(*split_header(name)) for name in names]
+        if all(map(_is_known, names)) and len(set(filter(None, roles))) == len(
+            [*filter(None, roles)]
+        ):
+            yield names
+
+
+def _is_known(name: str) -> bool:
+    """Say whether a name has a role, or tells of something else than bounces."""
+    plain, unit = split_header(name)
+    return bool(role_of(plain, unit)) or is_beside(plain) or meanings_of(plain) == {"x"}
 
 
 def _with_units(cells: list[str]) -> list[str]:

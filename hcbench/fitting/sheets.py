@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # Largest file that is read, bytes.
 _LARGEST = 16 << 20
+# Share of bytes that are 0 from which on text has two bytes a letter.
+_ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
 # Files in an archive that hold tables.
@@ -90,20 +92,18 @@ def decoded(raw: bytes) -> str:
 
     Raises UnicodeDecodeError for what is not text.
     """
-    try:
-        text = raw.decode("utf-8-sig")
-        if "\0" not in text:
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        text = raw.decode("utf-16")
+        if any(letter.isdecimal() for letter in text):
             return text
-        # Latin letters in UTF-16 without its mark: each second byte is 0,
-        # and all of it is valid UTF-8.
-        if raw[1:2] == b"\0":
-            return raw.decode("utf-16-le")
-        return raw.decode("utf-16-be")
+    # Digits in UTF-16 without its mark: each second byte is 0.
+    pairs = max(len(raw) // 2, 1)
+    for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        if raw[first::2].count(0) > _ZEROS * pairs > raw[1 - first :: 2].count(0):
+            return raw.decode(encoding)
+    try:
+        return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            text = raw.decode("utf-16")
-            if any(letter.isdecimal() for letter in text):
-                return text
         if any(byte < 9 for byte in raw):
             raise
         return raw.decode("cp1252", errors="replace")

@@ -24,6 +24,7 @@ from hcbench.fitting.column_names import (
     role_of,
     split_header,
 )
+from hcbench.fitting.separators import counts
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.terms import units
 from hcbench.terms.bounds import beyond_bounds, require_bounds
@@ -133,7 +134,7 @@ class Table:
                 cell.unit for row in self.cells if (cell := self.style.read(cell_of(row, at)))
             }
             if len(written) == 1:
-                (unit,) = written
+                unit = plain_unit(next(iter(written)))
         return unit or dict(self.units).get(quantity, "")
 
     def _scale(self, at: int, quantity: str) -> float:
@@ -383,7 +384,7 @@ def _header(
         for i, unit in enumerate(map(plain_unit, written)):
             if not header[i][1] and unit.lower() not in NO_UNIT:
                 header[i] = (header[i][0], unit)
-    groups = [i for i in near if i < at and i not in used]
+    groups = [i for i in near if i < at and i not in used and len(rows[i]) >= width - 1]
     if groups and len(set(header)) < len(header):
         group = _padded(rows[groups[-1]], body, width)
         header = [
@@ -407,9 +408,7 @@ def _is_counted(body: list[Row]) -> bool:
     first = [cells[0] for _, cells in body]
     if not any(map(looks_numeric, first)):
         return True
-    return all(map(str.isdigit, first)) and all(
-        int(b) - int(a) == 1 for a, b in itertools.pairwise(first)
-    )
+    return counts(first)
 
 
 def _padded(cells: tuple[str, ...], body: list[Row], width: int) -> tuple[str, ...]:
