@@ -122,7 +122,7 @@ _BY_QUANTITY = {
     ("penetration", "time"): "interval",
 }
 # Columns that say nothing of the bounces, where a name has these meanings alone. Any other column
-# of numbers may change what the rest means: a time beside a temperature is no time of a touch.
+# of numbers may change what the rest means: a time beside a temperature may be a log of something else.
 _BESIDE = {
     "number",
     "beside",
@@ -188,7 +188,7 @@ _LETTERS = 24
 
 @cache
 def _table() -> dict[str, Mapping[str, list[str]]]:
-    """Words by meaning and language, as `words.toml` has them."""
+    """Words by meaning and language, from `words.toml`."""
     text = files("hcbench.fitting").joinpath("words.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
@@ -210,7 +210,7 @@ def _lexicon(of_files: bool = False) -> dict[str, str]:
 
 @cache
 def _unit_words() -> dict[str, str]:
-    """Units as Pint has them, by what people write."""
+    """Pint's word for each unit, by what people write."""
     found = {}
     for unit, words in _table()["unit"].items():
         for word in words:
@@ -249,7 +249,7 @@ def _words(name: str) -> list[str]:
 
 
 def meanings_of(name: str) -> frozenset[str]:
-    """What the words of a name mean; "?" where one is not known, digits as themselves."""
+    """Meanings of the words of a name; "?" where one is not known, digits as themselves."""
     return _meanings(tuple(_words(name)))
 
 
@@ -389,7 +389,7 @@ def split_header(cell: str) -> tuple[str, str]:
 
 
 def _adds_to_name(outside: str, inside: str) -> bool:
-    """Say whether a word in brackets belongs to the name before it, and is no unit.
+    """Say whether a word in brackets belongs to the name before it, and is not a unit.
 
     "v (in)" has no inches: a speed has none.
     """

@@ -65,7 +65,7 @@ class DataColumns:
 
     @property
     def roles(self) -> frozenset[str]:
-        """What the table has, uncertainties apart."""
+        """Roles that the table has, uncertainties apart."""
         found = {role for role in self.places if role in QUANTITY_OF}
         has_count = self.table.frequency is not None and "interval" not in found
         has_series = bool({"frame", "sample"} & self.places.keys()) or bool({"force"} & found)

@@ -45,14 +45,20 @@ def data(kind: str) -> tuple[Column, ...]:
     e = np.array([LAW(one) for one in v])
     film = synthesise.track(LAW, 0.5, 1e-3, 2e-4, 120, rng)
     t = np.arange(400) * 1e-5
-    force = 150.0 * np.round(np.clip(np.sin(np.pi * (t - 1.2e-3) / 1.5e-3), 0.0, None) * ((t > 1.2e-3) & (t < 2.7e-3)), 6)
+    in_contact = (t > 1.2e-3) & (t < 2.7e-3)
+    force = np.where(in_contact, 150.0 * np.round(np.sin(np.pi * (t - 1.2e-3) / 1.5e-3), 6), 0.0)
     columns = {
         "times": (Column("time", times, seconds),),
         "intervals": (Column("interval", np.diff(times), seconds),),
-        "heights": (Column("height", synthesise.bounce_heights(LAW, 0.3, 1e-6, 0.0, rng, 9), metres),),
+        "heights": (
+            Column("height", synthesise.bounce_heights(LAW, 0.3, 1e-6, 0.0, rng, 9), metres),
+        ),
         "pairs": (Column("speed", v, speeds), Column("e", e, ratio)),
         "speeds": (Column("before", v, speeds), Column("after", v * e, speeds)),
-        "rises": (Column("drop", v**2 / 19.6133, metres), Column("rebound", (v * e) ** 2 / 19.6133, metres)),
+        "rises": (
+            Column("drop", v**2 / 19.6133, metres),
+            Column("rebound", (v * e) ** 2 / 19.6133, metres),
+        ),
         "track": (Column("time", film[0], seconds), Column("place", film[1], metres)),
         "force": (Column("time", t, seconds), Column("force", force, (("N", 1.0), ("kN", 1e3)))),
     }
@@ -165,10 +171,24 @@ NAMES: dict[str, dict[str, tuple[str, ...]]] = {
         "force": ("力", "接触力"),
     },
 }
+UNITS = ("s", "ms", "m", "cm", "m/s", "cm/s", "N", "kN")
+# Words for the number of a row, and for a note, by language.
+NUMBERS = dict(
+    zip(NAMES, ("bounce", "Nr.", "n°", "rebote", "numero", "n°", "№", "序号"), strict=True)
+)
+NOTES = dict(
+    zip(
+        NAMES,
+        ("note", "Bemerkung", "remarque", "notas", "note", "notas", "примечание", "备注"),
+        strict=True,
+    )
+)
 # Units in words of a language, where they are not those of SI.
 WORDS_OF_UNITS = {
-    "ru": {"s": "с", "ms": "мс", "m": "м", "cm": "см", "m/s": "м/с", "cm/s": "см/с", "N": "Н", "kN": "кН"},
-    "zh": {"s": "秒", "ms": "毫秒", "m": "米", "cm": "厘米", "m/s": "米/秒", "cm/s": "厘米/秒", "N": "牛", "kN": "kN"},
+    "ru": dict(zip(UNITS, ("с", "мс", "м", "см", "м/с", "см/с", "Н", "кН"), strict=True)),
+    "zh": dict(
+        zip(UNITS, ("秒", "毫秒", "米", "厘米", "米/秒", "厘米/秒", "牛", "kN"), strict=True)
+    ),
 }
 TEXTS = ("comma", "semicolon", "tab", "pipe", "blanks", "aligned", "markdown", "latex", "rows")
 FACTORS: dict[str, Sequence[Any]] = {
@@ -193,16 +213,19 @@ def allowed(row: Row) -> bool:
     layout = has("layout") or ""
     no_text = layout.startswith("json") or layout == "workbook"
     rules = (
-        has("decimal") == "," and ((layout == "comma" and has("numbers") not in (None, "quoted")) or no_text),
-        has("decimal") == "," and layout in ("comma", "rows") and has("numbers") not in (None, "quoted"),
+        has("decimal") == ","
+        and ((layout == "comma" and has("numbers") not in (None, "quoted")) or no_text),
+        has("decimal") == ","
+        and layout in ("comma", "rows")
+        and has("numbers") not in (None, "quoted"),
         has("encoding") == "cp1252" and has("language") in ("ru", "zh"),
         no_text and has("encoding") not in (None, "utf-8"),
         no_text and has("before") not in (None, "nothing"),
         no_text and has("numbers") not in (None, "plain"),
         no_text and has("rows") in ("summed up", "blank lines"),
         layout.startswith("json") and has("units") in ("row",),
-        layout in ("json lines", "json records", "json columns") and has("extra") in ("index", "empty column"),
-        layout == "json split" and has("extra") == "empty column",
+        layout.startswith("json") and has("extra") == "empty column",
+        layout.startswith("json") and layout != "json split" and has("extra") == "index",
         layout == "rows" and has("units") == "row",
         layout == "rows" and has("rows") in ("summed up",),
         layout == "rows" and has("extra") in ("index", "empty column"),
@@ -225,7 +248,8 @@ def allowed(row: Row) -> bool:
         has("rows") == "turned" and has("kind") not in (None, "times", "track", "force", "pairs"),
         has("rows") == "summed up" and has("kind") not in (None, "pairs", "heights", "speeds"),
         has("extra") == "sideways" and has("kind") not in (None, "track", "force"),
-        has("extra") == "computed" and has("kind") not in (None, "track", "speeds", "rises", "times"),
+        has("extra") == "computed"
+        and has("kind") not in (None, "track", "speeds", "rises", "times"),
         has("before") == "savetxt" and has("units") == "row",
     )
     return not any(rules)
@@ -264,16 +288,20 @@ def write(row: Row, rng: np.random.Generator) -> Dialect:
         table.reverse()
     if row["rows"] == "missing":
         for i in (3, len(table) - 3):
-            at = len(header) - 1 - (row["extra"] in ("note", "empty column")) - (row["numbers"] == "uncertain") * 0
+            at = len(header) - 1 - (row["extra"] in ("note", "empty column"))
             table[i][at] = str(rng.choice(["", "NaN", "n/a", "-"]))
     if row["rows"] == "summed up":
         table.append(["mean", *["1.0"] * (len(header) - 1)] if len(header) > 1 else ["mean"])
     if row["layout"].startswith("json"):
-        return Dialect(tuple(row.items()), "data.json", _json(row, written, table).encode(), row["kind"])
+        content = _json(row, written, table).encode()
+        return Dialect(tuple(row.items()), "data.json", content, row["kind"])
     no_unit = "-" if row["layout"] in ("blanks", "aligned") else ""
-    rows = [written, *([[f"[{u}]" if u else no_unit for u in units]] if row["units"] == "row" else []), *table]
+    rows = [written, *table]
+    if row["units"] == "row":
+        rows.insert(1, [f"[{unit}]" if unit else no_unit for unit in units])
     if row["layout"] == "workbook":
-        return Dialect(tuple(row.items()), "data.xlsx", workbook({"Sheet1": rows, "Sheet2": []}), row["kind"])
+        content = workbook({"Sheet1": rows, "Sheet2": []})
+        return Dialect(tuple(row.items()), "data.xlsx", content, row["kind"])
     lines = _lines(row, rows)
     lines = _with_before(row, lines)
     if row["rows"] == "blank lines":
@@ -292,7 +320,10 @@ def _columns(row: Row, rng: np.random.Generator) -> tuple[list[str], list[str], 
     for column in of_kind:
         unit, scale = column.units[row["scale"]]
         names.append(str(rng.choice(language[column.role])))
-        units.append("" if row["units"] == "none needed" else WORDS_OF_UNITS.get(row["language"], {}).get(unit, unit))
+        if row["units"] == "none needed":
+            units.append("")
+        else:
+            units.append(WORDS_OF_UNITS.get(row["language"], {}).get(unit, unit))
         cells.append([_number(value / scale, row, units[-1]) for value in column.values])
     count = len(cells[0])
     extra = row["extra"]
@@ -317,18 +348,19 @@ def _columns(row: Row, rng: np.random.Generator) -> tuple[list[str], list[str], 
         units.append(WORDS_OF_UNITS.get(row["language"], {}).get(unit, unit))
         cells.append([_number(value, {**row, "numbers": "plain"}, units[-1]) for value in computed])
     if extra in ("index", "numbered"):
-        word = {"en": "bounce", "de": "Nr.", "fr": "n°", "es": "rebote", "it": "numero", "pt": "n°", "ru": "№", "zh": "序号"}
-        names.insert(0, "" if extra == "index" else word[row["language"]])
+        names.insert(0, "" if extra == "index" else NUMBERS[row["language"]])
         units.insert(0, "")
         cells.insert(0, [str(i + (extra == "numbered")) for i in range(count)])
     elif extra == "note":
-        names.append({"en": "note", "de": "Bemerkung", "fr": "remarque", "es": "notas", "it": "note", "pt": "notas", "ru": "примечание", "zh": "备注"}[row["language"]])
+        names.append(NOTES[row["language"]])
         units.append("")
         cells.append([["ok", "", "late"][i % 3] for i in range(count)])
     elif extra == "sideways":
         names.append("x" if row["kind"] == "track" else "Fx")
         units.append("m" if row["kind"] == "track" else "N")
-        cells.append([_number(1e-3 * i, {**row, "numbers": "plain"}, units[-1]) for i in range(count)])
+        cells.append(
+            [_number(1e-3 * i, {**row, "numbers": "plain"}, units[-1]) for i in range(count)]
+        )
     elif extra == "empty column":
         names.append("")
         units.append("")
@@ -338,7 +370,9 @@ def _columns(row: Row, rng: np.random.Generator) -> tuple[list[str], list[str], 
 
 def _number(value: float, row: Row, unit: str) -> str:
     """A number as the row's levels write it."""
-    text = f"{value:.6E}" if row["numbers"] == "exponent" else f"{value:.7g}" if abs(value) > 1e-4 else f"{value:.9f}"
+    text = f"{value:.7g}" if abs(value) > 1e-4 else f"{value:.9f}"
+    if row["numbers"] == "exponent":
+        text = f"{value:.6E}"
     if row["numbers"] == "uncertain":
         text = f"{value:.6f} ± {2e-3 * abs(value):.6f}"
     text = text.replace(".", row["decimal"])
@@ -380,7 +414,8 @@ def _json(row: Row, header: list[str], table: list[list[str]]) -> str:
         columns = {name: [value(cells[i]) for cells in table] for i, name in enumerate(header)}
         return json.dumps({"experiment": "drop", "data": columns}, ensure_ascii=False, indent=1)
     if layout == "json split":
-        return json.dumps({"columns": header, "data": [list(map(value, cells)) for cells in table]}, ensure_ascii=False)
+        data = [list(map(value, cells)) for cells in table]
+        return json.dumps({"columns": header, "data": data}, ensure_ascii=False)
     return json.dumps(records, ensure_ascii=False)
 
 
@@ -397,11 +432,13 @@ def _lines(row: Row, rows: list[list[str]]) -> list[str]:
         lines = ["| " + " | ".join(cells) + " |" for cells in rows]
         return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
     if layout == "latex":
-        lines = [" & ".join(cells).replace("%", "\\%").replace("±", "\\pm") + " \\\\" for cells in rows]
-        return ["\\begin{tabular}{" + "c" * len(rows[0]) + "}", "\\hline", lines[0], "\\hline", *lines[1:], "\\hline", "\\end{tabular}"]
+        joined = [" & ".join(cells).replace("%", "\\%").replace("±", "\\pm") for cells in rows]
+        lines = [f"{text} \\\\" for text in joined]
+        begin = ["\\begin{tabular}{" + "c" * len(rows[0]) + "}", "\\hline", lines[0], "\\hline"]
+        return [*begin, *lines[1:], "\\hline", "\\end{tabular}"]
     if layout == "aligned":
         widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
-        return ["  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=False)) for cells in rows]
+        return ["  ".join(map(str.rjust, cells, widths)) for cells in rows]
     return [signs[layout].join(cells) for cells in rows]
 
 
@@ -411,7 +448,8 @@ def _with_before(row: Row, lines: list[str]) -> list[str]:
     if before == "savetxt":
         return [f"# {lines[0]}", *lines[1:]]
     if before == "metadata":
-        return ["Experiment: drop of a steel ball", "Operator: Ann", "Date: 2024-03-05", "Temperature: 21.5 °C", "", *lines]
+        about = ("Experiment: drop of a ball", "Operator: Ann", "Date: 2024-03-05", "Air: 21.5 °C")
+        return [*about, "", *lines]
     if before == "title":
         return ["Run 3", *lines]
     mark = before.partition(" ")[0]
@@ -425,16 +463,21 @@ def workbook(sheets: dict[str, list[list[str]]]) -> bytes:
     files = {
         "[Content_Types].xml": '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
         '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-        '<Default Extension="xml" ContentType="application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"/>'
+        '<Default Extension="xml" ContentType="application/vnd.openxmlformats-officedocument.'
+        'spreadsheetml.sheet.main+xml"/>'
         "</Types>",
         "_rels/.rels": _relations({"rId1": ("officeDocument", "xl/workbook.xml")}),
         "xl/_rels/workbook.xml.rels": _relations(
-            {f"rId{i}": ("worksheet", f"worksheets/sheet{i}.xml") for i in range(1, len(sheets) + 1)}
+            {
+                f"rId{i}": ("worksheet", f"worksheets/sheet{i}.xml")
+                for i in range(1, len(sheets) + 1)
+            }
         ),
         "xl/workbook.xml": '<workbook xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main" '
         'xmlns:r="http://schemas.openxmlformats.org/officeDocument/2006/relationships"><sheets>'
         + "".join(
-            f'<sheet name="{escape(name)}" sheetId="{i}" r:id="rId{i}"/>' for i, name in enumerate(sheets, 1)
+            f'<sheet name="{escape(name)}" sheetId="{i}" r:id="rId{i}"/>'
+            for i, name in enumerate(sheets, 1)
         )
         + "</sheets></workbook>",
     }
@@ -455,9 +498,11 @@ def _relations(of: dict[str, tuple[str, str]]) -> str:
     """Relations between parts of a workbook: of each, its kind and target."""
     base = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
     inner = "".join(
-        f'<Relationship Id="{key}" Type="{base}/{kind}" Target="{target}"/>' for key, (kind, target) in of.items()
+        f'<Relationship Id="{key}" Type="{base}/{kind}" Target="{target}"/>'
+        for key, (kind, target) in of.items()
     )
-    return f'<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">{inner}</Relationships>'
+    schema = "http://schemas.openxmlformats.org/package/2006/relationships"
+    return f'<Relationships xmlns="{schema}">{inner}</Relationships>'
 
 
 def _xml_cell(text: str) -> str:
