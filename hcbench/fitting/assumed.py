@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # Flights of a ball, s. Read in ms or minutes, none of them would be one.
 _SHORTEST = 5e-3
 _LONGEST = 3.0
-# The first flight of a train is no shorter than this, s.
+# The first flight of a train is at least this long, s.
 _FIRST = 0.03
 # Share of flights that are shorter than the one before, at least.
 _SHRINKING = 0.7
@@ -123,7 +123,7 @@ def falls_with_g(times: Floats, heights: Floats) -> bool:
 
 
 def _numbers(table: Table, at: int) -> Floats:
-    """A column as it stands; NaN for what is no number."""
+    """A column as it stands; NaN for other text."""
     return np.array([table.number(cell_of(row, at)) for row in table.cells])
 
 

@@ -9,6 +9,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 from hcbench.fitting.column_names import is_unit
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -47,6 +48,7 @@ _PLUS_MINUS = re.compile(r"\s*(?:±|\+/?[-−]|\\pm)\s*")
 _SHORT = re.compile(r"([-+−]?\d*(?:[.,](\d+))?)\((\d+(?:[.,]\d+)?)\)")
 # "1:02.5", "0:00:01.234", "0:00:01:23" with hundredths, as Kinovea writes it.
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:([.,:])(\d+))?")
+_ADVICE = "Write numbers without a sign between the thousands"
 # 1970-01-01: later dates in seconds keep a microsecond.
 _EPOCH = 719163
 _EXPONENT_SIGNS = str.maketrans("dD−", "eE-")
@@ -63,7 +65,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class NumberStyle:
-    """How the numbers of a file are written.
+    """Style in which a file writes its numbers.
 
     decimal: "." or ","; the other one of the two parts thousands.
     """
@@ -174,22 +176,13 @@ def _is_grouped(mantissa: str, sign: str, decimal: str) -> bool:
     )
 
 
-class TwoMeaningsError(ValueError):
-    """Numbers that can be read in two ways: what was found, and what was expected."""
-
-    def __init__(self, got: str, expected: str) -> None:
-        """Keep both parts of the message."""
-        super().__init__(got)
-        self.got = got
-        self.expected = expected
-
-
-def style_of(columns: Sequence[Sequence[str]]) -> NumberStyle:
+def style_of(name: str, columns: Sequence[Sequence[str]]) -> NumberStyle:
     """The style of all numbers of a table.
 
-    columns: their cells. In a file there is one decimal sign. A comma before three digits may part
-    thousands: then another number has to say which it is.
-    Raises TwoMeaningsError where none does.
+    name: what errors call the file. columns: their cells.
+    A file has one decimal sign. A comma before three digits may part thousands: then another number
+    has to tell.
+    Raises UserError where none does.
     """
     of_decimal: dict[str, str] = {}
     unclear: dict[str, list[tuple[int, str]]] = {",": [], ".": []}
@@ -198,17 +191,20 @@ def style_of(columns: Sequence[Sequence[str]]) -> NumberStyle:
             for mantissa in _mantissas(text):
                 _sort_signs(mantissa, at, of_decimal, unclear)
     if len(of_decimal) == 2:
-        raise TwoMeaningsError(
-            f"{of_decimal[',']!r} and {of_decimal['.']!r}", "one decimal sign in the file"
+        raise UserError(
+            name,
+            f"{of_decimal[',']!r} and {of_decimal['.']!r}",
+            "one decimal sign in the file",
+            _ADVICE,
         )
     if not of_decimal:
         if unclear[","] and not unclear["."]:
             number = unclear[","][0][1]
             expected = f"{number.replace(',', '')} or {number.replace(',', '.')}, whichever it is"
-            raise TwoMeaningsError(repr(number), expected)
+            raise UserError(name, repr(number), expected, _ADVICE)
         if unclear[","]:
             got = f"{unclear[','][0][1]!r} and {unclear['.'][0][1]!r}"
-            raise TwoMeaningsError(got, "one decimal sign in the file")
+            raise UserError(name, got, "one decimal sign in the file", _ADVICE)
         return NumberStyle(".")
     ((decimal, shown),) = of_decimal.items()
     thousands = "," if decimal == "." else "."
@@ -216,7 +212,7 @@ def style_of(columns: Sequence[Sequence[str]]) -> NumberStyle:
         if not any(_says_thousands(text, thousands, decimal) for text in columns[at]):
             both = sorted((number, shown), key=lambda one: "," not in one)
             got = f"{both[0]!r} and {both[1]!r}"
-            raise TwoMeaningsError(got, "one decimal sign in the file")
+            raise UserError(name, got, "one decimal sign in the file", _ADVICE)
     return NumberStyle(decimal)
 
 

@@ -122,7 +122,7 @@ _BY_QUANTITY = {
     ("penetration", "time"): "interval",
 }
 # Columns that say nothing of the bounces, where a name has these meanings alone. Any other column
-# of numbers may change what the rest means: a time beside a temperature is no time of a touch.
+# of numbers may change what the rest means: a time beside a temperature may be a log of something else.
 _BESIDE = {
     "number",
     "beside",
@@ -188,7 +188,7 @@ _LETTERS = 24
 
 @cache
 def _table() -> dict[str, Mapping[str, list[str]]]:
-    """Words by meaning and language, as `words.toml` has them."""
+    """Words by meaning and language, from `words.toml`."""
     text = files("hcbench.fitting").joinpath("words.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
@@ -210,7 +210,7 @@ def _lexicon(of_files: bool = False) -> dict[str, str]:
 
 @cache
 def _unit_words() -> dict[str, str]:
-    """Units as Pint has them, by what people write."""
+    """Pint's word for each unit, by what people write."""
     found = {}
     for unit, words in _table()["unit"].items():
         for word in words:
@@ -241,20 +241,25 @@ def _words(name: str) -> list[str]:
     delta = _DELTA.match(name)
     if delta is not None and delta[1] != "t":
         name = f"sigma {name[delta.end() - 1 :]}"
+    # "d'impact", "l'urto".
+    name = re.sub(r"\b[dl]['’]", " ", name)
     name = re.sub(r"[^\w#°№±σδ']+|_", " ", name).replace("'", " ")
     name = re.sub(r"(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])", " ", name)
     return name.split()
 
 
 def meanings_of(name: str) -> frozenset[str]:
-    """What the words of a name mean; "?" where one is not known, digits as themselves."""
+    """Meanings of the words of a name; "?" where one is not known, digits as themselves."""
     return _meanings(tuple(_words(name)))
 
 
 @cache
 def _meanings(words: tuple[str, ...]) -> frozenset[str]:
+    # Alone, "F" is a force; in "v_f" it is final.
+    if words == ("f",):
+        return frozenset({"force"})
     lexicon = _lexicon()
-    found = set()
+    found: set[str] = set()
     at = 0
     while at < len(words):
         for count in range(min(5, len(words) - at), 0, -1):
@@ -384,7 +389,7 @@ def split_header(cell: str) -> tuple[str, str]:
 
 
 def _adds_to_name(outside: str, inside: str) -> bool:
-    """Say whether a word in brackets belongs to the name before it, and is no unit.
+    """Say whether a word in brackets belongs to the name before it, and is not a unit.
 
     "v (in)" has no inches: a speed has none.
     """
@@ -408,8 +413,9 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
     # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
     for sign in _BEFORE_UNIT.finditer(name, 1):
         written = name[sign.end() :]
-        # "v_in" has no inches, and "v_m" no metres: what is before is no name, or all is one.
-        if "?" not in meanings_of(name) and written in ("in", "n") and sign[0] in ("_", " "):
+        # "v_in" has no inches: a speed has none.
+        quantity = QUANTITY_OF.get(role_of(name[: sign.start()]), "")
+        if written in ("in", "n") and sign[0] in ("_", " ") and not is_unit_of(written, quantity):
             continue
         unit = _BY_POWER.sub(r"\1/\2", units.usual_unit(plain_unit(written)))
         if is_unit(unit):

@@ -65,7 +65,7 @@ class DataColumns:
 
     @property
     def roles(self) -> frozenset[str]:
-        """What the table has, uncertainties apart."""
+        """Roles that the table has, uncertainties apart."""
         found = {role for role in self.places if role in QUANTITY_OF}
         has_count = self.table.frequency is not None and "interval" not in found
         has_series = bool({"frame", "sample"} & self.places.keys()) or bool({"force"} & found)
@@ -178,12 +178,9 @@ def _require_one_ball(table: Table, at: int) -> None:
 
 def _counts_rows(table: Table, at: int) -> bool:
     """Say whether a column without a name counts the rows, as the index that pandas writes."""
-    numbers = [table.number(cell_of(row, at)) for row in table.cells]
-    return (
-        not table.header[at][0]
-        and numbers[:1] in ([0], [1])
-        and bool(np.all(np.diff(numbers) == 1))
-    )
+    numbers = sorted(table.number(cell_of(row, at)) for row in table.cells)
+    is_counting = numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
+    return not table.header[at][0] and is_counting
 
 
 def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:

@@ -140,7 +140,7 @@ def _tables(path: Path) -> Iterator[tuple[Table | None, UserError]]:
 
 
 def _worst(refused: list[tuple[Table | None, UserError]]) -> UserError:
-    """Of several refusals the one of the sheet that most looks like data."""
+    """The refusal, of several, of the sheet that most looks like data."""
 
     def columns_known(one: tuple[Table | None, UserError]) -> tuple[int, int]:
         table = one[0]
@@ -190,7 +190,7 @@ def _understood(
     """The columns of a table by role, rows without a reading left out and times rising, and the kind of
     data.
 
-    asked: one of KINDS, or None. Raises UserError where the columns are no data of a kind.
+    asked: one of KINDS, or None. Raises UserError where the columns are not data of a kind.
     """
     table, of_names = named(table)
     with explained(table.name, table.header):
@@ -474,7 +474,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 
 def _rounding(columns: DataColumns, setup: MeasurementSetup) -> float:
-    """How far a height may lie above the one before it, m: by the last digit that the file has, the
+    """Largest rise of a height above the one before it, m: by the last digit that the file has, the
     given uncertainty, or 2 % of the largest.
     """
     heights = columns.get("height")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # A row: its number in the file, and its cells.
 Row = tuple[int, tuple[str, ...]]
 
-# "" is no separator: one column.
+# "" stands for one column.
 _BLANKS = r"\s+"
 _WIDE_BLANKS = r"\s{2,}"
 # Likelier ones first: they win where two part the lines equally well.
@@ -115,7 +115,7 @@ def _is_of_numbers(text: str) -> bool:
 
 
 def split(text: str, separator: str) -> list[str]:
-    """Cells of a line, with quotes as csv has them; without blanks at their ends."""
+    """Cells of a line, with the quotes of csv; without blanks at their ends."""
     if not separator:
         return [text.strip().strip('"')]
     if separator in (_BLANKS, _WIDE_BLANKS):
@@ -130,7 +130,7 @@ def split(text: str, separator: str) -> list[str]:
 
 
 def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
-    """How well a sign parts lines: the numbers in rows of the commonest width, and ten times that
+    """Score of a sign that parts lines: the numbers in rows of the commonest width, and ten times that
     where a header of the same width goes before; that width, and the first line that has it.
     """
     step = max(1, len(texts) // _MOST_LOOKED_AT)
@@ -144,7 +144,7 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         cells = split(texts[at], separator)
         numeric = sum(map(looks_numeric, cells))
         if not _MARKS.isdisjoint(cells):
-            # A sign between numbers is no cell.
+            # A sign stands between numbers of one cell.
             numeric = 0
         if separator == "," and any(re.fullmatch(r"0\d+", cell) for cell in cells):
             # "0,05" is no 0 and 05.
@@ -152,7 +152,7 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         empty = sum(map(is_missing, cells))
         if not numeric or 2 * (numeric + empty) < len(cells):
             continue
-        # Cells that are no numbers say that the sign is another one.
+        # Cells of text say that the sign is another one.
         share = (numeric + empty) / len(cells)
         widths[len(cells)] = widths.get(len(cells), 0.0) + numeric * share**2
         first.setdefault(len(cells), at)

@@ -46,7 +46,7 @@ class Sheet:
 def read_sheets(path: Path) -> list[Sheet]:
     """The sheets of a file: one of text, several of a workbook or an archive.
 
-    Raises UserError, `explained`, for a file that cannot be read, that is no table, or that is empty.
+    Raises UserError, `explained`, for a file that cannot be read, without a table, or that is empty.
     """
     name = sanitized(path.name)
     with explained(name, ()):

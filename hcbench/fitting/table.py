@@ -1,4 +1,4 @@
-"""Tables in a sheet: which rows are the header, where the numbers begin, and what is said before."""
+"""Tables in a sheet: which rows are the header, where the numbers begin, and the lines before it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.cells import NumberStyle, TwoMeaningsError, is_missing, looks_numeric, style_of
+from hcbench.fitting.cells import NumberStyle, is_missing, looks_numeric, style_of
 from hcbench.fitting.column_names import (
     NO_UNIT,
     QUANTITY_OF,
@@ -100,7 +100,7 @@ class Table:
         return any(math.isfinite(self.number(cell_of(row, at))) for row in self.cells)
 
     def is_given(self, at: int) -> list[bool]:
-        """Of each row, whether the column has something there that does not say "missing"."""
+        """For each row, True where the column has a cell that does not say "missing"."""
         return [not is_missing(cell_of(row, at)) for row in self.cells]
 
     def column(self, at: int, quantity: str) -> Floats:
@@ -112,8 +112,7 @@ class Table:
     def uncertainty(self, at: int, quantity: str) -> Floats:
         """Standard uncertainties that cells such as "0.20 ± 0.01" have, in SI; 0 for none."""
         each = [cell.uncertainty for cell in self._read(at)]
-        known: Floats = np.nan_to_num(np.array(each))
-        return self._scale(at, quantity) * known
+        return np.asarray(self._scale(at, quantity) * np.nan_to_num(np.array(each)))
 
     def _read(self, at: int) -> list[Cell]:
         """The cells of a column as numbers. Raises UserError for one that is none."""
@@ -311,7 +310,7 @@ def _table(name: str, rows: list[Row]) -> Table:
 
 
 def _block(name: str, rows: list[Row]) -> tuple[int, int]:
-    """Where the numbers begin and end among the rows: the longest run of rows of numbers, and what
+    """First and last rows of the numbers: the longest run of rows of numbers, and what
     belongs to it before and after.
 
     Rows that sum up, such as "mean,0.8", end it. Raises UserError where no row has numbers.
@@ -454,11 +453,7 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
 def _style(table: Table) -> NumberStyle:
     """The style of a table's numbers. Raises UserError for those that can be read in two ways."""
     columns = [[cell_of(row, i) for row in table.cells] for i in range(len(table.header))]
-    try:
-        return style_of(columns)
-    except TwoMeaningsError as error:
-        advice = "Write numbers without a sign between the thousands"
-        raise UserError(table.name, error.got, error.expected, advice) from None
+    return style_of(table.name, columns)
 
 
 def _in_a_row(table: Table) -> list[Table]:

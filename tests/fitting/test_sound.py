@@ -58,7 +58,7 @@ def test_all_kinds_of_wav_are_read(
         ("drop.wav", b"RIFF\4\0\0\0WAVE", "lacks its format or its samples"),
         ("drop.wav", b"RIFF\0\0\0\0WAVEjunk", "cannot be read as WAV"),
         ("data.zip", b"PK\3\4\xff\xfe", "a zip archive that cannot be read"),
-        ("data.bin", b"\xff\xfe\0\1", "has no numbers"),
+        ("data.bin", b"\0\1\xff\xfe\1", "neither text nor a WAV"),
     ],
 )
 def test_what_is_no_sound_is_one_line_and_exit_2(
