@@ -48,7 +48,7 @@ def named(table: Table) -> tuple[Table, str]:
         header = [("", "")] * len(columns)
         header[begins[0]] = ("time", "s")
         for i in kept[1:]:
-            header[i] = ("end", "s")
+            header[i] = ("stop", "s")
         return replace(table, header=tuple(header)), "no header: read as times of touches in s"
     if len(kept) == 2 and falls_with_g(columns[kept[0]], columns[kept[1]]):
         header = [("", "")] * len(columns)
@@ -77,17 +77,14 @@ def with_units(table: Table, places: dict[str, int]) -> tuple[Table, str]:
     ]
     if not lacking:
         return table, ""
-    times = _numbers(table, time)
+    times = _numbers(table, time) if time in lacking else table.column(time, "time")
     if height is None:
         is_sure = len(places) == 1 and is_train(times)
         said = "no unit: read as s, as flights of a ball are"
     else:
-        given = {
-            at: table.unit_of(at, quantity)
-            for at, quantity in ((time, "time"), (height, "position"))
-        }
-        is_si = given[time] in ("", "s") and given[height] in ("", "m")
-        is_sure = is_si and falls_with_g(times, _numbers(table, height))
+        is_sure = table.unit_of(height, "position") in ("", "m") and falls_with_g(
+            times, _numbers(table, height)
+        )
         said = "no unit: read as s and m, as the track falls with g"
     if not is_sure:
         return table, ""

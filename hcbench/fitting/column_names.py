@@ -377,8 +377,8 @@ def split_header(cell: str) -> tuple[str, str]:
             continue
         last = found[-1]
         unit = last[1].strip()
-        # "v_{y}" is a name in LaTeX.
-        if cell[last.start()] == "{" and not is_unit(unit):
+        # "v_{y}" is a name in LaTeX, and "qpos[2]" in a program.
+        if unit.isdigit() or (cell[last.start()] == "{" and not is_unit(unit)):
             break
         outside = f"{cell[: last.start()]} {cell[last.end() :]}".strip().lower()
         if _adds_to_name(outside, unit):

@@ -224,11 +224,12 @@ def _one_of(table: Table, role: str, at: list[int], roles: dict[str, list[int]])
 
     Raises UserError where they differ.
     """
-    if role == "height" and "time" in roles:
+    clock = next((roles[one][0] for one in ("time", "frame", "sample") if one in roles), None)
+    if role == "height" and clock is not None:
         upright = [
             i for i in at if meanings_of(table.header[i][0]) & {"z", "y", "vertical", "height"}
         ]
-        falling = [i for i in upright or at if _falls(table, roles["time"][0], i)]
+        falling = [i for i in upright or at if _falls(table, clock, i)]
         if len(falling) == 1:
             return falling[0]
     if role in QUANTITY_OF or role.removeprefix("u_") in QUANTITY_OF:

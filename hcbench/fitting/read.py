@@ -381,7 +381,7 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     A row without a time is a touch that was not seen.
     """
     name = columns.table.name
-    if "time" not in columns.places:
+    if "interval" in columns.places and "time" not in columns.roles:
         intervals = columns.get("interval")
         if len(intervals) > 1 and intervals[-1] == 0:
             # The last touch has no interval after it.
@@ -390,6 +390,11 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
         return _touch_times(
             name, setup, np.concatenate([[0.0], np.cumsum(intervals)]), columns.assumed
         )
+    if "time" not in columns.places:
+        # Frames or samples that are counted.
+        counted = columns.get("time")
+        columns.require("frame", np.concatenate([[True], np.diff(counted) > 0]), "frames that rise")
+        return _touch_times(name, setup, counted, columns.assumed)
     numbers = np.flatnonzero(columns.table.is_given(columns.places["time"]))
     seen = columns.taken(numbers.tolist())
     times = seen.get("time")

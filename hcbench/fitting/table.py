@@ -43,6 +43,9 @@ _SMALLEST = 1e-12
 _NO_LENGTHS = ("px", "pixel", "pixels", "dot", "pt")
 # Times beyond this, in any unit, count from a date: the first of them is taken off.
 _OF_A_DATE = 1e6
+# Seconds since 1970 in the years 2001 and 2096.
+_EARLIEST = 1e9
+_LATEST = 4e9
 # Rows above the numbers that may have names or units.
 _MOST_HEADER_ROWS = 6
 # Rows after which another header begins another table.
@@ -135,7 +138,18 @@ class Table:
             }
             if len(written) == 1:
                 unit = plain_unit(next(iter(written)))
-        return unit or dict(self.units).get(quantity, "")
+        unit = unit or dict(self.units).get(quantity, "")
+        if not unit and quantity == "time":
+            unit = self._unit_of_dates(at)
+        return unit
+
+    def _unit_of_dates(self, at: int) -> str:
+        """The unit in which a column counts from 1970, as computers do; "" where it does not."""
+        first = abs(self.number(cell_of(self.cells[0], at))) if self.cells else 0.0
+        for unit, second in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+            if _EARLIEST * second < first < _LATEST * second:
+                return unit
+        return ""
 
     def _scale(self, at: int, quantity: str) -> float:
         """One unit of a column in SI. Raises UserError for a missing one, and one that does not fit."""
@@ -227,7 +241,9 @@ def _is_data(cells: Sequence[str]) -> bool:
     numeric = sum(map(looks_numeric, given))
     if not numeric or 2 * numeric < len(given):
         return False
-    return looks_numeric(given[0]) or role_of(*split_header(given[0])) not in QUANTITY_OF
+    if looks_numeric(given[0]):
+        return True
+    return role_of(*split_header(given[0])) not in QUANTITY_OF and not of_file(given[0])
 
 
 def _turned(rows: list[Row]) -> list[Row]:
@@ -279,9 +295,7 @@ def _parts(rows: list[Row]) -> Iterator[list[Row]]:
 def _names(cells: Sequence[str]) -> int:
     """Number of names of columns in a row."""
     return sum(
-        role_of(*split_header(cell)) in QUANTITY_OF
-        for cell in cells
-        if cell and not looks_numeric(cell)
+        role_of(*split_header(cell)) != "" for cell in cells if cell and not looks_numeric(cell)
     )
 
 
