@@ -157,6 +157,7 @@ class RandomWorlds(Shown):
             or self.certificate.energy_gained > MOST_ENERGY - 1.0
         ):
             found.append(f"a launch gains energy (e up to {self.certificate.highest.max():.3g})")
+        found += [f"a world rests worse than the model as it is: {words}" for words in self.worse]
         return found
 
     @property

@@ -314,11 +314,14 @@ MUTANTS = (
     ),
     Mutant(
         "engines/mujoco/model/speed_shares.py",
-        "_sum",
-        "parts[:, -1] *= -1.0",
-        "parts[:, -1] *= 1.0",
+        "add",
+        "actuators, passive, -bias]",
+        "actuators, passive, bias]",
         "the weight of a falling body adds to its approach speed",
-        ("tests/engines/mujoco/test_speed_shares.py",),
+        (
+            "tests/engines/mujoco/test_speed_shares.py",
+            "tests/engines/mujoco/test_compiled_loop.py",
+        ),
     ),
     Mutant(
         "engines/mujoco/plugin/restitution.c",
