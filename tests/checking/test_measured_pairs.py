@@ -18,14 +18,15 @@ from hcbench.system.files import MOST_BYTES
     ("text", "words"),
     [
         ("", "is empty"),
-        ("# only a remark\n", "comments only"),
+        ("# only a remark\n", "has no numbers"),
         ("speed,restitution\n1,0.9\n", "names no unit"),
         ("1,0.9\n2,0.8\n", "expected a header"),
         ("speed [kg],restitution\n1,0.9\n", "'kg' under 'speed' is not such a unit"),
         ("speed [wibble],e\n1,0.9\n", "'wibble' under 'speed' is not such a unit"),
         ("speed [m/s],e\n", "no rows"),
         ("speed [m/s],e\n1,fast\n", "line 2: 'fast'"),
-        ("speed [m/s],e\n1,nan\n", "line 2: 'nan'"),
+        ("speed [m/s],e\n1,nan\n", "columns speed, e"),
+        ("speed [m/s],e\n1,0.9\n2,nan\n", "line 3: 'nan'"),
         ("speed [m/s],e\n\n1,0.9\n1,0.8\n", "line 4: speed 1; expected each speed once"),
         ("speed [m/s],e\n1,0.9,3\n", "3 cells"),
         ("speed [m/s],e,x\n1,0.9,3\n", "columns speed, e, x"),
@@ -72,5 +73,5 @@ def test_pairs_from_no_file_or_no_text(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="does not exist"):
         read_pairs(tmp_path / "gone.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(UserError, match="UTF-8"):
+    with pytest.raises(UserError, match="neither text"):
         read_pairs(tmp_path / "bytes.csv")
