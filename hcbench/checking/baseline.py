@@ -205,18 +205,26 @@ def read_pairs(path: Path) -> Pairs:
     Raises UserError with the file, the line, what it has and what was expected: for other columns,
     a speed not above 0 or given twice, an e outside 0 ... 1, and more than MOST pairs.
     """
+    from hcbench.fitting.assumed import named
+    from hcbench.fitting.column_names import is_beside
     from hcbench.fitting.columns import columns_of
     from hcbench.fitting.sheets import read_sheets
     from hcbench.fitting.table import tables_of
 
     if not path.exists() or path.is_dir():
         raise UserError("points", f"{str(path)!r:.80} is not a file", "a file of pairs (v, e)")
-    columns = columns_of(tables_of(read_sheets(path)[0])[0])
+    table, _ = named(tables_of(read_sheets(path)[0])[0])
+    columns = columns_of(table)
     role = "speed_in"
     if "speed" in columns.places:
         role = "speed"
     values = {name for name in columns.places if not name.startswith("u_")}
-    if values != {role, "restitution"}:
+    others = [
+        name
+        for i, (name, _) in enumerate(table.header)
+        if i not in columns.places.values() and table.has_number(i) and name and not is_beside(name)
+    ]
+    if values != {role, "restitution"} or others:
         names = ", ".join(name for name, _ in columns.table.header)
         raise UserError(columns.table.name, f"columns {names}", "speed [m/s],restitution")
     speed = columns.get(role)

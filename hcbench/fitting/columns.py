@@ -117,7 +117,7 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
     unknown: list[int] = []
     for i, (name, unit) in enumerate(table.header):
         role = role_of(name, unit)
-        if not table.has_number(i):
+        if not table.has_number(i) and (not role or not any(table.is_given(i))):
             _require_one_ball(table, i)
         elif role:
             roles.setdefault(role, []).append(i)

@@ -59,7 +59,9 @@ def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
     if told is not None:
         sign = told[1]
     else:
-        sign = max(_SEPARATORS, key=lambda one: _score(texts, one)[0])
+        sign = max(
+            _SEPARATORS, key=lambda one: (_score(texts, one)[0], _known_names(texts[:1], one))
+        )
     _, width, first = _score(texts, sign)
     rows: list[Row] = []
     for at, (number, text) in enumerate(kept):
@@ -172,6 +174,12 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
             if fits or (known and is_counted and len(way) == width - 1):
                 worth = max(worth, 10.0 if known else 2.0)
     return widths[width] * worth, width, first[width]
+
+
+def _known_names(texts: Sequence[str], separator: str) -> int:
+    """Number of names with a role in lines without numbers."""
+    cells = [cell for text in texts for cell in split(text, separator)]
+    return sum(role_of(*split_header(cell)) != "" for cell in cells)
 
 
 def counts(cells: Sequence[str]) -> bool:

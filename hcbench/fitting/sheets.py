@@ -100,7 +100,9 @@ def decoded(raw: bytes) -> str:
     pairs = max(len(raw) // 2, 1)
     for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
         if raw[first::2].count(0) > _ZEROS * pairs > raw[1 - first :: 2].count(0):
-            return raw.decode(encoding)
+            text = raw.decode(encoding)
+            if any(letter.isdecimal() for letter in text):
+                return text
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -389,13 +389,17 @@ def _header(
     if at is None:
         return tuple([("", "")] * width), rows
     names = _padded(rows[at], body, width)
+    # Numbers beyond the last name may be halves of numbers with commas: no name is made up for them.
+    is_short = any(any(cells[len(rows[at]) :]) for _, cells in body)
+    if is_short and len(names) > len(rows[at]) and names[0]:
+        names = rows[at]
     header = [split_header(name) for name in names]
     used = {at}
     below = next((i for i in near if i != at and _are_units(rows[i])), None)
     if below is not None:
         used.add(below)
         written = _padded(rows[below], body, width)
-        for i, unit in enumerate(map(plain_unit, written)):
+        for i, unit in enumerate(map(plain_unit, written[: len(header)])):
             if not header[i][1] and unit.lower() not in NO_UNIT:
                 header[i] = (header[i][0], unit)
     groups = [i for i in near if i < at and i not in used and len(rows[i]) >= width - 1]

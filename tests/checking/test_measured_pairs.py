@@ -20,15 +20,16 @@ from hcbench.system.files import MOST_BYTES
         ("", "is empty"),
         ("# only a remark\n", "has no numbers"),
         ("speed,restitution\n1,0.9\n", "names no unit"),
-        ("1,0.9\n2,0.8\n", "a column without a name"),
+        ("1,0.9\n2,0.8\n", "expected a header"),
         ("speed [kg],restitution\n1,0.9\n", "'kg' under 'speed' is not such a unit"),
         ("speed [wibble],e\n1,0.9\n", "'wibble' under 'speed' is not such a unit"),
-        ("speed [m/s],e\n", "has no numbers"),
-        ("speed [m/s],e\n1,fast\n2,0.8\n", "line 2: 'fast'"),
-        ("speed [m/s],e\n1,nan\n", "expected speed [m/s],restitution"),
+        ("speed [m/s],e\n", "no rows"),
+        ("speed [m/s],e\n1,fast\n", "line 2: 'fast'"),
+        ("speed [m/s],e\n1,nan\n", "columns speed, e"),
+        ("speed [m/s],e\n1,0.9\n2,nan\n", "line 3: 'nan'"),
         ("speed [m/s],e\n\n1,0.9\n1,0.8\n", "line 4: speed 1; expected each speed once"),
-        ("speed [m/s],e\n1.5,0.9,3\n0.7,0.8,3\n", "a column without a name"),
-        ("speed [m/s],e\n2,0,0,9\n3,0,0,8\n", "a column without a name"),
+        ("speed [m/s],e\n1.5,0.9,3\n0.7,0.8,3\n", "3 cells"),
+        ("speed [m/s],e\n2,0,0,9\n3,0,0,8\n", "4 cells"),
         ("speed [m/s],e\n1,1.4\n", "line 2: e 1.4"),
         ("speed [m/s],e\n-1,0.4\n", "above 0"),
     ],
@@ -73,5 +74,5 @@ def test_pairs_from_no_file_or_no_text(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is not a file"):
         read_pairs(tmp_path / "gone.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(UserError, match="has no numbers"):
+    with pytest.raises(UserError, match="neither text"):
         read_pairs(tmp_path / "bytes.csv")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.backend import backend, captured_warnings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,8 +32,9 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
     """
     before = {"cone": "pyramidal"}
     after = option
-    drift, count, e = _measured(before, timestep, gravity)
-    drift_after, count_after, e_after = _measured(after, timestep, gravity)
+    with captured_warnings():
+        drift, count, e = _measured(before, timestep, gravity)
+        drift_after, count_after, e_after = _measured(after, timestep, gravity)
     change = max(abs(a - b) for a, b in zip(e, e_after, strict=True))
     return (
         f"Other contacts of the model: drift on 10 degrees {drift:.2g} -> {drift_after:.2g} mm/s, "
