@@ -105,7 +105,7 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     ),
     "randomize": (
         "howto/randomize",
-        ["my.xml --pair foot,floor --restitution 0.3:0.6 --friction 0.5:1 --out params.npz"],
+        ["my.xml --pair foot,floor --restitution 0.3:0.6 --friction 0.5:1 --out p.npz"],
     ),
     "pairs": ("howto/measure", ["my.xml"]),
     "measure": (

@@ -75,7 +75,7 @@ def randomize(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Draw contacts for many worlds, with the e and friction you ask for.
+    """Draw contacts for many worlds, with a range of e and friction.
 
     Write the engine's own parameters, an array each. hcbench measures e in your model, at its step
     and mass, and launches the pair in a tenth of the worlds to certify it.
