@@ -200,8 +200,7 @@ Pairs = tuple[tuple[float, float], ...]
 def read_pairs(path: Path) -> Pairs:
     """Pairs (v m/s, e) from a file, speeds rising: `speed [in/s],restitution`.
 
-    Separators: comma, semicolon or tab; # begins a comment. Columns of uncertainties are left
-    aside.
+    The file is read as `fit` reads tables. Columns of uncertainties are left aside.
     Raises UserError with the file, the line, what it has and what was expected: for other columns,
     a speed not above 0 or given twice, an e outside 0 ... 1, and more than MOST pairs.
     """

@@ -55,7 +55,7 @@ _EXPONENT_SIGNS = str.maketrans("dD−", "eE-")
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class NumberCell:
     """A cell that has a number: its value, standard uncertainty (NaN for none) and unit ("")."""
 
     value: float
@@ -72,20 +72,20 @@ class NumberStyle:
 
     decimal: str = "."
 
-    def read(self, text: str) -> Cell | None:
+    def read(self, text: str) -> NumberCell | None:
         """The number in a cell: "0,5", "1.2E-3", "0.20 ± 0.01", "0.960(5)", "85 %", "31 cm", "1:02.5".
 
         None for other text.
         """
         text = text.strip().strip("$").strip().replace("\\%", "%").replace("\\,", " ")
         if (seconds := _seconds(text)) is not None:
-            return Cell(seconds, unit="s")
+            return NumberCell(seconds, unit="s")
         short = _SHORT.fullmatch(text.partition(" ")[0]) if "(" in text else None
         if short is not None and short[1]:
             value = self._float(short[1], "")
             by = short[3].replace(",", ".")
             unit = text.partition(" ")[2].strip()
-            return Cell(
+            return NumberCell(
                 value, float(by) * 10.0 ** (-len(short[2] or "") if "." not in by else 0), unit
             )
         parts = _PLUS_MINUS.split(text.strip("()"))
@@ -102,14 +102,14 @@ class NumberStyle:
         if unit and not is_unit(unit):
             return None
         if len(parts) == 1:
-            return Cell(value, unit=unit)
+            return NumberCell(value, unit=unit)
         by_number = _NUMBER.match(parts[1])
         if by_number is None:
             return None
         tail = _TAIL.fullmatch(parts[1][by_number.end() :].lstrip(")"))
         if tail is None:
             return None
-        return Cell(
+        return NumberCell(
             value, self._float(by_number[1], by_number[2] or ""), unit or (tail[1] or "").strip()
         )
 

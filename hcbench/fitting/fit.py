@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.linear import Estimate, LawFit
     from hcbench.fitting.misfits import Flag
-    from hcbench.fitting.readings import Reading
+    from hcbench.fitting.readings import TableReading
     from hcbench.terms.impact import Floats
 
 # Impacts that a warning names.
@@ -139,7 +139,7 @@ def _read(s: Dataset, reference: float) -> _Fitted:
         (only,) = readings
         s.require_a_ball()
         return replace(_fitted([only.data], reference), changes=only.changes)
-    tried: list[tuple[float, _Fitted, Reading]] = []
+    tried: list[tuple[float, _Fitted, TableReading]] = []
     for reading in readings:
         try:
             one = _fitted([reading.data], reference)

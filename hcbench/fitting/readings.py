@@ -46,7 +46,7 @@ _SMOOTHEST = 4e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class TableReading:
     """One way to read a table.
 
     changes: of the table, in words; none for the table as it stands.
@@ -59,14 +59,14 @@ class Reading:
     log_prior: float = 0.0
 
 
-def readings_of(s: Dataset) -> list[Reading]:
+def readings_of(s: Dataset) -> list[TableReading]:
     """Likely readings of a table, the table as it stands first; that alone where it goes smoothly.
 
     Recordings and tracks have a search of their own, and are returned as they are.
     """
     if isinstance(s, SpeedPairs):
         return [_turned(s)]
-    whole = Reading(s)
+    whole = TableReading(s)
     if not _is_table(s):
         return [whole]
     best = (_smoothness(s), whole)
@@ -92,11 +92,11 @@ def readings_of(s: Dataset) -> list[Reading]:
     return kept
 
 
-def _turned(s: SpeedPairs) -> Reading:
+def _turned(s: SpeedPairs) -> TableReading:
     """Pairs of speeds, with those exchanged whose ball would gain energy."""
     gains = s.twice & (s.restitution > _MOST_GAIN)
     if not gains.any():
-        return Reading(s)
+        return TableReading(s)
     after = s.restitution * s.speed
     turned = replace(
         s,
@@ -104,7 +104,7 @@ def _turned(s: SpeedPairs) -> Reading:
         restitution=np.where(gains, 1.0 / s.restitution, s.restitution),
     )
     pairs = [f"{v:.4g} and {w:.4g} m/s" for v, w in zip(s.speed[gains], after[gains], strict=True)]
-    return Reading(turned, tuple(f"the speeds {pair} are exchanged" for pair in pairs))
+    return TableReading(turned, tuple(f"the speeds {pair} are exchanged" for pair in pairs))
 
 
 def _is_table(s: Dataset) -> bool:
@@ -113,7 +113,7 @@ def _is_table(s: Dataset) -> bool:
     return isinstance(s, Heights)
 
 
-def _changed(reading: Reading) -> Iterator[Reading]:
+def _changed(reading: TableReading) -> Iterator[TableReading]:
     """Every reading that one more change makes."""
     s = reading.data
     assert isinstance(s, TouchTimes | Heights)
@@ -130,12 +130,12 @@ def _changed(reading: Reading) -> Iterator[Reading]:
     density = -math.log(float(np.ptp(values)))
     shown = [f"{value:.4g}{unit}" for value in values]
 
-    def made(kept: Floats, count: Indices, what: str, log_prior: float) -> Reading:
+    def made(kept: Floats, count: Indices, what: str, log_prior: float) -> TableReading:
         if isinstance(s, TouchTimes):
             data: Dataset = replace(s, times=kept, numbers=count)
         else:
             data = replace(s, heights=kept, numbers=count)
-        return Reading(data, (*reading.changes, what), reading.log_prior + log_prior)
+        return TableReading(data, (*reading.changes, what), reading.log_prior + log_prior)
 
     for i in range(n - 1):
         later = np.where(np.arange(n) > i, 1, 0)

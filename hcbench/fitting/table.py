@@ -32,7 +32,7 @@ from hcbench.terms.bounds import beyond_bounds, require_bounds
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from hcbench.fitting.cells import Cell
+    from hcbench.fitting.cells import NumberCell
     from hcbench.fitting.separators import Row
     from hcbench.fitting.sheets import Sheet
     from hcbench.terms.impact import Floats
@@ -117,7 +117,7 @@ class Table:
         each = [cell.uncertainty for cell in self._read(at)]
         return np.asarray(self._scale(at, quantity) * np.nan_to_num(np.array(each)))
 
-    def _read(self, at: int) -> list[Cell]:
+    def _read(self, at: int) -> list[NumberCell]:
         """The cells of a column as numbers. Raises UserError for one that is none."""
         found = []
         for row, line in zip(self.cells, self.lines, strict=True):

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 # Largest nominal e: one above it adds energy.
 MOST_NOMINAL = 1.0
-# How many times as easily a solid sphere's contact point moves along a plate as along its normal.
-SOLID_SPHERE = 3.5
 
 
 class ContactFamily(ABC):

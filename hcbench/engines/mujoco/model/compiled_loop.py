@@ -173,7 +173,7 @@ class CompiledFlight(MujocoFlight):
 
     def _rows(self, steps: int, after: int | None) -> tuple[Floats, None]:
         library = _library()
-        assert library is not None, "flight_kind names this class where there is a library"
+        assert library is not None, "flights_of takes this class only with a library"
         begin = self._launch.steps
         read = np.empty((steps, 3))
         parts = np.empty((steps, len(NAMES)))

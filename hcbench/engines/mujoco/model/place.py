@@ -117,7 +117,9 @@ def bring_to_touch(
     if pair.height_field < 0:
         overlap = max(0.0, -float(near.distance))
         near = _raised(pair, data, near)
-        if near.distance < -DEEPEST * pair.size and _is_free_alone(pair):
+        base = _free_base(pair)
+        is_deep = near.distance < -DEEPEST * pair.size
+        if is_deep and base is not None and _is_alone(pair, base):
             said = f"{pair.first.name!r} starts {-near.distance:.3g} m inside {pair.second.name!r}"
             above = _from_there(pair, data, ABOVE, move)
             return replace(above, note=f"{said}: met from above.")
@@ -154,12 +156,11 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     the two do not overlap. Keyframes of standing robots often start a little inside the floor.
     """
     model = pair.model
-    base = next(iter(moving_joints(pair.model, pair.first.body)), None)
-    if not -_RAISED <= near.distance < 0.0 or base is None or len(base.dofs) != 3 or base.turns:
+    base = _free_base(pair)
+    if not -_RAISED <= near.distance < 0.0 or base is None:
         return near
-    tree = model.body_rootid[model.dof_bodyid] == model.body_rootid[base.body]
     move = _slide(pair.approach_row(data, near.point, near.normal), base)
-    if int(tree.sum()) <= _BASE_DOFS or move is None:
+    if _is_alone(pair, base) or move is None:
         # The same normal: inside the other body the nearest points could
         # give another one after the move.
         return near
@@ -168,13 +169,19 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     return pair.nearest(data)._replace(normal=near.normal)
 
 
-def _is_free_alone(pair: ContactPair) -> bool:
-    """Say whether the first part is a body on a free joint that carries nothing else."""
+def _free_base(pair: ContactPair) -> MovingJoint | None:
+    """The translation of the free joint that carries the first part; None without one."""
     base = next(iter(moving_joints(pair.model, pair.first.body)), None)
     if base is None or len(base.dofs) != 3 or base.turns:
-        return False
-    tree = pair.model.body_rootid[pair.model.dof_bodyid] == pair.model.body_rootid[base.body]
-    return int(tree.sum()) == _BASE_DOFS
+        return None
+    return base
+
+
+def _is_alone(pair: ContactPair, base: MovingJoint) -> bool:
+    """Say whether nothing hangs by a joint on the body that a free base carries."""
+    model = pair.model
+    tree = model.body_rootid[model.dof_bodyid] == model.body_rootid[base.body]
+    return int(tree.sum()) <= _BASE_DOFS
 
 
 class _PassedError(UserError):
