@@ -34,7 +34,7 @@ def named(table: Table) -> tuple[Table, str]:
     """
     if any(name or unit for name, unit in table.header):
         return table, ""
-    columns = [_numbers(table, i) for i in range(len(table.header))]
+    columns = [table.numbers(i) for i in range(len(table.header))]
     numeric = [i for i in range(len(columns)) if np.isfinite(columns[i]).any()]
     counted = [i for i in numeric if _counts(columns[i])]
     kept = [i for i in numeric if i not in counted]
@@ -77,13 +77,13 @@ def with_units(table: Table, places: dict[str, int]) -> tuple[Table, str]:
     ]
     if not lacking:
         return table, ""
-    times = _numbers(table, time) if time in lacking else table.column(time, "time")
+    times = table.numbers(time) if time in lacking else table.column(time, "time")
     if height is None:
         is_sure = len(places) == 1 and is_train(times)
         said = "no unit: read as s, as flights of a ball are"
     else:
         is_sure = table.unit_of(height, "position") in ("", "m") and falls_with_g(
-            times, _numbers(table, height)
+            times, table.numbers(height)
         )
         said = "no unit: read as s and m, as the track falls with g"
     if not is_sure:
@@ -117,11 +117,6 @@ def falls_with_g(times: Floats, heights: Floats) -> bool:
     if len(times) < 12 or (np.diff(times) <= 0).any():
         return False
     return abs(abs(seen_fall(times, heights)) / STANDARD_GRAVITY - 1.0) < _NEAR_G
-
-
-def _numbers(table: Table, at: int) -> Floats:
-    """A column as it stands; NaN for other text."""
-    return np.array([table.number(cell_of(row, at)) for row in table.cells])
 
 
 def _counts(numbers: Floats) -> bool:

@@ -159,7 +159,7 @@ def row_order(columns: DataColumns) -> Indices | None:
         }
         if not is_count or unit or at in columns.places.values():
             continue
-        numbers = np.array([table.number(cell_of(row, at)) for row in table.cells])
+        numbers = table.numbers(at)
         is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))
         if is_whole and len(set(numbers.tolist())) == len(numbers) and (np.diff(numbers) < 0).any():
             return np.argsort(numbers)
@@ -178,7 +178,7 @@ def _require_one_ball(table: Table, at: int) -> None:
 
 def _counts_rows(table: Table, at: int) -> bool:
     """Say whether a column without a name counts the rows, as the index that pandas writes."""
-    numbers = sorted(table.number(cell_of(row, at)) for row in table.cells)
+    numbers = sorted(table.numbers(at).tolist())
     is_counting = numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
     return not table.header[at][0] and is_counting
 
@@ -257,8 +257,7 @@ def _are_same(table: Table, quantity: str, a: int, b: int) -> bool:
 
 def _falls(table: Table, time: int, height: int) -> bool:
     """Say whether a column of places falls freely over time, whatever its unit."""
-    numbers = [[table.number(cell_of(row, at)) for row in table.cells] for at in (time, height)]
-    times, heights = np.array(numbers)
+    times, heights = table.numbers(time), table.numbers(height)
     given = np.isfinite(times) & np.isfinite(heights)
     if given.sum() < 2 or (np.diff(times[given]) <= 0).any():
         return False

@@ -233,9 +233,7 @@ def _of_bounces(columns: DataColumns, kind: str, asked: str | None) -> str:
     """
     if kind != "track" or asked is not None:
         return kind
-    heights = [
-        columns.table.number(cell_of(row, columns.places["height"])) for row in columns.table.cells
-    ]
+    heights = columns.table.numbers(columns.places["height"])
     if len(heights) > 2 and (np.diff(heights) < 0).all():
         name = columns.table.header[columns.places["time"]][0] if "time" in columns.places else ""
         return "times" if meanings_of(name) & {"touch", "bounce"} else "heights"
@@ -265,12 +263,7 @@ def _complete(columns: DataColumns, kind: str) -> DataColumns:
     if order is not None and kind in ("times", "heights"):
         return columns.taken(order.tolist())
     if "time" in columns.places and kind in ("times", "track", "force"):
-        numbers = np.array(
-            [
-                columns.table.number(cell_of(row, columns.places["time"]))
-                for row in columns.table.cells
-            ]
-        )
+        numbers = columns.table.numbers(columns.places["time"])
         is_turned = len(numbers) > 1 and bool((np.diff(numbers) < 0).all())
         if is_turned or (kind != "times" and len(set(numbers.tolist())) == len(numbers)):
             return columns.taken(np.argsort(numbers, kind="stable").tolist())
@@ -567,9 +560,7 @@ def _require_e(columns: DataColumns, e: Floats) -> None:
         return
     at = columns.places["restitution"]
     percent = 0.01 if columns.table.unit_of(at, "number") == "%" else 1.0
-    written = percent * np.array(
-        [columns.table.number(cell_of(row, at)) for row in columns.table.cells]
-    )
+    written = percent * columns.table.numbers(at)
     expected = f"{e[0]:.3g}, of the columns before and after"
     off = np.abs(written - e) > _OF_E * np.maximum(e, 0.2)
     columns.require("restitution", ~off | np.isnan(written), expected)

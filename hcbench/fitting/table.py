@@ -98,6 +98,10 @@ class Table:
         cell = self.style.read(text)
         return math.nan if cell is None else cell.value
 
+    def numbers(self, at: int) -> Floats:
+        """A column as it stands, in its own unit, (n,); NaN for other text."""
+        return np.array([self.number(cell_of(row, at)) for row in self.cells])
+
     def has_number(self, at: int) -> bool:
         """Say whether any cell of a column is a number."""
         return any(math.isfinite(self.number(cell_of(row, at))) for row in self.cells)
