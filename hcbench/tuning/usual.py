@@ -32,7 +32,9 @@ _PLACE = ("mass_kg", "stiffness", "exponent")
 
 
 class Question(NamedTuple):
-    """Engine, time step, gravity and α of a question: a ball on a plane without friction; SI."""
+    """Engine, time step, gravity and α of a question: a ball on a plane, SI, with the friction that
+    two bodies of the engine have where nothing sets it.
+    """
 
     engine: str
     timestep: float
@@ -46,7 +48,7 @@ class Question(NamedTuple):
             alpha=self.alpha,
             gravity=self.gravity,
             scene=_SCENE,
-            friction=0.0,
+            default_friction=registry.engine(self.engine).default_friction,
         )
         return find_answer(self.engine, target, scene)
 
