@@ -93,10 +93,28 @@ def explorer(by_gravity: Views) -> Explorer | None:
     if not data:
         return None
     start = data["start"]
+    text = as_json(_sentences_once(data))
     for answer in data["answers"]:
         if all(answer[name] == value for name, value in start.items()):
-            return Explorer(as_json(data), TABS, answer["choices"][0])
-    return Explorer(as_json(data), TABS, _unknown(start))
+            return Explorer(text, TABS, answer["choices"][0])
+    return Explorer(text, TABS, _unknown(start))
+
+
+def _sentences_once(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The explorer's data with each sentence of its answers stored once, under `sentences`.
+
+    In place of its sentences, `more`, a choice has their numbers there: an answer's choices share
+    most of them, and the page stays small.
+    """
+    numbers: dict[str, int] = {}
+    answers = []
+    for answer in data["answers"]:
+        packed = []
+        for choice in answer["choices"]:
+            more = [numbers.setdefault(sentence, len(numbers)) for sentence in choice["more"]]
+            packed.append({**choice, "more": more})
+        answers.append({**answer, "choices": packed})
+    return {**data, "answers": answers, "sentences": list(numbers)}
 
 
 def explorer_data(by_gravity: Views) -> dict[str, Any]:
@@ -243,7 +261,7 @@ def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
     start: engine, step (s), gravity (m/s²) and alpha (s/m).
     """
     engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
-    asked = f'--alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g} --friction 0'
+    asked = f'--alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g}'
     command = f"hcbench tune {engine} {asked}"
     say = f"Ask for a setting of {engine_title(engine)}: this command finds it."
     return {"kind": "", "say": say, "more": [], "text": command}

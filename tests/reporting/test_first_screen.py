@@ -19,7 +19,7 @@ REPORT = ROOT / "reports" / "steel-1lb" / "index.html"
 RUN = ROOT / "tests" / "support" / "page_in_node.js"
 NODE = shutil.which("node")
 SEEN = """
-const shown = ["say", "more", "plain", "paste-text", "balls", "loop-words"];
+const shown = ["say", "more", "plain", "paste-text", "kinds", "balls", "loop-words"];
 const see = () => ({
   ...Object.fromEntries(shown.map(id => [id, at(id).textContent])),
   mistaken: document.body.classList.contains("mistaken"),
@@ -102,7 +102,37 @@ def test_a_published_pair_shows_its_one_e_and_claims_no_other() -> None:
     assert "choose an α" in rubber["loop-words"]
 
 
-def test_a_frictionless_text_says_so_and_gives_way_to_a_command_with_friction() -> None:
-    plain, kept = screens('chooseKind("settings")', 'at("friction").enter("0.8")')
-    assert 'condim="1"' in plain["paste-text"] and "takes the friction" in plain["more"]
-    assert "--friction 0.8" in kept["paste-text"] and kept["say"].startswith("Ask for it")
+def test_a_text_keeps_friction_and_gives_way_to_a_command_for_another() -> None:
+    plain, other, none = screens(
+        'chooseKind("settings")', 'at("friction").enter("0.8")', 'at("friction").enter("0")'
+    )
+    assert 'condim="3"' in plain["paste-text"] and 'friction="1 1"' in plain["paste-text"]
+    assert "It has friction 1, as two bodies of MuJoCo have" in plain["more"]
+    assert "--friction 0.8" in other["paste-text"] and other["say"].startswith("Ask for it")
+    assert "--friction 0 " in none["paste-text"]
+
+
+def test_no_answer_of_the_page_takes_friction_away() -> None:
+    """Each text of MuJoCo's own settings has a pair with friction; the others leave it as it is."""
+    page = REPORT.read_text(encoding="utf-8")
+    found = re.search(r'id="explorer-data">(.*?)</script>', page, re.S)
+    assert found is not None
+    texts = [
+        choice["text"]
+        for answer in json.loads(found[1])["answers"]
+        for choice in answer["choices"]
+    ]
+    pairs = [text for text in texts if "<pair" in text]
+    assert len(texts) > 100 and len(pairs) > 30
+    assert all('condim="3"' in text and 'friction="1 1"' in text for text in pairs)
+    assert not any("lateralFriction" in text for text in texts)
+
+
+def test_an_error_between_known_ones_is_called_frictionless_unless_that_was_asked() -> None:
+    """The table of errors at any α is without friction, and so it names no setting with it."""
+    ask = 'at("alpha").enter("other"); at("own-alpha").enter("0.25"); chooseKind("constant")'
+    kept, none = screens(ask, 'at("friction").enter("0")')
+    assert kept["say"] == "Ask for it: this command finds one e of MuJoCo."
+    assert "--friction" not in kept["paste-text"] and "without friction" in kept["kinds"]
+    assert none["say"].startswith("Set impulse: e within")
+    assert "--friction 0 " in none["paste-text"]

@@ -78,11 +78,9 @@ def test_page_command_and_python_give_the_same_number_and_text(
     ) in page:  # the page's script puts the reader's names in place of the words ball and plate
         each["text"] = re.sub(r"\b(ball|plate)\b", lambda found: NAMED[found[0]], each["text"])
     names = ("foot", "floor")
-    answer = hcbench.tune(
-        question.engine, names, timestep=question.timestep, alpha=question.alpha, friction=0
-    )
+    answer = hcbench.tune(question.engine, names, timestep=question.timestep, alpha=question.alpha)
     arguments = ["--alpha", repr(question.alpha), "--timestep", repr(question.timestep)]
-    arguments += ["--pair", ",".join(names), "--friction", "0"]
+    arguments += ["--pair", ",".join(names)]
     assert run(["tune", question.engine, *arguments, "--json"]) == 0
     command = json.loads(capsys.readouterr().out)
     assert page[0]["text"] == answer.best.text == command["paste"]

@@ -298,7 +298,7 @@ def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
     texts: numbers of the texts so far; that of the case is added in place.
     """
     setting = "nothing set" if case.setting == STOCK else case.setting
-    text = snippet(setting_of(view, case), "plane")
+    text = _text(view, case)
     number_of_text = None
     if text:
         number_of_text = texts.setdefault(text, len(texts))
@@ -318,6 +318,16 @@ def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
         content["low"] = low
         content["high"] = high
     return content
+
+
+def _text(view: FieldView, case: Case) -> str:
+    """The text to paste of a setting: where `hcbench tune` has an answer with it, that of the
+    answer, which keeps friction; else of the setting as it ran, without friction.
+    """
+    choice = view.choice(case)
+    if choice is None:
+        return snippet(setting_of(view, case), "plane")
+    return str(choice["text"])
 
 
 def _lines(view: FieldView, case: Case) -> list[str]:
@@ -345,7 +355,10 @@ def _source(view: FieldView, case: Case) -> str:
     low, high = view.speeds(case.timestep)[[0, -1]]
     what = f'--alpha "{view.alpha:.6g} s/m" --speeds "{low:.4g}:{high:.4g} m/s"'
     where = f"--timestep {time_step(case.timestep)} --gravity {case.gravity:g}"
-    return f"hcbench tune {case.engine} --recipe {case.setting} {what} {where} --friction 0"
+    command = f"hcbench tune {case.engine} --recipe {case.setting} {what} {where}"
+    if view.choice(case) is None:
+        return f"{command} --friction 0"
+    return command
 
 
 COST = "cost.csv"

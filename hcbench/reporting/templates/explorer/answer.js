@@ -52,6 +52,9 @@ function nearbyText(errors) {
   return `${low === high ? low : `${low} … ${high}`} at the nearest α${known.length < errors.length ? ", or none" : ""}`;
 }
 
+// Errors that a row tells of a kind: its own, those at the nearest α, or none.
+const errorsOf = told => !told ? undefined : told.setting ? [told.error] : told.nearby;
+
 // For an α or a band that no answer is of: the plug-in's text, and errors of the rest from the table.
 function madeAnswer(here) {
   const alpha = alphaNow(), table = data.errors.find(each => isHere(each) && each.band.join() === state.band);
@@ -62,16 +65,18 @@ function madeAnswer(here) {
   const shown = stock ? [keyOf(stock)] : [];
   const made = (kind, setting, error, words, more, text, over = band) => ({kind, setting, error, band: over, shown, more, text,
     say: `${kind === "exact" ? "Attach" : "Set"} ${setting}: e within ${words} ${bandText(over)}.`});
+  const unnamed = (kind, known) => ({kind, setting: "", error: NaN, band, shown, text: asked(kind), known,
+    say: `Ask for it: this command finds ${kind === "settings" ? "settings" : "one e"} of ${engineTitle()}.`,
+    more: ["Errors of settings differ from α to α: the command measures that of yours."]});
   const asked = kind => `${tuneLine()} --speeds "${digits3(band[0])}:${digits3(band[1])} m/s" ${FLAGS[kind]}`;
+  // The table's settings are without friction: with it another may serve, and its error is larger.
+  const frictionless = state.friction === 0 || here.every(answer => answer.choices.every(choice => Number.isNaN(frictionIn(choice.text))));
   const choices = ["settings", "constant"].flatMap((kind, i) => {
+    if (!frictionless) return [unnamed(kind, `${nearbyText(errorsOf(row[i]))} without friction`)];
     const told = row[i];
     if (!told) return [];
     const {setting, error, ran, nearby} = told;
-    if (!setting) {
-      const say = `Ask for it: this command finds ${kind === "settings" ? "settings" : "one e"} of ${engineTitle()}.`;
-      const known = nearbyText(nearby), more = ["Errors of settings differ from α to α: the command measures that of yours."];
-      return [{kind, setting: "", error: NaN, band, shown, more, text: asked(kind), say, known}];
-    }
+    if (!setting) return [unnamed(kind, nearbyText(nearby))];
     const more = [ran ? "The command finds its numbers." : "≈ lies between α that were run; the command finds the numbers and measures the error."];
     return [made(kind, setting, error, ran ? errorText(error) : `≈ ${errorText(error)}`, more, asked(kind))];
   });
@@ -116,7 +121,7 @@ const engineTitle = () => data.engines.find(([, key]) => key === state.engine)[0
 function tuneLine() {
   const target = state.e === null ? `--alpha "${Number(alphaNow().toPrecision(6))} s/m"` : `--restitution ${state.e}`;
   return `hcbench tune ${state.engine} ${target} --timestep "${Number(state.step.toPrecision(9))} s"`
-    + ` --gravity ${state.gravity} --friction ${state.friction} --pair "${state.first},${state.second}"`;
+    + ` --gravity ${state.gravity}${state.friction === null ? "" : ` --friction ${state.friction}`} --pair "${state.first},${state.second}"`;
 }
 
 // What happens with nothing set, which no α changes.
@@ -162,11 +167,16 @@ function said(words) {
   });
 }
 
-// A text that makes the pair frictionless says so, and gives way to the command once a friction is chosen.
+// Coulomb's coefficient that a text writes; NaN where it leaves that to the user's model.
+const frictionIn = text => Number(text.match(/\bfriction="(\S+) /)?.[1] ?? NaN);
+
+// A text with another friction than the chosen one gives way to the command that finds it.
 function withFriction(choice) {
   if (!choice?.kind || choice.text.startsWith("hcbench tune ")) return choice;
-  if (!choice.text.includes('condim="1"')) return {...choice, more: ["Friction stays as your model has it.", ...choice.more]};
-  if (!state.friction) return {...choice, more: ["This text takes the friction of the pair away: write yours above to keep it.", ...choice.more]};
+  const written = frictionIn(choice.text);
+  if (Number.isNaN(written)) return {...choice, more: ["Friction stays as your model has it.", ...choice.more]};
+  if (state.friction === null) return {...choice, more: [`It has friction ${written}, as two bodies of ${engineTitle()} have with nothing set: write yours above for another.`, ...choice.more]};
+  if (state.friction === written) return choice;
   const band = choice.band.map(digits3).join(":");
   return {...choice, text: `${tuneLine()} --speeds "${band} m/s" ${FLAGS[choice.kind]}`, more: ["The command finds its numbers with your friction.", ...choice.more],
     say: `Ask for it: this command finds ${choice.setting} with friction ${state.friction}.`};

@@ -2,9 +2,11 @@
 // Everything drawn is in the page's data; the law is computed (law.js).
 
 const data = JSON.parse(document.getElementById("explorer-data").textContent);
+// The page has each sentence once: choices have their numbers.
+for (const {choices} of data.answers) for (const choice of choices) choice.more = choice.more?.map(number => data.sentences[number]);
 const at = id => document.getElementById(`explorer-${id}`);
 const INCH = 0.0254, LAW_STYLE = {colour: "var(--law-ink)", dashes: ""};
-const state = {...data.start, own: null, e: null, material: "", band: "", kind: "", first: "ball", second: "plate", friction: 0, setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
+const state = {...data.start, own: null, e: null, material: "", band: "", kind: "", first: "ball", second: "plate", friction: null, setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
 
 // What is chosen
 
@@ -71,7 +73,7 @@ function mistake() {
   const [legal, expected] = NAME[state.engine] ?? XML_NAME;
   for (const name of ["first", "second"]) if (!legal.test(state[name])) return `“${state[name]}” cannot stand in this text. Write ${expected}.`;
   if (state.own !== null && !(state.own >= 0 && state.own <= 100)) return `${Number.isNaN(state.own) ? "No α" : `α = ${state.own} s/m`}: write a number from 0 to 100, in s/m.`;
-  if (!(state.friction >= 0 && state.friction <= 10)) return `Friction ${state.friction}: write a number from 0 to 10, or nothing.`;
+  if (state.friction !== null && !(state.friction >= 0 && state.friction <= 10)) return `Friction ${state.friction}: write a number from 0 to 10, or nothing.`;
   return "";
 }
 
@@ -83,7 +85,7 @@ function showChoices() {
     if (document.activeElement !== at(`${name}-name`)) at(`${name}-name`).value = state[name];
     at(`${name}-name`).setAttribute("aria-invalid", !legal.test(state[name]));
   }
-  if (document.activeElement !== at("friction")) at("friction").value = state.friction || "";
+  if (document.activeElement !== at("friction")) at("friction").value = state.friction ?? "";
   if (!steps.includes(state.step)) {
     const far = steps.map(h => Math.abs(Math.log(h / state.step)));
     state.step = steps[far.indexOf(Math.min(...far))];
@@ -227,7 +229,7 @@ function save() {
   const named = first === "ball" && second === "plate" ? {} : {first, second};
   const which = {setting, speed: Number.isFinite(speed) ? speed : "", toggled: [...toggled].join(","), tab};
   const target = state.material ? {material: state.material} : {alpha: alphaNow()};
-  const choice = {engine, step, gravity, ...target, friction: state.friction || "", band, kind, ...named, ...which};
+  const choice = {engine, step, gravity, ...target, friction: state.friction ?? "", band, kind, ...named, ...which};
   const parts = Object.entries(choice).filter(([, value]) => value !== "");
   history.replaceState(null, "", `#${new URLSearchParams(parts)}`);
 }
@@ -243,7 +245,7 @@ function load() {
   else if (alpha >= 0 && alpha <= 100) state.own = alpha;
   const material = materialOf(choice.get("material"));
   if (material) Object.assign(state, {own: material.alpha, e: material.e, material: material.id});
-  if (number("friction") > 0 && number("friction") <= 10) state.friction = number("friction");
+  if (number("friction") >= 0 && number("friction") <= 10) state.friction = number("friction");
   state.kind = choice.get("kind") ?? "";
   state.band = choice.get("band") ?? "";
   for (const name of ["first", "second"]) if ((NAME[state.engine] ?? XML_NAME)[0].test(choice.get(name) ?? "")) state[name] = choice.get(name);

@@ -13,7 +13,7 @@ function listenToChoices() {
     at("own-alpha").focus();
   });
   at("own-alpha").addEventListener("input", event => change({own: event.target.value === "" ? NaN : Number(event.target.value)}));
-  at("friction").addEventListener("input", event => change({friction: event.target.value === "" && !event.target.validity.badInput ? 0 : event.target.valueAsNumber}));
+  at("friction").addEventListener("input", event => change({friction: event.target.value === "" && !event.target.validity.badInput ? null : event.target.valueAsNumber}));
   for (const name of ["first", "second"]) at(`${name}-name`).addEventListener("input", event => change({[name]: event.target.value}));
   at("band").addEventListener("change", event => change({band: event.target.value}));
   at("kinds").addEventListener("click", event => {
