@@ -231,7 +231,7 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
     steps = f"{result.steps_min} ... {result.steps_max} of {time_step(target.timestep)} s"
     loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
     return {
-        "largest error of e": f"{error}, {_conditions(target)}, {launches}",
+        "largest error of e": f"{error}, {_conditions(tuned)}, {launches}",
         "mean error of e": _bias(result),
         "largest e": f"{best.max_e:.4f} there, below and above, {best.energy}",
         **({"friction": _friction(result, target)} if target.friction else {}),
@@ -265,12 +265,17 @@ def _slope(tuned: Tuned) -> dict[str, str]:
     return {} if math.isnan(drift) else {"holds on 10 degrees": f"drift {1e3 * drift:.2g} mm/s"}
 
 
-def _conditions(target: Target) -> str:
+def _conditions(tuned: Tuned) -> str:
     """Gravity and friction of the launches, in words."""
+    from hcbench.sim import registry
+
+    target = tuned.target
     falls = "without gravity"
     if target.gravity:
         falls = f"gravity {target.gravity:g} m/s^2"
     slides = "frictionless and head-on"
+    if registry.engine(tuned.setting.engine).keeps_friction:
+        slides = "head-on; bodies keep the friction that they have"
     if target.friction:
         slides = f"friction {target.friction:g}, sliding and spinning"
     return f"{falls}, {slides}"

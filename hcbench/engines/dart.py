@@ -48,6 +48,8 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     name = "dart"
     title = "DART"
     backend = Backend("dart", "dartpy", "6.20", "6.20")
+    # Its texts set no friction.
+    keeps_friction = True
     table = DartOptions
     features = Features(
         law=Feature("Newton's e in one step: e of both shapes multiplied", "measured, to 1e-14"),

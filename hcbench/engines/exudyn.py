@@ -60,6 +60,8 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
     title = "Exudyn"
     backend = Backend("exudyn", "exudyn", "1.13.6", "1.13.6")
     laws = (HuntCrossley,)
+    # Its texts set no friction.
+    keeps_friction = True
     table = ExudynOptions
     features = Features(
         law=Feature(

@@ -60,6 +60,8 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
     backend = Backend("opensim", "opensim", "4.6", "4.6")
     own_process = True
     laws = (HuntCrossley,)
+    # Its texts set no friction.
+    keeps_friction = True
     table = OpensimOptions
     features = Features(
         law=Feature(

@@ -121,7 +121,9 @@ def _parts(options: PhysxOptions) -> tuple[str, str, str]:
 
 
 _CONFIG = "sapien.physx.set_scene_config({})  # before the system is made"
-_MATERIAL = "material = sapien.physx.PhysxMaterial(0, 0, {})  # frictions, e; of both shapes: it is averaged"
+_MATERIAL = (
+    "material = sapien.physx.PhysxMaterial(0, 0, {})  # two frictions: write yours; e, averaged"
+)
 _UNFILTERED = """
     for shape in body.collision_shapes:  # nothing but the law acts
         shape.set_collision_groups([0, 0, 0, 0])"""

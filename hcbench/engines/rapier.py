@@ -41,6 +41,8 @@ class RapierEngine(DescribesContact, ScriptedEngine[RapierOptions]):
     backend = Backend("rapier", "rapier3d", "0.36", "0.36")
     bits = 32
     laws = (Restitution,)
+    # Its texts set no friction.
+    keeps_friction = True
     table = RapierOptions
     features = Features(
         law=Feature("Newton's e in one step: average of both colliders", "measured, to 3e-7"),

@@ -319,10 +319,13 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         )
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """Return the requirements: the law's lines around each step, or those of `model_engine`."""
+        """Return the requirements: the law's lines around each step, or those of `model_engine`,
+        and no friction, without which settings are found here.
+        """
         if self.law_lines(self.law(setting)):
             return ("the lines in your own loop, from Python",)
-        return registry.engine(self.model_engine).needs(self._shared(setting))
+        needs = registry.engine(self.model_engine).needs(self._shared(setting))
+        return (*needs, "no friction between the two: their pairs have none")
 
 
 def shared_recipes(

@@ -62,6 +62,7 @@ def find_answer(
     SearchInterrupted with the best so far where an interrupt ends a search.
     """
     registry.require(engine)
+    _require_friction(engine, target.friction)
     if integrator is not None:
         _require_integrator(engine, integrator)
     scene = replace(scene, mass=target.mass, gravity=target.gravity, friction=target.friction)
@@ -78,6 +79,19 @@ def find_answer(
         named = finder.choice("settings", make_tuned(*recipes[0], target, scene, integrator))
         return _answered(finder, asked, [named], named)
     return _answered(finder, asked, finder.choices(recipes, asked))
+
+
+def _require_friction(engine: str, friction: float) -> None:
+    """Raise SettingError for a friction above 0 in an engine without oblique launches: no body
+    that slides could be judged there.
+    """
+    adapter = registry.engine(engine)
+    if not friction or adapter.oblique:
+        return
+    advice = "Leave it out: settings of this engine are found without friction"
+    if adapter.keeps_friction:
+        advice = "Leave it out: the text leaves the friction of your bodies as it is"
+    raise SettingError("friction", f"{friction:g} with {engine!r}", "0", advice)
 
 
 def _require_integrator(engine: str, integrator: str) -> None:

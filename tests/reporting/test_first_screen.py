@@ -118,9 +118,7 @@ def test_no_answer_of_the_page_takes_friction_away() -> None:
     found = re.search(r'id="explorer-data">(.*?)</script>', page, re.S)
     assert found is not None
     texts = [
-        choice["text"]
-        for answer in json.loads(found[1])["answers"]
-        for choice in answer["choices"]
+        choice["text"] for answer in json.loads(found[1])["answers"] for choice in answer["choices"]
     ]
     pairs = [text for text in texts if "<pair" in text]
     assert len(texts) > 100 and len(pairs) > 30

@@ -10,6 +10,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from friction_questions import faults, question
+from long_searches import LONG
+from rigid_capsule import RigidCapsule
 
 import hcbench as hb
 from hcbench.contact.mujoco import load
@@ -20,6 +23,9 @@ from hcbench.tuning.answer import Answer, Choice
 
 pytestmark = pytest.mark.usefixtures("tuned_once")
 
+# Drawn once, before the questions were asked; of 200, a few are asked each time.
+SEED = 3699553
+QUESTIONS = range(200) if LONG else (3, 4, 8)
 G, STEP = 9.81, 2e-3
 SLOPE = math.radians(5)
 BALL = (0.05, 'type="sphere" size="0.05"')
@@ -167,3 +173,65 @@ def test_the_bodies_that_tune_throws_print_no_warning_of_the_plugin(
     hb.tune("mujoco", alpha=0.6, timestep="3.5 ms", speeds="0.1:0.2 m/s", kind="exact")
     assert capfd.readouterr().err == ""
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.adhesion
+@pytest.mark.parametrize("number", QUESTIONS)
+def test_a_random_question_with_friction_has_answers_that_plain_mujoco_keeps(number: int) -> None:
+    """e within the printed error, straight and spinning; no gain, no hop, no creep on 5 degrees."""
+    assert list(faults(question(SEED, number))) == []
+
+
+@pytest.mark.parametrize("engine", ["dart", "rapier", "drake"])
+def test_friction_is_refused_by_name_where_no_sliding_body_can_be_judged(engine: str) -> None:
+    with pytest.raises(hb.HcbenchError) as refused:
+        hb.tune(engine, alpha=0.3, timestep="1 ms", friction=0.5)
+    assert str(refused.value).startswith(f"friction: 0.5 with '{engine}'; expected 0. Leave it out")
+
+
+def test_no_text_of_drake_takes_the_friction_of_its_bodies_away() -> None:
+    """Drake's own friction, 0.5, of a shape that states none."""
+    setting = Setting("drake", "discrete", 1e-3, {"point_stiffness": 1e5, "dissipation": 0.4})
+    text = registry.engine("drake").snippet(setting, "plane")
+    assert "drake.CoulombFriction(0.5, 0.5)" in text
+
+
+@pytest.mark.parametrize("mu", [0.3, 1.14])
+def test_a_capsule_that_slides_along_its_axis_hops_no_higher_than_a_rigid_one(mu: float) -> None:
+    """The plug-in's e near 1 and much friction lift it off its ends, and so does the ideal body.
+
+    An end that meets the plane at e = 0.99 has lost nothing of its speed, and friction tilts the
+    capsule onto its front end again and again: sliding becomes height, and energy never grows.
+    """
+    load()
+    gravity, step, e = 1.62, 1e-3, 0.995
+    plugin = (
+        '<extension><plugin plugin="hcbench.restitution"><instance name="contact">'
+        '<config key="geom1" value="ball"/><config key="geom2" value="plate"/>'
+        f'<config key="restitution" value="{e}"/></instance></plugin></extension>'
+    )
+    friction = f'friction="{mu} 0.005 0.0001"'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco>{plugin}<option timestep="{step}" gravity="0 0 {-gravity}"/><worldbody>'
+        f'<geom name="plate" type="plane" size="9 9 1" {friction}/><body pos="0 0 0.03">'
+        f'<freejoint/><geom name="ball" {CAPSULE[1]} mass="0.03" {friction}/></body></worldbody>'
+        "</mujoco>"
+    )
+    ideal, ours = [], []
+    for tilt in (0.0, 1e-6, -1e-6, 1e-5, -1e-5, 1e-4, -1e-4):
+        rigid = RigidCapsule(e, mu, gravity, tilt)
+        ideal.append(rigid.highest(0.7, 2e-4))
+        data = mujoco.MjData(model)
+        data.qvel[0] = 1.0
+        data.qpos[3:7] = [math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0]
+        highest = 0.0
+        for _ in range(round(0.7 / step)):
+            mujoco.mj_step(model, data)
+            highest = max(highest, float(data.qpos[2]) - CAPSULE[0])
+        ours.append(highest)
+        assert rigid.gain < 1e-3
+    if mu > 1.0:
+        assert max(ideal) > 3e-3, "the ideal body hops"
+    assert max(ours) < 1.5 * max(ideal) + 1e-4
+    # All of its energy of sliding would lift it so high, m.
+    assert max(ours) < 0.5 / gravity

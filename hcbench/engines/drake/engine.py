@@ -111,7 +111,7 @@ def _parts(options: DrakeOptions, timestep: str) -> tuple[str, str, str]:
     """
     properties = "properties = drake.ProximityProperties()  # of both bodies"
     if given := options.model_dump(include={"dissipation", "point_stiffness"}, exclude_none=True):
-        friction = "friction=drake.CoulombFriction(0, 0), properties=properties"
+        friction = f"friction={_FRICTION}, properties=properties"
         properties += f"\ndrake.AddContactMaterial({arguments(given)}, {friction})"
     if (time := options.relaxation_time) is not None:
         properties += f'\nproperties.AddProperty("material", "relaxation_time", {shortest(time)})'
@@ -122,6 +122,8 @@ def _parts(options: DrakeOptions, timestep: str) -> tuple[str, str, str]:
     return plant, properties, ""
 
 
+# Drake's own, of a shape that states none: static and sliding.
+_FRICTION = "drake.CoulombFriction(0.5, 0.5)"
 _PLANT = "plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step={})"
 _INTEGRATOR = """\
 drake.ResetIntegratorFromFlags(simulator, "runge_kutta3", 0.001)  # scheme, largest step

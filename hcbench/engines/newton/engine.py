@@ -133,7 +133,8 @@ def _parts(options: NewtonOptions) -> tuple[str, str, str, str]:
     if solver != "MuJoCo":
         keywords = {"mu": 0.0, **keywords}
     keywords |= options.model_dump(include={"restitution", "ke", "kd"}, exclude_none=True)
-    head = f"shape = newton.ModelBuilder.ShapeConfig({arguments(keywords)})  # of both"
+    own = "your own mass" if "mu" not in keywords else "your own mass and friction"
+    head = f"shape = newton.ModelBuilder.ShapeConfig({arguments(keywords)})  # of both: write {own}"
 
     lines = []
     for row in options.rows:
