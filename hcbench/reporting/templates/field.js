@@ -113,7 +113,9 @@ function paste(one) {
       button.textContent = "Selected: copy it with the keyboard";
     }
   });
-  return [make("p", {}, make("b", {}, "To paste "), button), words];
+  const lacks = words.textContent.includes('condim="1"') && !/\bfriction="/.test(words.textContent);
+  const note = lacks ? [make("p", {class: "note"}, "This text has no friction, as it ran: the command below, without --friction 0, gives one that has.")] : [];
+  return [make("p", {}, make("b", {}, "To paste "), button), words, ...note];
 }
 
 function source(one) {

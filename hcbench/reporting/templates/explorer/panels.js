@@ -137,7 +137,9 @@ function showText() {
   const pasted = about ? data.texts[point.run.text] : "";
   at("how-text").hidden = !pasted;
   at("how-text").textContent = pasted;
-  at("how-notes").replaceChildren(...(about?.notes ?? []).map(note => element("p", note)));
+  // What ran had none; the answers on the first screen have it.
+  const lacks = pasted?.includes('condim="1"') && Number.isNaN(frictionIn(pasted)) ? ["This text has no friction, as it ran: that of the first screen has."] : [];
+  at("how-notes").replaceChildren(...[...lacks, ...(about?.notes ?? [])].map(note => element("p", note)));
 }
 
 function row(...cells) {
