@@ -47,6 +47,8 @@ _SLOPE = math.radians(5.0)
 _HOLDS = 1.1
 # In g h: slower flights have too little energy to matter.
 _SLOWEST = 1.6
+# Share of the energy at the start that is none.
+_ROUND_OFF = 1e-12
 _MASS = 0.5
 
 
@@ -191,7 +193,9 @@ def _followed(
     # A semi-implicit step leaves the speed of its middle; RK4 that of its end.
     gained = 0.0 if is_rk4 else g * h / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
-    slowest = (_SLOWEST * g * h) ** 2 / 2
+    began = (data.qvel[:3] @ data.qvel[:3] + inertia @ data.qvel[3:] ** 2) / 2
+    # Without gravity a body that a contact has stopped has none to compare with.
+    slowest = max((_SLOWEST * g * h) ** 2 / 2, _ROUND_OFF * began)
     # Views of the state: hundred thousands of steps are taken here.
     linear = data.qvel[:3]
     turning = data.qvel[3:6]
