@@ -18,7 +18,7 @@ from hcbench.cli.tune_landing import (
 )
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed
-from hcbench.system.text import as_bound, sanitized, time_step
+from hcbench.system.text import as_bound, joined_names, sanitized, time_step
 
 if TYPE_CHECKING:
     from hcbench.tuning.tuned_model import TunedModel, TunedPair
@@ -144,8 +144,9 @@ def _cure(tuned: TunedModel) -> str:
     step = f"a smaller step, such as --timestep {time_step(facts.timestep / 4)}"
     if not isinstance(registry.engine(facts.engine), HasPlugin):
         return f"Try {step}"
+    where = f"--timestep {time_step(facts.timestep)} --pair {quote(joined_names(facts.pair))}"
     plugin = (
-        f"`hcbench tune {facts.engine} --plugin` prints the plug-in, "
+        f"`hcbench tune {facts.engine} --plugin {where}` with your target prints the plug-in, "
         "which sets e after each contact exactly"
     )
     return f"{plugin}; or try {step}"
