@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.system.notebook import Shown
+from hcbench.system.text import Shown
 from hcbench.terms.records import LANDING, record
 
 if TYPE_CHECKING:
