@@ -21,7 +21,7 @@ import numpy as np
 
 from hcbench.laws.force import KelvinVoigt
 from hcbench.laws.require import positive, within
-from hcbench.laws.root import root
+from hcbench.laws.solvers import root
 from hcbench.terms.impact import Floats, Loop
 
 

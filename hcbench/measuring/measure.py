@@ -34,9 +34,8 @@ from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
 from hcbench.sim.packages import EXPAND_XACRO
 from hcbench.sim.remote import interpreter_of
 from hcbench.system.errors import EngineFailed, HcbenchError, SceneError, UserError
-from hcbench.system.notebook import Shown
 from hcbench.system.process import memory_limit
-from hcbench.system.text import sanitized
+from hcbench.system.text import Shown, sanitized
 from hcbench.terms.arguments import checked
 from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
 from hcbench.terms.impact import Impact, Status

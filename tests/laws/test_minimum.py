@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from hcbench.laws.minimum import minimum
+from hcbench.laws.solvers import minimum
 
 FUNCTIONS: dict[str, Callable[[float], float]] = {
     "a parabola": lambda x: (x - 0.3) ** 2,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from hcbench.laws.root import root
+from hcbench.laws.solvers import root
 
 FUNCTIONS: dict[str, Callable[[float], float]] = {
     "saturates": lambda x: math.tanh(3 * x) - 0.7,
