@@ -383,7 +383,7 @@ MUTANTS = (
         ("tests/workers",),
     ),
     Mutant(
-        "environments/store.py",
+        "environments.py",
         "find",
         "matching[-1]",
         "matching[0]",
