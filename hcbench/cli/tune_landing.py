@@ -36,7 +36,7 @@ def print_landing(tuned: TunedModel, change: LandingChange) -> None:
 
 def landing_table(change: LandingChange) -> list[str]:
     """The robot's landing before and after, a line each; the worst of all drops, but the rebound."""
-    from hcbench.sim.drop_test import QUANTITIES
+    from hcbench.sim.landing import QUANTITIES
 
     was = change.before
     now = change.after

@@ -27,10 +27,16 @@ from hcbench.measuring.request import (
 )
 from hcbench.measuring.rest import ANY_REST, RestLimits, at_rest, rest_causes
 from hcbench.sim import registry
-from hcbench.sim.candidate_pairs import CandidatePair, as_records, as_table
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
-from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
+from hcbench.sim.model_under_test import (
+    CandidatePair,
+    Facts,
+    ModelUnderTest,
+    Request,
+    as_records,
+    as_table,
+)
 from hcbench.sim.packages import EXPAND_XACRO
 from hcbench.sim.remote import interpreter_of
 from hcbench.system.errors import EngineFailed, HcbenchError, SceneError, UserError

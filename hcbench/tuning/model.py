@@ -48,8 +48,8 @@ from hcbench.tuning.tuned_model import (
 )
 
 if TYPE_CHECKING:
-    from hcbench.sim.drop_test import DropTest
     from hcbench.sim.engine import Engine
+    from hcbench.sim.landing import DropTest
     from hcbench.terms.setting import Setting
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hcbench.measuring.curve import Curve
-from hcbench.sim.drop_test import DropTest, Reach
+from hcbench.sim.landing import DropTest, Reach
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.rest import Standing

@@ -11,7 +11,7 @@ from outside_models import outside
 from robot_landings import QUADRUPED
 from tuned_robots import TARGETS, TUNED, Answer, answer, on_the_page, row, write_page
 
-from hcbench.sim.drop_test import WITHIN
+from hcbench.sim.landing import WITHIN
 
 # Some models use settings that later versions of MuJoCo drop.
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
