@@ -22,6 +22,8 @@ from hcbench.system.errors import UserError
 from hcbench.system.text import number, sanitized, table
 from hcbench.terms.impact import Impact, Launch
 
+# Pairs that can collide.
+
 # Pairs that an error names.
 _NAMED = 6
 

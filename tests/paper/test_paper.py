@@ -17,10 +17,9 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.ode import impact
 from hcbench.laws.published import LAWS
 from hcbench.paper import constants, impact_figures, vibroimpact_figures
-from hcbench.paper.build import build, drawings
-from hcbench.paper.printed_numbers import Printed, factors, printed_numbers
+from hcbench.paper.page import Printed, build, drawings, factors, printed_numbers
 from hcbench.paper.vibroimpact_figures import QUICK
-from hcbench.reporting.curves import COLUMNS
+from hcbench.reporting.page import COLUMNS
 from hcbench.reporting.plot_style import COLOURS, DASHES, figure_defaults, numbered_line
 from hcbench.reporting.wording import four_digits
 from hcbench.system.errors import UserError

@@ -6,7 +6,7 @@ import pytest
 
 import hcbench as hb
 from hcbench.paper import constants
-from hcbench.reporting.curves import COLUMNS, csv_of
+from hcbench.reporting.page import COLUMNS, csv_of
 from hcbench.system.errors import UserError
 from hcbench.terms.units import INCH, POUND_FORCE
 

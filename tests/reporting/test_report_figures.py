@@ -12,8 +12,7 @@ from small_results import ALPHAS
 
 from hcbench.laws import closed_form
 from hcbench.reporting import plot_style, wording
-from hcbench.reporting.build import overview_drawing
-from hcbench.reporting.overview_figure import overview_figure
+from hcbench.reporting.build import overview_drawing, overview_figure
 from hcbench.reporting.view import View
 
 

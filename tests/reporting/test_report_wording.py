@@ -11,8 +11,7 @@ from reported_results import LAW
 from hcbench.benchmark.results import Results
 from hcbench.benchmark.study import study_from
 from hcbench.reporting import wording
-from hcbench.reporting.build import band_text
-from hcbench.reporting.overview_figure import overview_figure
+from hcbench.reporting.build import band_text, overview_figure
 from hcbench.reporting.view import View
 
 
