@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, Unpack
 
 from hcbench.catalogue.target import target_material
-from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.curve import impacts_of
 from hcbench.measuring.diagnose import diagnose, goal_of
@@ -43,7 +42,7 @@ from hcbench.system.errors import EngineFailed, HcbenchError, SceneError, UserEr
 from hcbench.system.process import memory_limit
 from hcbench.system.text import Shown, sanitized
 from hcbench.terms.arguments import checked
-from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
+from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds, require
 from hcbench.terms.impact import Impact, Status
 from hcbench.terms.options import (
     BodyPair,
