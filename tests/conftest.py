@@ -161,7 +161,7 @@ def with_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="session")
 def found_once(tmp_path_factory: pytest.TempPathFactory) -> FoundOnce:
-    """What any process of this run has found."""
+    """Results that any process of this run has found."""
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "found"
     folder.mkdir(exist_ok=True)
