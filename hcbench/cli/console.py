@@ -53,7 +53,9 @@ def output_option(name: str, **settings: Any) -> Callable[..., Any]:
 
 
 force_option = click.option(
-    "--force", is_flag=True, help="Replace output files that hcbench did not write."
+    "--force",
+    is_flag=True,
+    help="Replace output files that hcbench did not write, or that you changed.",
 )
 
 

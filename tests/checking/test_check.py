@@ -143,6 +143,23 @@ def test_a_check_that_could_never_fail_is_a_mistake() -> None:
         check(ask())
 
 
+@pytest.mark.parametrize("slot", ["restitution", "alpha", "max-depth"])
+def test_measure_only_and_a_target_contradict_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], slot: str
+) -> None:
+    """It judged, and ended with 1 FAILED, where "nothing can fail"."""
+    both = f"--measure-only: given with --{slot}, the target of good.xml; expected one of the two"
+    assert run(["check", GOOD, "--pair=ball,plate", f"--{slot}=0.001", "--measure-only"]) == 2
+    assert both in " ".join(capsys.readouterr().err.split())
+    file = tmp_path / "checks.toml"
+    file.write_text(f"[[tool.hcbench.check]]\nmodel = '{Path(GOOD).resolve()}'\n{slot} = 0.001\n")
+    assert run(["check", str(file), "--measure-only"]) == 2
+    assert both in " ".join(capsys.readouterr().err.split())
+    name = slot.replace("-", "_")
+    with pytest.raises(UserError, match=f"measure_only: given with {name}, the target of good"):
+        hb.check(GOOD, "ball,plate", measure_only=True, **{name: 0.001})
+
+
 def test_no_error_is_a_negative_zero() -> None:
     e = one(check(ask(phases=1), measure_only=True)).rows[0].restitution
     report = check(ask(phases=1, restitution=e + 1e-9))
