@@ -26,7 +26,9 @@ from hcbench.system.text import sanitized
 _TAIL = 4096
 _PNG = b"\x89PNG\r\n\x1a\n"
 _ZIP = b"PK\x03\x04"
-# The end of a JSON object, or of a list of objects: the mark is a last key of the last object.
+# A last key in the last object of a JSON file has its mark.
+MARK_KEY = "mark"
+# The end of a JSON object, or of a list of objects.
 _JSON_END = re.compile(rb"\s*\}\s*\]?\s*\Z")
 _QUOTED = re.compile(rb"[\"']([^\"'\n]{1,255})[\"']")
 # Input files that are searched for the names of further ones, at most.
@@ -271,7 +273,7 @@ def _frame(content: bytes, option: str, digest: bytes) -> bytes:
     if content.startswith(_ZIP):
         return len(mark).to_bytes(2, "little") + mark
     if content.startswith((b"{", b"[")):
-        return b',\n "mark": "' + mark + b'"'
+        return f',\n "{MARK_KEY}": "'.encode() + mark + b'"'
     if content.lstrip().startswith(b"<") or option == "--markdown":
         return b"<!-- " + mark + b" -->\n"
     return b"# " + mark + b"\n"

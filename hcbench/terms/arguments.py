@@ -66,7 +66,7 @@ _WORDS = {
 }
 
 _OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
-_BEYOND_BOUNDS = "`with hcbench.terms.bounds.beyond_bounds():`"
+_BEYOND_BOUNDS = "`with hcbench.beyond_bounds():`"
 # Options that have another name in Python.
 _PARAMETERS = {
     "as": ("kind",),
@@ -267,7 +267,8 @@ def _is_whole(value: Any, _: _Parts) -> bool:
     return is_whole and bool(abs(value) <= _LARGEST_INT)
 
 
-def _is_array(value: Any, _: _Parts) -> bool:
+def is_array(value: Any, _: _Parts = ()) -> bool:
+    """Say whether NumPy makes an array of real numbers of a value."""
     if isinstance(value, PintQuantity):
         # NumPy would take its numbers and drop their unit.
         return False
@@ -328,7 +329,7 @@ _TESTS: dict[Any, Callable[[Any, _Parts], bool]] = {
 }
 # The first kind that the type belongs to decides, so the order matters.
 _GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {
-    np.ndarray: _is_array,
+    np.ndarray: is_array,
     tuple: _is_tuple,
     Mapping: lambda value, _: isinstance(value, Mapping),
     Sequence: _is_sequence,
