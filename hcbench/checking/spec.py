@@ -306,9 +306,16 @@ def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) ->
         has = getattr(written, name, None)
         if value is not None and has != getattr(request, name, None):
             raise UserError(
-                name, f"other launches than the baseline's, which has {has}", "those, or none"
+                name, f"other launches than the baseline's: {_numbers(has)}", "those, or none"
             )
     return written
+
+
+def _numbers(value: Any) -> str:
+    """Numbers of a launch, SI, as a message has them: "0.5, 1"."""
+    if isinstance(value, tuple):
+        return ", ".join(map(_numbers, value))
+    return "none" if value is None else f"{value:.6g}"
 
 
 def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:

@@ -46,7 +46,7 @@ def write_output(path: Path, content: str | bytes, option: str, force: bool = Fa
     _require_replaceable(path, option, force)
     if isinstance(content, str):
         content = content.encode()
-    write_bytes(path, _marked(content, option))
+    write_bytes(path, _marked(content, option), option)
 
 
 def require_outputs(

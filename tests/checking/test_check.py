@@ -147,7 +147,7 @@ def test_a_check_that_could_never_fail_is_a_mistake() -> None:
 def test_measure_only_and_a_target_contradict_each_other(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], slot: str
 ) -> None:
-    """It judged, and ended with 1 FAILED, where "nothing can fail"."""
+    """Once the check ended with 1 FAILED, where "nothing can fail"."""
     both = f"--measure-only: given with --{slot}, the target of good.xml; expected one of the two"
     assert run(["check", GOOD, "--pair=ball,plate", f"--{slot}=0.001", "--measure-only"]) == 2
     assert both in " ".join(capsys.readouterr().err.split())

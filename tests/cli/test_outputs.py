@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import hcbench as hb
 from hcbench import cli
 from hcbench.reporting.page import png_bytes
 from hcbench.reporting.plot_style import new_figure
-from hcbench.system.errors import UserError
+from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import json_text
 from hcbench.system.outputs import require_outputs, write_output
 
@@ -305,3 +306,22 @@ def test_a_preview_does_not_take_the_place_of_the_whole_report(folder: Path) -> 
     (folder / "mine.toml").write_text(study + run, encoding="utf-8")
     assert cli.run(["report", "mine.toml", "--quick", "-j", "1"]) == 0
     assert [path.name for path in (folder / "reports").iterdir()] == ["mine-quick"]
+
+
+def test_the_option_of_a_file_that_cannot_be_opened_is_named(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Click's own words came through for a file that cannot be read."""
+    for arguments, message in {
+        ("measure", *LAUNCH, "--state=."): "--state: File '.' is a directory; expected a file that",
+        (*HELD, "--junit=-"): "--junit: -; expected a file. /dev/stdout is standard output",
+    }.items():
+        assert cli.run(list(arguments)) == 2
+        assert message in capsys.readouterr().err
+    assert not Path("-").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no file can be made in /proc of Linux alone")
+def test_a_file_that_the_system_refuses_is_no_mistake_of_the_user() -> None:
+    with pytest.raises(OutputError, match=r"^--junit: /proc/x\.xml: "):
+        write_output(Path("/proc/x.xml"), "<p>", "--junit")

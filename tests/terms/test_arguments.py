@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 import pint
 import pytest
 
@@ -253,3 +254,29 @@ def test_an_object_that_cannot_be_shown_is_refused_by_its_type(
     with pytest.raises(UserError, match="a Silent") as refused:
         call(Silent())
     assert refused.value.slot == slot
+
+
+def test_a_column_of_pandas_is_an_array() -> None:
+    column = pd.Series([1.0, 2.0], index=[7, 7])
+    assert hb.law(0.3).e(column).tolist() == hb.law(0.3).e([1.0, 2.0]).tolist()
+    assert len(hb.law(column).laws) == 2
+    with pytest.raises(UserError, match=r"^speed: "):
+        hb.law(0.3).e(pd.Series([1.0, None], dtype="Float64"))
+    with pytest.raises(UserError, match=r"^speed: "):
+        hb.law(0.3).e(np.array([1, 2], "m8[ns]"))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: hb.fit("h.csv", against=5), "text, a path or a list, each item text or a path$"),  # type: ignore[arg-type]
+        (lambda: make_request(phases=True), "whole number, text or a list, each item a number$"),
+        (
+            lambda: hb.randomize(BALL, "ball,plate", restitution=0.5, worlds=10**11),
+            "a whole number, up to 2147483647$",
+        ),
+    ],
+)
+def test_types_are_expected_in_words(call: Callable[[], Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        call()
