@@ -471,7 +471,9 @@ def law(
         stiffness = PAPER_STIFFNESS
     k = units.parse(stiffness, "stiffness", "stiffness", n)
     m = units.parse(mass, "mass", "mass", above=0)
-    if isinstance(alpha, str) or (not isinstance(alpha, list | tuple) and np.ndim(alpha) == 0):
+    # A column of pandas is several, too.
+    given: Any = alpha
+    if isinstance(alpha, str) or (not isinstance(alpha, list | tuple) and np.ndim(given) == 0):
         return ImpactLaw(HuntCrossley(k, units.parse(alpha, "alpha", "alpha"), n), m)
     values = units.parse_values(alpha, "alpha", "alpha").tolist()
     return ImpactLaws(tuple(ImpactLaw(HuntCrossley(k, each, n), m) for each in values))

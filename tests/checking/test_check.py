@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from checks import BROKEN, CRASH, GOOD, SPEEDS, ask, one
@@ -156,8 +157,9 @@ def test_measure_only_and_a_target_contradict_each_other(
     assert run(["check", str(file), "--measure-only"]) == 2
     assert both in " ".join(capsys.readouterr().err.split())
     name = slot.replace("-", "_")
+    target: dict[str, Any] = {name: 0.001}
     with pytest.raises(UserError, match=f"measure_only: given with {name}, the target of good"):
-        hb.check(GOOD, "ball,plate", measure_only=True, **{name: 0.001})
+        hb.check(GOOD, "ball,plate", measure_only=True, **target)
 
 
 def test_no_error_is_a_negative_zero() -> None:

@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -158,7 +159,8 @@ def test_a_mark_in_the_midst_of_a_file_is_not_hcbenchs(folder: Path) -> None:
 
 
 def test_json_with_its_mark_has_the_same_content(folder: Path) -> None:
-    for content in ({"checks": {"a": {}}}, [{"runs": {}}, {"runs": {"C01": [{}]}}]):
+    contents: list[Any] = [{"checks": {"a": {}}}, [{"runs": {}}, {"runs": {"C01": [{}]}}]]
+    for content in contents:
         write_output(Path("b.json"), json.dumps(content), "--out", force=True)
         marked = json.loads(Path("b.json").read_bytes())
         last = marked if isinstance(marked, dict) else marked[-1]

@@ -79,7 +79,7 @@ def test_a_recording_that_cannot_be_read_names_its_array(
     change: dict[str, Any], message: str
 ) -> None:
     qpos = np.tile([0.0, 0, 1, 1, 0, 0, 0], (3, 1))
-    recorded = {"qpos": qpos, "qvel": np.zeros((3, 6)), "time": [0.0, 1.0, 2.0]}
+    recorded: dict[str, Any] = {"qpos": qpos, "qvel": np.zeros((3, 6)), "time": [0.0, 1.0, 2.0]}
     good = Path(__file__).parents[2] / "examples" / "good.xml"
     with pytest.raises(UserError, match=message):
         hb.measure_trajectory(good, recorded | change)
