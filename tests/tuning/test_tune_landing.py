@@ -29,6 +29,8 @@ mujoco = pytest.importorskip("mujoco")
 
 from robot_drops import FEET, QUADRUPED, drop  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("tuned_once")
+
 UNSEEN = (0.07, 0.39, 0.61, 0.88)
 
 
@@ -182,7 +184,7 @@ def test_a_setting_with_which_the_robot_lands_worse_gives_way_to_one_that_gains(
 
 
 @pytest.fixture
-def landing_worse(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def landing_worse(tuned_once: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """`tune` finds a setting with which a robot lands worse."""
     was = tuned(rebound=0.005).landing
     assert was is not None

@@ -16,7 +16,7 @@ DATA = Path(pytest.importorskip("pybullet_data").getDataPath())
 
 def simulated(files: tuple[str, str], speeds: list[float], gravity: float) -> Measurement:
     paths = [str(DATA / name) for name in files]
-    return measure(paths, speeds=speeds, phases=1, gravity=gravity, diagnose=False)
+    return measure(paths, speeds=speeds, phases=1, gravity=gravity, diagnose=False, rest=False)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,12 @@ def test_a_live_world_is_left_as_it_was_and_every_launch_in_it_is_the_first(
         p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client)
         box = p.loadURDF(str(DATA / "cube_small.urdf"), [0, 0, 0.4], physicsClientId=client)
         found = measure(
-            client, ("body:1", "body:0"), speeds=[0.1, 0.100001], phases=1, diagnose=False
+            client,
+            ("body:1", "body:0"),
+            speeds=[0.1, 0.100001],
+            phases=1,
+            diagnose=False,
+            rest=False,
         )
         assert p.getBasePositionAndOrientation(box, physicsClientId=client)[0] == (0, 0, 0.4)
         assert p.getContactPoints(physicsClientId=client) == ()
@@ -70,9 +75,9 @@ def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
 
 def test_the_scatter_over_phases_is_found_where_four_phases_miss_it() -> None:
     files = [str(DATA / "sphere_small.urdf"), str(DATA / "kuka_iiwa/model.urdf")]
-    found = measure(files, speeds=[0.5, 2.0], diagnose=False).curve
-    dense = measure(files, speeds=[0.5, 2.0], phases=101, diagnose=False).curve
-    few = measure(files, speeds=[0.5, 2.0], phases=4, diagnose=False).curve
+    found = measure(files, speeds=[0.5, 2.0], diagnose=False, rest=False).curve
+    dense = measure(files, speeds=[0.5, 2.0], phases=101, diagnose=False, rest=False).curve
+    few = measure(files, speeds=[0.5, 2.0], phases=4, diagnose=False, rest=False).curve
     for point, truth in zip(found, dense, strict=True):
         assert point.highest == pytest.approx(truth.highest, abs=2e-3)
         assert point.restitution == pytest.approx(truth.restitution, abs=5e-3)
