@@ -98,6 +98,7 @@ _CLASSES = {
     "Study": "benchmark.study",
     "Target": "recipes.target",
     "Wanted": "measuring.measurement",
+    "beyond_bounds": "terms.bounds",
     "load_study": "benchmark.study",
     "measure_trajectory": "measuring.trajectory",
     "run_study": "benchmark.run",

@@ -9,7 +9,7 @@ from hcbench.cases import make
 from hcbench.cases.score import the_cases
 from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import read_text
-from hcbench.system.outputs import write_output
+from hcbench.system.outputs import require_outputs, write_output
 from hcbench.system.text import sanitized
 
 _HERE = Path(__file__).parent
@@ -39,9 +39,9 @@ def vendor(folder: Path, only: Sequence[str] = (), force: bool = False) -> list[
     """Write a folder that needs nothing but Python's standard library, and return its files.
 
     only: ids of the cases; all where it is empty. An adapter that is there already stays.
-    force: replace files that are there.
-    Raises UserError for an unknown case, for a `folder` that is a file, and for a file that is
-    there, unless force is set; OutputError for one that cannot be written.
+    force: replace files that `vendor` did not write, or that were changed since.
+    Raises UserError for an unknown case, for a `folder` that is a file, and for such a file, unless
+    force is set; OutputError for one that cannot be written. Nothing is written then.
     """
     chosen = [case["id"] for case in the_cases(only)["cases"]]
     if folder.exists() and not folder.is_dir():
@@ -58,6 +58,9 @@ def vendor(folder: Path, only: Sequence[str] = (), force: bool = False) -> list[
     except OSError as error:
         got = f"{sanitized(folder)}: {error.strerror}"
         raise OutputError("FOLDER", got, "a folder that can be made") from None
+    # None is written where one of them is in the way.
+    for name in contents:
+        require_outputs({"FOLDER": folder / name}, force=force)
     for name, text in contents.items():
         write_output(folder / name, text, "FOLDER", force)
     return [folder / name for name in contents]

@@ -13,6 +13,7 @@ from typing import Any, overload
 from hcbench.catalogue.material import KIND, LEVELS, MaterialPair
 from hcbench.system.errors import UserError
 from hcbench.system.files import parse_json, read_text
+from hcbench.system.outputs import MARK_KEY
 from hcbench.system.text import Shown, sanitized
 from hcbench.terms.arguments import checked
 from hcbench.terms.fields import validate
@@ -35,6 +36,8 @@ _SAME = {
 }
 # Names that an error lists, at most.
 _NEAREST = 4
+# Characters of a name.
+_LONGEST_NAME = 200
 _FEET = re.compile(r"\b(foot|feet|robot|sole|paw)s?\b")
 
 
@@ -163,6 +166,10 @@ def _named(name: object) -> list[MaterialPair]:
         return [name]
     if not isinstance(name, str | Path) or not str(name).strip():
         raise UserError("material", f"{name!r:.80}", "a pair such as 'rubber on concrete'")
+    if len(str(name)) > _LONGEST_NAME:
+        # The nearest names would be looked for in time that grows with its square.
+        got = f"a name of {len(str(name))} characters"
+        raise UserError("material", got, f"up to {_LONGEST_NAME}")
     if is_material_file(name):
         return [read_material(Path(name))]
     wanted = _plain(str(name))
@@ -221,6 +228,7 @@ def read_material(path: Path) -> MaterialPair:
     if not isinstance(content, dict) or content.get("kind") != KIND:
         advice = "`hcbench materials NAME --json` writes one"
         raise UserError("material", f"{path} is not a material", f"the kind {KIND!r}", advice)
+    content.pop(MARK_KEY, None)
     return validate(MaterialPair, content, UserError, f"{path}: {{}}")
 
 

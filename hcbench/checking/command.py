@@ -59,7 +59,7 @@ def check(
 
     spec.model: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
         folder of its report; else a model.
-    measure_only: checks may have no target; else, unless a baseline is written, each needs one.
+    measure_only: no check may have a target; else, unless a baseline is written, each needs one.
     Raises UserError for what cannot be planned, and OutputError for what cannot be written.
     """
     outputs = outputs or Outputs()
@@ -67,7 +67,7 @@ def check(
     require_outputs(outputs.files, [*given, *spec.options.values()], outputs.force)
     if outputs.baseline is not None and spec.options["baseline"] is not None:
         raise UserError("baseline", "--baseline and --write-baseline", "one of the two")
-    report = _run(spec, outputs, jobs, progress, measure_only or outputs.baseline is not None)
+    report = _run(spec, outputs, jobs, progress, measure_only)
     _write(report, outputs)
     return report
 
@@ -77,7 +77,7 @@ def _run(
 ) -> Report:
     """The report on a model, on each check of a TOML file, or on a study or its results.
 
-    measure_only: no check needs a target.
+    measure_only: no check may have a target.
     Raises UserError for a spec that cannot be planned, before anything runs. Errors of single
     checks become outcomes.
     """
@@ -88,12 +88,15 @@ def _run(
         if not spec.models and not source.is_file():
             raise UserError("checks", f"no model, and no {DEFAULT_FILE} here", "a model to check")
         if find_table(source) is not None or not _is_study(source):
-            return run_checks(_with_targets(_listed(source, spec), measure_only), progress)
+            return run_checks(_planned(_listed(source, spec), outputs, measure_only), progress)
     if len(models) == 1 and (is_toml or source.is_dir()):
         if outputs.baseline is not None:
             raise UserError("write-baseline", f"given with {source}, a study", "a model to check")
+        if measure_only:
+            got = f"given with {source}, a study, whose settings have targets"
+            raise UserError("measure-only", got, "a model to measure")
         return _check_study(source, spec, jobs, progress)
-    return run_checks(_with_targets([plan(spec)], measure_only), progress)
+    return run_checks(_planned([plan(spec)], outputs, measure_only), progress)
 
 
 def _is_study(path: Path) -> bool:
@@ -103,14 +106,18 @@ def _is_study(path: Path) -> bool:
     return bool({"scene", "run"} & read_toml(path, UserError, "checks").keys())
 
 
-def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
-    """The checks, as they are. Raises UserError for one that has no target, and so could never
-    fail.
+def _planned(checks: list[Check], outputs: Outputs, measure_only: bool) -> list[Check]:
+    """The checks, as they are. Raises UserError for one without a target, which could never fail,
+    and for one with a target that `measure_only` would leave out.
 
-    measure_only: no check needs a target.
+    outputs: where a baseline is written, no check needs a target.
     """
     for check in checks:
-        if not measure_only and not check.has_target:
+        if measure_only and check.targets:
+            option = check.targets[0].replace("_", "-")
+            got = f"given with --{option}, the target of {check.name}"
+            raise UserError("measure-only", got, "one of the two")
+        if not measure_only and not check.targets and outputs.baseline is None:
             targets = "--restitution, --alpha, --points, --baseline, --require"
             options = f"{targets}, --max-depth or --max-vibration"
             advice = "--measure-only measures without a verdict"

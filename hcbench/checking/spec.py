@@ -147,7 +147,7 @@ class Check:
     """One model compared with one target: `wanted` or `baseline`; neither:
     only measured, for a new baseline.
 
-    source: as in `measure`.
+    source: as in `measure`. targets: options that the user gave a target by.
     max_error: largest |e - wanted| allowed at any speed and phase.
     limit: s, after which it counts as hung; None: see `measure`.
     """
@@ -164,13 +164,7 @@ class Check:
     drops: DropPlan | None = None
     trajectory: Path | None = None
     rest: RestLimits | None = None
-
-    @property
-    def has_target(self) -> bool:
-        """True if the check has a target."""
-        return bool(self.limits) or any(
-            t is not None for t in (self.wanted, self.baseline, self.rest)
-        )
+    targets: tuple[str, ...] = ()
 
     @property
     def against(self) -> str:
@@ -199,7 +193,7 @@ def plan(spec: CheckSpec) -> Check:
     """
     options = spec.options
     name = _name(spec)
-    _require_one_target(spec, name)
+    targets = _targets(spec, name)
     wanted = _wanted(options)
     known = None
     if options["material"] is not None:
@@ -244,6 +238,7 @@ def plan(spec: CheckSpec) -> Check:
         drops=drops,
         trajectory=trajectory,
         rest=rest,
+        targets=targets,
     )
 
 
@@ -254,10 +249,10 @@ def _name(spec: CheckSpec) -> str:
     return sanitized(" + ".join(Path(model).name for model in spec.models))
 
 
-def _require_one_target(spec: CheckSpec, name: str) -> None:
-    """Raise UserError for more than one target, and for a reading of α without an α.
+def _targets(spec: CheckSpec, name: str) -> tuple[str, ...]:
+    """Names of the options that give a target: at most one for e or limits, and those at rest.
 
-    name: of the check.
+    name: of the check. Raises UserError for more, and for a reading of α without an α.
     """
     has_alpha = spec.options["alpha"] is not None or spec.options["material"] is not None
     if spec.options["target"] != "law" and not has_alpha:
@@ -267,6 +262,8 @@ def _require_one_target(spec: CheckSpec, name: str) -> None:
     given = [target for target in targets if getattr(spec, target) is not None]
     if len(given) > 1:
         raise UserError(name, f"{' and '.join(given)} are given", "one target")
+    at_rest = [name for name in ("max_depth", "max_vibration") if getattr(spec, name) is not None]
+    return (*given, *at_rest)
 
 
 def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
@@ -309,9 +306,16 @@ def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) ->
         has = getattr(written, name, None)
         if value is not None and has != getattr(request, name, None):
             raise UserError(
-                name, f"other launches than the baseline's, which has {has}", "those, or none"
+                name, f"other launches than the baseline's: {_numbers(has)}", "those, or none"
             )
     return written
+
+
+def _numbers(value: Any) -> str:
+    """Numbers of a launch, SI, as a message has them: "0.5, 1"."""
+    if isinstance(value, tuple):
+        return ", ".join(map(_numbers, value))
+    return "none" if value is None else f"{value:.6g}"
 
 
 def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:

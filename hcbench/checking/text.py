@@ -207,7 +207,9 @@ def _safe(text: str) -> str:
 class CheckTable(SharedSpec):
     """The table: what all checks share, and the checks."""
 
-    check: list[CheckSpec] = Field(min_length=1)
+    check: list[CheckSpec] = Field(
+        min_length=1, description="[[tool.hcbench.check]] entries, one or more"
+    )
 
 
 def find_table(path: Path) -> dict[str, Any] | None:
@@ -241,7 +243,13 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
             "checks", f"{path} has no [tool.hcbench]", "a table with [[tool.hcbench.check]] entries"
         )
     table = validate(CheckTable, content, UserError, f"checks: {path}: [tool.hcbench] {{}}")
-    checks = [plan(_complete(entry, table, path.parent, baseline)) for entry in table.check]
+    checks = []
+    for place, entry in enumerate(table.check):
+        try:
+            checks.append(plan(_complete(entry, table, path.parent, baseline)))
+        except UserError as error:
+            slot = f"checks: {path}: [tool.hcbench] check[{place}]: {error.slot}"
+            raise type(error)(slot, error.got, error.expected, error.advice) from None
     name, count = Counter(check.name for check in checks).most_common(1)[0]
     if count > 1:
         raise UserError(

@@ -27,6 +27,8 @@ from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import Measurement
@@ -130,8 +132,11 @@ def _next_line(
 ) -> str:
     """The command to type next: `tune` where the target is missed, else `check`.
 
-    models, python: as they were typed. options: of `check`, by their names.
+    It repeats the options of the launches, as far as the command has them: a baseline of another
+    step or pose is another gate. models, python: as they were typed. options: of `check`, by their
+    names.
     """
+    from hcbench.cli.tune import tune
     from hcbench.measuring.measurement import TOLERANCE
     from hcbench.sim import registry
     from hcbench.sim.capabilities import TunesModels
@@ -155,12 +160,25 @@ def _next_line(
         missed = any(abs(error) > TOLERANCE for _, error in errors)
     if missed and python is None and isinstance(registry.engine(facts.engine), TunesModels):
         target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
+        taken = {parameter.name for parameter in tune.params}
         tuned = f"tuned{Path(models[0]).suffix}"
-        return f"hcbench tune {source} --pair {pair} {target} --write-model {tuned}"
-    if options["engine"]:
-        source += f" --engine {quote(options['engine'])}"
+        launches = _typed_again(options, [name for name in LAUNCHES if name in taken])
+        return f"hcbench tune {source} --pair {pair}{launches} {target} --write-model {tuned}"
+    launches = _typed_again(options, [*LAUNCHES, "engine", "limit"])
     target = target or "--write-baseline bounce.json"
-    return f"hcbench check {source} --pair {pair} {target}"
+    return f"hcbench check {source} --pair {pair}{launches} {target}"
+
+
+def _typed_again(options: Any, names: Sequence[str]) -> str:
+    """The options of these names that were given, each with a space before it."""
+    words = ""
+    for name in names:
+        option = OPTIONS[name]
+        if options[name] is False:
+            words += f" --no-{option.flag}"
+        elif options[name] != option.default:
+            words += f" --{option.flag} {quote(str(options[name]))}"
+    return words
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:

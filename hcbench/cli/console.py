@@ -40,11 +40,22 @@ class PathType(click.Path):
             raise UserError(slot, "an empty path", "a path", "Leave the option out for its default")
         if any(len(os.fsencode(part)) > _LONGEST_NAME for part in Path(value).parts):
             raise UserError(slot, f"{str(value)[:60]}...: file name too long", "a shorter path")
-        return super().convert(value, param, ctx)
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            expected = "a file that can be read" if self.file_okay else "a folder"
+            raise UserError(slot, error.message.rstrip("."), expected) from None
 
 
 class _OutputType(PathType):
     """A file to write."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; raises UserError as `PathType`, and for "-", whose file nobody means."""
+        if value == "-":
+            slot = param.opts[0] if param else "path"
+            raise UserError(slot, "-", "a file", "/dev/stdout is standard output")
+        return super().convert(value, param, ctx)
 
 
 def output_option(name: str, **settings: Any) -> Callable[..., Any]:
@@ -53,7 +64,9 @@ def output_option(name: str, **settings: Any) -> Callable[..., Any]:
 
 
 force_option = click.option(
-    "--force", is_flag=True, help="Replace output files that hcbench did not write."
+    "--force",
+    is_flag=True,
+    help="Replace output files that hcbench did not write, or that you changed.",
 )
 
 

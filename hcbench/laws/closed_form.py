@@ -31,6 +31,8 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Floats, Loop
 
+# Of a loop: more cannot be drawn, and would take gigabytes.
+_MOST_POINTS = 100_000
 # Nodes and weights of Gauss-Jacobi quadrature.
 #
 # Golub and Welsch, Math. Comp. 23 (1969): the nodes are the eigenvalues of the recurrence's
@@ -355,11 +357,11 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
 
     An odd count has the turning point x_m in its middle. Times are from touch. SI throughout.
     Raises UserError for a mass or speed that is not above 0, for an α v above 1000, and for fewer
-    than 3 points.
+    than 3 points or more than _MOST_POINTS.
     """
     v = _positive("speed", speed, "m/s")
-    if count < 3:
-        raise UserError("count", f"{count!r}", "3 points or more")
+    if not 3 <= count <= _MOST_POINTS:
+        raise UserError("count", f"{count!r}", f"3 ... {_MOST_POINTS} points")
     n = law.exponent
     theta = np.linspace(0.0, np.pi, count)
     elapsed = _elapsed(law, float(v), count)

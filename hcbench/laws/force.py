@@ -13,9 +13,21 @@ from typing import Protocol
 
 import numpy as np
 
-from hcbench.terms.arguments import checked_fields
+from hcbench.system.errors import UserError
+from hcbench.system.text import shown
+from hcbench.terms.arguments import checked_fields, is_array
 from hcbench.terms.bounds import LARGEST, positive, require
 from hcbench.terms.impact import Floats
+
+
+def _real(slot: str, values: Floats | float) -> Floats:
+    """The values as an array. Raises UserError in the name of `slot` for what is not real numbers.
+
+    Solvers call a law's `force` a million times: this is faster than `checked`.
+    """
+    if type(values) is not float and not is_array(values):
+        raise UserError(slot, shown(values), "a number, or an array of them")
+    return np.asarray(values)
 
 
 class ForceLaw(Protocol):
@@ -54,11 +66,11 @@ class HuntCrossley:
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N, eq. (16); 0 where the bodies are apart, x <= 0."""
-        depth = np.maximum(x, 0.0)
+        depth = np.maximum(_real("x", x), 0.0)
         return np.asarray(
             self.stiffness
             * np.power(depth, self.exponent)
-            * (1.0 + self.dissipation * np.asarray(v))
+            * (1.0 + self.dissipation * _real("v", v))
         )
 
 
@@ -86,4 +98,4 @@ class KelvinVoigt:
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N, eq. (4)."""
-        return np.asarray(self.stiffness * np.asarray(x) + self.damping * np.asarray(v))
+        return np.asarray(self.stiffness * _real("x", x) + self.damping * _real("v", v))

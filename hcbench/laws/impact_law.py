@@ -14,7 +14,8 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.system.errors import UserError
 from hcbench.system.text import Drawn
 from hcbench.terms import units
-from hcbench.terms.arguments import checked
+from hcbench.terms.arguments import checked, checked_fields
+from hcbench.terms.bounds import positive
 from hcbench.terms.options import MaterialName, PintQuantity
 from hcbench.terms.records import LOOP
 from hcbench.terms.units import INCH
@@ -172,6 +173,7 @@ PAPER_STIFFNESS = "3.1e7 lbf/in^1.5"
 _SHOWN = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 
+@checked_fields
 @dataclass(frozen=True, repr=False)
 class ImpactLaw(Drawn):
     """The Hunt-Crossley law of one pair of bodies.
@@ -188,11 +190,16 @@ class ImpactLaw(Drawn):
     force: HuntCrossley
     mass: float
 
+    def __post_init__(self) -> None:
+        """Raise UserError for a mass that is not above 0."""
+        positive("mass", self.mass, "kg")
+
     @property
     def alpha(self) -> float:
         """α, s/m: the share of the speed that is lost, per m/s, in slow impacts."""
         return self.force.alpha
 
+    @checked
     def e(self, speed: Quantities) -> Any:
         """Restitution at impact speeds.
 
@@ -231,6 +238,7 @@ class ImpactLaw(Drawn):
             return float(e[0])
         return e.reshape(np.shape(given))
 
+    @checked
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
         """Everything about one impact at each speed: e, penetration, force, duration, energy lost,
         SI.
@@ -240,6 +248,7 @@ class ImpactLaw(Drawn):
         values = units.parse_values(speeds, "speed", "speeds", above=0)
         return [summarize(self.force, self.mass, v, PAPER_RELATIVE_RADIUS) for v in values.tolist()]
 
+    @checked
     def loop(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
         """Force over penetration from touch to parting, as the paper's Figs. 3 and 4 draw it.
 
@@ -248,7 +257,7 @@ class ImpactLaw(Drawn):
         speed : float, text, quantity of Pint's, or several
             Impact speeds above 0, m/s or with a unit.
         count : int
-            Points of a loop, 3 or more; of an odd number the middle one is the deepest.
+            Points of a loop, 3 to 100 000; of an odd number the middle one is the deepest.
 
         Returns
         -------
@@ -258,7 +267,7 @@ class ImpactLaw(Drawn):
         Raises
         ------
         UserError
-            For a speed that is not above 0, and for fewer than 3 points.
+            For a speed that is not above 0, and for another number of points.
 
         Examples
         --------
@@ -270,6 +279,7 @@ class ImpactLaw(Drawn):
         """
         return self.trajectory(speed, count)[["speed_m_per_s", "penetration_m", "force_n"]]
 
+    @checked
     def trajectory(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
         """Motion over time from touch to parting.
 
@@ -278,7 +288,7 @@ class ImpactLaw(Drawn):
         speed : float, text, quantity of Pint's, or several
             Impact speeds above 0, m/s or with a unit.
         count : int
-            Points of an impact, 3 or more, nearly even in time.
+            Points of an impact, 3 to 100 000, nearly even in time.
 
         Returns
         -------
@@ -289,7 +299,7 @@ class ImpactLaw(Drawn):
         Raises
         ------
         UserError
-            For a speed that is not above 0, and for fewer than 3 points.
+            For a speed that is not above 0, and for another number of points.
 
         Examples
         --------
@@ -319,6 +329,7 @@ class ImpactLaw(Drawn):
             yield {name: value for name, value in asdict(impact).items() if name != "warnings"}
 
 
+@checked_fields
 @dataclass(frozen=True, repr=False)
 class ImpactLaws(Drawn):
     """The Hunt-Crossley law for several α, all else alike.
@@ -337,6 +348,7 @@ class ImpactLaws(Drawn):
         """α, s/m, shape (n,)."""
         return np.array([law.alpha for law in self.laws])
 
+    @checked
     def e(self, speed: Quantities) -> Floats:
         """Restitution at impact speeds, m/s or with a unit: a row for each α, shape (n, ...).
 
@@ -344,14 +356,17 @@ class ImpactLaws(Drawn):
         """
         return np.array([law.e(speed) for law in self.laws])
 
+    @checked
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
         """Everything about one impact for each α at each speed, SI. Raises as `ImpactLaw.impacts`."""
         return [impact for law in self.laws for impact in law.impacts(speeds)]
 
+    @checked
     def loop(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
         """The loops of all α, as `ImpactLaw.loop`, with a first column `alpha_s_per_m`."""
         return self._joined([law.loop(speed, count) for law in self.laws])
 
+    @checked
     def trajectory(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
         """The motions of all α, as `ImpactLaw.trajectory`, with a first column `alpha_s_per_m`."""
         return self._joined([law.trajectory(speed, count) for law in self.laws])
@@ -456,7 +471,9 @@ def law(
         stiffness = PAPER_STIFFNESS
     k = units.parse(stiffness, "stiffness", "stiffness", n)
     m = units.parse(mass, "mass", "mass", above=0)
-    if not isinstance(alpha, list | tuple | np.ndarray):
+    # A column of pandas is several, too.
+    given: Any = alpha
+    if isinstance(alpha, str) or (not isinstance(alpha, list | tuple) and np.ndim(given) == 0):
         return ImpactLaw(HuntCrossley(k, units.parse(alpha, "alpha", "alpha"), n), m)
     values = units.parse_values(alpha, "alpha", "alpha").tolist()
     return ImpactLaws(tuple(ImpactLaw(HuntCrossley(k, each, n), m) for each in values))

@@ -23,7 +23,7 @@ from hcbench.measuring.curve import Curve, curve_of
 from hcbench.sim.model_under_test import Facts, Request
 from hcbench.sim.rest import Rest
 from hcbench.system.errors import UserError
-from hcbench.system.text import Drawn, sanitized, time_step
+from hcbench.system.text import Drawn, gravity_text, sanitized, time_step
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Impact, Status
@@ -134,10 +134,9 @@ class Measurement(Drawn):
         """
         facts = self.facts
         step = time_step(self.facts.timestep)
-        gravity = float(np.linalg.norm(facts.gravity))
         return [
             f"{sanitized(facts.model)}: {sanitized(facts.pair[0])} on {sanitized(facts.pair[1])}",
-            f"{facts.engine} {facts.version}, step {step} s, gravity {gravity:.4g} m/s^2",
+            f"{facts.engine} {facts.version}, step {step} s, gravity {gravity_text(facts.gravity)} m/s^2",
             f"effective mass {self.effective_mass:.4g} kg, {sanitized(facts.moved)}",
             f"they meet {sanitized(facts.meeting)}",
         ]

@@ -20,7 +20,7 @@ from hcbench.sim.model_under_test import Request, Vector
 from hcbench.sim.packages import read_packages
 from hcbench.system.errors import HcbenchError, QuantityError, UserError
 from hcbench.system.files import parse_json, read_bytes, read_text, require_small_archive
-from hcbench.system.text import sanitized, split_names
+from hcbench.system.text import sanitized, shown, split_names
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import BodyPair, LaunchOptions, Quantity
@@ -177,6 +177,9 @@ def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:
             content: Any = _arrays(read_bytes(file))
         else:
             content = parse_json(read_text(file))
+    except UnicodeDecodeError:
+        got = f"{file} is neither .npz nor text"
+        raise UserError(slot, got, f"a .npz or JSON file with {what}") from None
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError(slot, f"{file}: {error}", f"a .npz or JSON file with {what}") from None
     if not isinstance(content, Mapping) or not content:
@@ -375,6 +378,7 @@ def _gravity(gravity: Any) -> Vector:
     """Gravity, m/s²: three numbers, or one along -z. Raises QuantityError for one below 0, and for
     another number of numbers.
     """
+    given = gravity
     gravity = units.without_pint(gravity, "acceleration", "gravity")
     if isinstance(gravity, str) and "," in gravity:
         gravity = gravity.split(",")
@@ -390,7 +394,7 @@ def _gravity(gravity: Any) -> Vector:
     values = [units.parse(part, "acceleration", "gravity") for part in gravity]
     if len(values) != 3:
         advice = "Write for example 0,0,-9.81"
-        raise QuantityError("gravity", repr(gravity), "one number along -z, or three", advice)
+        raise QuantityError("gravity", shown(given), "one number along -z, or three", advice)
     return values[0], values[1], values[2]
 
 

@@ -31,6 +31,13 @@ _HEADER = (
     *("valid m/s", "outside", "setting"),
 )
 
+# Arrays of a recording, and what each has.
+_ARRAYS = {
+    "qpos": "positions, a row a state",
+    "qvel": "velocities, a row a state",
+    "time": "seconds, one a state",
+}
+
 
 @checked
 def measure_trajectory(
@@ -72,14 +79,13 @@ def _arrays(trajectory: Any) -> dict[str, Floats]:
         got = f"a {type(trajectory).__name__}"
         raise UserError("trajectory", got, "a file or a mapping with qpos and qvel of each state")
     arrays: dict[str, Floats] = {}
-    try:
-        for name in ("qpos", "qvel", "time"):
-            if name in trajectory:
+    for name, expected in _ARRAYS.items():
+        if name in trajectory:
+            try:
                 arrays[name] = real_array(trajectory[name])
-    except (TypeError, ValueError):
-        raise UserError(
-            "trajectory", "no numbers in it", "arrays qpos and qvel, a row a state"
-        ) from None
+            except (TypeError, ValueError):
+                got = f"{name}: not numbers alone"
+                raise UserError("trajectory", got, expected) from None
     return arrays
 
 

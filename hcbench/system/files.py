@@ -196,11 +196,12 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
+def write_bytes(path: Path, content: bytes | Iterable[bytes], slot: str = "output") -> None:
     """Write a file whole or not at all, or through a device or pipe, and through links to either.
 
-    content: or its pieces, one after the other. Raises as `unwritable`: UserError for a path at
-    which no file can be, OutputError where it cannot be written.
+    content: or its pieces, one after the other. slot: of an error.
+    Raises as `unwritable`: UserError for a path at which no file can be, OutputError where it
+    cannot be written.
     """
     try:
         stream = _open_stream(path)
@@ -211,7 +212,7 @@ def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
             with stream:
                 stream.writelines(_pieces(content))
     except OSError as error:
-        raise unwritable("output", path, error, "a place that can be written to") from None
+        raise unwritable(slot, path, error, "a place that can be written to") from None
 
 
 def _remove_left(folder: Path) -> None:
@@ -287,7 +288,9 @@ def unwritable(
     """
     if error.errno == errno.ENAMETOOLONG:
         return UserError(slot, f"{str(path)[:80]}...: {error.strerror}", "a shorter path")
-    if error.errno in _WRONG_PATH:
+    # A file that is missing in a folder that exists: the system makes none there, as in /proc.
+    is_refused = error.errno == errno.ENOENT and Path(path).parent.is_dir()
+    if error.errno in _WRONG_PATH and not is_refused:
         return UserError(slot, f"{path}: {error.strerror}", expected, advice)
     return OutputError(slot, f"{path}: {error.strerror or error}", expected, advice)
 

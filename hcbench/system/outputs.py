@@ -1,13 +1,15 @@
 """Output files that a user names: they never replace an input, nor a
 file that hcbench did not write.
 
-The last bytes of each say which option wrote it. Another file is replaced only if it is empty, or
-with --force; devices and pipes are written through.
+A mark near the end of each says which option wrote it, with a digest of all else in the file. A
+file without its mark, or changed since, is replaced only if it is empty, or with --force; devices
+and pipes are written through.
 """
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import itertools
 import os
 import re
@@ -20,16 +22,14 @@ from hcbench.system.errors import OutputError, UserError
 from hcbench.system.files import read_bytes, write_bytes
 from hcbench.system.text import sanitized
 
-# Bytes at either end of a file that are searched for the mark.
+# Bytes at the end of a file that are searched for the mark: what follows it is shorter.
 _TAIL = 4096
-# Marks of hcbench's JSON files, which take no comment, by the option that writes them.
-_JSON = {
-    "--write-baseline": b'"kind": "hcbench baseline"',
-    "--write-material": b'"kind": "hcbench material"',
-    "--out": b'"set":"hcbench-cases-',
-}
 _PNG = b"\x89PNG\r\n\x1a\n"
 _ZIP = b"PK\x03\x04"
+# A last key in the last object of a JSON file has its mark.
+MARK_KEY = "mark"
+# The end of a JSON object, or of a list of objects.
+_JSON_END = re.compile(rb"\s*\}\s*\]?\s*\Z")
 _QUOTED = re.compile(rb"[\"']([^\"'\n]{1,255})[\"']")
 # Input files that are searched for the names of further ones, at most.
 _MOST_NAMED = 1000
@@ -46,7 +46,7 @@ def write_output(path: Path, content: str | bytes, option: str, force: bool = Fa
     _require_replaceable(path, option, force)
     if isinstance(content, str):
         content = content.encode()
-    write_bytes(path, _marked(content, option))
+    write_bytes(path, _marked(content, option), option)
 
 
 def require_outputs(
@@ -134,19 +134,20 @@ def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool
 
 
 def _require_replaceable(path: Path, option: str, force: bool) -> None:
-    """Raise UserError for a file that does not have the mark of this option near its begin or end.
+    """Raise UserError for a file that this option did not write, or that was changed since.
 
     path: of an output, which may not exist. Nothing is in the way with `force`, nor of an empty
     file, a device or a standard stream.
     """
     if force or not path.is_file() or not path.stat().st_size or _is_standard_stream(path):
         return
-    with path.open("rb") as file:
-        ends = file.read(_TAIL)
-        file.seek(max(0, path.stat().st_size - _TAIL))
-        ends += b"\n" + file.read()
-    if _mark(option) not in ends and _JSON.get(option, _mark(option)) not in ends:
-        got = f"{sanitized(path)} exists, and {option} did not write it"
+    digest = _digest_in_mark(path, option)
+    shown = sanitized(path)
+    if digest is None:
+        got = f"{shown} exists, and {option} did not write it"
+        raise UserError(option, got, "a new file", "--force replaces it")
+    if not _is_unchanged(path.read_bytes(), option, digest):
+        got = f"{shown} was changed since {option} wrote it"
         raise UserError(option, got, "a new file", "--force replaces it")
 
 
@@ -213,27 +214,66 @@ def _is(path: Path, what: Callable[[Path], bool]) -> bool:
         return False
 
 
-def _mark(option: str) -> bytes:
-    return f"written by hcbench {option}".encode().replace(b"--", b"")
+def _mark(option: str, digest: bytes) -> bytes:
+    return b"written by hcbench %s, digest %s" % (option.removeprefix("--").encode(), digest)
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest()[:16].encode()
+
+
+def _digest_in_mark(path: Path, option: str) -> bytes | None:
+    """The digest in the last mark of this option at the end of a file; None without one."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _TAIL))
+        found = re.findall(re.escape(_mark(option, b"")) + rb"([0-9a-f]{16})", file.read())
+    return found[-1] if found else None
+
+
+def _is_unchanged(content: bytes, option: str, digest: bytes) -> bool:
+    """Say whether a file has the digest that its mark states. content: of the file, marked."""
+    before, frame, after = content.rpartition(_frame(content, option, digest))
+    return bool(frame) and _digest(before + after) == digest
 
 
 def _marked(content: bytes, option: str) -> bytes:
-    """The content with its mark: a last comment, that of a ZIP archive, or a text chunk before the
-    last of a PNG. JSON stays as it is, since it takes no comment.
+    """The content with its mark: a last comment, that of a ZIP archive, a text chunk before the
+    last of a PNG, or a last key in JSON, which takes no comment.
 
     option: the one that writes it.
     """
-    mark = _mark(option)
+    after = _after_mark(content)
+    before = content.removesuffix(after)
+    if content.startswith(_ZIP):
+        # An archive ends with the length of its comment, 2 bytes; NumPy writes none.
+        before = content[:-2]
+    elif not after and not content.endswith(b"\n"):
+        before += b"\n"
+    return before + _frame(content, option, _digest(before + after)) + after
+
+
+def _after_mark(content: bytes) -> bytes:
+    """The end of a content that must stay its end: the last chunk of a PNG, 12 bytes; the brackets
+    of JSON; of other files nothing.
+    """
+    if content.startswith(_PNG):
+        return content[-12:]
+    if content.startswith((b"{", b"[")) and (end := _JSON_END.search(content)):
+        return end.group()
+    return b""
+
+
+def _frame(content: bytes, option: str, digest: bytes) -> bytes:
+    """The mark as a file of this form takes it. content: of the file, marked or not."""
+    mark = _mark(option, digest)
     if content.startswith(_PNG):
         chunk = b"tEXtComment\0" + mark
-        # Length of the data, type and data, checksum of these two. The last chunk has 12 bytes.
-        framed = (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
-        return content[:-12] + framed + content[-12:]
+        # Length of the data, type and data, checksum of these two.
+        return (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     if content.startswith(_ZIP):
-        # An archive ends with the length of its comment; NumPy writes none.
-        return content[:-2] + len(mark).to_bytes(2, "little") + mark
+        return len(mark).to_bytes(2, "little") + mark
     if content.startswith((b"{", b"[")):
-        return content
-    is_markup = content.lstrip().startswith(b"<") or option == "--markdown"
-    line = b"<!-- " + mark + b" -->\n" if is_markup else b"# " + mark + b"\n"
-    return content + b"\n" * (not content.endswith(b"\n")) + line
+        return f',\n "{MARK_KEY}": "'.encode() + mark + b'"'
+    if content.lstrip().startswith(b"<") or option == "--markdown":
+        return b"<!-- " + mark + b" -->\n"
+    return b"# " + mark + b"\n"

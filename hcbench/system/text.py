@@ -143,6 +143,14 @@ def time_step(step: float) -> str:
     return plain
 
 
+def gravity_text(gravity: Sequence[float]) -> str:
+    """Gravity, m/s²: one number where it is along -z, else three."""
+    x, y, z = gravity
+    if x == y == 0.0 and z <= 0.0:
+        return f"{abs(z):.4g}"
+    return " ".join(f"{each + 0.0:.4g}" for each in gravity)
+
+
 # Lines of a repr, at most.
 _LINES = 12
 

@@ -66,7 +66,7 @@ _WORDS = {
 }
 
 _OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
-_BEYOND_BOUNDS = "`with hcbench.terms.bounds.beyond_bounds():`"
+_BEYOND_BOUNDS = "`with hcbench.beyond_bounds():`"
 # Options that have another name in Python.
 _PARAMETERS = {
     "as": ("kind",),
@@ -112,7 +112,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         given = [*zip(places, plain_args, strict=False), *plain.items()]
         for name, value in given:
             if name in hints and not _fits(value, hints[name]):
-                raise UserError(name, shown(value), _words(hints[name]))
+                raise UserError(name, shown(value), _expected(value, hints[name]))
             if name not in names and not takes_others:
                 raise UserError(name, "unknown argument", f"one of: {', '.join(names)}")
         try:
@@ -267,7 +267,8 @@ def _is_whole(value: Any, _: _Parts) -> bool:
     return is_whole and bool(abs(value) <= _LARGEST_INT)
 
 
-def _is_array(value: Any, _: _Parts) -> bool:
+def is_array(value: Any, _: _Parts = ()) -> bool:
+    """Say whether NumPy makes an array of real numbers of a value."""
     if isinstance(value, PintQuantity):
         # NumPy would take its numbers and drop their unit.
         return False
@@ -328,7 +329,7 @@ _TESTS: dict[Any, Callable[[Any, _Parts], bool]] = {
 }
 # The first kind that the type belongs to decides, so the order matters.
 _GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {
-    np.ndarray: _is_array,
+    np.ndarray: is_array,
     tuple: _is_tuple,
     Mapping: lambda value, _: isinstance(value, Mapping),
     Sequence: _is_sequence,
@@ -336,9 +337,18 @@ _GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {
 }
 
 
+def _expected(value: Any, hint: Any) -> str:
+    """The words for what an error expected of a value that does not fit its annotated type."""
+    words = _words(hint)
+    is_too_large = isinstance(value, int) and abs(value) > _LARGEST_INT
+    if is_too_large and int in (hint, *get_args(hint)):
+        return f"{words}, up to {_LARGEST_INT}"
+    return words
+
+
 def _words(hint: Any) -> str:
-    """Describe an annotated type in words, for what an error expected: "a number", "text or a
-    path".
+    """Describe an annotated type in words, for what an error expected: "a number", "text, a path or
+    a list of numbers".
     """
     origin = get_origin(hint)
     parts = get_args(hint)
@@ -346,7 +356,8 @@ def _words(hint: Any) -> str:
         # None says the same as an argument that is left out.
         given = [part for part in parts if part is not type(None)]
         known = _WORDS.get(functools.reduce(operator.or_, given))
-        return known or " or ".join(map(_words, parts))
+        *others, last = map(_words, given)
+        return known or (f"{', '.join(others)} or {last}" if others else last)
     if origin is Annotated:
         return f"{_words(parts[0])}, {parts[1].least} or more"
     if origin is Literal:
@@ -357,6 +368,6 @@ def _words(hint: Any) -> str:
         return "a mapping of names to values"
     if isinstance(origin, type) and issubclass(origin, Iterable):
         if parts[1:] in ((), (Ellipsis,)):
-            return f"several of: {_words(parts[0])}"
+            return f"a list, each item {_words(parts[0])}"
         return f"{len(parts)} values"
     return _WORDS.get(hint, f"a {getattr(hint, '__name__', hint)}")

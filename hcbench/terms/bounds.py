@@ -2,7 +2,7 @@
 that names the slot.
 
 One table of bounds serves options, studies, data, states and models. A number beyond its bounds is
-nearly always a wrong unit. `--beyond-bounds` admits it; in Python, `with beyond_bounds():`.
+nearly always a wrong unit. `--beyond-bounds` admits it; in Python, `with hcbench.beyond_bounds():`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ import numpy as np
 from hcbench.system.errors import QuantityError, UserError
 
 if TYPE_CHECKING:
-    from hcbench.terms.impact import Floats
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
 
 # Bounds of a quantity other than 0: squares of others leave the range of a float.

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin
@@ -27,7 +28,7 @@ from pydantic import (
     create_model,
 )
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticCustomError, core_schema
+from pydantic_core import ErrorDetails, PydanticCustomError, core_schema
 
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.files import read_text
@@ -165,7 +166,10 @@ def read_toml(
         raise error(slot, f"{path} does not exist", expected) from None
     except (OSError, UnicodeDecodeError) as caught:
         raise error(slot, f"{path}: {sanitized(caught)}", "a readable TOML file") from None
-    except (ValueError, RecursionError) as caught:
+    except RecursionError:
+        got = f"{path} is not TOML that can be read: brackets within brackets, too many"
+        raise error(slot, got, "TOML", "Mend its brackets") from None
+    except ValueError as caught:
         # A plain ValueError: a whole number of more digits than Python converts.
         raise error(
             slot, f"{path} is not TOML: {sanitized(caught)}", "TOML", "Mend that line"
@@ -183,7 +187,7 @@ def validate(
     try:
         return table.model_validate(dict(content))
     except ValidationError as caught:
-        first = caught.errors(include_url=False)[0]
+        first = _first(caught)
     path, inner, expected = _place(table, first["loc"])
     got = f"{first['input']!r:.60}"
     advice = ""
@@ -196,9 +200,20 @@ def validate(
         expected = expected or "a value"
     elif first["type"] == "extra_forbidden":
         got, one_of = inner.unknown
-        expected = f"{one_of}: {', '.join(_fields(inner))}"
+        names = list(_fields(inner))
+        # The message may be cut: the names that may be meant come first.
+        meant = get_close_matches(str(first["loc"][-1]), names)
+        expected = f"{one_of}: {', '.join(dict.fromkeys([*meant, *names]))}"
     expected = expected or first["msg"].removeprefix("Input should be ")
     raise error(slot.replace("{}", sanitized(path)), got, expected, advice)
+
+
+def _first(caught: ValidationError) -> ErrorDetails:
+    """The first error, or an unknown key where something is missing: it may be the one meant."""
+    errors = caught.errors(include_url=False)
+    if errors[0]["type"] == "missing":
+        return next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
+    return errors[0]
 
 
 def _place(

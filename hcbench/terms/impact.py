@@ -9,11 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hcbench.system.errors import QuantityError
+from hcbench.system.text import shown
+from hcbench.terms.units import is_real
 
 Floats = NDArray[np.float64]
 
@@ -64,9 +67,22 @@ class Launch:
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Raise QuantityError for a speed or height below 0 or not finite, and a phase outside 0 to
-        1.
+        """Raise QuantityError for what is not a number, for another count of numbers in slip or
+        spin, for a speed or height below 0 or not finite, and a phase outside 0 to 1.
         """
+        numbers: dict[str, object] = {"speed": self.speed, "phase": self.phase}
+        if self.height is not None:
+            numbers["height"] = self.height
+        for slot, number in numbers.items():
+            if not is_real(number):
+                raise QuantityError(slot, shown(number), "a number")
+        vectors: tuple[tuple[str, Any, int], ...] = (("slip", self.slip, 2), ("spin", self.spin, 3))
+        for slot, vector, count in vectors:
+            is_vector = isinstance(vector, tuple | list) and len(vector) == count
+            if not (is_vector and all(map(is_real, vector))):
+                raise QuantityError(slot, shown(vector), f"{count} numbers")
+            # A list has no hash, and launches are keys.
+            object.__setattr__(self, slot, tuple(vector))
         if not 0.0 <= self.speed < math.inf:
             raise QuantityError("speed", f"{self.speed!r} m/s", "0 m/s or more, towards the plate")
         if not 0.0 <= self.phase < 1.0:

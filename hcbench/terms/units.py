@@ -171,6 +171,12 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
     si = kind.unit.replace("^n", f"^{exponent!r}")
     expected = f"a unit that converts to {si}" if si else "a plain number"
     advice = f"Write for example {kind.example!r}"
+    if "±" in unit or re.search(r"\+/?-", unit):
+        raise QuantityError(
+            slot, f"{text[:80]!r} has an uncertainty", "a value without one", advice
+        )
+    if unit.endswith("%"):
+        raise QuantityError(slot, f"{text[:80]!r} is in per cent", expected, advice)
     unit = usual_unit(unit)
     is_unit = _UNIT.fullmatch(unit) and not _TOWER.search(unit) and not _SIGN.search(unit)
     if len(unit) > _LONGEST_UNIT or not is_unit:
@@ -319,6 +325,9 @@ def parse_uncertain(
     error = f"{match['by']} {behind_bracket}".strip()
     unit = _unit_of(number)
     unit_of_error = _unit_of(error)
+    if unit_of_error == "%":
+        got = f"{value!r:.80} has its uncertainty in per cent"
+        raise QuantityError(slot, got, "it in the unit of the value")
     # One unit holds for both.
     if unit_of_error and not unit:
         number = f"{number} {unit_of_error}"
@@ -379,8 +388,11 @@ def parse_values(
     kind = QUANTITIES[quantity]
     slot = slot or quantity
     value = without_pint(value, quantity, slot)
-    if isinstance(value, np.ndarray):
-        value = value.ravel().tolist()
+    if not isinstance(value, str | list | tuple) and hasattr(value, "__array__"):
+        # Also a column of pandas or a tensor.
+        array = np.asanyarray(value).ravel()
+        # NumPy makes whole numbers of durations, without their unit.
+        value = list(array) if array.dtype.kind in "mM" else array.tolist()
     if isinstance(value, list | tuple):
         if not len(value):
             raise QuantityError(slot, "an empty list", f"at least one value like {kind.example!r}")
@@ -410,6 +422,9 @@ def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
         piece = _PIECE.fullmatch(part)
         if piece is None:
             raise QuantityError(slot, f"{text!r}", _SHAPE)
+        if ":" in (piece["unit"] or ""):
+            got = f"{text!r} has a unit within a range"
+            raise QuantityError(slot, got, "one unit, at its end", f"Write {_SHAPE}")
         pieces.append(piece)
     comma = _DECIMAL_COMMA.search(text)
     if comma is not None:
@@ -467,9 +482,10 @@ def _require_bounds(
         raise QuantityError(slot, f"{lowest:g} {kind.unit}".strip(), expected, advice)
     if (highest := max(numbers)) >= kind.below:
         advice = f"Write for example {kind.example!r}; plain numbers are {kind.unit}"
-        raise QuantityError(
-            slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", advice
-        )
+        got = f"{value!r:.80}" if isinstance(value, str) else f"{highest:g} {kind.unit}"
+        # Angles alone have such a bound; people write them in degrees.
+        expected = f"below {math.degrees(kind.below):g} deg ({kind.below:.6g} {kind.unit})"
+        raise QuantityError(slot, got, expected, advice)
     require_bounds(slot, numbers, kind.name, kind.unit)
     if lowest < kind.least:
         # The table of bounds holds for sizes: -1 is within that of an exponent.

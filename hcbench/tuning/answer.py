@@ -14,6 +14,7 @@ from hcbench.recipes.target import why_cut
 from hcbench.sim import registry
 from hcbench.system.errors import SettingError
 from hcbench.system.text import Drawn, time_step, two_digits
+from hcbench.terms.arguments import checked
 from hcbench.terms.setting import Pair, Setting
 from hcbench.tuning.tuned import MOST_ADVISED, Tuned, make_tuned
 
@@ -222,6 +223,7 @@ class Answer(Drawn):
             return "Try a smaller step, or a narrower band by --speeds"
         return f"--plugin prints the plug-in: {exact.within}"
 
+    @checked
     def of(self, kind: Kind) -> Choice | None:
         """The choice of a kind; None without one."""
         for choice in self.choices:

@@ -21,6 +21,7 @@ from hcbench.sim.passivity import MOST_E, MOST_ENERGY
 from hcbench.sim.rest import Standing
 from hcbench.system.outputs import write_output
 from hcbench.system.text import Shown, joined_names
+from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Floats
 
 Band = tuple[float, float]
@@ -167,6 +168,7 @@ class RandomWorlds(Shown):
             words |= dict.fromkeys(after.rests_worse_than(self.before, self.facts[0].timestep))
         return list(words)
 
+    @checked
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write the parameters and the certificate as an .npz file, whole or not at all.
 

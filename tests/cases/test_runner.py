@@ -264,7 +264,8 @@ def test_the_runner_ends_as_a_command_should(
 def test_a_vendored_folder_is_small_and_its_test_runs_alone(tmp_path: Path) -> None:
     folder = tmp_path / "bounces"
     assert cli.run(["cases", "vendor", "--case", "C01", "--case", "C05", str(folder)]) == 0
-    assert sum(path.stat().st_size for path in folder.iterdir()) <= 40_000
+    size = sum(path.stat().st_size for path in folder.iterdir())
+    assert round(size / 1000) == 40, "as docs/howto/cases.md says"
     for path in folder.glob("*.py"):
         if path.name != "adapter.py":
             assert "SPDX-License-Identifier: Apache-2.0" in path.read_text("utf-8")
@@ -359,6 +360,13 @@ def test_the_command_judges_results_of_any_language(
         mine.write_text(nothing, "utf-8")
         assert cli.run(["cases", "score", str(mine)]) == 2
     assert cli.run(["cases", "run", "nothing"]) == 2
+
+
+def test_a_folder_gets_all_of_its_files_or_none(tmp_path: Path) -> None:
+    mine = tmp_path / "test_hcbench_cases.py"
+    mine.write_text("mine", "utf-8")
+    assert cli.run(["cases", "vendor", str(tmp_path)]) == 2
+    assert list(tmp_path.iterdir()) == [mine]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="no folder can be made in /proc of Linux alone")

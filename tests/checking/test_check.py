@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from checks import BROKEN, CRASH, GOOD, SPEEDS, ask, one
@@ -141,6 +142,24 @@ def test_writing_a_baseline_judges_nothing_and_says_where_it_is(
 def test_a_check_that_could_never_fail_is_a_mistake() -> None:
     with pytest.raises(UserError, match=r"no target; expected .*--measure-only"):
         check(ask())
+
+
+@pytest.mark.parametrize("slot", ["restitution", "alpha", "max-depth"])
+def test_measure_only_and_a_target_contradict_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], slot: str
+) -> None:
+    """Once the check ended with 1 FAILED, where "nothing can fail"."""
+    both = f"--measure-only: given with --{slot}, the target of good.xml; expected one of the two"
+    assert run(["check", GOOD, "--pair=ball,plate", f"--{slot}=0.001", "--measure-only"]) == 2
+    assert both in " ".join(capsys.readouterr().err.split())
+    file = tmp_path / "checks.toml"
+    file.write_text(f"[[tool.hcbench.check]]\nmodel = '{Path(GOOD).resolve()}'\n{slot} = 0.001\n")
+    assert run(["check", str(file), "--measure-only"]) == 2
+    assert both in " ".join(capsys.readouterr().err.split())
+    name = slot.replace("-", "_")
+    target: dict[str, Any] = {name: 0.001}
+    with pytest.raises(UserError, match=f"measure_only: given with {name}, the target of good"):
+        hb.check(GOOD, "ball,plate", measure_only=True, **target)
 
 
 def test_no_error_is_a_negative_zero() -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hcbench.checking import CheckSpec, check
 from hcbench.checking.text import find_table
 from hcbench.cli import run
 from hcbench.measuring.request import read_state
@@ -55,3 +56,25 @@ def test_a_value_of_another_type_is_refused_in_the_words_of_its_key(
     assert key in printed
     assert "Input" not in printed
     assert "unexpected" not in printed
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[tool.hcbench]\ncheck = []", r"check: \[\]; expected \[\[tool.hcbench.check\]\] entries"),
+        ("[tool.hcbench]", r"check: missing; expected \[\[tool.hcbench.check\]\] entries"),
+        ("[[tool.hcbench.checks]]\nmodel = 'a'", "checks: unknown key; expected one of: check, "),
+        (
+            "[[tool.hcbench.check]]\nmodel = 'a'\nmax-error = inf",
+            r"checks: .*pyproject\.toml: \[tool\.hcbench\] check\[0\]: max-error: inf",
+        ),
+        ("a = " + "[" * 5000, "is not TOML that can be read: brackets .* Mend its brackets$"),
+    ],
+)
+def test_a_mistake_in_a_list_of_checks_is_named_in_its_words(
+    text: str, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "pyproject.toml"
+    path.write_text(text)
+    with pytest.raises(UserError, match=message):
+        check(CheckSpec(model=str(path)))

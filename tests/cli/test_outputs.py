@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +17,8 @@ import hcbench as hb
 from hcbench import cli
 from hcbench.reporting.page import png_bytes
 from hcbench.reporting.plot_style import new_figure
-from hcbench.system.errors import UserError
+from hcbench.system.errors import OutputError, UserError
+from hcbench.system.files import json_text
 from hcbench.system.outputs import require_outputs, write_output
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -107,6 +112,72 @@ def test_a_file_of_another_hand_is_replaced_by_force_alone(folder: Path, option:
     other = "--junit" if option != "--junit" else "--page"
     with pytest.raises(UserError, match="did not write it"):
         write_output(notes, "of another kind", other)
+
+
+def appended(content: bytes) -> bytes:
+    return content + b"9.9,0.1\n"
+
+
+def put_first(content: bytes) -> bytes:
+    return b"1 2\n" + content
+
+
+def with_a_key(content: bytes) -> bytes:
+    return json.dumps({**json.loads(content), "mine": 1}, indent=1).encode()
+
+
+@pytest.mark.parametrize(
+    ("option", "content"),
+    [
+        ("--write-points", "speed [m/s],restitution\n1,0.8\n"),
+        ("--page", "<!DOCTYPE html>\n<p>e</p>"),
+        ("--markdown", "### 1"),
+        ("--write-baseline", json_text({"kind": "hcbench baseline", "checks": {"a": {"e": [1]}}})),
+        ("--out", '[{"set":"hcbench-cases-1","runs":{}}]\n'),
+    ],
+)
+def test_a_file_that_was_changed_is_replaced_by_force_alone(
+    folder: Path, option: str, content: str
+) -> None:
+    """Rows appended to what hcbench wrote were lost without a word."""
+    path = Path("q")
+    changes = [appended, put_first]
+    if content.startswith("{"):
+        changes.append(with_a_key)
+    for change in changes:
+        write_output(path, content, option, force=True)
+        path.write_bytes(changed := change(path.read_bytes()))
+        with pytest.raises(UserError, match=f"q was changed since {option} wrote it"):
+            write_output(path, content, option)
+        assert path.read_bytes() == changed
+
+
+def test_a_mark_in_the_midst_of_a_file_is_not_hcbenchs(folder: Path) -> None:
+    Path("q").write_text(f"# written by hcbench page\n{'mine ' * 2000}", encoding="utf-8")
+    with pytest.raises(UserError, match="--page did not write it"):
+        write_output(Path("q"), "<p>", "--page")
+
+
+def test_json_with_its_mark_has_the_same_content(folder: Path) -> None:
+    contents: list[Any] = [{"checks": {"a": {}}}, [{"runs": {}}, {"runs": {"C01": [{}]}}]]
+    for content in contents:
+        write_output(Path("b.json"), json.dumps(content), "--out", force=True)
+        marked = json.loads(Path("b.json").read_bytes())
+        last = marked if isinstance(marked, dict) else marked[-1]
+        assert last.pop("mark").startswith("written by hcbench out, digest ")
+        assert marked == content
+
+
+def test_an_archive_with_its_mark_is_an_archive(folder: Path) -> None:
+    archive = io.BytesIO()
+    np.savez(archive, e=[0.5])
+    for _ in range(2):
+        write_output(Path("w.npz"), archive.getvalue(), "--out")
+    assert np.load("w.npz")["e"] == [0.5]
+    with Path("w.npz").open("ab") as file:
+        file.write(b"mine")
+    with pytest.raises(UserError, match="was changed since"):
+        write_output(Path("w.npz"), archive.getvalue(), "--out")
 
 
 def test_an_empty_file_and_a_pipe_are_written_to(folder: Path) -> None:
@@ -237,3 +308,22 @@ def test_a_preview_does_not_take_the_place_of_the_whole_report(folder: Path) -> 
     (folder / "mine.toml").write_text(study + run, encoding="utf-8")
     assert cli.run(["report", "mine.toml", "--quick", "-j", "1"]) == 0
     assert [path.name for path in (folder / "reports").iterdir()] == ["mine-quick"]
+
+
+def test_the_option_of_a_file_that_cannot_be_opened_is_named(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Click's own words came through for a file that cannot be read."""
+    for arguments, message in {
+        ("measure", *LAUNCH, "--state=."): "--state: File '.' is a directory; expected a file that",
+        (*HELD, "--junit=-"): "--junit: -; expected a file. /dev/stdout is standard output",
+    }.items():
+        assert cli.run(list(arguments)) == 2
+        assert message in capsys.readouterr().err
+    assert not Path("-").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no file can be made in /proc of Linux alone")
+def test_a_file_that_the_system_refuses_is_no_mistake_of_the_user() -> None:
+    with pytest.raises(OutputError, match=r"^--junit: /proc/x\.xml: "):
+        write_output(Path("/proc/x.xml"), "<p>", "--junit")

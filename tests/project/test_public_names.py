@@ -66,6 +66,9 @@ STUDY: dict[str, Any] = {
     "runs": (),
 }
 # Arguments that each name takes; of `measure` such that nothing is simulated.
+# For wrong types of arguments, which a type checker would refuse.
+UNTYPED: Any = hcbench
+ANY_LAW: Any = LAW
 RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.HuntCrossley": {"stiffness": 3.4e10, "alpha": 0.3},
     "hcbench.KelvinVoigt": {"stiffness": 1e6, "damping": 3.0},
@@ -142,6 +145,7 @@ MADE_BY_HCBENCH = {
     "Results",
     "Score",
     "Status",
+    "beyond_bounds",
     "HcbenchError",
     "Landings",
     "Launch",
@@ -255,6 +259,33 @@ def test_what_is_handed_to_methods_and_to_fits_is_checked_too(value: Any, tmp_pa
     if value is not None and not isinstance(value, float):
         with pytest.raises(HcbenchError, match=r"^(height|number|value)"):
             fit(tmp_path / "pairs.csv", height=value)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: UNTYPED.law(0.3).loop(1.0, count=10**12), "^count: 1000000000000; expected a whole"),
+        (lambda: UNTYPED.law(0.3).loop(1.0, count=10**9), r"^count: 1000000000; expected 3 \.\.\."),
+        (lambda: UNTYPED.law(0.3).trajectory(1.0, count=5e9), "^count: 5000000000.0; expected a who"),
+        (lambda: UNTYPED.law(0.3).trajectory(1.0, count="5"), "^count: '5'; expected a whole number"),
+        (lambda: ANY_LAW.force("a", 1.0), "^x: 'a'; expected a number, or an array of them"),
+        (lambda: ANY_LAW.force(1.0, None), "^v: None; expected a number, or an array of them"),
+        (lambda: UNTYPED.ImpactLaw(None, None), "^force: None; expected a HuntCrossley"),
+        (lambda: UNTYPED.ImpactLaw(LAW, 0.0), "^mass: 0; expected a value above 0 kg"),
+        (lambda: UNTYPED.Launch(speed="1 m/s"), "^speed: '1 m/s'; expected a number"),
+        (lambda: UNTYPED.Launch(speed=1, phase="a"), "^phase: 'a'; expected a number"),
+        (lambda: UNTYPED.Launch(speed=1, height=True), "^height: True; expected a number"),
+        (lambda: UNTYPED.Launch(speed=1, slip=(1,)), r"^slip: \(1,\); expected 2 numbers"),
+        (lambda: UNTYPED.Launch(speed=1, spin=(0, 0, "a")), "^spin: .*; expected 3 numbers"),
+        (lambda: UNTYPED.materials("a" * 100_000), "^material: a name of 100000 characters; .* 200"),
+    ],
+)  # fmt: skip
+def test_methods_and_records_refuse_what_is_no_number(
+    call: Callable[[], Any], message: str
+) -> None:
+    """Each was a MemoryError, a TypeError, or taken and wrong later; the last took 17 s."""
+    with pytest.raises(HcbenchError, match=message):
+        call()
 
 
 @pytest.mark.spec_plugins

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 import pint
 import pytest
 
@@ -79,11 +80,11 @@ def test_an_error_in_python_names_parameters(
 
 
 def test_a_number_beyond_bounds_is_admitted_as_the_error_says() -> None:
-    with pytest.raises(HcbenchError, match=r"with hcbench\.terms\.bounds\.beyond_bounds\(\):"):
+    with pytest.raises(HcbenchError, match=r"with hcbench\.beyond_bounds\(\):"):
         hb.law(1e5)
-    from hcbench.terms.bounds import beyond_bounds
-
-    with beyond_bounds():
+    with pytest.raises(HcbenchError, match=r"with hcbench\.beyond_bounds\(\):"):
+        hb.law(0.3).e(1e308)
+    with hb.beyond_bounds():
         assert hb.law(1e5).alpha == 1e5
 
 
@@ -253,3 +254,30 @@ def test_an_object_that_cannot_be_shown_is_refused_by_its_type(
     with pytest.raises(UserError, match="a Silent") as refused:
         call(Silent())
     assert refused.value.slot == slot
+
+
+def test_a_column_of_pandas_is_an_array() -> None:
+    column = pd.Series([1.0, 2.0], index=[7, 7])
+    assert hb.law(0.3).e(column).tolist() == hb.law(0.3).e([1.0, 2.0]).tolist()
+    several: Any = hb.law(column)
+    assert several.alphas.tolist() == [1.0, 2.0]
+    with pytest.raises(UserError, match=r"^speed: "):
+        hb.law(0.3).e(pd.Series([1.0, None], dtype="Float64"))
+    with pytest.raises(UserError, match=r"^speed: "):
+        hb.law(0.3).e(np.array([1, 2], "m8[ns]"))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: hb.fit("h.csv", against=5), "text, a path or a list, each item text or a path$"),  # type: ignore[arg-type]
+        (lambda: make_request(phases=True), "whole number, text or a list, each item a number$"),
+        (
+            lambda: hb.randomize(BALL, "ball,plate", restitution=0.5, worlds=10**11),
+            "a whole number, up to 2147483647$",
+        ),
+    ],
+)
+def test_types_are_expected_in_words(call: Callable[[], Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        call()

@@ -233,6 +233,21 @@ def test_complex_numbers_are_no_pose(tmp_path: Path) -> None:
             "--speeds: 1e+30 m/s; expected 1e-06 ... 10000 m/s",
         ),
         (["law", "--alpha=0.31 --s/m", "--speeds=1"], "--alpha: '0.31 --s/m': not a unit"),
+        (["law", "--alpha=0.3 +- 10 %", "--speeds=1"], "'0.3 +- 10 %' has an uncertainty"),
+        (["law", "--alpha=30 %", "--speeds=1"], "--alpha: '30 %' is in per cent"),
+        (
+            ["law", "--alpha=0.3", "--speeds=1 mm/s:1 m/s"],
+            "'1 mm/s:1 m/s' has a unit within a range; expected one unit, at its end",
+        ),
+        (
+            ["tune", "mujoco", "--alpha=0.3 +- 10 %", "--timestep=1e-3"],
+            "'0.3 +- 10 %' has its uncertainty in per cent",
+        ),
+        (
+            ["measure", "m.xml", "--angle=90 deg"],
+            "--angle: '90 deg'; expected below 90 deg (1.5708 rad)",
+        ),
+        (["measure", "m.xml", "--gravity=1,2"], "--gravity: '1,2'; expected one number along -z"),
         (
             ["tune", "mujoco", "--alpha=1e-12", "--speeds=1e9:1e10", "--timestep=1e-3"],
             "--speeds: 1e+09 m/s",

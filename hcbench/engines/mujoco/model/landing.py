@@ -23,7 +23,7 @@ from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.over_floor import way_up
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
-from hcbench.engines.mujoco.model.start_pose import start_pose
+from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
 from hcbench.sim.landing import (
     PARTED_S,
     WINDOW_S,
@@ -413,7 +413,8 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
     """qpos (n, nq), qvel (n, nv) and time (n,), s, of a recording; without a
     time, steps of the model's own.
 
-    Raises UserError for other shapes, times that do not rise, and numbers that are not finite.
+    Raises UserError for other shapes, times that do not rise, numbers that are not finite, and
+    quaternions of length 0.
     """
     arrays = []
     for name, width in (("qpos", model.nq), ("qvel", model.nv)):
@@ -432,14 +433,15 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
     qpos, qvel = arrays
     steps: Floats = float(model.opt.timestep) * np.arange(len(qpos), dtype=np.float64)
     time = recorded.get("time", steps).reshape(-1)
-    if len(qpos) != len(qvel) or len(time) != len(qpos) or not (np.diff(time) > 0).all():
-        raise UserError(
-            "trajectory",
-            "qpos, qvel and time are of unlike lengths, or time does not rise",
-            "alike",
-        )
-    if not all(np.isfinite(array).all() for array in (qpos, qvel, time)):
-        raise UserError("trajectory", "numbers that are not finite", "finite numbers")
+    if not len(qpos) == len(qvel) == len(time):
+        got = f"{len(qpos)} states in qpos, {len(qvel)} in qvel and {len(time)} in time"
+        raise UserError("trajectory", got, "as many in each")
+    for name, array in (("qpos", qpos), ("qvel", qvel), ("time", time)):
+        if not np.isfinite(array).all():
+            raise UserError("trajectory", f"{name}: numbers that are not finite", "finite numbers")
+    if not (np.diff(time) > 0).all():
+        raise UserError("trajectory", "time does not rise", "a later time for each state")
+    require_quaternions(model, qpos, "trajectory")
     return qpos, qvel, time
 
 

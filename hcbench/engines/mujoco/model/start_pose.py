@@ -17,6 +17,7 @@ from hcbench.sim.packages import suggest_names
 from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond
 from hcbench.system.errors import QuantityError, SceneError, UserError
 from hcbench.terms.bounds import admits_beyond_bounds, require_bounds
+from hcbench.terms.impact import Floats
 from hcbench.terms.units import STANDARD_GRAVITY
 
 # Refuses a MuJoCo model, pose or contact whose numbers no bouncing body has.
@@ -93,17 +94,34 @@ def require_plausible_state(model: Any, data: Any) -> None:
     kinds = backend().mjtJoint
     if not np.isfinite(data.qpos).all():
         raise UserError("qpos", "a number that is not finite", "finite numbers")
+    require_quaternions(model, data.qpos, "qpos")
     for joint in range(model.njnt):
         kind = int(model.jnt_type[joint])
         at = int(model.jnt_qposadr[joint])
-        name = model.joint(joint).name or str(joint)
-        turns = {int(kinds.mjJNT_FREE): at + 3, int(kinds.mjJNT_BALL): at}.get(kind)
-        if turns is not None and np.linalg.norm(data.qpos[turns : turns + 4]) < _LEAST_QUATERNION:
-            raise QuantityError(
-                "qpos", f"the quaternion of {name!r} is 0", "one of length 1, w x y z"
-            )
         places = {int(kinds.mjJNT_FREE): 3, int(kinds.mjJNT_SLIDE): 1}.get(kind, 0)
-        require_bounds(f"qpos: {name}", data.qpos[at : at + places].tolist(), "position", "m")
+        where = f"qpos: {_joint_name(model, joint)}"
+        require_bounds(where, data.qpos[at : at + places].tolist(), "position", "m")
+
+
+def require_quaternions(model: Any, qpos: Floats, slot: str) -> None:
+    """Raise QuantityError in the name of `slot` for a quaternion of length 0. qpos: (nq,) or (n, nq)."""
+    kinds = backend().mjtJoint
+    for joint in range(model.njnt):
+        at = int(model.jnt_qposadr[joint])
+        begins = {int(kinds.mjJNT_FREE): at + 3, int(kinds.mjJNT_BALL): at}
+        turns = begins.get(int(model.jnt_type[joint]))
+        if turns is None:
+            continue
+        if np.linalg.norm(qpos[..., turns : turns + 4], axis=-1).min() < _LEAST_QUATERNION:
+            got = f"the quaternion of {_joint_name(model, joint)!r} is 0"
+            raise QuantityError(slot, got, "one of length 1, w x y z")
+
+
+def _joint_name(model: Any, joint: int) -> str:
+    """The name of a joint; that of its body where it has none, by which users name a free joint."""
+    return str(
+        model.joint(joint).name or model.body(int(model.jnt_bodyid[joint])).name or f"joint:{joint}"
+    )
 
 
 # Velocities and times of a state are ignored: everything starts at rest.
