@@ -94,8 +94,7 @@ static void warn_of_no_contact(const mjModel* m, int i, const instance* own) {
               why_never(m, own->pair[0], own->pair[1]));
 }
 
-/* Whether MuJoCo finds contacts of two geoms late and deep, where no row lifts what is in: bodies thrown on such ground sank through it,
-   which its own rows held, if at up to 44 mm. */
+/* Whether MuJoCo finds contacts of two geoms so late and deep that bodies sink through, as a law's rows do not lift what is in. */
 static int are_found_late(const mjModel* m, int g1, int g2) {
   int one = m->geom_type[g1], two = m->geom_type[g2], other = one == mjGEOM_HFIELD ? two : one;
   return (one == mjGEOM_HFIELD || two == mjGEOM_HFIELD) && (other == mjGEOM_MESH || other == mjGEOM_ELLIPSOID);
