@@ -16,6 +16,8 @@ typedef struct {
   long tick;
   double last[7], moved[6]; /* of the base: its pose after the last step, and how far it moved and turned in it (carried.c) */
   int is_followed, has_moved, unannounced, is_carried; /* unannounced: steps in a row; is_carried: named for that */
+  long met;      /* the tick of its first impact, 0 before, ... */
+  double landed; /* ... and how deep it was then (depth.c) */
   link_state *base, *link; /* base = link - 1 */
   /* of a tree: each freedom's link, and its twist (angular velocity, velocity at the origin) */
   int* owner;

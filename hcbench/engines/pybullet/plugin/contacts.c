@@ -11,8 +11,9 @@ typedef struct law {
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
   /* What was named: a fast body, an overlap lifted, a constraint, a motor or limit, deep impacts, what sinks. */
   int warned, lifted, held, pressed, deep, sunk;
-  double landed, depth[2]; /* how deep the pair landed until now, and was in the last two ticks in which it was seen (depth.c) */
-  long met, seen_at[2];    /* the tick of its first impact, 0 before; those two ticks */
+  double landed;               /* how deep the pair was in its first impact, or was named to be (depth.c) */
+  double depth[2], approach[2]; /* of the pair in the last two ticks in which it was seen */
+  long seen_at[2], met, hit;    /* those ticks; that of its first impact, 0 before, and of its last one */
   char text[1024];                    /* of the command that added it */
   int shape[2];                       /* SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
   double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre */
