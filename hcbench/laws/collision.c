@@ -61,6 +61,9 @@ typedef struct {
   double *base, *before, *block, *lam, *target, *p, *best_p, *kept_p, *v, *add, *best_v; /* block: J M^-1 J^T, 9 each */
 } hcb_group;
 
+/* fmax is a call, as it asks of a and b whether they are numbers: of b alone here. */
+static double larger(double a, double b) { return b > a ? b : a; }
+
 static double length(double x, double y) { return sqrt(x * x + y * y); } /* hypot is five times as dear */
 
 static double rate_in(const hcb_group* g, int i, int k, const double* v) {
@@ -157,20 +160,20 @@ static void bounce(hcb_group* g) {
 static double friction_sweep(hcb_group* g, double scale, int tangents) {
   double change = 0;
   for (int i = 0; i < g->n; i++) {
-    double W = g->block[9 * i], *p = g->p + 3 * i, d = fmax(-p[0], (g->target[i] - rate_in(g, i, 0, g->v)) / W);
+    double W = g->block[9 * i], *p = g->p + 3 * i, d = larger(-p[0], (g->target[i] - rate_in(g, i, 0, g->v)) / W);
     p[0] += d;
     add_impulse(g, i, 0, d, g->v);
-    change = fmax(change, fabs(d) * W);
-    double step = scale * g->lam[i], limit = g->s->c[g->of[i]].friction * p[0];
+    change = larger(change, fabs(d) * W);
+    double step = scale * g->lam[i], limit = g->s->c[g->of[i]].friction * p[0], u[2], dt[2];
     if (!tangents || step == 0) continue;
-    double t1 = p[1] - step * rate_in(g, i, 1, g->v), t2 = p[2] - step * rate_in(g, i, 2, g->v);
+    tangent_rates(g->s, g->of[i], g->v, u);
+    double t1 = p[1] - step * (g->base[3 * i + 1] + u[0]), t2 = p[2] - step * (g->base[3 * i + 2] + u[1]);
     double size = length(t1, t2), share = size > limit ? limit / size : 1;
-    double d1 = share * t1 - p[1], d2 = share * t2 - p[2];
-    p[1] += d1;
-    p[2] += d2;
-    add_impulse(g, i, 1, d1, g->v);
-    add_impulse(g, i, 2, d2, g->v);
-    change = fmax(change, length(d1, d2) / step * scale);
+    dt[0] = share * t1 - p[1], dt[1] = share * t2 - p[2];
+    p[1] += dt[0];
+    p[2] += dt[1];
+    if (dt[0] != 0 || dt[1] != 0) push_tangents(g->s, g->of[i], dt, g->v);
+    change = larger(change, length(dt[0], dt[1]) / step * scale);
   }
   return change;
 }
