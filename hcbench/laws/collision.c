@@ -13,7 +13,9 @@
 #define HCB_RUBBED 1e-9   /* and of several contacts' friction */
 #define HCB_LEAP 10 /* sweeps of friction after which those to come are guessed, */
 #define HCB_STALLED 0.9995 /* where they shrink by no less than that; else they lead nowhere, */
-#define HCB_NOWHERE 1e-5 /* by no more than that of the approach */
+#define HCB_NOWHERE 1e-5 /* by no more than that of the approach; */
+#define HCB_NO_LESS 0.9  /* nor do those of friction that shrink by no less from leap to leap, */
+#define HCB_NEARLY 1e-7  /* by no more than that of the approach */
 #define HCB_LEAST_FRICTION 1e-9
 
 enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
@@ -223,7 +225,7 @@ static void leap(hcb_group* g, double ratio) {
 
 /* Sweeps until one changes no more than `settled`; the change of the last, 0 where more would lead nowhere. */
 static double sweep_until(hcb_group* g, double scale, int tangents, double fastest, double settled) {
-  double change = INFINITY;
+  double change = INFINITY, before = INFINITY; /* before: at the last leap */
   for (int sweep = 1; sweep <= HCB_SWEEPS && change > settled; sweep++) {
     int leaps = g->n > 1 && sweep % HCB_LEAP == 0 && sweep < HCB_SWEEPS;
     double last = change;
@@ -234,6 +236,8 @@ static double sweep_until(hcb_group* g, double scale, int tangents, double faste
     change = friction_sweep(g, scale, tangents);
     if (leaps && change > settled && change < HCB_STALLED * last) leap(g, change / last);
     if (leaps && change >= HCB_STALLED * last && change < HCB_NOWHERE * fastest) return 0; /* impulses of a face against each other */
+    if (leaps && tangents && change >= HCB_NO_LESS * before && change < HCB_NEARLY * fastest) return 0; /* rounding, which leaps keep up */
+    if (leaps) before = change;
     if (g->n == 1 && !tangents) break;
   }
   return change;
