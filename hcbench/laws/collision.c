@@ -13,7 +13,9 @@
 #define HCB_RUBBED 1e-9   /* and of several contacts' friction */
 #define HCB_LEAP 10 /* sweeps of friction after which those to come are guessed, */
 #define HCB_STALLED 0.9995 /* where they shrink by no less than that; else they lead nowhere, */
-#define HCB_NOWHERE 1e-5 /* by no more than that of the approach */
+#define HCB_NOWHERE 1e-5 /* by no more than that of the approach; */
+#define HCB_NO_LESS 0.9  /* nor do those of friction that shrink by no less from leap to leap, */
+#define HCB_NEARLY 1e-7  /* by no more than that of the approach */
 #define HCB_LEAST_FRICTION 1e-9
 
 enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
@@ -60,6 +62,9 @@ typedef struct {
   const int *of, *part;
   double *base, *before, *block, *lam, *target, *p, *best_p, *kept_p, *v, *add, *best_v; /* block: J M^-1 J^T, 9 each */
 } hcb_group;
+
+/* fmax is a call, as it asks of a and b whether they are numbers: of b alone here. */
+static double larger(double a, double b) { return b > a ? b : a; }
 
 static double length(double x, double y) { return sqrt(x * x + y * y); } /* hypot is five times as dear */
 
@@ -157,20 +162,20 @@ static void bounce(hcb_group* g) {
 static double friction_sweep(hcb_group* g, double scale, int tangents) {
   double change = 0;
   for (int i = 0; i < g->n; i++) {
-    double W = g->block[9 * i], *p = g->p + 3 * i, d = fmax(-p[0], (g->target[i] - rate_in(g, i, 0, g->v)) / W);
+    double W = g->block[9 * i], *p = g->p + 3 * i, d = larger(-p[0], (g->target[i] - rate_in(g, i, 0, g->v)) / W);
     p[0] += d;
     add_impulse(g, i, 0, d, g->v);
-    change = fmax(change, fabs(d) * W);
-    double step = scale * g->lam[i], limit = g->s->c[g->of[i]].friction * p[0];
+    change = larger(change, fabs(d) * W);
+    double step = scale * g->lam[i], limit = g->s->c[g->of[i]].friction * p[0], u[2], dt[2];
     if (!tangents || step == 0) continue;
-    double t1 = p[1] - step * rate_in(g, i, 1, g->v), t2 = p[2] - step * rate_in(g, i, 2, g->v);
+    tangent_rates(g->s, g->of[i], g->v, u);
+    double t1 = p[1] - step * (g->base[3 * i + 1] + u[0]), t2 = p[2] - step * (g->base[3 * i + 2] + u[1]);
     double size = length(t1, t2), share = size > limit ? limit / size : 1;
-    double d1 = share * t1 - p[1], d2 = share * t2 - p[2];
-    p[1] += d1;
-    p[2] += d2;
-    add_impulse(g, i, 1, d1, g->v);
-    add_impulse(g, i, 2, d2, g->v);
-    change = fmax(change, length(d1, d2) / step * scale);
+    dt[0] = share * t1 - p[1], dt[1] = share * t2 - p[2];
+    p[1] += dt[0];
+    p[2] += dt[1];
+    if (dt[0] != 0 || dt[1] != 0) push_tangents(g->s, g->of[i], dt, g->v);
+    change = larger(change, length(dt[0], dt[1]) / step * scale);
   }
   return change;
 }
@@ -220,7 +225,7 @@ static void leap(hcb_group* g, double ratio) {
 
 /* Sweeps until one changes no more than `settled`; the change of the last, 0 where more would lead nowhere. */
 static double sweep_until(hcb_group* g, double scale, int tangents, double fastest, double settled) {
-  double change = INFINITY;
+  double change = INFINITY, before = INFINITY; /* before: at the last leap */
   for (int sweep = 1; sweep <= HCB_SWEEPS && change > settled; sweep++) {
     int leaps = g->n > 1 && sweep % HCB_LEAP == 0 && sweep < HCB_SWEEPS;
     double last = change;
@@ -231,6 +236,8 @@ static double sweep_until(hcb_group* g, double scale, int tangents, double faste
     change = friction_sweep(g, scale, tangents);
     if (leaps && change > settled && change < HCB_STALLED * last) leap(g, change / last);
     if (leaps && change >= HCB_STALLED * last && change < HCB_NOWHERE * fastest) return 0; /* impulses of a face against each other */
+    if (leaps && tangents && change >= HCB_NO_LESS * before && change < HCB_NEARLY * fastest) return 0; /* rounding, which leaps keep up */
+    if (leaps) before = change;
     if (g->n == 1 && !tangents) break;
   }
   return change;

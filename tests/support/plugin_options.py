@@ -87,9 +87,8 @@ def energy_won(
     model = scene.model()
     model.opt.enableflags |= _bit("Enable", options.get("enable"))
     model.opt.disableflags |= _bit("Disable", options.get("disable"))
-    data, free = scene.data(model), copy.copy(model)
+    data, alone, free = scene.data(model), mujoco.MjData(model), copy.copy(model)
     free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    alone = mujoco.MjData(free)
     mujoco.mj_forward(model, data)
     start, most, total = max(abs(kept_in_flight(model, data)), 1e-9), 0.0, 0.0
     for _ in range(round(seconds / model.opt.timestep)):

@@ -257,10 +257,9 @@ def land(
 ) -> Landing:
     """Let the robot land, for so long, or until it falls."""
     data, seen = released(model, drop), Landing()
-    free = copy.copy(model)
+    free, alone = copy.copy(model), mujoco.MjData(model)
     free.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    alone = mujoco.MjData(free)
     first, com = _energy(free, alone, data), data.subtree_com[0].copy()
     is_foot = np.isin(np.arange(model.ngeom + 1), feet_of(robot, model))  # -1, of flexes, is none
     floor, steps = model.geom("floor").id, round(seconds / model.opt.timestep)

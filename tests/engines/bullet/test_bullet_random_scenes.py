@@ -31,6 +31,10 @@ NAMED = (  # what the plug-in says of a body, and to do
     r" maxJointVelocity by changeDynamics",
     r"a motor of body \d+ changes e of an impact by -?[\d.]+ within the step: take a smaller force, or a"
     r" shorter step",
+    r"bodies \d+ and \d+ meet [\d.e+]+ mm deep, as Bullet sees their shapes only once they overlap: take a"
+    r" step of [\d.e-]+ s",
+    r"bodies \d+ and \d+ sink into each other, now by [\d.e+]+ mm, as Bullet's solver stops after \d+"
+    r" iterations: set numSolverIterations=200, more numSubSteps, or a shorter step",
 )
 
 

@@ -178,64 +178,6 @@ def test_it_is_named_once() -> None:
     assert len(warnings_of(leg(parts), steps=600)) == 1
 
 
-PAIR = """
-<mujoco>
-  <worldbody>
-    <body name="one" pos="0 0 1"><freejoint/>
-      <geom name="a" size=".1" {a}/>
-      <body name="two" pos="0 0 .3"><joint axis="1 0 0"/>
-        <geom name="b" size=".1"/>
-        <body pos="0 0 .3"><joint axis="1 0 0"/><geom name="c" size=".1"/></body>
-      </body>
-    </body>
-    <geom name="floor" type="plane" size="2 2 .1"/>
-  </worldbody>
-  <contact>{contact}</contact>
-  <extension><plugin plugin="hcbench.restitution"><instance name="law">
-    <config key="geom1" value="{pair[0]}"/><config key="geom2" value="{pair[1]}"/>
-    <config key="restitution" value=".5"/>
-  </instance></plugin></extension>
-</mujoco>"""
-
-
-@pytest.mark.parametrize(
-    ("pair", "contact_", "a", "words"),
-    [
-        (("a", "floor"), "", "", None),
-        (("a", "c"), "", "", None),
-        (
-            ("a", "floor"),
-            "",
-            'contype="0" conaffinity="0"',
-            "contype and conaffinity keep them apart",
-        ),
-        (
-            ("a", "floor"),
-            '<exclude body1="one" body2="world"/>',
-            "",
-            "an <exclude> of their bodies",
-        ),
-        (("a", "b"), "", "", "one's body is the parent of the other's"),
-        (("a", "b"), '<pair geom1="a" geom2="b"/>', "", None),
-    ],
-)
-def test_a_pair_that_never_meets_is_named_at_load(
-    pair: tuple[str, str], contact_: str, a: str, words: str | None
-) -> None:
-    contact.load()
-    warned: list[str] = []
-    mujoco.set_mju_user_warning(warned.append)
-    try:
-        model = mujoco.MjModel.from_xml_string(PAIR.format(pair=pair, contact=contact_, a=a))
-        mujoco.MjData(model)
-    finally:
-        mujoco.set_mju_user_warning(None)
-    assert bool(warned) == (words is not None)
-    if words is not None:
-        assert words in warned[0]
-        assert all(f'"{name}"' in warned[0] for name in (*pair, "law"))
-
-
 @pytest.mark.parametrize("solver", ["CG", "PGS"])
 def test_sleep_under_rk4_is_refused_with_solvers_that_let_bodies_sink(solver: str) -> None:
     model = leg({"option": f'solver="{solver}"', "flag": 'sleep="enable"'}, "RK4")

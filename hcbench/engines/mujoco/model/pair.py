@@ -107,9 +107,9 @@ class WithoutContact:
     def __init__(self, model: Any) -> None:
         mujoco = backend()
         self._step = mujoco.mj_step
+        self.data = mujoco.MjData(model)  # a plug-in warns of data that is made with contacts off
         self._model = copy.copy(model)
         self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        self.data = mujoco.MjData(self._model)
 
     def step(self) -> Floats:
         """Step from the state in `data`; returns the velocities after it, shape (nv,)."""

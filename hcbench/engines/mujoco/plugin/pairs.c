@@ -94,6 +94,38 @@ static void warn_of_no_contact(const mjModel* m, int i, const instance* own) {
               why_never(m, own->pair[0], own->pair[1]));
 }
 
+/* Whether MuJoCo finds contacts of two geoms so late and deep that bodies sink through, as a law's rows do not lift what is in. */
+static int are_found_late(const mjModel* m, int g1, int g2) {
+  int one = m->geom_type[g1], two = m->geom_type[g2], other = one == mjGEOM_HFIELD ? two : one;
+  return (one == mjGEOM_HFIELD || two == mjGEOM_HFIELD) && (other == mjGEOM_MESH || other == mjGEOM_ELLIPSOID);
+}
+
+/* Names the first pair of a model whose law may let it sink. */
+static void warn_of_late_contacts(const mjModel* m, const instance* own, instance* memory) {
+  char text[2][NAME];
+  for (int k = 0; k < own->pairs && !(memory->warned & WARNED_LATE); k++) {
+    const int* pair = own->pair + 2 * k;
+    if (!are_found_late(m, pair[0], pair[1]) || !is_native(m, pair[0], pair[1])) continue;
+    for (int side = 0; side < 2; side++) describe(m, mjOBJ_GEOM, pair[side], text[side]);
+    memory->warned |= WARNED_LATE;
+    mju_warning("plugin %s: the geoms %s and %s are a mesh or an ellipsoid and a height field, whose contact MuJoCo finds late and deep: "
+                "what lies there may sink through. Take MuJoCo's own contact for this pair, or spheres, capsules or boxes",
+                RESTITUTION_NAME, text[0], text[1]);
+  }
+}
+
+static int are_contacts_off(const mjModel* m) { return (m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) != 0; }
+
+/* Names once a model that is loaded with contacts off, so that no law acts. A flag that is set later switches them off for a while.
+   MuJoCo's compiler tries each model so for a step. */
+static void warn_of_contacts_off(const mjModel* m, const mjData* d, instance* own) {
+  int off = m->opt.disableflags & mjDSBL_CONTACT;
+  if (!own->starts_off || d->time < 1.5 * m->opt.timestep) return;
+  own->starts_off = 0;
+  mju_warning("plugin %s: no pair meets, as the model has <flag %s=\"disable\"/>: enable it", own->is_force ? FORCE_NAME : RESTITUTION_NAME,
+              off ? "contact" : "constraint");
+}
+
 typedef struct pair_entry {
   int geom[2], instance, id; /* the smaller geom first; id: which of the instance's pairs */
 } pair_entry;

@@ -19,7 +19,7 @@
 #include "../../../laws/published.c"
 
 enum { ROWS = 10, NAME = 64 };
-enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64 }; /* of hcbench.restitution */
+enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64, WARNED_LATE = 128 }; /* of hcbench.restitution */
 
 static const char* const FORCE_NAME = "hcbench.hunt_crossley";
 static const char* const RESTITUTION_NAME = "hcbench.restitution";
@@ -44,7 +44,7 @@ typedef struct { /* a contact of MuJoCo that is to stand after a step, but for a
 } standing;
 
 typedef struct { /* an instance, in mjData.plugin_data */
-  int is_force, tendon, pairs, *pair, linear, asked_for_e, warned;
+  int is_force, tendon, pairs, *pair, linear, asked_for_e, warned, starts_off; /* starts_off: made with contacts off */
   char law[NAME];
   number stiffness, alpha, e;
   double exponent, static_friction, dynamic_friction, slip_speed, lets; /* lets: how deep MuJoCo's contact would have gone, m */
@@ -234,7 +234,11 @@ static void require_passive(const mjModel* m, int i) {
 
 static void compute(const mjModel* m, mjData* d, int i, int capability) {
   (void)capability;
-  if (evaluating || !is_first(m, i) || m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) return;
+  if (evaluating || !is_first(m, i)) return;
+  if (are_contacts_off(m)) {
+    warn_of_contacts_off(m, d, instance_of(d, i));
+    return;
+  }
   if (!is_read(m, instance_of(d, i))) {
     for (int j = i; j < m->nplugin; j++) {
       if (m->plugin[j] == m->plugin[i]) read_instance(m, j, instance_of(d, j));
@@ -264,7 +268,11 @@ static int init(const mjModel* m, mjData* d, int i) {
   own->seen = NAN;
   require_passive(m, i);
   read_instance(m, i, own);
-  if (!own->is_force) warn_of_no_contact(m, i, own);
+  own->starts_off = are_contacts_off(m);
+  if (!own->is_force) {
+    warn_of_no_contact(m, i, own);
+    warn_of_late_contacts(m, own, instance_of(d, first_of(m, i)));
+  }
   if (is_last(m, i)) make_table(m, d, first_of(m, i)); /* refuses two laws for one pair */
   return 0;
 }

@@ -14,6 +14,10 @@ typedef struct {
 typedef struct {
   int id, links, stale, freedoms, is_tree, placed; /* no freedoms: it cannot move; placed: its position matters */
   long tick;
+  double last[7], moved[6]; /* of the base: its pose after the last step, and how far it moved and turned in it (carried.c) */
+  int is_followed, has_moved, unannounced, is_carried; /* unannounced: steps in a row; is_carried: named for that */
+  long met;      /* the tick of its first impact, 0 before, ... */
+  double landed; /* ... and how deep it was then (depth.c) */
   link_state *base, *link; /* base = link - 1 */
   /* of a tree: each freedom's link, and its twist (angular velocity, velocity at the origin) */
   int* owner;
@@ -52,7 +56,7 @@ typedef struct {
   pushed* pushes;
   block* memory;
   struct contact* contacts;
-  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, outdated, is_erp_less;
+  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, iterations, outdated, is_erp_less, has_carried;
   last_impacts last;
   long tick;
   double h, gravity[3], contact_erp;
@@ -273,10 +277,12 @@ static void read_tree(world* w, body* b) {
 /* A body with its state at this tick; NULL if it is gone. */
 static body* refreshed(world* w, int id) {
   body* b = body_of(w, id);
-  if (!b || b->tick == w->tick || (b->freedoms == 0 && !b->placed)) return b;
+  int is_still = b && b->freedoms == 0 && b->base->info.type != MULTI_BODY; /* whatever velocity it is given, Bullet heeds none */
+  if (!b || b->tick == w->tick || (is_still && !b->placed)) return b;
   if (!request_state(w, b)) return NULL;
   memcpy(b->base->pose, w->state->q, sizeof(b->base->pose));
   memcpy(b->base->motion, w->state->qdot, sizeof(b->base->motion));
+  if (is_still) memset(b->base->motion, 0, sizeof(b->base->motion));
   for (int i = 0; i < b->links; i++) {
     memcpy(b->link[i].pose, w->state->link[i], sizeof(b->base->pose));
     memcpy(b->link[i].motion, w->state->velocity[i], sizeof(b->base->motion));

@@ -9,7 +9,7 @@ enum { PROTOCOL = 202010061, WORLD_FRAME = 2, MULTI_BODY = 2, STATE_COMPLETED = 
 enum { CONSTRAINT_INFO = 64 /* of a command on a constraint: tell of it */ };
 enum { SPHERE = 2, BOX = 3, PLANE = 6 };
 enum { REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED, POINT_TO_POINT, GEAR };
-enum { SIMULATION_RESET = 0, BODY_REMOVED = 2, LINK_DYNAMICS_CHANGED = 5, SIMULATION_STEPPED = 8 };
+enum { SIMULATION_RESET = 0, BODY_REMOVED = 2, LINK_DYNAMICS_CHANGED = 5, TRANSFORM_CHANGED = 7, SIMULATION_STEPPED = 8 };
 enum { COMPUTE_LINK_VELOCITY = 1, PROCESS_COMMAND = 5 /* its place among the server's virtual functions */ };
 
 typedef struct {
@@ -100,6 +100,10 @@ typedef struct {
   int type;
   union {
     int body;
+    struct {
+      int body, link;
+      double pose[7]; /* of its centre of mass */
+    } moved;
     double size[34];
   } of;
 } b3Notification;

@@ -9,7 +9,11 @@ typedef struct law {
   hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
   hcb_contact impact;                 /* of a restitution law */
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
-  int warned, lifted, held, pressed; /* what was named: a fast body, an overlap lifted, a constraint, a motor or limit */
+  /* What was named: a fast body, an overlap lifted, a constraint, a motor or limit, deep impacts, what sinks. */
+  int warned, lifted, held, pressed, deep, sunk;
+  double landed;               /* how deep the pair was in its first impact, or was named to be (depth.c) */
+  double depth[2], approach[2]; /* of the pair in the last two ticks in which it was seen */
+  long seen_at[2], met, hit;    /* those ticks; that of its first impact, 0 before, and of its last one */
   char text[1024];                    /* of the command that added it */
   int shape[2];                       /* SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
   double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre */
@@ -75,10 +79,9 @@ static void complete(world* w, contact* c) {
   add_rows(w, c, 0, 1);
   for (int side = 0; side < 2; side++) {
     double v[3];
-    if (!moves(c, side)) continue;
     velocity_at(c->body[side], c->link[side], c->at, v);
     for (int i = 0; i < 3; i++) slip[i] += sign_of(side) * v[i];
-    c->weight = fmax(c->weight, -sign_of(side) * dot(w->gravity, n));
+    if (moves(c, side)) c->weight = fmax(c->weight, -sign_of(side) * dot(w->gravity, n));
   }
   for (int k = 0; k < 3; k++) c->rate[k] = dot(slip, c->frame[k]);
   c->fall = falling(c, 0);

@@ -6,9 +6,8 @@
 /* How far a link's surface can move in a step, m. */
 static double travel(world* w, const law* l, int side) {
   const body* b = refreshed(w, l->body[side]);
-  double fastest = 0, fall = w->h * w->h * sqrt(dot(w->gravity, w->gravity));
-  if (!b || b->freedoms == 0) return 1e-9;
-  for (int i = -1; i < b->links; i++) {
+  double fastest = 0, fall = b && b->freedoms ? w->h * w->h * sqrt(dot(w->gravity, w->gravity)) : 0;
+  for (int i = -1; b && i < b->links; i++) {
     const double* m = b->link[i].motion;
     if (l->link[side] != ANY && l->link[side] != i) continue;
     fastest = fmax(fastest, sqrt(dot(m, m)) + l->size[side] * sqrt(dot(m + 3, m + 3)));
@@ -35,7 +34,9 @@ static int find_touches(world* w, law* l, int count) {
   }
   for (int i = 0; i < found.count; i++) {
     contact* c = room_for(w, count + 1) + count;
-    count += set_contact(w, l, found.points + i, c);
+    int is_sound = set_contact(w, l, found.points + i, c);
+    if (is_sound) name_carried(w, c);
+    count += is_sound;
   }
   l->is_new = l->seen != w->tick - 1; /* Bullet sees some meshes once they overlap */
   l->is_one = found.count == 1;

@@ -25,10 +25,12 @@
 
 #include "options.c"
 
+#include "carried.c"
 #include "force.c"
 #include "inertia.c"
 #include "held.c"
 #include "motors.c"
+#include "depth.c"
 #include "restitution.c"
 
 /* A single sphere, plane or box in the middle of its link: what `exact_point` can do. */
@@ -81,6 +83,46 @@ static void collide(world* w, const law* l, int enable) {
   }
 }
 
+#define HCB_MARGINS 3e-3 /* m: larger than the box around a link without a shape */
+
+/* Whether a link has a shape. Bullet does not tell those of all kinds; but around a link without one its box is a margin's. */
+static int has_shape(world* w, const body* b, int link) {
+  double low[3], high[3], largest = 0;
+  b3Shapes found = {0, NULL};
+  b3GetStatusAABB(send(w, b3RequestCollisionInfoCommandInit(w->client, b->id)), link, low, high);
+  for (int i = 0; i < 3; i++) largest = fmax(largest, high[i] - low[i]);
+  if (largest > HCB_MARGINS || b->base->info.type != MULTI_BODY) return largest > 0;
+  send(w, b3InitRequestCollisionShapeInformation(w->client, b->id, link));
+  b3GetCollisionShapeInformation(w->client, &found);
+  return found.count > 0;
+}
+
+/* Refuses a side of a pair that nothing could meet, and so the law that would never act. */
+static int require_shape(world* w, const body* b, int link) {
+  int found = 0;
+  for (int i = -1; i < b->links && !found; i++) found = (link == ANY || link == i) && has_shape(w, b, i);
+  if (found) return 1;
+  if (link == ANY) return fail(w, "body %d has no collision shape, so nothing meets it", b->id);
+  return fail(w, "link %d of body %d has no collision shape, so nothing meets it: name a link that has one, or -2 for any", link, b->id);
+}
+
+static int covers(const law* l, int side, int body, int link) {
+  return l->body[side] == body && (l->link[side] == link || l->link[side] == ANY || link == ANY);
+}
+
+/* Refuses a second law for links that have one: which of the two acts would be a question of their order. */
+static int refuse_two_laws(world* w, const law* l) {
+  for (int i = 0; i < w->law_count; i++) {
+    const law* other = w->laws + i;
+    int same = covers(other, 0, l->body[0], l->link[0]) && covers(other, 1, l->body[1], l->link[1]);
+    int swapped = covers(other, 1, l->body[0], l->link[0]) && covers(other, 0, l->body[1], l->link[1]);
+    if (!same && !swapped) continue;
+    return fail(w, "link %d of body %d and link %d of body %d (-1: base, -2: any) have law %d: remove it first", other->link[0], other->body[0],
+                other->link[1], other->body[1], other->id);
+  }
+  return 1;
+}
+
 static int read_pair(world* w, const b3Arguments* given, law* l) {
   body* b[2];
   if (given->ints != 4) return fail(w, "%d integers, needs body, link, body, link (-1: base, -2: any)", given->ints);
@@ -98,14 +140,7 @@ static int read_pair(world* w, const b3Arguments* given, law* l) {
   }
   if (b[0] == b[1] && l->link[0] == l->link[1]) return fail(w, "body %d is given twice", b[0]->id);
   if (!b[0]->freedoms && !b[1]->freedoms) return fail(w, "neither body %d nor body %d can move", b[0]->id, b[1]->id);
-  for (int i = 0; i < w->law_count; i++) {
-    const law* other = w->laws + i;
-    int same = !memcmp(other->body, l->body, sizeof(l->body)) && !memcmp(other->link, l->link, sizeof(l->link));
-    int swapped = other->body[0] == l->body[1] && other->body[1] == l->body[0];
-    swapped = swapped && other->link[0] == l->link[1] && other->link[1] == l->link[0];
-    if (same || swapped) return fail(w, "bodies %d and %d have law %d: remove it first", b[0]->id, b[1]->id, other->id);
-  }
-  return 1;
+  return require_shape(w, b[0], l->link[0]) && require_shape(w, b[1], l->link[1]) && refuse_two_laws(w, l);
 }
 
 static int add_law(world* w, const b3Arguments* given_, int is_force) {
@@ -122,10 +157,6 @@ static int add_law(world* w, const b3Arguments* given_, int is_force) {
 }
 
 static void drop(world* w, int i) { memmove(w->laws + i, w->laws + i + 1, (--w->law_count - i) * sizeof(law)); }
-
-static int covers(const law* l, int side, int body, int link) {
-  return l->body[side] == body && (l->link[side] == link || l->link[side] == ANY || link == ANY);
-}
 
 /* The place of a pair's law, given as body, link, body, link, in either order; -1 without one. */
 static int place_of(const world* w, const b3Arguments* given) {
@@ -242,12 +273,14 @@ int preTickPluginCallback(b3Context* context) {
   if (!w || w->law_count == 0) return 0;
   b3GetStatusPhysicsSimulationParameters(send(w, b3InitRequestPhysicsParamCommand(w->client)), &now);
   w->substeps = now.substeps;
+  w->iterations = now.iterations;
   w->h = now.time_step / (now.substeps > 1 ? now.substeps : 1);
   w->contact_erp = now.contact_erp;
   memcpy(w->gravity, now.gravity, sizeof(w->gravity));
   w->tick++;
   free_taken(w);
   for (int i = 0; i < w->law_count; i++) w->laws[i].force = 0;
+  count_unannounced(w);
   take_back(w);
   add_forces(w);
   add_impacts(w);
@@ -271,6 +304,8 @@ int processNotifications(b3Context* context) {
     if (n->type == SIMULATION_STEPPED) w->is_substep = 0;
     int known = n->of.body >= 0 && n->of.body < w->body_count; /* -1 of a changeDynamics that changes nothing */
     if (n->type == LINK_DYNAMICS_CHANGED && known && w->bodies[n->of.body]) w->bodies[n->of.body]->stale = 1;
+    body* b = n->type == TRANSFORM_CHANGED && known && n->of.moved.link < 0 ? w->bodies[n->of.body] : NULL;
+    if (b && has_fixed_base(b)) follow_base(w, b, n->of.moved.pose);
     for (int i = w->law_count - 1; n->type == BODY_REMOVED && i >= 0; i--) {
       if (w->laws[i].body[0] == n->of.body || w->laws[i].body[1] == n->of.body) drop(w, i);
     }

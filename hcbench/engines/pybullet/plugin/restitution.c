@@ -47,6 +47,7 @@ static int add_contact(world* w, law* l, const b3Contact* p, int count) {
   for (int s = 0; s < 2; s++) {
     if (c->distance > c->body[s]->link[c->link[s]].info.processing_threshold) return count;
   }
+  name_carried(w, c);
   return count + 1;
 }
 
@@ -150,7 +151,9 @@ static int sort_out(world* w, int count, hcb_contact* laws, int* near) {
     contact* c = w->contacts + i;
     double d = fmax(0, c->distance) / w->h;
     if (d > HCB_NEAR * fastest + w->h * fabs(c->fall)) continue;
-    busy |= set_impact(w, c, laws + *near);
+    int collides = set_impact(w, c, laws + *near);
+    busy |= collides;
+    name_deeper(w, c, collides);
     if (w->contacts + *near != c) w->contacts[*near] = *c;
     ++*near;
   }
