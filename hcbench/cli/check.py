@@ -70,6 +70,11 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
 @options("material", "alpha", "restitution")
 @click.option("--all", "each", is_flag=True, help="Measure each pair that touches at the start.")
 @options("trajectory")
+@click.option(
+    "--contact",
+    is_flag=True,
+    help="Also report what the contact means: stiffness, loads, friction, landings, steps.",
+)
 @output_option("--page", help="Also write a one-page report (HTML).")
 @force_option
 @as_json
@@ -78,6 +83,7 @@ def measure(
     python: str | None,
     each: bool,
     trajectory: Path | None,
+    contact: bool,
     page: Path | None,
     force: bool,
     as_json: bool,
@@ -98,11 +104,14 @@ def measure(
     if page is not None and (each or trajectory is not None):
         option = "--all" if each else "--trajectory"
         raise UserError("--page", f"given with {option}", "one --pair: a page shows one")
+    if contact and trajectory is not None:
+        raise UserError("--contact", "given with --trajectory", "one of the two")
     asked = plan(_spec(models, python, options, required=True))
     job = Job(
         *(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE),
         diagnose=True,
         rest=RestLimits(),
+        contact=contact,
     )
     if trajectory is not None:
         _measure_trajectory(job, trajectory, asked.limit, as_json)

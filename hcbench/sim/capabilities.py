@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.drop_test import DropTest, ReboundSettings
     from hcbench.sim.landing import DropPlan, Landings
+    from hcbench.sim.loads import LandingPeak
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
     from hcbench.sim.touch import TrajectoryTouchdowns
     from hcbench.sim.worlds import ContactFamily
@@ -128,6 +129,12 @@ class OpensModels(Engine):
         """Return the pairs that can collide in a user's model, those that touch
         first; `source` as in `open`.
         """
+
+    def landing_peaks(self, source: Any, request: Request) -> tuple[LandingPeak, ...]:
+        """Drop the whole body of a pair from each of a few heights, and return the peaks of the
+        force; () where it cannot fall, or where the engine does not drop bodies.
+        """
+        return ()
 
 
 def opener(engine: Engine) -> OpensModels:

@@ -51,27 +51,45 @@ _SLIDES_S = 1.0
 def standing(opened: Sequence[OpenedModel]) -> Standing:
     """Measure how pairs of one model stand, each at touch."""
     first = opened[0]
-    stands = not first.model.body_weldid[first.place.pair.second.body]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
     level = slope = Rest(*[math.nan] * 4)
     hold = math.nan
     angle = math.nan
     data = _at_touch(first)
     with captured_warnings():
-        if stands:
-            angle = min(_SLOPE, _OF_FRICTION * math.atan(first.facts().friction or 0.0))
+        if stands_on_world(first):
             level = _rest(first, data)
-            slope = _rest(first, copy.copy(data), _tilted(first, angle)) if angle > 0.0 else slope
+            angle, slope = rest_on_slope(first, copy.copy(data))
         if held:
             hold = _hold(*held[0])
         hop = _highest_hop(opened)
         return Standing.of(level, slope, hold, hop, _cost(first, data), angle)
 
 
+def stands_on_world(opened: OpenedModel) -> bool:
+    """Say whether the pair's second part does not move."""
+    return not opened.model.body_weldid[opened.place.pair.second.body]
+
+
+def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
+    """(slope, rad; rest on it) of a pair from a state at rest, which is moved on; gravity is turned.
+    The rest is NaN where the pair has no friction.
+    """
+    angle = min(_SLOPE, _OF_FRICTION * math.atan(opened.facts().friction or 0.0))
+    if not angle > 0.0:
+        return angle, Rest(*[math.nan] * 4)
+    return angle, _rest(opened, data, _tilted(opened, angle))
+
+
 def rest_of_pair(opened: OpenedModel) -> Rest | None:
     """Rest of the pair from its start, if it touches there, like a held body and its finger, or
     else from the touch; None if nothing holds the two together.
     """
+    return laid_down(opened)[0]
+
+
+def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
+    """(`rest_of_pair`, the state at its end)."""
     data = copy.copy(opened.start)
     place = opened.place
     data.time = 0.0
@@ -79,16 +97,14 @@ def rest_of_pair(opened: OpenedModel) -> Rest | None:
         backend().mj_forward(opened.model, data)
         if not _touches(opened, data):
             if not place.gravity > 0.0:
-                return None
+                return None, data
             data.qpos[:] = place.qpos
         # The second body, if it moves; else the world.
-        from_body = 0
-        if opened.model.body_weldid[place.pair.second.body]:
-            from_body = place.pair.second.body
+        from_body = 0 if stands_on_world(opened) else place.pair.second.body
         rest = _rest(opened, data, from_body=from_body)
         if rest is DIVERGED or math.isfinite(rest.force_noise):
-            return rest
-        return None
+            return rest, data
+        return None, data
 
 
 def _touches(opened: OpenedModel, data: Any) -> bool:
@@ -145,7 +161,7 @@ def _rest(
         mujoco.mj_step(model, data)
         position[i] = data.xpos[body] - data.xpos[from_body]
         force[i] = _force(opened, data)
-        depth[i] = _depth(opened, data)
+        depth[i] = depth_of(opened, data)
     model.opt.gravity[:] = gravity_before
     if not np.isfinite(path).all():
         return DIVERGED
@@ -159,7 +175,7 @@ def _rest(
     return rest_of(moment, depth, rate, force, moved)
 
 
-def _depth(opened: OpenedModel, data: Any) -> float:
+def depth_of(opened: OpenedModel, data: Any) -> float:
     """Penetration at the deepest point of the pair's contact, m; 0 without one."""
     of_pair = opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3
     if not of_pair.any():

@@ -17,6 +17,7 @@ from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.motion import at_rest
 from hcbench.engines.mujoco.model.compiled_loop import flights_of
 from hcbench.engines.mujoco.model.find_pair import moving_joints
+from hcbench.engines.mujoco.model.loads import carried_by
 from hcbench.engines.mujoco.model.open import OpenedModel
 from hcbench.engines.mujoco.model.pair import restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in, slow_for_plugin
@@ -33,6 +34,7 @@ from hcbench.sim.touch import overlap_notes
 from hcbench.terms.impact import Impact, Launch
 
 if TYPE_CHECKING:
+    from hcbench.sim.loads import Carried
     from hcbench.sim.rest import Rest
     from hcbench.sim.shared_model import SharedModelEngine
 
@@ -190,6 +192,10 @@ class MujocoModel(OpenedModel, LendsSteps):
         two touch there, else laid on.
         """
         return rest_of_pair(self)
+
+    def carried(self) -> Carried:
+        """Measure which loads the pair carries at rest, on its plate and on a slope."""
+        return carried_by(self)
 
     def rest_suspects(self) -> list[Suspect]:
         """A contact that is soft, and one that its step is too long for."""
