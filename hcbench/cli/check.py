@@ -162,10 +162,13 @@ def _next_line(
     else:
         errors = measurement.errors(measurement.wanted)
         missed = any(abs(error) > TOLERANCE for _, error in errors)
-    if missed and python is None and isinstance(registry.engine(facts.engine), TunesModels):
+    engine = registry.engine(facts.engine)
+    if missed and python is None and isinstance(engine, TunesModels):
         target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
-        tuned = f"tuned{Path(models[0]).suffix}"
-        return f"hcbench tune {source} --pair {pair} {target} --write-model {tuned}"
+        line = f"hcbench tune {source} --pair {pair} {target}"
+        if engine.writes_models:
+            line += f" --write-model tuned{Path(models[0]).suffix}"
+        return line
     if options["engine"]:
         source += f" --engine {quote(options['engine'])}"
     target = target or "--write-baseline bounce.json"

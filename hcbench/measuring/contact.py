@@ -263,6 +263,8 @@ def as_lines(meaning: ContactMeaning) -> list[str]:
         value = "cannot be launched"
         if step.point is not None:
             value = _from_to(step.lowest, step.highest, ".3f")
+            if step.point.failed:
+                value += f", {step.point.failed} launches without an e"
         rows.append((f"e at a step of {time_step(step.timestep)} s", value))
     largest = meaning.largest_stable_step
     rows.append(("largest stable step, s", "none" if math.isnan(largest) else time_step(largest)))

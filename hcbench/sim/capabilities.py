@@ -162,7 +162,12 @@ class RandomizesContacts(OpensModels):
 
 
 class TunesModels(OpensModels):
-    """Writes settings into models that users wrote."""
+    """Writes settings for models that users wrote.
+
+    writes_models: whether it writes the whole model with them; else lines of a script alone.
+    """
+
+    writes_models = True
 
     @abstractmethod
     def model_settings(

@@ -5,9 +5,45 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+# How every engine loads a contact.
+
 # Multiples of the force at rest under which a contact is measured: what a robot's feet bear in
 # standing, walking, running and landing.
 LOADS = (1.0, 2.0, 5.0, 10.0)
+# Time for which a pair is pressed, s, and the last part of it, over which a mean is taken.
+PRESSED_S = 1.0
+LAST = 0.2
+# Bounds the time of a press at short steps.
+PRESSED_STEPS = 5000
+# A pair bears a load if the contact's force is within this share of it.
+_BEARS = 0.1
+# A push along the plate is so many times the friction that the model asks for: the pair slides.
+_PUSH = 2.0
+# Steps in which a push finds the limit of friction: a soft contact takes some.
+PUSHED_STEPS = 20
+# A slope, rad; it is this share of the friction angle where that is less: the body has to hold.
+_SLOPE = math.radians(10.0)
+_OF_FRICTION = 2.0 / 3.0
+# A body rolls if its turning makes up more than this share of its speed.
+_ROLLS = 0.5
+
+
+def slope_of(friction: float) -> float:
+    """Slope, rad, on which a body of a friction μ is laid; 0 without friction."""
+    return min(_SLOPE, _OF_FRICTION * math.atan(friction or 0.0))
+
+
+def push_of(friction: float, load: float) -> float:
+    """Push along the plate, N, that a contact of friction μ under a load, N, does not hold."""
+    return _PUSH * (1.0 + friction) * load
+
+
+def creep_of(drift: float, spin: float, lever: float) -> float:
+    """Creep of a body that drifts down a slope, m/s; NaN where it rolls.
+
+    spin: mean angular speed, rad/s. lever: from its contact point to its centre, m.
+    """
+    return math.nan if spin * lever > _ROLLS * drift else drift
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +57,16 @@ class Load:
     times: float
     force: float
     penetration: float
+
+
+def borne(times: float, own: float, force: float, penetration: float) -> Load:
+    """A load of so many times its own, N; without numbers where the contact's force, N, is not that.
+
+    penetration: m.
+    """
+    if not abs(force / (times * own) - 1.0) < _BEARS:
+        return Load(times, math.nan, math.nan)
+    return Load(times, force, penetration)
 
 
 @dataclass(frozen=True, slots=True)

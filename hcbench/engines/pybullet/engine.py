@@ -60,6 +60,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
     suffixes = (".urdf", ".sdf")
     opens = ("a PyBullet World",)
     own_process = True
+    writes_models = False
     # lateralFriction is 0.5 of each body, and Bullet multiplies the two.
     default_friction = 0.25
     keeps_friction = True
@@ -185,6 +186,20 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         from hcbench.engines.pybullet.model.under_test import model_settings
 
         return model_settings(source, requests, goal, rebuild)
+
+    def standing(
+        self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]
+    ) -> Standing:
+        """Measure how the first pair of a user's world rests on the level and on a slope.
+
+        setting: whose lines are run first; None: the world as it is.
+        """
+        from hcbench.engines.pybullet.model.under_test import PybulletModel
+
+        opened = self.open(source, requests[0]) if setting is None else setting.open(requests[0])
+        assert isinstance(opened, PybulletModel)
+        with opened as model:
+            return model.standing()
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Bullet's restitution of a contact."""

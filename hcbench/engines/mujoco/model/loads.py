@@ -15,25 +15,22 @@ from hcbench.engines.mujoco.model.standing import (
     rest_on_slope,
     stands_on_world,
 )
-from hcbench.sim.loads import LOADS, Carried, Load
+from hcbench.sim.loads import (
+    LAST,
+    LOADS,
+    PRESSED_S,
+    PRESSED_STEPS,
+    PUSHED_STEPS,
+    Carried,
+    Load,
+    borne,
+    creep_of,
+    push_of,
+)
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.open import OpenedModel
     from hcbench.terms.impact import Floats
-
-# Time for which a pair is pressed, s, and the last part of it, over which a mean is taken.
-_PRESSED_S = 1.0
-_LAST = 0.2
-# Bounds the time of a press at short steps.
-_MOST_STEPS = 5000
-# A pair bears a load if the contact's force is within this share of it.
-_BEARS = 0.1
-# A body slips if its contact point moves by more than this share of its own speed; else it rolls.
-_SLIPS = 0.5
-# Steps in which a push along the plate finds the limit of friction: a soft contact takes some.
-_PUSHED_STEPS = 20
-# A push is so many times the friction that the model asks for, so that the pair slides.
-_PUSH = 2.0
 
 
 class _Touch:
@@ -94,11 +91,12 @@ def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
     a body that rolls.
     """
     slope, rest = rest_on_slope(opened, data)
-    touch = _Touch(opened, data)
-    pair = opened.place.pair
-    slip = [pair.approach_row(data, touch.point, axis) @ data.qvel for axis in touch.axes]
-    rolls = not math.hypot(*slip) > _SLIPS * rest.drift
-    return slope, math.nan if rolls else rest.drift
+    body = opened.place.pair.first.body
+    turns = np.zeros((3, opened.model.nv))
+    backend().mj_jacBody(opened.model, data, None, turns, body)
+    spin = float(np.linalg.norm(turns @ data.qvel))
+    lever = float(np.linalg.norm(_Touch(opened, data).point - data.xipos[body]))
+    return slope, creep_of(rest.drift, spin, lever)
 
 
 def _push(opened: OpenedModel, data: Any, touch: _Touch, force: Floats) -> None:
@@ -119,17 +117,15 @@ def _pressed(opened: OpenedModel, resting: Any, touch: _Touch, times: float) -> 
     data = copy.copy(resting)
     more = (times - 1.0) * touch.normal
     _push(opened, data, touch, more * opened.place.contact.normal)
-    steps = min(_MOST_STEPS, round(_PRESSED_S / model.opt.timestep))
-    last = max(1, round(_LAST * steps))
+    steps = min(PRESSED_STEPS, round(PRESSED_S / model.opt.timestep))
+    last = max(1, round(LAST * steps))
     backend().mj_step(model, data, nstep=steps - last)
     rows = np.zeros((last, 2))
     for i in range(last):
         backend().mj_step(model, data)
         rows[i] = _Touch(opened, data).normal, depth_of(opened, data)
     force, penetration = rows.mean(axis=0).tolist()
-    if not abs(force / (times * touch.normal) - 1.0) < _BEARS:
-        return Load(times, math.nan, math.nan)
-    return Load(times, force, penetration)
+    return borne(times, touch.normal, force, penetration)
 
 
 def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
@@ -140,13 +136,13 @@ def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
     """
     one, two = touch.axes
     ways = (one, two, (one + two) / math.sqrt(2.0))
-    size = _PUSH * (1.0 + opened.facts().friction) * touch.normal
+    size = push_of(opened.facts().friction, touch.normal)
     limits = []
     for way in ways:
         data = copy.copy(resting)
         _push(opened, data, touch, size * way)
         limit = 0.0
-        for _ in range(_PUSHED_STEPS):
+        for _ in range(PUSHED_STEPS):
             backend().mj_step(opened.model, data)
             now = _Touch(opened, data)
             if now.normal > 0.0:

@@ -12,6 +12,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate
+from hcbench.sim.loads import slope_of
 from hcbench.sim.rest import DIVERGED, Rest, Standing, rest_of
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Launch
@@ -23,10 +24,6 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.open import OpenedModel
     from hcbench.terms.impact import Floats
 
-# The slope, rad.
-_SLOPE = math.radians(10.0)
-# The slope is this share of the friction angle where that is less: the body then has to hold.
-_OF_FRICTION = 2.0 / 3.0
 # Time of each rest, s.
 _SECONDS = 4.0
 # Time that fingers have to close, s, before gravity pulls at what they hold.
@@ -75,7 +72,7 @@ def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
     """(slope, rad; rest on it) of a pair from a state at rest, which is moved on; gravity is turned.
     The rest is NaN where the pair has no friction.
     """
-    angle = min(_SLOPE, _OF_FRICTION * math.atan(opened.facts().friction or 0.0))
+    angle = slope_of(opened.facts().friction)
     if not angle > 0.0:
         return angle, Rest(*[math.nan] * 4)
     return angle, _rest(opened, data, _tilted(opened, angle))
