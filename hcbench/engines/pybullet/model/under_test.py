@@ -16,7 +16,7 @@ import numpy as np
 
 from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.backend import BACKEND
-from hcbench.engines.pybullet.model.bodies import FreeBase, vector
+from hcbench.engines.pybullet.model.bodies import FreeBase, mass_and_volumes, vector
 from hcbench.engines.pybullet.model.causes import (
     BODY_TYPE,
     MAXIMAL_COORDINATES,
@@ -37,6 +37,7 @@ from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_fr
 from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
+from hcbench.sim.density import unit_notes
 from hcbench.sim.model_under_test import (
     Facts,
     ModelSetting,
@@ -310,6 +311,8 @@ class PybulletModel(ModelUnderTest):
         asked, words = self._asked(*of_pair)
         parameters = self.bullet.getPhysicsEngineParameters()
         notes = overlap_notes(self.place.overlap)
+        first = self.place.first
+        notes += unit_notes(first.name, *mass_and_volumes(self.bullet, first.body))
         if self.place.note:
             notes = [self.place.note, *notes]
         if self.place.face is not None and self.place.face.points == 1:
