@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import Measurement
 
+# Suffixes of files that make one world together.
+_PARTS = (".urdf", ".sdf")
 # A bounce with a lower e cannot be seen.
 _NO_BOUNCE = 0.01
 # α of steel.
@@ -312,7 +314,7 @@ def land(
     """Drop a robot on its floor, and measure how it lands.
 
     Report e of its centre of mass, the peak force, and what each foot does. Of two MODELS, such as
-    before and after `hcbench tune`, the drops stand side by side.
+    before and after `hcbench tune`, the drops stand side by side; two URDFs are a robot and its floor.
     """
     from hcbench.measuring.landing import as_record, as_text, land_job, make_drops
     from hcbench.measuring.measure import Job
@@ -322,7 +324,10 @@ def land(
 
     if not models and python is None:
         raise UserError("model", "none given", "a file with a robot, or --python FILE:FUNCTION")
-    sources = list(models)
+    sources: list[str | tuple[str, ...]] = [*models]
+    if len(models) > 1 and all(Path(model).suffix.lower() in _PARTS for model in models):
+        # A robot and its floor, which make one world.
+        sources = [models]
     if python is not None:
         sources.append(python)
     given = {"heights": heights, "tilt": tilt, "controller": controller}

@@ -28,6 +28,7 @@ from hcbench.engines.pybullet.model.causes import (
     what_distorts,
 )
 from hcbench.engines.pybullet.model.in_child import Answer, can_fork, release_aside, run_aside
+from hcbench.engines.pybullet.model.landing import land
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.loads import PairInWorld, carried_by, standing
 from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.engines.pybullet.model.open import BodyPart
     from hcbench.engines.pybullet.model.place import BulletPlacement
+    from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.loads import Carried
     from hcbench.sim.promise import Promise
     from hcbench.sim.rest import Standing
@@ -499,6 +501,22 @@ def list_pairs_of(
     world, _ = _loaded(source, rebuild, request.packages)
     try:
         return run_aside(world.bullet, lambda: _listed(world, request))
+    finally:
+        if world.disconnect:
+            world.bullet.disconnect()
+
+
+def land_in(
+    source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None
+) -> Landings:
+    """Landings of the robot of a world, as `landing.land` has them.
+
+    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
+    not load, and the errors of `land`.
+    """
+    world, _ = _loaded(source, rebuild, request.packages)
+    try:
+        return land(world, request, drops)
     finally:
         if world.disconnect:
             world.bullet.disconnect()
