@@ -84,7 +84,7 @@ def test_a_landing_is_that_of_a_plain_loop(files: list[str]) -> None:
         speed, peak = dropped(files, drop.height)
         assert drop.speed_in == pytest.approx(speed, rel=1e-3)
         assert drop.peak == pytest.approx(peak, rel=0.02)
-        assert [foot.part for foot in drop.feet][0] == "foot"
+        assert drop.feet[0].part == "foot"
         assert 0.0 < drop.penetration < 0.05
     assert landings.drops[1].peak > landings.drops[0].peak
 
