@@ -4,6 +4,7 @@ its landings, and the steps at which it is stable.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
@@ -35,8 +36,8 @@ if TYPE_CHECKING:
 # Multiples of the model's step at which it is launched again, rising; the search for the largest
 # stable step ends at the first that is not stable.
 SHARES_OF_STEP = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-# A spring and a damper are read from at least so many steps in contact, of all phases.
-_STEPS_TO_FIT = 4
+# A spring and a damper are read from touches of at least so many steps each.
+_STEPS_TO_FIT = 3
 # A touch is followed for so many steps at a time, and at most.
 _ADVANCED = 32
 _FOLLOWED = 1024
@@ -186,8 +187,10 @@ def _point(impacts: Sequence[Impact]) -> CurvePoint:
 def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
     """The contact in launches that differ in phase alone."""
     impacts = simulate.impacts_in(model, launches)
-    rows = np.concatenate([_first_touch(model, launch) for launch in launches], axis=1)
-    stiffness, damping, misfit = spring_and_damper(*rows)
+    touches = [_first_touch(model, launch) for launch in launches]
+    stiffness = damping = misfit = math.nan
+    if min(touch.shape[1] for touch in touches) >= _STEPS_TO_FIT:
+        stiffness, damping, misfit = spring_and_damper(*np.concatenate(touches, axis=1))
     facts = model.facts()
     ratio = math.nan
     if stiffness > 0.0 and not facts.shares:
@@ -237,10 +240,7 @@ def spring_and_damper(
     penetration, m, rate, m/s, force: of the steps in contact, (n,). A soft constraint's force has a
     constant part: its share of what else accelerates the body. NaN where the steps do not tell.
     """
-    count = len(force)
-    if count < _STEPS_TO_FIT:
-        return math.nan, math.nan, math.nan
-    columns = np.array([penetration, rate, np.ones(count)])
+    columns = np.array([penetration, rate, np.ones(len(force))])
     sizes = np.abs(columns).max(axis=1)
     if not sizes.all():
         return math.nan, math.nan, math.nan
@@ -259,13 +259,7 @@ def as_lines(meaning: ContactMeaning) -> list[str]:
     for peak in meaning.peaks:
         title = f"peak force over weight, dropped from {100 * peak.height:g} cm"
         rows.append((title, _from_to(peak.lowest, peak.highest, ".3g")))
-    for step in meaning.steps:
-        value = "cannot be launched"
-        if step.point is not None:
-            value = _from_to(step.lowest, step.highest, ".3f")
-            if step.point.failed:
-                value += f", {step.point.failed} launches without an e"
-        rows.append((f"e at a step of {time_step(step.timestep)} s", value))
+    rows += _step_rows(meaning.steps)
     largest = meaning.largest_stable_step
     rows.append(("largest stable step, s", "none" if math.isnan(largest) else time_step(largest)))
     return _two_columns(rows)
@@ -280,10 +274,10 @@ def _impact_rows(meaning: ContactMeaning) -> Iterator[_Row]:
     impacts = meaning.impacts
     yield (
         "what the contact means",
-        *(f"at {number(each.point.speed_in, '.3g')} m/s" for each in impacts),
+        *(f"at {_speed(each.point):.3g} m/s" for each in impacts),
     )
     yield "e", *(number(each.point.restitution, ".3f") for each in impacts)
-    yield "contact time, ms", *(number(1e3 * each.duration, ".3g") for each in impacts)
+    yield "contact time, ms", *map(_duration, impacts)
     yield "steps in contact", *(str(each.point.samples) for each in impacts)
     yield "largest penetration, mm", *(number(1e3 * each.penetration, ".3g") for each in impacts)
     yield "largest force, N", *(number(each.force, ".3g") for each in impacts)
@@ -292,6 +286,18 @@ def _impact_rows(meaning: ContactMeaning) -> Iterator[_Row]:
         yield "damping, N s/m", *(number(each.damping, ".3g") for each in impacts)
         yield "damping ratio", *(number(each.damping_ratio, ".2g") for each in impacts)
         yield "misfit of the two, %", *(number(100 * each.misfit, ".2g") for each in impacts)
+
+
+def _speed(point: CurvePoint) -> float:
+    """Impact speed, m/s; of launches without an e, their launch speed."""
+    return point.speed_in if math.isfinite(point.speed_in) else point.speed
+
+
+def _duration(impact: ContactImpact) -> str:
+    """Contact time in ms, as text."""
+    if math.isnan(impact.duration) and impact.point.restitution == 0.0:
+        return "stays"
+    return number(1e3 * impact.duration, ".3g")
 
 
 def _load_rows(carried: Carried) -> Iterator[_Row]:
@@ -303,14 +309,34 @@ def _load_rows(carried: Carried) -> Iterator[_Row]:
     yield "force at rest, N", number(carried.load, ".4g")
     yield "stiffness at rest, N/m", number(carried.stiffness, ".3g")
     yield f"penetration under {times} times that force, mm", depths
-    holds = number(math.degrees(carried.holds), ".3g")
-    most = number(math.degrees(carried.holds_most), ".3g")
-    if holds != most:
-        holds += f" (in the best direction {most})"
-    yield "steepest slope that it holds, deg", holds
+    if math.isfinite(carried.weakest):
+        holds = number(math.degrees(carried.holds), ".3g")
+        most = number(math.degrees(carried.holds_most), ".3g")
+        if holds != most:
+            holds += f" (in the best direction {most})"
+        yield "steepest slope that it holds, deg", holds
     if math.isfinite(carried.creep):
         title = f"creep on a slope of {math.degrees(carried.slope):.3g} deg, mm/s"
         yield title, number(1e3 * carried.creep, ".3g")
+
+
+def _step_rows(steps: Sequence[ContactStep]) -> Iterator[_Row]:
+    """Rows of e over time steps; one of neighbours with the same e."""
+
+    def said(step: ContactStep) -> str:
+        if step.point is None:
+            return "cannot be launched"
+        value = _from_to(step.lowest, step.highest, ".3f")
+        if step.point.failed:
+            value += f", {step.point.failed} launches without an e"
+        return value
+
+    for value, group in itertools.groupby(steps, said):
+        first, *others = group
+        title = time_step(first.timestep)
+        if others:
+            title += f" ... {time_step(others[-1].timestep)}"
+        yield f"e at a step of {title} s", value
 
 
 def _from_to(lowest: float, highest: float, digits: str) -> str:

@@ -151,8 +151,24 @@ def test_without_weight_there_is_no_load_and_no_landing() -> None:
 
 
 def test_too_few_steps_tell_no_spring() -> None:
-    three = np.ones(3)
-    assert all(math.isnan(number) for number in spring_and_damper(three, three, three))
+    same = np.ones(9)
+    assert all(math.isnan(number) for number in spring_and_damper(same, same, same))
+    stiff = text(BALL, 'condim="1" solref="-1e7 0" solimp=".99 .99 .001 .5 2"')
+    assert all(math.isnan(impact.stiffness) for impact in meaning(stiff).impacts)
+
+
+def test_what_slides_on_a_rail_has_no_friction_to_hold_it() -> None:
+    rail = text(BALL, CONSTANT).replace("<freejoint/>", '<joint type="slide" axis="0 0 1"/>')
+    carried = meaning(rail).carried
+    assert carried.load == pytest.approx(MASS * G, rel=1e-4)
+    assert math.isnan(carried.holds)
+    assert math.isnan(carried.creep)
+
+
+def test_neighbours_of_the_same_e_share_a_line() -> None:
+    lines = as_lines(meaning(text(BALL, 'condim="1" solref=".02 1"')))
+    assert [line for line in lines if "... 0.016 s" in line and line.endswith("  0.000")]
+    assert [line for line in lines if line.startswith("contact time") and "stays" in line]
 
 
 def test_a_spring_and_a_damper_are_found_beside_a_constant_force() -> None:

@@ -81,7 +81,7 @@ def carried_by(opened: OpenedModel) -> Carried:
         loads += [_pressed(opened, data, touch, times) for times in LOADS[1:]]
         ratios = _friction(opened, data, touch)
         slope = creep = math.nan
-        if stands_on_world(opened):
+        if stands_on_world(opened) and math.isfinite(ratios[0]):
             slope, creep = _creep(opened, copy.copy(data))
     return Carried(tuple(loads), max(ratios), min(ratios), slope, creep)
 
@@ -129,13 +129,16 @@ def _pressed(opened: OpenedModel, resting: Any, touch: _Touch, times: float) -> 
 
 
 def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
-    """Limits of friction over the normal force, along each axis of the contact and between them.
+    """Limits of friction over the normal force, along each axis of the contact and between them;
+    NaN alone for parts that joints keep from moving along the plate.
 
     The pair is pushed along its plate by more than friction bears: the friction then is at its
     limit, which a pyramid of two axes has lower between them.
     """
-    one, two = touch.axes
-    ways = (one, two, (one + two) / math.sqrt(2.0))
+    pair = opened.place.pair
+    ways = [axis for axis in touch.axes if pair.approach_row(resting, touch.point, axis).any()]
+    if len(ways) > 1:
+        ways.append((ways[0] + ways[1]) / math.sqrt(2.0))
     size = push_of(opened.facts().friction, touch.normal)
     limits = []
     for way in ways:
@@ -148,4 +151,4 @@ def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
             if now.normal > 0.0:
                 limit = max(limit, -float(now.along @ way) / now.normal)
         limits.append(limit)
-    return limits
+    return limits or [math.nan]
