@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 SHARES_OF_STEP = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 # A spring and a damper are read from touches of at least so many steps each.
 _STEPS_TO_FIT = 3
+# A force that differs from all springs with dampers by more than this share is none of them.
+_MISFIT_MAX = 0.1
 # A touch is followed for so many steps at a time, and at most.
 _ADVANCED = 32
 _FOLLOWED = 1024
@@ -191,6 +193,9 @@ def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
     stiffness = damping = misfit = math.nan
     if min(touch.shape[1] for touch in touches) >= _STEPS_TO_FIT:
         stiffness, damping, misfit = spring_and_damper(*np.concatenate(touches, axis=1))
+        if not (stiffness > 0.0 and misfit <= _MISFIT_MAX):
+            # Such as impulses that stop a body within a step: no spring is like that.
+            stiffness = damping = math.nan
     facts = model.facts()
     ratio = math.nan
     if stiffness > 0.0 and not facts.shares:

@@ -103,6 +103,16 @@ def test_a_block_carries_loads_up_to_its_friction(files: list[str]) -> None:
     assert carried.creep < 1e-3
 
 
+def test_what_stops_a_body_within_a_step_is_no_spring(files: list[str]) -> None:
+    found = hb.measure(files, speeds="0.5, 1", gravity=G, contact=True, diagnose=False)
+    assert found.contact is not None
+    for impact in found.contact.impacts:
+        assert math.isnan(impact.stiffness) or impact.stiffness > 0.0
+        assert math.isnan(impact.stiffness) or impact.misfit <= 0.1
+    assert found.contact.carried.load == pytest.approx(G, rel=1e-2)
+    assert found.contact.peaks == ()
+
+
 def test_without_gravity_nothing_is_carried(files: list[str]) -> None:
     with open_world(files, make_request(None), None) as model:
         assert model.carried().loads == ()
