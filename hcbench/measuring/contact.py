@@ -141,31 +141,43 @@ class ContactMeaning:
         }
 
 
-def contact_meaning(
-    model: ModelUnderTest,
-    request: Request,
-    at_step: Callable[[float], ModelUnderTest],
-    peaks: Callable[[], tuple[LandingPeak, ...]],
-) -> ContactMeaning:
-    """Measure what a contact does: a few launches along the normal, loads at rest, landings, steps.
+def contact_in(model: ModelUnderTest, request: Request) -> ContactMeaning:
+    """Measure a contact in impacts along the normal and at rest; landings and steps are left out."""
+    impacts = [_impact(model, _straight(request, speed)) for speed in _ends(request)]
+    return ContactMeaning(tuple(impacts), model.carried(), (), ())
 
-    at_step: opens the same pair at another time step, s. peaks: drops the whole body.
+
+def contact_over_steps(
+    meaning: ContactMeaning,
+    request: Request,
+    timestep: float,
+    at_step: Callable[[float], ModelUnderTest],
+) -> ContactMeaning:
+    """The meaning with the fastest launches at other time steps than the model's, s.
+
+    at_step: opens the same pair at a time step, s.
     """
-    straight = replace(request, angle=(0.0,), spin=(0.0, 0.0, 0.0))
-    ends = sorted({min(request.speeds), max(request.speeds)})
-    impacts = []
-    for speed in ends:
-        launches = replace(straight, speeds=(speed,)).launches()
-        impacts.append(_impact(model, launches))
+    launches = _straight(request, max(request.speeds))
     steps = []
     for share in SHARES_OF_STEP:
         if share == 1.0:
-            steps.append(ContactStep(model.timestep, impacts[-1].point))
+            steps.append(ContactStep(timestep, meaning.impacts[-1].point))
         else:
-            steps.append(_at_another_step(share * model.timestep, launches, at_step))
+            steps.append(_at_another_step(share * timestep, launches, at_step))
         if share > 1.0 and not steps[-1].is_stable:
             break
-    return ContactMeaning(tuple(impacts), model.carried(), peaks(), tuple(steps))
+    return replace(meaning, steps=tuple(steps))
+
+
+def _ends(request: Request) -> list[float]:
+    """The slowest and the fastest launch speed, m/s; one where they are the same."""
+    return sorted({min(request.speeds), max(request.speeds)})
+
+
+def _straight(request: Request, speed: float) -> list[Launch]:
+    """Launches at a speed, m/s, along the normal, at each phase of a request."""
+    one = replace(request, speeds=(speed,), angle=(0.0,), spin=(0.0, 0.0, 0.0))
+    return one.launches()
 
 
 def _at_another_step(
@@ -353,7 +365,7 @@ def _from_to(lowest: float, highest: float, digits: str) -> str:
 def _two_columns(rows: Sequence[_Row]) -> list[str]:
     """Lines of rows, the titles at the left."""
     first = max(len(title) for title, *_ in rows)
-    second = max(len(cells[0]) for _, *cells in rows if len(cells) > 1) if rows else 0
+    second = max((len(cells[0]) for _, *cells in rows if len(cells) > 1), default=0)
     lines = []
     for title, *cells in rows:
         texts = [cells[0].ljust(second), *cells[1:]] if len(cells) > 1 else cells

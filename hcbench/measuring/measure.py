@@ -14,7 +14,7 @@ from typing import Any, TypeGuard, TypeVar, Unpack
 from hcbench.catalogue.target import target_material
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.measuring.contact import contact_meaning
+from hcbench.measuring.contact import contact_in, contact_over_steps
 from hcbench.measuring.curve import impacts_of
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.measurement import TOLERANCE, Cause, Measurement, Wanted
@@ -30,7 +30,7 @@ from hcbench.sim import registry
 from hcbench.sim.candidate_pairs import CandidatePair, as_records, as_table
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
-from hcbench.sim.model_under_test import Facts, Request
+from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
 from hcbench.sim.packages import EXPAND_XACRO
 from hcbench.sim.remote import interpreter_of
 from hcbench.system.errors import EngineFailed, HcbenchError, SceneError, UserError
@@ -300,20 +300,21 @@ def _measured(job: Job) -> Measurement:
             is_as_chosen = is_as_tuned and job.wanted in (None, promise.curve)
         # Measured before the trials, which end what a user's function made.
         rest, suspects = at_rest(model, job.rest, impacts)
+        contact = contact_in(model, request) if job.contact else None
         if job.diagnose and not is_as_chosen:
             goal = goal_of(facts.asked, request.speeds, job.wanted)
             causes, remedy = diagnose(model, impacts, goal, job.wanted, job.tolerance)
         lacking = rest_causes(model, rest, job.rest, suspects)
-        contact = None
-        if job.contact:
-            contact = contact_meaning(
-                model,
-                request,
-                lambda step: engine.open(source, replace(request, timestep=step), rebuild),
-                lambda: engine.landing_peaks(source, request),
-            )
     if not causes:
         _require_touch(impacts, facts)
+    if contact is not None:
+
+        def at_step(timestep: float) -> ModelUnderTest:
+            again = rebuild() if rebuild else source
+            return engine.open(again, replace(request, timestep=timestep), rebuild)
+
+        contact = replace(contact, peaks=engine.landing_peaks(source, request))
+        contact = contact_over_steps(contact, request, facts.timestep, at_step)
     return Measurement(
         facts, request, tuple(impacts), job.wanted, causes, remedy, rest, lacking, contact
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,31 @@ def test_without_weight_there_is_no_load_and_no_landing() -> None:
     assert "stiffness, N/m" in words
     assert "at rest" not in words
     assert "dropped" not in words
+
+
+def test_one_speed_has_one_column() -> None:
+    first, *_ = as_lines(meaning(text(BALL, CONSTANT), speeds="0.5"))
+    assert first.count("m/s") == 1
+
+
+def test_a_function_of_a_users_file_makes_a_world_for_each_step(tmp_path: Path) -> None:
+    """The trials of causes end the first world, and each step takes one of its own."""
+    pytest.importorskip("pybullet")
+    lines = (
+        "import pybullet as p",
+        "def world():",
+        "    p.connect(p.DIRECT)",
+        "    p.setGravity(0, 0, -9.81)",
+        "    for shape, mass in ((p.GEOM_SPHERE, 1), (p.GEOM_PLANE, 0)):",
+        "        form = p.createCollisionShape(shape, radius=0.1)",
+        "        p.createMultiBody(mass, form, basePosition=[0, 0, 0.3 * mass])",
+    )
+    (tmp_path / "world.py").write_text("\n".join(lines))
+    found = measure(f"{tmp_path}/world.py:world", "body:0,body:1", speeds=[1.0], contact=True)
+    assert found.contact is not None
+    assert found.contact.carried.load == pytest.approx(G, rel=0.01)
+    assert not math.isnan(found.contact.largest_stable_step)
+    assert found.causes
 
 
 def test_too_few_steps_tell_no_spring() -> None:
