@@ -10,7 +10,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.standing import (
-    depth_of,
+    force_and_depth,
     laid_down,
     rest_on_slope,
     stands_on_world,
@@ -121,9 +121,10 @@ def _pressed(opened: OpenedModel, resting: Any, touch: _Touch, times: float) -> 
     last = max(1, round(LAST * steps))
     backend().mj_step(model, data, nstep=steps - last)
     rows = np.zeros((last, 2))
+    sides = opened.place.pair.sides.tolist()
     for i in range(last):
         backend().mj_step(model, data)
-        rows[i] = _Touch(opened, data).normal, depth_of(opened, data)
+        rows[i] = force_and_depth(opened, data, sides)
     force, penetration = rows.mean(axis=0).tolist()
     return borne(times, touch.normal, force, penetration)
 
