@@ -11,10 +11,10 @@ import pytest
 import hcbench as hb
 from hcbench.cli import run
 from hcbench.system.errors import UserError
-from hcbench.workers import fork
+from hcbench.workers import process
 
 p = pytest.importorskip("pybullet")
-pytestmark = pytest.mark.skipif(not fork.AVAILABLE, reason="needs a system that forks")
+pytestmark = pytest.mark.skipif(not process.CAN_FORK, reason="needs a system that forks")
 
 G = 9.81
 INERTIA = '<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/>'
