@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # Density, kg/m³, over the boxes about each of a body's shapes. Lead has ten times less in a model in
-# centimetres; of 1 720 bodies in the packages of MuJoCo, MuJoCo Warp and PyBullet none is below 0.4.
+# centimetres; of 1 720 bodies in three engines' packages none is below 0.4.
 _LIGHTEST = 0.1
 # The same over the box around all of a body with its frames; none of those bodies is above 4e4.
 _HEAVIEST = 2e5

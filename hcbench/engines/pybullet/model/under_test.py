@@ -509,7 +509,7 @@ def list_pairs_of(
 def land_in(
     source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None
 ) -> Landings:
-    """Landings of the robot of a world, as `landing.land` has them.
+    """Landings of the robot of a world, see `landing.land`.
 
     rebuild: makes the world again, where a function built it. Raises SceneError for files that do
     not load, and the errors of `land`.
