@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import Measurement
 
+# Suffixes of files that make one world together.
+_PARTS = (".urdf", ".sdf")
 # A bounce with a lower e cannot be seen.
 _NO_BOUNCE = 0.01
 # α of steel.
@@ -72,6 +74,11 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
 @options("material", "alpha", "restitution")
 @click.option("--all", "each", is_flag=True, help="Measure each pair that touches at the start.")
 @options("trajectory")
+@click.option(
+    "--contact",
+    is_flag=True,
+    help="Also report what the contact means: stiffness, loads, friction, landings, steps.",
+)
 @output_option("--page", help="Also write a one-page report (HTML).")
 @force_option
 @as_json
@@ -80,6 +87,7 @@ def measure(
     python: str | None,
     each: bool,
     trajectory: Path | None,
+    contact: bool,
     page: Path | None,
     force: bool,
     as_json: bool,
@@ -100,11 +108,14 @@ def measure(
     if page is not None and (each or trajectory is not None):
         option = "--all" if each else "--trajectory"
         raise UserError("--page", f"given with {option}", "one --pair: a page shows one")
+    if contact and trajectory is not None:
+        raise UserError("--contact", "given with --trajectory", "one of the two")
     asked = plan(_spec(models, python, options, required=True))
     job = Job(
         *(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE),
         diagnose=True,
         rest=RestLimits(),
+        contact=contact,
     )
     if trajectory is not None:
         _measure_trajectory(job, trajectory, asked.limit, as_json)
@@ -158,12 +169,15 @@ def _next_line(
     else:
         errors = measurement.errors(measurement.wanted)
         missed = any(abs(error) > TOLERANCE for _, error in errors)
-    if missed and python is None and isinstance(registry.engine(facts.engine), TunesModels):
+    engine = registry.engine(facts.engine)
+    if missed and python is None and isinstance(engine, TunesModels):
         target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
         taken = {parameter.name for parameter in tune.params}
-        tuned = f"tuned{Path(models[0]).suffix}"
         launches = _typed_again(options, [name for name in LAUNCHES if name in taken])
-        return f"hcbench tune {source} --pair {pair}{launches} {target} --write-model {tuned}"
+        line = f"hcbench tune {source} --pair {pair}{launches} {target}"
+        if engine.writes_models:
+            line += f" --write-model tuned{Path(models[0]).suffix}"
+        return line
     launches = _typed_again(options, [*LAUNCHES, "engine", "limit"])
     target = target or "--write-baseline bounce.json"
     return f"hcbench check {source} --pair {pair}{launches} {target}"
@@ -318,7 +332,7 @@ def land(
     """Drop a robot on its floor, and measure how it lands.
 
     Report e of its centre of mass, the peak force, and what each foot does. Of two MODELS, such as
-    before and after `hcbench tune`, the drops stand side by side.
+    before and after `hcbench tune`, the drops stand side by side; two URDFs are a robot and its floor.
     """
     from hcbench.measuring.landing import as_record, as_text, land_job, make_drops
     from hcbench.measuring.measure import Job
@@ -328,7 +342,10 @@ def land(
 
     if not models and python is None:
         raise UserError("model", "none given", "a file with a robot, or --python FILE:FUNCTION")
-    sources = list(models)
+    sources: list[str | tuple[str, ...]] = [*models]
+    if len(models) > 1 and all(Path(model).suffix.lower() in _PARTS for model in models):
+        # A robot and its floor, which make one world.
+        sources = [models]
     if python is not None:
         sources.append(python)
     given = {"heights": heights, "tilt": tilt, "controller": controller}

@@ -42,6 +42,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 
 @command()
 @click.argument("engine", metavar="ENGINE|MODEL")
+@click.argument("files", nargs=-1, metavar="[MODEL]")
 @click.option(
     "--alpha",
     type=UncertainType("alpha"),
@@ -149,11 +150,17 @@ _engine_option = partial(click.option, cls=_EngineOption)
 )
 @force_option
 @as_json
-def tune(engine: str, points: str | None, max_error: str | None, **options: Any) -> None:
+def tune(
+    engine: str,
+    files: tuple[str, ...],
+    points: str | None,
+    max_error: str | None,
+    **options: Any,
+) -> None:
     """Find settings that bounce like your material.
 
     ENGINE is an engine's name, tuned in a scene. MODEL is your own
-    model, whose pairs are tuned in it.
+    model (a file, two URDFs, or FILE.py:FUNCTION), whose pairs are tuned in it.
     """
     from hcbench.cli.tune_engine import tune_engine
     from hcbench.cli.tune_model import tune_model
@@ -164,7 +171,10 @@ def tune(engine: str, points: str | None, max_error: str | None, **options: Any)
     options |= {"points": () if points is None else _parsed(points), "max_error": limit}
     if is_model(engine):
         _drop(options, _EngineOption, f"given with the model {engine}", "an engine's name")
-        tune_model(engine, **options)
+        tune_model((engine, *files), **options)
+    elif files:
+        got = f"{files[0]!r} after the engine {engine!r}"
+        raise UserError("model", got, "one engine's name, or files of models")
     else:
         _drop(options, _ModelOption, f"given with the engine {engine!r}", "a model file")
         tune_engine(engine, **options)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.cli.console import print_json
 from hcbench.cli.terminal import show, show_code, status
+from hcbench.measuring.request import is_python
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed
 from hcbench.system.text import as_bound, joined_names, sanitized, time_step
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def tune_model(
-    source: str,
+    models: tuple[str, ...],
     *,
     alpha: tuple[float, float] | None,
     max_error: float | None,
@@ -37,7 +38,8 @@ def tune_model(
     limit = MAX_ERROR if max_error is None else max_error
     files: dict[str, Any] = {"write_model": write_model, "write_include": write_include}
     value = None if alpha is None else alpha[0]
-    with status(f"trying settings in {sanitized(source)}"):
+    source = models[0] if len(models) == 1 else models
+    with status(f"trying settings in {sanitized(' + '.join(models))}"):
         tuned = ask.tune_model(source, alpha=value, max_error=limit, **files, **given)
     of_material = _material_line(given["material"])
     landing = tuned.landing
@@ -46,13 +48,15 @@ def tune_model(
     elif landing is not None and landing.rebound is not None:
         print_landing(tuned, landing)
         if tuned.gains:
-            show(f"\nnext:\n  hcbench land {_model(write_model, source)}")
+            show(f"\nnext:\n  hcbench land {_model(write_model, models)}")
     else:
         for name, line in of_material.items():
             show(f"{name}: {line}")
         _print(tuned, limit)
         if tuned.gains:
-            show(f"\nnext:\n  {_next_line(tuned, limit, write_model, value, given)}")
+            show(
+                f"\nnext:\n  {_next_line(tuned, limit, _tested(tuned, write_model, models), value, given)}"
+            )
     if landing is not None and (landing.worse or landing.rebound is not None):
         if tuned.gains:
             return
@@ -81,7 +85,7 @@ def _material_line(name: str | None) -> dict[str, str]:
 def _next_line(
     tuned: TunedModel,
     limit: float,
-    written: Path | None,
+    model: str,
     alpha: float | None,
     given: dict[str, Any],
 ) -> str:
@@ -89,7 +93,7 @@ def _next_line(
     measures it where it is beyond.
 
     limit: largest error of e that passes.
-    written: the tuned model's path; None: it was not written.
+    model: the tuned model, as a shell takes it.
     alpha: s/m; given: the other options, by their names.
     """
     pair = tuned.pairs[0]
@@ -102,8 +106,8 @@ def _next_line(
     elif given["material"] is not None:
         asked = [f"--material {quote(given['material'])}"]
     words = [
-        _model(written, "tuned.xml"),
-        f"--pair {quote(given['pair'][0])}",
+        model,
+        f"--pair {quote(given['pair'][0] if given['pair'] else joined_names(pair.facts.pair))}",
         *asked,
         f'--speeds "{low:.3g}:{high:.3g}:5 m/s"',
     ]
@@ -113,9 +117,24 @@ def _next_line(
     return " ".join(["hcbench check", *words, f"--max-error {limit:g}"])
 
 
-def _model(written: Path | None, otherwise: str) -> str:
-    """The tuned model's path as a shell takes it; another where it was not written."""
-    return quote(otherwise if written is None else str(written))
+def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) -> str:
+    """The tuned model as a shell takes it: the file that was written, or the user's own, into which
+    the lines go; a function of Python where they are lines of a script.
+
+    models: the user's own.
+    """
+    if written is None and not tuned.written and not is_python(models[0]):
+        return "--python FILE.py:FUNCTION"
+    return _model(written, models)
+
+
+def _model(written: Path | None, models: tuple[str, ...]) -> str:
+    """The file that was written, or the user's own models, as a shell takes them."""
+    if written is not None:
+        return quote(str(written))
+    if is_python(models[0]):
+        return f"--python {quote(models[0])}"
+    return " ".join(map(quote, models))
 
 
 def _nothing_gained(tuned: TunedModel, limit: float) -> LimitPassed:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, Unpack
 
 from hcbench.catalogue.target import target_material
 from hcbench.laws.restitution import RestitutionCurve
+from hcbench.measuring.contact import contact_in, contact_over_steps
 from hcbench.measuring.curve import impacts_of
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.measurement import TOLERANCE, Cause, Measurement, Wanted
@@ -78,6 +78,7 @@ class Job:
 
     beyond_bounds: whether numbers beyond physical bounds are admitted.
     rest: None: not measured.
+    contact: whether to measure what the contact means.
     """
 
     source: Any
@@ -88,6 +89,7 @@ class Job:
     diagnose: bool
     beyond_bounds: bool = field(default=False, kw_only=True)
     rest: RestLimits | None = field(default=None, kw_only=True)
+    contact: bool = field(default=False, kw_only=True)
 
 
 @checked
@@ -103,6 +105,7 @@ def measure(
     tolerance: float = TOLERANCE,
     diagnose: bool = True,
     rest: bool = True,
+    contact: bool = False,
     limit: Quantity | None = None,
     **launch: Unpack[LaunchOptions],
 ) -> Measurement:
@@ -126,6 +129,9 @@ def measure(
         |e - target| from which hcbench looks for causes, if `diagnose`.
     rest : bool
         Whether hcbench measures the pair at rest, too.
+    contact : bool
+        Whether hcbench measures what the contact means in a robot's words, too: its stiffness and damping,
+        the loads that it carries, friction, landings, and the largest stable step.
     limit : float, text or quantity of Pint's, optional
         Time, s, after which a model in a file counts as hung; 60 s, or what the engine takes to compile.
     **launch
@@ -134,7 +140,8 @@ def measure(
     Returns
     -------
     Measurement
-        e over impact speed in `curve`, and `causes` of a difference from the target.
+        e over impact speed in `curve`, and `causes` of a difference from the target; `contact` where you
+        asked for it.
 
     Raises
     ------
@@ -164,7 +171,7 @@ def measure(
     if rest:
         most = RestLimits() if diagnose else ANY_REST
     request = request_for(make_request(pair, **launch), launch.get("speeds"), known)
-    job = Job(model, engine, request, goal, tolerance, diagnose, rest=most)
+    job = Job(model, engine, request, goal, tolerance, diagnose, rest=most, contact=contact)
     return run_job(_measured, job, read_limit(limit))
 
 
@@ -197,9 +204,7 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
     longest = limit or math.inf
     limit = limit or max(LIMIT_S, getattr(engine, "limit", 0.0))
     try:
-        job = dataclasses.replace(
-            job, source=source, engine=name, beyond_bounds=admits_beyond_bounds()
-        )
+        job = replace(job, source=source, engine=name, beyond_bounds=admits_beyond_bounds())
         answer: Answer = call(_in_worker, work, job, limit=limit, longest=longest, at=where)
         return answer
     except WorkerDied as death:
@@ -286,25 +291,37 @@ def _measured(job: Job) -> Measurement:
     request = job.request
     causes: tuple[Cause, ...] = ()
     remedy = ""
-    with _open(job) as model:
+    engine, source, rebuild = source_of(job)
+    with engine.open(source, request, rebuild) as model:
         impacts = impacts_of(model, request)
         facts = model.facts()
         promise = facts.promise
         # True if hcbench wrote this contact and the contact keeps its promise.
         is_as_chosen = False
         if promise is not None:
-            facts = dataclasses.replace(facts, notes=(promise.note(impacts), *facts.notes))
+            facts = replace(facts, notes=(promise.note(impacts), *facts.notes))
             is_as_tuned = promise.is_kept(impacts) and not facts.changed
             is_as_chosen = is_as_tuned and job.wanted in (None, promise.curve)
         # Measured before the trials, which end what a user's function made.
         rest, suspects = at_rest(model, job.rest, impacts)
+        contact = contact_in(model, request) if job.contact else None
         if job.diagnose and not is_as_chosen:
             goal = goal_of(facts.asked, request.speeds, job.wanted)
             causes, remedy = diagnose(model, impacts, goal, job.wanted, job.tolerance)
         lacking = rest_causes(model, rest, job.rest, suspects)
     if not causes:
         _require_touch(impacts, facts)
-    return Measurement(facts, request, tuple(impacts), job.wanted, causes, remedy, rest, lacking)
+    if contact is not None:
+
+        def at_step(timestep: float) -> ModelUnderTest:
+            again = rebuild() if rebuild else source
+            return engine.open(again, replace(request, timestep=timestep), rebuild)
+
+        contact = replace(contact, peaks=engine.landing_peaks(source, request))
+        contact = contact_over_steps(contact, request, facts.timestep, at_step)
+    return Measurement(
+        facts, request, tuple(impacts), job.wanted, causes, remedy, rest, lacking, contact
+    )
 
 
 def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:
@@ -323,11 +340,6 @@ def _memory() -> int:
     except (AttributeError, ValueError, OSError):
         return LEAST_MEMORY
     return max(LEAST_MEMORY, int(MEMORY_SHARE * installed))
-
-
-def _open(job: Job) -> ModelUnderTest:
-    engine, source, rebuild = source_of(job)
-    return engine.open(source, job.request, rebuild)
 
 
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:

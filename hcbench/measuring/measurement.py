@@ -19,6 +19,7 @@ from hcbench.laws.restitution import (
     Restitution,
     RestitutionCurve,
 )
+from hcbench.measuring.contact import ContactMeaning
 from hcbench.measuring.curve import Curve, curve_of
 from hcbench.sim.model_under_test import Facts, Request
 from hcbench.sim.rest import Rest
@@ -107,6 +108,7 @@ class Measurement(Drawn):
     remedy: what is left with all causes fixed, as a sentence.
     rest: how the two lie on each other; None where they do not, or where that was not measured.
     rest_causes: of what is too much there.
+    contact: what the contact means in a robot's words; None where that was not asked for.
     """
 
     facts: Facts
@@ -117,6 +119,7 @@ class Measurement(Drawn):
     remedy: str = ""
     rest: Rest | None = None
     rest_causes: tuple[Cause, ...] = ()
+    contact: ContactMeaning | None = None
 
     @property
     def curve(self) -> Curve:

@@ -9,6 +9,7 @@ import numpy as np
 
 from hcbench import scoring
 from hcbench.laws.restitution import Restitution
+from hcbench.measuring import contact
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Cause, Measurement
 from hcbench.system.text import number, sanitized, table, without_empty
@@ -43,6 +44,9 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
     rest = None
     if measurement.rest is not None:
         rest = record(REST, measurement.rest)
+    meaning = None
+    if measurement.contact is not None:
+        meaning = measurement.contact.record
     return {
         "schema": SCHEMA,
         "kind": "hcbench measurement",
@@ -71,6 +75,7 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "remedy": measurement.remedy,
         "rest": rest,
         "rest_causes": list(map(dataclasses.asdict, measurement.rest_causes)),
+        "contact": meaning,
         "notes": list(facts.notes),
     }
 
@@ -120,6 +125,8 @@ def as_text(measurement: Measurement) -> str:
     notes = (*facts.notes, *motion_notes(measurement))
     lines += [f"note: {sanitized(note)}" for note in notes]
     lines += ["", *_curve_lines(measurement), *_along_lines(measurement), ""]
+    if measurement.contact is not None:
+        lines += [*contact.as_lines(measurement.contact), ""]
     for impact in measurement.failed[:_FAILURES]:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
         lines.append(f"{impact.status.value} at {where}: {sanitized(impact.reason)}")

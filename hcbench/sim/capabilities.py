@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
+    from hcbench.sim.loads import LandingPeak
     from hcbench.sim.model_under_test import (
         CandidatePair,
         ModelSetting,
@@ -187,6 +188,12 @@ class OpensModels(Engine):
         first; `source` as in `open`.
         """
 
+    def landing_peaks(self, source: Any, request: Request) -> tuple[LandingPeak, ...]:
+        """Drop the whole body of a pair from each of a few heights, and return the peaks of the
+        force; () where it cannot fall, or where the engine does not drop bodies.
+        """
+        return ()
+
 
 def opener(engine: Engine) -> OpensModels:
     """The engine, which opens models; UserError where it does not."""
@@ -213,7 +220,12 @@ class RandomizesContacts(OpensModels):
 
 
 class TunesModels(OpensModels):
-    """Writes settings into models that users wrote."""
+    """Writes settings for models that users wrote.
+
+    writes_models: whether it writes the whole model with them; else lines of a script alone.
+    """
+
+    writes_models = True
 
     @abstractmethod
     def model_settings(

@@ -14,6 +14,7 @@ from shlex import quote
 from typing import Any
 
 from hcbench.laws.restitution import RestitutionCurve
+from hcbench.sim.loads import Carried
 from hcbench.sim.packages import Packages
 from hcbench.sim.promise import Promise
 from hcbench.sim.rest import Rest, let_down
@@ -378,6 +379,12 @@ class ModelUnderTest(World):
         if nothing holds them together.
         """
         return let_down(self)
+
+    def carried(self) -> Carried:
+        """Press the pair together where it rests, push it along its plate, and tilt it; without
+        loads where nothing holds the two together, or where the engine does not measure that.
+        """
+        return Carried()
 
     def rest_suspects(self) -> list[Suspect]:
         """Return settings that may keep the two from lying still and

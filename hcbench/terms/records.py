@@ -18,6 +18,8 @@ _SUFFIXES = {
     "s": "_s",
     "N": "_n",
     "N s": "_n_s",
+    "N/m": "_n_per_m",
+    "N s/m": "_n_s_per_m",
     "rad": "_rad",
     "m/s": "_m_per_s",
     "rad/s": "_rad_per_s",
@@ -268,3 +270,75 @@ LANDING_SPEED_OUT = replace(
 )
 LANDING_TIME = Field("time", "s", "time of each step from the first touch", list[float])
 LANDING_FORCE = Field("force", "N", "force of the floor on the robot at each step", list[float])
+
+# Meaning of a contact: impacts, loads at rest, landings and time steps
+
+CONTACT = (
+    Field("load", "N", "force of the contact at rest", attribute="carried.load"),
+    Field(
+        "stiffness_at_rest",
+        "N/m",
+        "force over penetration at rest",
+        attribute="carried.stiffness",
+    ),
+    Field(
+        "holds",
+        "rad",
+        "steepest slope that friction holds in every direction",
+        attribute="carried.holds",
+    ),
+    Field(
+        "holds_most",
+        "rad",
+        "steepest slope that friction holds in the direction in which it holds most",
+        attribute="carried.holds_most",
+    ),
+    Field("slope", "rad", "slope on which the creep was measured", attribute="carried.slope"),
+    Field("creep", "m/s", "speed of the resting body down the slope", attribute="carried.creep"),
+    Field(
+        "largest_stable_step",
+        "s",
+        "largest time step of `steps` up to which each launch has an e of 1 at most",
+    ),
+)
+CONTACT_IMPACT = (
+    SPEED.within("point"),
+    SPEED_IN.within("point"),
+    RESTITUTION.within("point"),
+    DURATION,
+    SAMPLES.within("point"),
+    replace(PENETRATION_MAX, attribute="penetration"),
+    replace(FORCE_MAX, attribute="force"),
+    Field("stiffness", "N/m", "stiffness of the spring and damper nearest to the contact's force"),
+    Field("damping", "N s/m", "damping of that spring and damper"),
+    Field("damping_ratio", "", "damping over 2 √(stiffness · effective mass)"),
+    Field("misfit", "", "rms force that the spring and damper leave, over the largest force"),
+)
+CONTACT_LOAD = (
+    Field("times", "", "multiple of the force at rest", given=True),
+    Field("force", "N", "force that the contact bears; null where it does not bear this load"),
+    Field("penetration", "m", "penetration"),
+)
+CONTACT_STEP = (
+    Field("timestep", "s", "time step", given=True),
+    replace(RESTITUTION, meaning="mean e of the fastest launches"),
+    Field("restitution_min", "", "smallest e of all phases", attribute="lowest"),
+    Field("restitution_max", "", "largest e of all phases", attribute="highest"),
+    replace(SAMPLES, meaning="steps in contact, the fewest of all phases"),
+    Field("stable", "", "whether each launch has an e of 1 at most", bool, attribute="is_stable"),
+)
+LANDING_PEAK = (
+    Field("height", "m", "height of the lowest point at release", given=True),
+    Field(
+        "peak_over_weight_min",
+        "",
+        "lowest peak force over the weight, of all phases",
+        attribute="lowest",
+    ),
+    Field(
+        "peak_over_weight_max",
+        "",
+        "highest peak force over the weight, of all phases",
+        attribute="highest",
+    ),
+)

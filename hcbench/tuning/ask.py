@@ -57,6 +57,8 @@ if TYPE_CHECKING:
     Points = Sequence[tuple[float, float]]
 
 _GRAVITY = 9.81  # m/s²
+# Files of a model that leave no choice of a pair.
+_TWO_FILES = 2
 _VERSION = re.compile(r"([a-z0-9_-]+)@(\d+(?:\.\d+)*)")
 
 
@@ -226,7 +228,8 @@ def tune_model(
     model : path, text or object
         Your model, as `measure` takes it; its pairs are tuned in it.
     pair : text or two names, or several
-        Two bodies or geoms, first the one that moves; or a list of pairs such as "foot,floor".
+        Two bodies or geoms, first the one that moves; or a list of pairs such as "foot,floor". Needless for
+        a model of two files.
     material, alpha, restitution, points, adams, newton, target : optional
         One target, as `tune` takes it.
     rebound : float, text or quantity of Pint's, optional
@@ -273,8 +276,11 @@ def tune_model(
     True
 
     """
-    pairs = _listed(pair)
+    pairs: list[BodyPair | None] = [*_listed(pair)]
     max_error = units.parse_max_error(max_error)
+    if not pairs and isinstance(model, list | tuple) and len(model) == _TWO_FILES:
+        # Each file is one of the two that meet.
+        pairs = [None]
     if not pairs:
         advice = f"`hcbench pairs {sanitized(model)}` lists them"
         raise UserError("pair", "missing", "two bodies or geoms", advice)

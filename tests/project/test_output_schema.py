@@ -22,6 +22,7 @@ pytestmark = pytest.mark.usefixtures("tuned_once")
 BALL = ("examples/good.xml", "--pair", "ball,plate")
 COMMANDS = (
     ("measure", *BALL, "--speeds", "0.5, 1 m/s", "--angle", "0, 45 deg", "--alpha", "0.3"),
+    ("measure", *BALL, "--speeds", "0.5, 1 m/s", "--contact"),
     (
         "check",
         "examples/broken.xml",

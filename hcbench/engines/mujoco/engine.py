@@ -41,7 +41,7 @@ from hcbench.sim.capabilities import (
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.rest import UNKNOWN, Standing
-from hcbench.system.errors import UserError
+from hcbench.system.errors import EngineMissing, UserError
 from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.capabilities import ContactFamily
     from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
+    from hcbench.sim.loads import LandingPeak
     from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
     from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
@@ -409,6 +410,17 @@ class MujocoEngine(
         from hcbench.engines.mujoco.model.drop_test import landing
 
         return landing(_one_file(source), requests, like)
+
+    def landing_peaks(self, source: Any, request: Request) -> tuple[LandingPeak, ...]:
+        """Drop the body of a pair with all that hangs on it; () where it cannot fall on what stands
+        still.
+        """
+        from hcbench.engines.mujoco.model.drop_test import landing_peaks
+
+        try:
+            return landing_peaks(_one_file(source), request)
+        except (UserError, EngineMissing):
+            return ()
 
     def rebound_settings(
         self, source: Any, requests: Sequence[Request], before: DropTest, rebound: float

@@ -25,7 +25,14 @@ from hcbench.engines.pybullet.scene import options
 from hcbench.engines.pybullet.scene.options import read_options
 from hcbench.engines.pybullet.scene.world import PybulletWorld
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
-from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
+from hcbench.sim.capabilities import (
+    DescribesContact,
+    Feature,
+    Features,
+    HasPlugin,
+    LandsRobots,
+    TunesModels,
+)
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.rest import UNKNOWN, Standing
 from hcbench.system.errors import UserError
@@ -33,12 +40,15 @@ from hcbench.system.text import shortest
 from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from hcbench.engines.pybullet.model.under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
     from hcbench.sim.promise import Promise
+    from hcbench.sim.touch import TrajectoryTouchdowns
+    from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting
 
@@ -50,7 +60,7 @@ _CAVEAT = (
 )
 
 
-class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
+class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, SteppedEngine):
     """Bullet 3 behind its Python module."""
 
     name = "pybullet"
@@ -59,6 +69,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
     suffixes = (".urdf", ".sdf")
     opens = ("a PyBullet World",)
     own_process = True
+    writes_models = False
     # lateralFriction is 0.5 of each body, and Bullet multiplies the two.
     default_friction = 0.25
     keeps_friction = True
@@ -184,6 +195,38 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         from hcbench.engines.pybullet.model.under_test import model_settings
 
         return model_settings(source, requests, goal, rebuild)
+
+    def standing(
+        self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]
+    ) -> Standing:
+        """Measure how the first pair of a user's world rests on the level and on a slope.
+
+        setting: whose lines are run first; None: the world as it is.
+        """
+        from hcbench.engines.pybullet.model.under_test import PybulletModel
+
+        opened = self.open(source, requests[0]) if setting is None else setting.open(requests[0])
+        assert isinstance(opened, PybulletModel)
+        with opened as model:
+            return model.standing()
+
+    def land(
+        self,
+        source: Any,
+        request: Request,
+        drops: DropPlan,
+        rebuild: Callable[[], Any] | None = None,
+    ) -> Landings:
+        """Drop a robot with a free base over the fixed bodies of its world."""
+        from hcbench.engines.pybullet.model.under_test import land_in
+
+        return land_in(source, request, drops, rebuild)
+
+    def touchdowns(
+        self, source: Any, request: Request, recorded: Mapping[str, Floats]
+    ) -> TrajectoryTouchdowns:
+        """Raise UserError: PyBullet has no names for a recorded state."""
+        raise UserError("trajectory", f"a world of {self.title}", "a model of MuJoCo")
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Bullet's restitution of a contact."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
     CollisionFilter = Literal["", "exclude", "masks", "welded", "parent"]
+
+# Signs of the eight corners of a box.
+_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 def geom_name(model: Any, geom: int) -> str:
@@ -157,3 +161,25 @@ def effective_mass(model: Any, data: Any, row: Floats) -> float:
     """1/(J M^-1 J^T) of a row J of the Jacobian, kg; inf where nothing can move along it."""
     mobility = float(row @ response(model, data, row))
     return 1.0 / mobility if mobility > 0 else math.inf
+
+
+def volumes(model: Any, data: Any, body: int) -> tuple[float, float]:
+    """(volume of the boxes about each geom of a body's whole tree; of the box about all of them and
+    their frames), m³; 0 for a tree without a geom. Planes and height fields do not count.
+
+    data: MjData with the kinematics of a pose.
+    """
+    bodies = np.flatnonzero(model.body_rootid == model.body_rootid[body])
+    each = 0.0
+    corners = [data.xpos[bodies]]
+    kinds = backend().mjtGeom
+    endless = (int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD))
+    for geom in np.flatnonzero(np.isin(model.geom_bodyid, bodies)).tolist():
+        if int(model.geom_type[geom]) in endless:
+            continue
+        half = model.geom_aabb[geom, 3:]
+        each += 8.0 * float(np.prod(half))
+        ends = model.geom_aabb[geom, :3] + half * _CORNERS
+        corners.append(data.geom_xpos[geom] + ends @ data.geom_xmat[geom].reshape(3, 3).T)
+    box = np.ptp(np.concatenate(corners), axis=0)
+    return each, float(np.prod(box))

@@ -15,7 +15,7 @@ from hcbench.engines.mujoco.backend import (
 )
 from hcbench.engines.mujoco.model.bodies import body_name
 from hcbench.engines.mujoco.model.controllers import hold_pose
-from hcbench.engines.mujoco.model.find_pair import named_pair
+from hcbench.engines.mujoco.model.find_pair import named_pair, only_pair
 from hcbench.engines.mujoco.model.open import as_requested
 from hcbench.engines.mujoco.model.over_floor import way_up
 from hcbench.engines.mujoco.model.start_pose import start_pose
@@ -23,6 +23,7 @@ from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of
 from hcbench.sim.landing import (
     DROPS,
     FALLEN,
+    HEIGHTS,
     LATE_S,
     PARTED_S,
     REST_SPEED,
@@ -35,10 +36,11 @@ from hcbench.sim.landing import (
     RobotDrop,
     drop_test,
 )
+from hcbench.sim.loads import LandingPeak
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
@@ -51,6 +53,7 @@ _VERTICAL = 0.9
 _WITHIN_LIMITS = 0.05
 # A centre of mass that is farther from its start, m, has diverged.
 _FARTHEST = 50.0
+_EXPECTED = "pairs of a robot, which has actuators and can fall, with what stands still"
 # Names of what is added to a model.
 _OURS = "hcbench drop test "
 
@@ -60,17 +63,22 @@ class DropBench:
 
     spec: of the whole model; a copy of it is changed. label: what to call it. requests: of pairs of
     the robot with the floor, in the pose to hold.
-
-    Raises UserError for a pair of which no part is of a tree with actuators that can fall on what
-    stands still.
+    root_of: finds the root body of what is dropped; raises UserError for pairs of which no part is
+    of a tree that can fall on what stands still.
     """
 
-    def __init__(self, spec: Any, label: str, requests: Sequence[Request]) -> None:
+    def __init__(
+        self,
+        spec: Any,
+        label: str,
+        requests: Sequence[Request],
+        root_of: Callable[[Any, Sequence[Request]], int] | None = None,
+    ) -> None:
         require_feature(backend(), "contact sensors")
         request = requests[0]
         spec = spec.copy()
         plain = as_requested(spec.compile(), request)
-        self.root = _robot_in(plain, requests)
+        self.root = (root_of or _robot_in)(plain, requests)
         _add_sensors(spec, plain, self.root)
         self.model = model = as_requested(spec.compile(), request)
         model.opt.enableflags |= int(backend().mjtEnableBit.mjENBL_ENERGY)
@@ -274,31 +282,52 @@ def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> 
     return bench.test(SECONDS_TO_FALL) if test.fell else test
 
 
+def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
+    """Peak forces on the whole tree of the pair's moving body, dropped flat from each height, over
+    its weight. Raises UserError for what cannot be dropped.
+    """
+    bench = DropBench(spec_of(source), label_of(source), [request], _falling_root)
+    of_height: dict[float, list[float]] = {height: [] for height in HEIGHTS}
+    for drop in DROPS:
+        if not drop.tilt:
+            of_height[drop.height].append(bench.test(SECONDS_TO_FALL, [drop]).peak)
+    return tuple(LandingPeak(h, min(peaks), max(peaks)) for h, peaks in of_height.items())
+
+
 def _robot_in(model: Any, requests: Sequence[Request]) -> int:
     """The root body of the robot whose parts the pairs name.
 
     Raises UserError where it has no actuators, or nothing lets it fall.
     """
-    expected = "pairs of a robot, which has actuators and can fall, with what stands still"
+    root = _falling_root(model, requests)
+    if not _is_driven(model, root):
+        raise UserError("pair", "no actuator drives the body", _EXPECTED)
+    return root
+
+
+def _falling_root(model: Any, requests: Sequence[Request]) -> int:
+    """The root of the bodies whose parts the pairs name.
+
+    Raises UserError where nothing lets it fall.
+    """
     roots = set()
     for request in requests:
-        if request.pair is None:
-            raise UserError("pair", "missing", expected)
-        pair = named_pair(model, request.pair)
+        names = request.pair or only_pair(model)
+        if names is None:
+            raise UserError("pair", "missing", _EXPECTED)
+        pair = named_pair(model, names)
         one, two = pair.first.body, pair.second.body
         moving = [body for body in (one, two) if model.body_weldid[body]]
         if len(moving) != 1:
-            raise UserError("pair", ",".join(request.pair), expected)
+            raise UserError("pair", ",".join(names), _EXPECTED)
         roots.add(int(model.body_rootid[moving[0]]))
     if len(roots) != 1:
-        raise UserError("pair", "parts of several robots", expected, "Tune them one by one")
+        raise UserError("pair", "parts of several robots", _EXPECTED, "Tune them one by one")
     root = roots.pop()
-    if not _is_driven(model, root):
-        raise UserError("pair", "no actuator drives the body", expected)
     gravity = np.asarray(model.opt.gravity)
     off = model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
     if off or not gravity.any():
-        raise UserError("gravity", "the model has none", expected, "Try --gravity 9.81")
+        raise UserError("gravity", "the model has none", _EXPECTED, "Try --gravity 9.81")
     _falling_joint(model, root, -gravity / np.linalg.norm(gravity))
     return root
 

@@ -17,13 +17,14 @@ from hcbench.engines.mujoco.backend import (
     plugin_warnings,
     resets,
 )
-from hcbench.engines.mujoco.model.bodies import body_name, geom_name
+from hcbench.engines.mujoco.model.bodies import body_name, geom_name, volumes
 from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.over_floor import way_up
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
+from hcbench.sim.density import unit_notes
 from hcbench.sim.landing import (
     PARTED_S,
     WINDOW_S,
@@ -66,7 +67,13 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
         bench.h,
         bench.g,
         tuple(landings),
-        (*plugin_warnings(warned), *_broken_promises(model, bench.trodden)),
+        (
+            *plugin_warnings(warned),
+            *_broken_promises(model, bench.trodden),
+            *unit_notes(
+                body_name(model, bench.root), bench.mass, *volumes(model, start, bench.root)
+            ),
+        ),
     )
 
 

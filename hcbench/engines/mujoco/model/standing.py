@@ -12,6 +12,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate
+from hcbench.sim.loads import slope_of
 from hcbench.sim.rest import DIVERGED, Rest, Standing, rest_of
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Launch
@@ -23,10 +24,6 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.open import OpenedModel
     from hcbench.terms.impact import Floats
 
-# The slope, rad.
-_SLOPE = math.radians(10.0)
-# The slope is this share of the friction angle where that is less: the body then has to hold.
-_OF_FRICTION = 2.0 / 3.0
 # Time of each rest, s.
 _SECONDS = 4.0
 # Time that fingers have to close, s, before gravity pulls at what they hold.
@@ -51,27 +48,45 @@ _SLIDES_S = 1.0
 def standing(opened: Sequence[OpenedModel]) -> Standing:
     """Measure how pairs of one model stand, each at touch."""
     first = opened[0]
-    stands = not first.model.body_weldid[first.place.pair.second.body]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
     level = slope = Rest(*[math.nan] * 4)
     hold = math.nan
     angle = math.nan
     data = _at_touch(first)
     with captured_warnings():
-        if stands:
-            angle = min(_SLOPE, _OF_FRICTION * math.atan(first.facts().friction or 0.0))
+        if stands_on_world(first):
             level = _rest(first, data)
-            slope = _rest(first, copy.copy(data), _tilted(first, angle)) if angle > 0.0 else slope
+            angle, slope = rest_on_slope(first, copy.copy(data))
         if held:
             hold = _hold(*held[0])
         hop = _highest_hop(opened)
         return Standing.of(level, slope, hold, hop, _cost(first, data), angle)
 
 
+def stands_on_world(opened: OpenedModel) -> bool:
+    """Say whether the pair's second part does not move."""
+    return not opened.model.body_weldid[opened.place.pair.second.body]
+
+
+def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
+    """(slope, rad; rest on it) of a pair from a state at rest, which is moved on; gravity is turned.
+    The rest is NaN where the pair has no friction.
+    """
+    angle = slope_of(opened.facts().friction)
+    if not angle > 0.0:
+        return angle, Rest(*[math.nan] * 4)
+    return angle, _rest(opened, data, _tilted(opened, angle))
+
+
 def rest_of_pair(opened: OpenedModel) -> Rest | None:
     """Rest of the pair from its start, if it touches there, like a held body and its finger, or
     else from the touch; None if nothing holds the two together.
     """
+    return laid_down(opened)[0]
+
+
+def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
+    """(`rest_of_pair`, the state at its end)."""
     data = copy.copy(opened.start)
     place = opened.place
     data.time = 0.0
@@ -79,16 +94,14 @@ def rest_of_pair(opened: OpenedModel) -> Rest | None:
         backend().mj_forward(opened.model, data)
         if not _touches(opened, data):
             if not place.gravity > 0.0:
-                return None
+                return None, data
             data.qpos[:] = place.qpos
         # The second body, if it moves; else the world.
-        from_body = 0
-        if opened.model.body_weldid[place.pair.second.body]:
-            from_body = place.pair.second.body
+        from_body = 0 if stands_on_world(opened) else place.pair.second.body
         rest = _rest(opened, data, from_body=from_body)
         if rest is DIVERGED or math.isfinite(rest.force_noise):
-            return rest
-        return None
+            return rest, data
+        return None, data
 
 
 def _touches(opened: OpenedModel, data: Any) -> bool:
@@ -148,7 +161,7 @@ def _rest(
     for i in range(count):
         mujoco.mj_step(model, data)
         np.subtract(place, origin, out=position[i])
-        force[i], depth[i] = _force_and_depth(opened, data, sides)
+        force[i], depth[i] = force_and_depth(opened, data, sides)
     model.opt.gravity[:] = gravity_before
     if not np.isfinite(path).all():
         return DIVERGED
@@ -162,7 +175,7 @@ def _rest(
     return rest_of(moment, depth, rate, force, moved)
 
 
-def _force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
+def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
     """Force of the pair's contact, N, and penetration at its deepest point, m; 0 without one.
 
     sides: of each geom, as a list: of a few contacts NumPy would take ten times as long.
@@ -254,7 +267,7 @@ def _hop(opened: OpenedModel) -> float:
 
 def _force(opened: OpenedModel, data: Any) -> float:
     """Force of the pair's contact, N."""
-    return _force_and_depth(opened, data, opened.place.pair.sides.tolist())[0]
+    return force_and_depth(opened, data, opened.place.pair.sides.tolist())[0]
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:

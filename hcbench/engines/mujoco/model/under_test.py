@@ -10,13 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, plugin_warnings
-from hcbench.engines.mujoco.model.bodies import geom_friction, geom_name, mixed_friction
+from hcbench.engines.mujoco.model.bodies import (
+    body_name,
+    geom_friction,
+    geom_name,
+    mixed_friction,
+    volumes,
+)
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.contact import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.motion import at_rest
 from hcbench.engines.mujoco.model.compiled_loop import flights_of
 from hcbench.engines.mujoco.model.find_pair import moving_joints
+from hcbench.engines.mujoco.model.loads import carried_by
 from hcbench.engines.mujoco.model.open import OpenedModel
 from hcbench.engines.mujoco.model.pair import restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in, slow_for_plugin
@@ -26,6 +33,7 @@ from hcbench.engines.mujoco.model.standing import rest_of_pair
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import other_contacts
 from hcbench.sim import simulate
+from hcbench.sim.density import unit_notes
 from hcbench.sim.model_under_test import Facts, Suspect
 from hcbench.sim.promise import Promise
 from hcbench.sim.shared_model import LendsSteps
@@ -33,6 +41,7 @@ from hcbench.sim.touch import overlap_notes
 from hcbench.terms.impact import Impact, Launch
 
 if TYPE_CHECKING:
+    from hcbench.sim.loads import Carried
     from hcbench.sim.rest import Rest
     from hcbench.sim.shared_model import SharedModelEngine
 
@@ -141,6 +150,7 @@ class MujocoModel(OpenedModel, LendsSteps):
         if self.place.note:
             notes.append(self.place.note)
         notes += overlap_notes(self.place.overlap)
+        notes += self._unit_notes()
         notes += self._friction_of_geoms()
         if self.model.nflex:
             notes.append("The model has flexes, which act, but only geoms are measured.")
@@ -154,6 +164,16 @@ class MujocoModel(OpenedModel, LendsSteps):
         if self.others:
             notes.append(f"Other contacts acted during the impact: {', '.join(self._others())}.")
         return notes
+
+    def _unit_notes(self) -> list[str]:
+        """A sentence where the moving body weighs as none does in metres and kilograms."""
+        body = self.place.pair.first.body
+        root = int(self.model.body_rootid[body])
+        mass = float(self.model.body_subtreemass[root])
+        data = copy.copy(self.start)
+        backend().mj_kinematics(self.model, data)
+        name = body_name(self.model, root)
+        return unit_notes(name, mass, *volumes(self.model, data, body))
 
     def _friction_of_geoms(self) -> list[str]:
         """A sentence where hcbench's pair has another friction than its geoms would have alone."""
@@ -190,6 +210,10 @@ class MujocoModel(OpenedModel, LendsSteps):
         two touch there, else laid on.
         """
         return rest_of_pair(self)
+
+    def carried(self) -> Carried:
+        """Measure which loads the pair carries at rest, on its plate and on a slope."""
+        return carried_by(self)
 
     def rest_suspects(self) -> list[Suspect]:
         """A contact that is soft, and one that its step is too long for."""

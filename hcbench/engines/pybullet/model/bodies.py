@@ -78,6 +78,8 @@ _QUATERNION = 1
 _VELOCITY = 6
 _SPIN = 7
 
+# The box about an endless plane is larger, m³.
+_ENDLESS = 1e15
 _FREEDOMS = {REVOLUTE: 1, PRISMATIC: 1, SPHERICAL: 3, PLANAR: 3, FIXED: 0}
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _ZERO = (0.0, 0.0, 0.0)
@@ -431,3 +433,17 @@ class SwingingLink:
 
 
 Mover = FreeBase | SlidingJoint | SwingingLink
+
+
+def mass_and_volumes(bullet: BulletClient, body: int) -> tuple[float, float, float]:
+    """(mass of a body with all its links, kg; volume of the boxes about each of them; of the box
+    about all, m³) in its present pose; without volumes where a box has no end.
+    """
+    links = range(-1, bullet.getNumJoints(body))
+    mass = sum(bullet.getDynamicsInfo(body, link)[_MASS] for link in links)
+    boxes = np.array([bullet.getAABB(body, link) for link in links])
+    each = float(np.prod(boxes[:, 1] - boxes[:, 0], axis=1).sum())
+    around = float(np.prod(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
+    if not around < _ENDLESS:
+        return mass, 0.0, 0.0
+    return mass, each, around

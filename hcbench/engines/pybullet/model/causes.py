@@ -38,6 +38,8 @@ _ITERATIONS = 50
 _FASTEST = 100.0
 # A spin within this share of it was clipped.
 _CLIPPED = 1e-3
+# Speed of the hops of a body at rest, in speeds that gravity gives in a step.
+_HOPS = 2.5
 # Restitutions nearer than this are taken for the same.
 _SAME_E = 0.005
 
@@ -375,16 +377,27 @@ def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
             return
 
 
-def restitution_setting(place: BulletPlacement, e: float) -> Suspect:
+def speed_of_hops(timestep: float, gravity: float) -> float:
+    """Speed of the hops of a body at rest with a restitution, m/s, at most.
+
+    In each step, of h s, gravity, m/s² along the normal, brings the body to the plate at g h, and
+    restitution throws it up again. With e it hops for ever at up to 2 g h/(1 + e); the corners of a
+    face that take turns are a little faster.
+    """
+    return _HOPS * max(gravity, 0.0) * timestep
+
+
+def restitution_setting(place: BulletPlacement, e: float, still: float) -> Suspect:
     """All calls that give a pair this e, as one fix, in a suspect without a text of its own.
 
     The first part gets e, the second 1: Bullet multiplies them.
+    still: speed below which nothing bounces, m/s.
     """
-    world = {"restitutionVelocityThreshold": 0.0, "contactSlop": 0.0, "contactERP": 0.0}
-    still = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
+    world = {"restitutionVelocityThreshold": still, "contactSlop": 0.0, "contactERP": 0.0}
+    undamped = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
     text, apply = _fix(
         Call({**world, "contactBreakingThreshold": LASTING_SETTINGS["contactBreakingThreshold"]}),
-        Call({**still, "restitution": e}, place.first),
+        Call({**undamped, "restitution": e}, place.first),
         Call({"restitution": 1.0, "contactProcessingThreshold": 0.0}, place.second),
     )
     return Suspect("restitution", "", "", text, apply)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # Place of lateralFriction in getDynamicsInfo.
 _FRICTION = 1
 # Places in a contact point of a friction force, N, and its direction; there are two.
-_PUSHES = ((10, 11), (12, 13))
+FRICTIONS = ((10, 11), (12, 13))
 
 # Distance along the plate, m, within which two points are of one fresh contact.
 _SLID = 1e-6
@@ -156,7 +156,7 @@ class BulletAlongPlate:
         self._seen = self._now
         pushes = []
         for contact in contacts:
-            pushes += [contact[force] * np.array(contact[way]) for force, way in _PUSHES]
+            pushes += [contact[force] * np.array(contact[way]) for force, way in FRICTIONS]
         pushed = self.axes[:2] @ np.sum(pushes, axis=0)
         # Bullet gives friction no sign, and friction never drives the slip.
         if pushed @ slip > 0.0:

@@ -16,7 +16,7 @@ import numpy as np
 
 from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.backend import BACKEND
-from hcbench.engines.pybullet.model.bodies import FreeBase, vector
+from hcbench.engines.pybullet.model.bodies import FreeBase, mass_and_volumes, vector
 from hcbench.engines.pybullet.model.causes import (
     BODY_TYPE,
     MAXIMAL_COORDINATES,
@@ -24,16 +24,20 @@ from hcbench.engines.pybullet.model.causes import (
     find_suspects,
     restitution_setting,
     restitutions,
+    speed_of_hops,
     what_distorts,
 )
 from hcbench.engines.pybullet.model.in_child import Answer, can_fork, release_aside, run_aside
+from hcbench.engines.pybullet.model.landing import land
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
+from hcbench.engines.pybullet.model.loads import PairInWorld, carried_by, standing
 from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
 from hcbench.engines.pybullet.model.place import place
 from hcbench.engines.pybullet.model.promises import broken_promise, promise_in
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
 from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
 from hcbench.laws.restitution import RestitutionCurve
+from hcbench.sim.density import unit_notes
 from hcbench.sim.model_under_test import (
     CandidatePair,
     Facts,
@@ -54,7 +58,10 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.engines.pybullet.model.open import BodyPart
     from hcbench.engines.pybullet.model.place import BulletPlacement
+    from hcbench.sim.landing import DropPlan, Landings
+    from hcbench.sim.loads import Carried
     from hcbench.sim.promise import Promise
+    from hcbench.sim.rest import Standing
 
 # Refuses a world whose numbers no bouncing body has, as PyBullet read them.
 
@@ -273,6 +280,23 @@ class PybulletModel(ModelUnderTest):
         along = self.request.along
         return LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, along, law)
 
+    def aside(self, function: Callable[[], Answer]) -> Answer:
+        """Call a function that changes the world, and return its result; the world is as before."""
+        return run_aside(self.bullet, function)
+
+    def carried(self) -> Carried:
+        """Measure which loads the pair carries at rest, on its plate and on a slope."""
+        return carried_by(self._pair_in_world())
+
+    def standing(self) -> Standing:
+        """Measure how the pair rests on the level and on a slope."""
+        return standing(self._pair_in_world(), self.at_rest())
+
+    def _pair_in_world(self) -> PairInWorld:
+        return PairInWorld(
+            self.bullet, self.place, self.timestep, self._gravity(), self.request.along, self.aside
+        )
+
     @property
     def step_cost(self) -> float:
         """Grows with bodies and joints."""
@@ -289,6 +313,8 @@ class PybulletModel(ModelUnderTest):
         asked, words = self._asked(*of_pair)
         parameters = self.bullet.getPhysicsEngineParameters()
         notes = overlap_notes(self.place.overlap)
+        first = self.place.first
+        notes += unit_notes(first.name, *mass_and_volumes(self.bullet, first.body))
         if self.place.note:
             notes = [self.place.note, *notes]
         if self.place.face is not None and self.place.face.points == 1:
@@ -421,6 +447,10 @@ class _FixedInForks(PybulletModel):
 
         return run_aside(self.bullet, run)
 
+    def aside(self, function: Callable[[], Answer]) -> Answer:
+        """Call a function that changes the world where the fixes are made."""
+        return self._with_fixes(function)
+
     def _make_fixes(self) -> None:
         for fix in self._fixes:
             if fix.apply is not None:
@@ -476,6 +506,22 @@ def list_pairs_of(
             world.bullet.disconnect()
 
 
+def land_in(
+    source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None
+) -> Landings:
+    """Landings of the robot of a world, see `landing.land`.
+
+    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
+    not load, and the errors of `land`.
+    """
+    world, _ = _loaded(source, rebuild, request.packages)
+    try:
+        return land(world, request, drops)
+    finally:
+        if world.disconnect:
+            world.bullet.disconnect()
+
+
 def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
     set_pose(world, request)
     return list_pairs(world)
@@ -512,8 +558,10 @@ def model_settings(
     goal: RestitutionCurve,
     rebuild: Callable[[], Any] | None,
 ) -> Iterator[ModelSetting]:
-    """One setting for all pairs, as lines: Bullet's own restitution, and no default that spoils it.
+    """Settings for all pairs, as lines: Bullet's own restitution, and no default that spoils it.
 
+    The first lets bodies come to rest under gravity, by a speed below which nothing bounces; the
+    second lets all bounce.
     requests: of the pairs, one or more; their speeds choose the constant e nearest to `goal`.
 
     Raises UserError for a live client, and for a part that would need two restitutions; also the
@@ -526,19 +574,46 @@ def model_settings(
         raise UserError(
             "model", "a live client cannot be made again", "files, or a function for it"
         )
-    e = 0.0
-    suspects: list[Suspect] = []
+    # Requests differ in pairs alone.
+    e = goal.best_constant(min(requests[0].speeds), max(requests[0].speeds))
+    still = 0.0
+    slowest = math.inf
+    places: list[BulletPlacement] = []
     # 0 or 1, by (body, link).
     side_of: dict[tuple[int, int], int] = {}
     for i, request in enumerate(requests):
         with PybulletModel(build() if i else world, build, request) as model:
-            e = goal.best_constant(min(request.speeds), max(request.speeds))
-            suspects.append(restitution_setting(model.place, e))
+            step, gravity = model.timestep, model.gravity
+            still = max(still, speed_of_hops(step, gravity))
+            touching = [each.touch_speed(step, gravity) for each in request.launches()]
+            slowest = min(slowest, *touching)
+            places.append(model.place)
             for side, part in enumerate((model.place.first, model.place.second)):
                 if side_of.setdefault((part.body, part.link), side) != side:
                     got = f"{part.name!r} is the first of one pair and the second of another"
                     advice = "Restitutions multiply: tune one pair after the other"
                     raise UserError("pair", got, "each part on one side", advice)
+    if 0.0 < still < slowest:
+        rests = (f"Below {still:.2g} m/s nothing bounces, so that bodies come to rest.",)
+        yield _restitution(places, e, still, build, rests)
+    never: tuple[str, ...] = ()
+    if still > 0.0:
+        never = ("Bodies with this restitution hop for ever in place of a rest.",)
+    yield _restitution(places, e, 0.0, build, never)
+
+
+def _restitution(
+    places: Sequence[BulletPlacement],
+    e: float,
+    still: float,
+    build: Callable[[], LoadedWorld],
+    more: tuple[str, ...],
+) -> ModelSetting:
+    """The setting with one restitution, and a speed, m/s, below which nothing bounces.
+
+    build: makes the world. more: notes on it.
+    """
+    suspects = [restitution_setting(place, e, still) for place in places]
     # Each line once, in order.
     lines: dict[str, None] = {}
     for suspect in suspects:
@@ -546,9 +621,10 @@ def model_settings(
     notes = (
         f"Restitutions multiply: {e:.4g} is on the first, 1 on the second. Set all before the first step.",
         "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
+        *more,
     )
 
     def opened(request: Request) -> PybulletModel:
         return PybulletModel(build(), build, request, suspects)
 
-    yield ModelSetting("restitution", notes, opened, lambda *_: Texts("\n".join(lines)))
+    return ModelSetting("restitution", notes, opened, lambda *_: Texts("\n".join(lines)))

@@ -1,0 +1,229 @@
+"""PyBullet: a pair at rest in a user's world, pressed together, pushed along its plate, and tilted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hcbench.engines.pybullet.backend import DISTANCE, FORCE, POINT_A, POINT_B
+from hcbench.engines.pybullet.model.bodies import BulletBody
+from hcbench.engines.pybullet.model.simulation import FRICTIONS, pair_friction
+from hcbench.sim.loads import (
+    LAST,
+    LOADS,
+    PRESSED_S,
+    PRESSED_STEPS,
+    PUSHED_STEPS,
+    Carried,
+    Load,
+    borne,
+    creep_of,
+    push_of,
+    slope_of,
+)
+from hcbench.sim.rest import UNKNOWN, Rest, Standing, last_half, rest_of
+from hcbench.sim.tangential import plate_frame
+
+if TYPE_CHECKING:
+    from hcbench.engines.pybullet.backend import BulletClient
+    from hcbench.engines.pybullet.model.place import BulletPlacement
+    from hcbench.sim.model_under_test import Vector
+    from hcbench.terms.impact import Floats
+
+# Time until the pair is taken to lie as it will, and of a rest on a slope, s.
+_SECONDS = 4.0
+# Bounds the steps of each.
+_MOST_STEPS = 4000
+
+
+class _Touch(NamedTuple):
+    """The contact of a pair after a step.
+
+    normal: its force, N. friction: the sum of both its directions, on the moving part, N, (3,), but
+    for its sign. depth: m. point: where the force acts, m.
+    """
+
+    normal: float
+    friction: Floats
+    depth: float
+    point: Floats
+
+
+class PairInWorld(NamedTuple):
+    """A placed pair, and how to try something with it.
+
+    timestep: s. gravity: (3,), m/s². along: a way in the plate; None: x or y.
+    aside: calls a function that changes the world and returns its result; the world stays as it is.
+    """
+
+    bullet: BulletClient
+    place: BulletPlacement
+    timestep: float
+    gravity: Vector
+    along: Vector | None
+    aside: Callable[[Callable[[], Any]], Any]
+
+    @property
+    def falls(self) -> bool:
+        """True if gravity presses the two together."""
+        return float(np.dot(self.gravity, self.place.normal)) > 0.0
+
+    @property
+    def friction(self) -> float:
+        """Coulomb's μ of the pair."""
+        return pair_friction(self.bullet, self.place)
+
+
+class _Resting:
+    """The pair of a world that is stepped until it lies; the world is changed."""
+
+    def __init__(self, pair: PairInWorld) -> None:
+        self.pair = pair
+        self.bullet = pair.bullet
+        self.place = pair.place
+        self.timestep = pair.timestep
+        self.first = BulletBody(self.bullet, self.place.first.body)
+        self.second = BulletBody(self.bullet, self.place.second.body)
+        self.steps = min(_MOST_STEPS, round(_SECONDS / self.timestep))
+        self.place.launch(self.bullet, 0.0, 0.0)
+        for _ in range(self.steps):
+            self.bullet.stepSimulation()
+
+    def touch(self) -> _Touch | None:
+        """The contact in the step just taken; None without one that pushes."""
+        first, second = self.place.first, self.place.second
+        contacts = self.bullet.getContactPoints(first.body, second.body, first.link, second.link)
+        normal = sum(contact[FORCE] for contact in contacts)
+        if not normal > 0.0:
+            return None
+        friction = np.zeros(3)
+        point = np.zeros(3)
+        for contact in contacts:
+            for force, way in FRICTIONS:
+                friction += contact[force] * np.array(contact[way])
+            middle = 0.5 * (np.array(contact[POINT_A]) + np.array(contact[POINT_B]))
+            point += contact[FORCE] / normal * middle
+        depth = -min(contact[DISTANCE] for contact in contacts)
+        return _Touch(normal, friction, depth, point)
+
+    def push(self, force: Floats, point: Floats) -> None:
+        """Let a force, N, act on the moving part in the next step, and its opposite on the other."""
+        world = self.bullet.module.WORLD_FRAME
+        for sign, part, body in (
+            (1.0, self.place.first, self.first),
+            (-1.0, self.place.second, self.second),
+        ):
+            if body.kind != "fixed":
+                self.bullet.applyExternalForce(
+                    part.body, part.link, (sign * force).tolist(), point.tolist(), world
+                )
+
+    def pressed(self, times: float) -> Load:
+        """The pair under so many times its force at rest."""
+        touch = self.touch()
+        if touch is None:
+            return Load(times, math.nan, math.nan)
+        steps = min(PRESSED_STEPS, round(PRESSED_S / self.timestep))
+        last = max(1, round(LAST * steps))
+        more = (times - 1.0) * touch.normal * self.place.normal
+        rows = []
+        for _ in range(steps):
+            self.push(more, touch.point)
+            self.bullet.stepSimulation()
+            now = self.touch()
+            rows.append((0.0, 0.0) if now is None else (now.normal, now.depth))
+        force, depth = np.mean(rows[-last:], axis=0).tolist()
+        if times == 1.0:
+            return Load(times, force, depth)
+        return borne(times, touch.normal, force, depth)
+
+    def friction(self, way: Floats) -> float:
+        """Limit of friction over the normal force, along a way in the plate."""
+        touch = self.touch()
+        if touch is None:
+            return math.nan
+        size = push_of(self.pair.friction, touch.normal)
+        limit = 0.0
+        for _ in range(PUSHED_STEPS):
+            self.push(size * way, touch.point)
+            self.bullet.stepSimulation()
+            now = self.touch()
+            if now is not None:
+                limit = max(limit, abs(float(now.friction @ way)) / now.normal)
+        return limit
+
+    def on_slope(self, angle: float) -> Rest:
+        """Rest on a slope, rad; without a drift where the body rolls or has left the plate."""
+        bullet = self.bullet
+        link = self.place.first.link
+        normal = self.place.normal
+        gravity = np.array(self.pair.gravity)
+        along = plate_frame(normal, None)[0]
+        down = math.cos(angle) * normal + math.sin(angle) * along
+        bullet.setGravity(*(np.linalg.norm(gravity) * down).tolist())
+        for _ in range(self.steps // 2):
+            bullet.stepSimulation()
+        rows = []
+        touch = None
+        for _ in range(self.steps - self.steps // 2):
+            bullet.stepSimulation()
+            self.first.refresh()
+            now = self.touch()
+            touch = now or touch
+            depth, force = (0.0, 0.0) if now is None else (now.depth, now.normal)
+            centre, _ = self.first.pose(link)
+            rows.append([*centre, depth, force, *self.first.spin_of(link)])
+        path = np.array(rows)
+        position = path[:, :3]
+        height = position @ normal
+        time = np.arange(float(len(path))) * self.timestep
+        rate = np.gradient(height, self.timestep)
+        rest = rest_of(time, path[:, 3], rate, path[:, 4], position - np.outer(height, normal))
+        last = last_half(path)
+        if touch is None or not last_half(last)[:, 4].any():
+            return replace(rest, drift=math.nan)
+        spin = float(np.linalg.norm(last[:, 5:].mean(axis=0)))
+        lever = float(np.linalg.norm(touch.point - position[-1]))
+        return replace(rest, drift=creep_of(rest.drift, spin, lever))
+
+
+def carried_by(pair: PairInWorld) -> Carried:
+    """Loads that the pair carries where it rests; none where nothing holds the two together."""
+
+    def tried(trial: Callable[[_Resting], Any]) -> Any:
+        return pair.aside(lambda: trial(_Resting(pair)))
+
+    if not pair.falls or tried(_Resting.touch) is None:
+        return Carried()
+    loads = [tried(partial(_Resting.pressed, times=times)) for times in LOADS]
+    one, two, _ = plate_frame(pair.place.normal, pair.along)
+    ways = (one, two, (one + two) / math.sqrt(2.0))
+    limits = [tried(partial(_Resting.friction, way=way)) for way in ways]
+    slope, rest = _rest_on_slope(pair)
+    return Carried(tuple(loads), max(limits), min(limits), slope, rest.drift)
+
+
+def standing(pair: PairInWorld, level: Rest | None) -> Standing:
+    """Measure how the pair of a world rests on a slope, and join it with its rest on the level.
+
+    What rolls down the slope has no drift.
+    """
+    if level is None:
+        return UNKNOWN
+    slope, rest = _rest_on_slope(pair)
+    unknown = math.nan
+    return Standing.of(level, rest, unknown, unknown, (unknown, unknown), slope)
+
+
+def _rest_on_slope(pair: PairInWorld) -> tuple[float, Rest]:
+    """(slope, rad; rest on it); NaN for what the world has not."""
+    slope = slope_of(pair.friction)
+    is_fixed = BulletBody(pair.bullet, pair.place.second.body).kind == "fixed"
+    if not is_fixed or not slope > 0.0 or not pair.falls:
+        return math.nan, Rest(*[math.nan] * 4)
+    return slope, pair.aside(lambda: _Resting(pair).on_slope(slope))

@@ -1,0 +1,373 @@
+"""Meaning of a contact in a robot's words: its stiffness and damping, the loads that it carries,
+its landings, and the steps at which it is stable.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.measuring.curve import CurvePoint, curve_of
+from hcbench.sim import simulate
+from hcbench.sim.loads import Carried, LandingPeak
+from hcbench.sim.passivity import MOST_E
+from hcbench.system.errors import HcbenchError
+from hcbench.system.text import number, time_step
+from hcbench.terms.impact import Launch, Status
+from hcbench.terms.records import (
+    CONTACT,
+    CONTACT_IMPACT,
+    CONTACT_LOAD,
+    CONTACT_STEP,
+    LANDING_PEAK,
+    record,
+)
+
+if TYPE_CHECKING:
+    from hcbench.sim.model_under_test import ModelUnderTest, Request
+    from hcbench.terms.impact import Floats, Impact
+
+# Multiples of the model's step at which it is launched again, rising; the search for the largest
+# stable step ends at the first that is not stable.
+SHARES_OF_STEP = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+# A spring and a damper are read from touches of at least so many steps each.
+_STEPS_TO_FIT = 3
+# A force that differs from all springs with dampers by more than this share is none of them.
+_MISFIT_MAX = 0.1
+# A touch is followed for so many steps at a time, and at most.
+_ADVANCED = 32
+_FOLLOWED = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class ContactImpact:
+    """The contact in impacts at one launch speed, means over their phases, SI; NaN without a number.
+
+    point: e of them. duration: of the contact. penetration, force: the largest.
+    stiffness, damping: of the spring and damper whose force is nearest to the contact's in the
+    first touch, with a constant force beside them; misfit: what that leaves, rms over the largest
+    force.
+    damping_ratio: damping over that of the aperiodic limit, 2 √(stiffness · effective mass); NaN
+    where joints and servos act, too.
+    """
+
+    point: CurvePoint
+    duration: float
+    penetration: float
+    force: float
+    stiffness: float
+    damping: float
+    damping_ratio: float
+    misfit: float
+
+
+@dataclass(frozen=True, slots=True)
+class ContactStep:
+    """The fastest launches at another time step, s.
+
+    point: e of them; None where the model cannot be launched at this step.
+    """
+
+    timestep: float
+    point: CurvePoint | None
+
+    @property
+    def is_stable(self) -> bool:
+        """True if every launch has an e, and none leaves faster than it came."""
+        point = self.point
+        return point is not None and not point.failed and point.highest <= MOST_E
+
+    @property
+    def restitution(self) -> float:
+        """Mean e; NaN without one."""
+        return math.nan if self.point is None else self.point.restitution
+
+    @property
+    def lowest(self) -> float:
+        """The least e."""
+        return math.nan if self.point is None else self.point.lowest
+
+    @property
+    def highest(self) -> float:
+        """The largest e."""
+        return math.nan if self.point is None else self.point.highest
+
+    @property
+    def samples(self) -> int:
+        """Fewest steps in contact; 0 without a launch."""
+        return 0 if self.point is None else self.point.samples
+
+
+@dataclass(frozen=True, slots=True)
+class ContactMeaning:
+    """Numbers of a contact that its parameters do not show, SI.
+
+    impacts: at the slowest and the fastest launch speed.
+    carried: at rest.
+    peaks: of landings of the whole body; () where it cannot fall.
+    steps: rising, one of them the model's own.
+    """
+
+    impacts: tuple[ContactImpact, ...]
+    carried: Carried
+    peaks: tuple[LandingPeak, ...]
+    steps: tuple[ContactStep, ...]
+
+    @property
+    def largest_stable_step(self) -> float:
+        """The largest step, s, that was tried, up to which all are stable; NaN where none is."""
+        largest = math.nan
+        for step in self.steps:
+            if not step.is_stable:
+                break
+            largest = step.timestep
+        return largest
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The numbers as `--json` prints them."""
+        return {
+            **record(CONTACT, self),
+            "impacts": [record(CONTACT_IMPACT, each) for each in self.impacts],
+            "loads": [record(CONTACT_LOAD, load) for load in self.carried.loads],
+            "landings": [record(LANDING_PEAK, peak) for peak in self.peaks],
+            "steps": [record(CONTACT_STEP, step) for step in self.steps],
+        }
+
+
+def contact_in(model: ModelUnderTest, request: Request) -> ContactMeaning:
+    """Measure a contact in impacts along the normal and at rest; landings and steps are left out."""
+    impacts = [_impact(model, _straight(request, speed)) for speed in _ends(request)]
+    return ContactMeaning(tuple(impacts), model.carried(), (), ())
+
+
+def contact_over_steps(
+    meaning: ContactMeaning,
+    request: Request,
+    timestep: float,
+    at_step: Callable[[float], ModelUnderTest],
+) -> ContactMeaning:
+    """The meaning with the fastest launches at other time steps than the model's, s.
+
+    at_step: opens the same pair at a time step, s.
+    """
+    launches = _straight(request, max(request.speeds))
+    steps = []
+    for share in SHARES_OF_STEP:
+        if share == 1.0:
+            steps.append(ContactStep(timestep, meaning.impacts[-1].point))
+        else:
+            steps.append(_at_another_step(share * timestep, launches, at_step))
+        if share > 1.0 and not steps[-1].is_stable:
+            break
+    return replace(meaning, steps=tuple(steps))
+
+
+def _ends(request: Request) -> list[float]:
+    """The slowest and the fastest launch speed, m/s; one where they are the same."""
+    return sorted({min(request.speeds), max(request.speeds)})
+
+
+def _straight(request: Request, speed: float) -> list[Launch]:
+    """Launches at a speed, m/s, along the normal, at each phase of a request."""
+    one = replace(request, speeds=(speed,), angle=(0.0,), spin=(0.0, 0.0, 0.0))
+    return one.launches()
+
+
+def _at_another_step(
+    timestep: float, launches: Sequence[Launch], at_step: Callable[[float], ModelUnderTest]
+) -> ContactStep:
+    """The launches at a time step, s."""
+    try:
+        with at_step(timestep) as model:
+            return ContactStep(timestep, _point(simulate.impacts_in(model, launches)))
+    except HcbenchError:
+        # Such as a step beyond all bounds, or one in which the two pass each other.
+        return ContactStep(timestep, None)
+
+
+def _point(impacts: Sequence[Impact]) -> CurvePoint:
+    """e of launches that differ in phase alone."""
+    (point,) = curve_of(impacts)
+    return point
+
+
+def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
+    """The contact in launches that differ in phase alone."""
+    impacts = simulate.impacts_in(model, launches)
+    touches = [_first_touch(model, launch) for launch in launches]
+    stiffness = damping = misfit = math.nan
+    if min(touch.shape[1] for touch in touches) >= _STEPS_TO_FIT:
+        stiffness, damping, misfit = spring_and_damper(*np.concatenate(touches, axis=1))
+        if not (stiffness > 0.0 and misfit <= _MISFIT_MAX):
+            # Such as impulses that stop a body within a step: no spring is like that.
+            stiffness = damping = math.nan
+    facts = model.facts()
+    ratio = math.nan
+    if stiffness > 0.0 and not facts.shares:
+        ratio = damping / (2.0 * math.sqrt(stiffness * facts.effective_mass))
+    parted = [impact for impact in impacts if impact.status is Status.PARTED]
+    return ContactImpact(
+        _point(impacts),
+        _mean([impact.duration for impact in parted]),
+        _mean([impact.penetration_max for impact in impacts]),
+        _mean([impact.force_max for impact in impacts]),
+        stiffness,
+        damping,
+        ratio,
+        misfit,
+    )
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if len(values) else math.nan
+
+
+def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
+    """(penetration m, rate m/s, force N) of the steps of a first touch in which a force acts,
+    shape (3, n).
+    """
+    parts: list[Floats] = []
+    with closing(model.follow(launch)) as simulation:
+        for _ in range(_FOLLOWED // _ADVANCED):
+            parts.append(simulation.advance(_ADVANCED).rows()[:3, 0])
+            force = np.concatenate(parts, axis=1)[2]
+            acts = np.flatnonzero(force)
+            if not np.isfinite(force).all() or (acts.size and not force[acts[0] :].all()):
+                break
+    rows = np.concatenate(parts, axis=1)
+    begin, *_ = [*np.flatnonzero(rows[2]).tolist(), rows.shape[1]]
+    after = np.flatnonzero(rows[2, begin:] == 0.0)
+    touch: Floats = rows[:, begin : begin + int(after[0])] if after.size else rows[:, begin:]
+    return touch[:, np.isfinite(touch).all(axis=0)]
+
+
+def spring_and_damper(
+    penetration: Floats, rate: Floats, force: Floats
+) -> tuple[float, float, float]:
+    """(stiffness N/m, damping N s/m, rms of what they leave over the largest force) of the spring
+    and damper that are nearest to a force, N, in the least squares, with a constant beside them.
+
+    penetration, m, rate, m/s, force: of the steps in contact, (n,). A soft constraint's force has a
+    constant part: its share of what else accelerates the body. NaN where the steps do not tell.
+    """
+    columns = np.array([penetration, rate, np.ones(len(force))])
+    sizes = np.abs(columns).max(axis=1)
+    if not sizes.all():
+        return math.nan, math.nan, math.nan
+    scaled = (columns / sizes[:, None]).T
+    solution, _, rank, _ = np.linalg.lstsq(scaled, force, rcond=1e-9)
+    if rank < len(columns):
+        return math.nan, math.nan, math.nan
+    left = force - scaled @ solution
+    stiffness, damping, _ = (solution / sizes).tolist()
+    return stiffness, damping, float(np.sqrt(np.mean(left**2)) / np.abs(force).max())
+
+
+def as_lines(meaning: ContactMeaning) -> list[str]:
+    """Lines of a table for a terminal: the contact in impacts, at rest, in landings, over steps."""
+    rows = [*_impact_rows(meaning), *_load_rows(meaning.carried)]
+    for peak in meaning.peaks:
+        title = f"peak force over weight, dropped from {100 * peak.height:g} cm"
+        rows.append((title, _from_to(peak.lowest, peak.highest, ".3g")))
+    rows += _step_rows(meaning.steps)
+    largest = meaning.largest_stable_step
+    rows.append(("largest stable step, s", "none" if math.isnan(largest) else time_step(largest)))
+    return _two_columns(rows)
+
+
+# A title and its value; of impacts, the value at the slowest and at the fastest.
+_Row = tuple[str, ...]
+
+
+def _impact_rows(meaning: ContactMeaning) -> Iterator[_Row]:
+    """Rows of the slowest and the fastest launches, which head the table."""
+    impacts = meaning.impacts
+    yield (
+        "what the contact means",
+        *(f"at {_speed(each.point):.3g} m/s" for each in impacts),
+    )
+    yield "e", *(number(each.point.restitution, ".3f") for each in impacts)
+    yield "contact time, ms", *map(_duration, impacts)
+    yield "steps in contact", *(str(each.point.samples) for each in impacts)
+    yield "largest penetration, mm", *(number(1e3 * each.penetration, ".3g") for each in impacts)
+    yield "largest force, N", *(number(each.force, ".3g") for each in impacts)
+    if any(math.isfinite(each.stiffness) for each in impacts):
+        yield "stiffness, N/m", *(number(each.stiffness, ".3g") for each in impacts)
+        yield "damping, N s/m", *(number(each.damping, ".3g") for each in impacts)
+        yield "damping ratio", *(number(each.damping_ratio, ".2g") for each in impacts)
+        yield "misfit of the two, %", *(number(100 * each.misfit, ".2g") for each in impacts)
+
+
+def _speed(point: CurvePoint) -> float:
+    """Impact speed, m/s; of launches without an e, their launch speed."""
+    return point.speed_in if math.isfinite(point.speed_in) else point.speed
+
+
+def _duration(impact: ContactImpact) -> str:
+    """Contact time in ms, as text."""
+    if math.isnan(impact.duration) and impact.point.restitution == 0.0:
+        return "stays"
+    return number(1e3 * impact.duration, ".3g")
+
+
+def _load_rows(carried: Carried) -> Iterator[_Row]:
+    """Rows of what the contact carries at rest; none where the two do not rest on each other."""
+    if not carried.loads:
+        return
+    times = ", ".join(f"{load.times:g}" for load in carried.loads)
+    depths = ", ".join(number(1e3 * load.penetration, ".3g") for load in carried.loads)
+    yield "force at rest, N", number(carried.load, ".4g")
+    yield "stiffness at rest, N/m", number(carried.stiffness, ".3g")
+    yield f"penetration under {times} times that force, mm", depths
+    if math.isfinite(carried.weakest):
+        holds = number(math.degrees(carried.holds), ".3g")
+        most = number(math.degrees(carried.holds_most), ".3g")
+        if holds != most:
+            holds += f" (in the best direction {most})"
+        yield "steepest slope that it holds, deg", holds
+    if math.isfinite(carried.creep):
+        title = f"creep on a slope of {math.degrees(carried.slope):.3g} deg, mm/s"
+        yield title, number(1e3 * carried.creep, ".3g")
+
+
+def _step_rows(steps: Sequence[ContactStep]) -> Iterator[_Row]:
+    """Rows of e over time steps; one of neighbours with the same e."""
+
+    def said(step: ContactStep) -> str:
+        if step.point is None:
+            return "cannot be launched"
+        value = _from_to(step.lowest, step.highest, ".3f")
+        if step.point.failed:
+            value += f", {step.point.failed} launches without an e"
+        return value
+
+    for value, group in itertools.groupby(steps, said):
+        first, *others = group
+        title = time_step(first.timestep)
+        if others:
+            title += f" ... {time_step(others[-1].timestep)}"
+        yield f"e at a step of {title} s", value
+
+
+def _from_to(lowest: float, highest: float, digits: str) -> str:
+    """A range, or its one value, as text."""
+    low, high = number(lowest, digits), number(highest, digits)
+    return low if low == high else f"{low} ... {high}"
+
+
+def _two_columns(rows: Sequence[_Row]) -> list[str]:
+    """Lines of rows, the titles at the left."""
+    first = max(len(title) for title, *_ in rows)
+    second = max((len(cells[0]) for _, *cells in rows if len(cells) > 1), default=0)
+    lines = []
+    for title, *cells in rows:
+        texts = [cells[0].ljust(second), *cells[1:]] if len(cells) > 1 else cells
+        lines.append(f"{title:<{first}}  {'  '.join(texts)}".rstrip())
+    return lines

@@ -1,0 +1,127 @@
+"""A robot of PyBullet dropped on its floor: against a loop of plain PyBullet that reads momentum."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hcbench as hb
+from hcbench.cli import run
+from hcbench.system.errors import UserError
+from hcbench.workers import process
+
+p = pytest.importorskip("pybullet")
+pytestmark = pytest.mark.skipif(not process.CAN_FORK, reason="needs a system that forks")
+
+G = 9.81
+INERTIA = '<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/>'
+ROBOT = (
+    '<robot name="hopper"><link name="trunk"><inertial><mass value="2"/>'
+    + INERTIA.format(i=0.01)
+    + '</inertial><collision><geometry><box size=".2 .2 .1"/></geometry></collision></link>'
+    '<link name="foot"><inertial><mass value=".5"/>'
+    + INERTIA.format(i=0.001)
+    + '</inertial><collision><geometry><box size=".2 .2 .04"/></geometry></collision></link>'
+    '<joint name="leg" type="prismatic"><parent link="trunk"/><child link="foot"/>'
+    '<origin xyz="0 0 -.2"/><axis xyz="0 0 1"/><limit lower="-.1" upper=".1" effort="400" velocity="9"/>'
+    "</joint></robot>"
+)
+FLOOR = (
+    '<robot name="floor"><link name="base"><inertial><mass value="0"/>'
+    + INERTIA.format(i=0)
+    + '</inertial><collision><geometry><box size="9 9 1"/></geometry></collision></link></robot>'
+)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[str]:
+    """A robot of a trunk on a foot, and a floor whose top is half a metre up."""
+    (tmp_path / "hopper.urdf").write_text(ROBOT)
+    (tmp_path / "floor.urdf").write_text(FLOOR)
+    return [str(tmp_path / "hopper.urdf"), str(tmp_path / "floor.urdf")]
+
+
+def dropped(files: list[str], height: float) -> tuple[float, float]:
+    """(speed of the centre of mass at the first push, m/s; largest force over the weight): what the
+    momentum of trunk and foot, both moving along z, changes by beside gravity.
+    """
+    client = p.connect(p.DIRECT)
+    try:
+        p.resetSimulation()
+        robot, _ = p.loadURDF(files[0], [0, 0, 0.5 + 0.22 + height]), p.loadURDF(files[1])
+        p.setGravity(0, 0, -G)
+        p.setJointMotorControl2(robot, 0, p.POSITION_CONTROL, targetPosition=0, force=400)
+        forces, speeds = [], []
+        for _ in range(120):
+            before = _speed(robot)
+            p.stepSimulation()
+            speeds.append(before)
+            forces.append(1.0 + 240.0 * (_speed(robot) - before) / G)
+    finally:
+        p.disconnect(client)
+    first = int(np.argmax(np.array(forces) > 0.1))
+    return -speeds[first], max(forces)
+
+
+def _speed(robot: int) -> float:
+    foot = p.getLinkState(robot, 0, computeLinkVelocity=1, computeForwardKinematics=1)[6]
+    return float((2.0 * p.getBaseVelocity(robot)[0][2] + 0.5 * foot[2]) / 2.5)
+
+
+def test_a_landing_is_that_of_a_plain_loop(files: list[str]) -> None:
+    """The floor's force comes from contacts here and from momentum there, which Bullet damps."""
+    landings = hb.land(files, heights=[0.05, 0.2], gravity=G)
+    assert (landings.engine, landings.robot, landings.floor) == (
+        "pybullet",
+        "hopper.urdf",
+        "floor.urdf",
+    )
+    assert landings.mass == pytest.approx(2.5)
+    for drop in landings.drops:
+        speed, peak = dropped(files, drop.height)
+        assert drop.speed_in == pytest.approx(speed, rel=1e-3)
+        assert drop.peak == pytest.approx(peak, rel=0.02)
+        assert drop.feet[0].part == "foot"
+        assert 0.0 < drop.penetration < 0.05
+    assert landings.drops[1].peak > landings.drops[0].peak
+
+
+def test_gains_a_function_and_the_worlds_motors_hold_the_joints(files: list[str]) -> None:
+    called = []
+
+    def drive(client: int, robot: int) -> None:
+        called.append((client, robot))
+
+    stiff = hb.land(files, heights=0.1, gravity=G, controller="pd:5000,50").drops[0]
+    assert stiff.speed_in == pytest.approx((2 * G * 0.1) ** 0.5, rel=0.02)
+    assert hb.land(files, heights=0.1, gravity=G, controller=drive).drops[0].peak > 1.0
+    assert hb.land(files, heights=0.1, gravity=G, controller="ctrl").drops[0].peak > 1.0
+
+
+@pytest.mark.parametrize(
+    ("which", "options", "words"),
+    [
+        ((0, 1), {}, "gravity"),
+        ((0,), {"gravity": G, "engine": "pybullet"}, "fixed"),
+        ((1,), {"gravity": G, "engine": "pybullet"}, "free base"),
+        ((0, 1), {"gravity": G, "controller": "pd:1"}, "controller"),
+        ((0, 1), {"gravity": G, "key": "home"}, "keyframe"),
+    ],
+)
+def test_what_cannot_land_is_said(
+    files: list[str], which: tuple[int, ...], options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(UserError, match=words):
+        hb.land([files[i] for i in which], heights=0.1, **options)
+
+
+def test_two_urdfs_are_one_robot_and_its_floor(
+    files: list[str], capsys: pytest.CaptureFixture[Any]
+) -> None:
+    assert run(["land", *files, "--heights", "5 cm", "--gravity", "9.81"]) == 0
+    out = capsys.readouterr().out
+    assert "hopper.urdf (2.5 kg)" in out
+    assert "position motors hold 1 joints" in out
