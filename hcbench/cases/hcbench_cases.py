@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bounces that a physics engine should get right: runs them, judges the states, writes JUnit.
 
-One file of Python's standard library, to be copied into an engine's own tests:
+One file without dependencies, for an engine's own tests:
 
     python hcbench_cases.py my_adapter.py --expected known.json --junit cases.xml
 
@@ -37,7 +37,7 @@ from xml.etree import ElementTree
 Json = dict[str, Any]
 States = list[list[Any]]  # of each recorded step [step, state of a body, ...]
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
-LIMIT = 300.0  # s of a case
+LIMIT = 300.0  # s a case
 # Places in the state of a body.
 _Z = 2
 _VZ = 5
@@ -57,7 +57,7 @@ def load(path: Path) -> Json:
 
 
 def run(engine: Any, cases: Json) -> Json:
-    """Run the cases and return the states that they ask for, as plain data for a JSON file."""
+    """Run the cases; return the states that they ask for, as plain data."""
     began = time.process_time()
     done = {case["id"]: _run_case(engine, case["runs"]) for case in cases["cases"]}
     about = {name: getattr(engine, name, None) for name in ("name", "version", "combine")}
@@ -80,7 +80,7 @@ def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
     for batch in batches.values():
         try:
             _run_batch(engine, batch)
-        except Exception as error:  # it ends these runs
+        except Exception as error:
             for _, result in batch:
                 if result.pop("states", None) is not None or not result:
                     result["error"] = _with_place(error)
@@ -116,7 +116,7 @@ def _run_batch(engine: Any, batch: list[tuple[Json, Json]]) -> None:
             engine.step()
         asked = [any(a <= step <= b for a, b in each["record"]) for each, _ in made]
         if not any(asked):
-            continue  # a state may be costly
+            continue
         worlds = engine.state() if is_batch else [engine.state()]
         for (_, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
             if is_asked:
@@ -138,8 +138,8 @@ def restitution(each: Json, states: States) -> float:
         return 0.0
     last = rising[-1]
     up = (z[last + 1] - z[last - 1]) / (2 * timestep)
-    # The first step moves a ball by its velocity before gravity's share of the step (explicit
-    # Euler), after half of it (exact), or after all of it.
+    # The first step moves a ball by its velocity before gravity's share (explicit Euler), after
+    # half of it (exact), or after all of it.
     velocity, gain = ball["velocity"][_Z], gravity_z * timestep
     first = (z[1] - z[0]) / timestep - velocity
     share = min((0.0, 0.5, 1.0), key=lambda share: abs(first - share * gain))
@@ -167,7 +167,7 @@ def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
             continue
         if z[step + 1] <= z[step - 1]:
             if is_up:
-                break  # the highest point is behind
+                break
             continue
         is_up = True
         bend = z[step + 1] - 2 * height + z[step - 1]
