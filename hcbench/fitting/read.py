@@ -14,6 +14,7 @@ from hcbench.fitting.column_names import (
     EXPECTED_COLUMNS,
     QUANTITY_OF,
     explained,
+    is_unit_of,
     meanings_of,
     role_of,
 )
@@ -199,7 +200,8 @@ def _understood(
         of_kind = _of_bounces(columns, kind, asked)
         columns = _complete(columns, of_kind)
         table, of_units = with_units(columns.table, columns.places)
-        return replace(columns, table=table, assumed=of_names or of_units), of_kind
+        assumed = "; ".join(filter(None, (of_names or of_units, columns.assumed)))
+        return replace(columns, table=table, assumed=assumed), of_kind
 
 
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
@@ -294,7 +296,9 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
     for table, _ in _tables(path):
-        if table is None or not any(role_of(*name) == "force" for name in table.header):
+        if table is None or not any(
+            role_of(*name) == "force" or is_unit_of(name[1], "force") for name in table.header
+        ):
             continue
         with explained(table.name, table.header):
             columns = columns_of(table, kind)

@@ -23,6 +23,9 @@ _BLANKS = r"\s+"
 _WIDE_BLANKS = r"\s{2,}"
 # Likelier ones first: they win where two part the lines equally well.
 _SEPARATORS = ("\t", ";", "|", "&", ",", _WIDE_BLANKS, _BLANKS, "")
+# Blanks stand in names too: another sign that parts the lines nearly as well is the one between cells.
+_OF_BLANKS = (_WIDE_BLANKS, _BLANKS)
+_WEAKER = 0.9
 _COMMENT = re.compile(r"\s*(?:#|%|//|!|\\(?=\t)|<!--)+\s*")
 # A "#" after a number starts a comment; in a header it may be part of a name, as in "bounce #".
 _AFTER_NUMBER = re.compile(r"(?<=[\d.])\s+(?:#|//).*")
@@ -63,14 +66,20 @@ def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
             _SEPARATORS, key=lambda one: (_score(texts, one)[0], _known_names(texts[:1], one))
         )
     _, width, first = _score(texts, sign)
+    is_counted = counts([split(text, sign)[0] for text in texts[first:]])
     rows: list[Row] = []
     for at, (number, text) in enumerate(kept):
         cells = split(text, sign)
         if at < first:
-            # A header may have other signs between its names than there are between the numbers.
-            cells = next(
-                (way for way in header_cells(text, sign, width) if len(way) == width), cells
-            )
+            # A header may have other signs between its names than there are between the numbers;
+            # pandas prints no name over the index of the rows.
+            ways = [
+                way
+                for way in header_cells(text, sign, width)
+                if len(way) == width or (is_counted and len(way) == width - 1)
+            ]
+            ways.sort(key=lambda way: (sum(map(_is_known, way)) - len(way), len(way) == width))
+            cells = [name.strip('"') for name in ways[-1]] if ways else cells
         longest = max(map(len, cells))
         if longest > _LONGEST:
             where = f"{name}, line {number}"
@@ -92,7 +101,7 @@ def _without_marks(lines: Sequence[tuple[int, str]]) -> Iterator[tuple[int, str]
         if is_latex:
             if _LATEX_ALONE.fullmatch(text):
                 continue
-            text = _LATEX_END.sub("", text).removeprefix("\\hline").strip()
+            text = _plain(_LATEX_END.sub("", text).removeprefix("\\hline").strip())
         if _RULE.fullmatch(text):
             continue
         bare = _COMMENT.sub("", text, count=1) if _COMMENT.match(text) else text
@@ -107,6 +116,14 @@ def _without_marks(lines: Sequence[tuple[int, str]]) -> Iterator[tuple[int, str]
             text = text.strip()[1:-1]
         if text.strip():
             yield number, text
+
+
+def _plain(text: str) -> str:
+    """A line of LaTeX with the content alone of commands for a number, a quantity or a font."""
+    text = text.replace("~", " ")
+    text = re.sub(r"\\(?:SI|qty)\s*\{([^{}]*)\}\s*\{([^{}]*)\}", r"\1 \2", text)
+    text = re.sub(r"\\multicolumn\s*\{[^{}]*\}\s*\{[^{}]*\}", "", text)
+    return re.sub(r"\\(?:num|text\w\w|bfseries|itshape)\b\s*(?:\{([^{}]*)\})?", r"\1", text)
 
 
 def _is_of_numbers(text: str) -> bool:
@@ -173,6 +190,8 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
             # The index of the rows may have no name.
             if fits or (known and is_counted and len(way) == width - 1):
                 worth = max(worth, 10.0 if known else 2.0)
+    if separator in _OF_BLANKS:
+        worth *= _WEAKER
     return widths[width] * worth, width, first[width]
 
 

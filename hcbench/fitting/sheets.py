@@ -8,11 +8,12 @@ import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-from hcbench.fitting.column_names import explained
+from hcbench.fitting.column_names import explained, is_word_of_header
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
@@ -27,6 +28,26 @@ _LARGEST = 16 << 20
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
+# Encodings of text that is not in UTF: the first is taken where no word tells.
+_ENCODINGS = (
+    "cp1252",
+    "cp1250",
+    "cp1251",
+    "cp1253",
+    "cp1254",
+    "cp932",
+    "euc_jp",
+    "gb18030",
+    "big5",
+    "cp949",
+    "koi8_r",
+    "cp866",
+    "cp852",
+    "cp850",
+    "mac_roman",
+)
+# Lines from the first on that have the names of columns.
+_HEADER_LINES = 60
 # Files in an archive that hold tables.
 _TABLES = (".csv", ".txt", ".tsv", ".dat", ".json")
 
@@ -88,7 +109,8 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
 
 
 def decoded(raw: bytes) -> str:
-    """Text in UTF-8, in UTF-16 with or without its mark, or in what spreadsheets in Windows write.
+    """Text in UTF-8, in UTF-16 with or without its mark, or in the encoding of a country in which
+    most names of columns are known.
 
     Raises UnicodeDecodeError for what is not text.
     """
@@ -108,7 +130,15 @@ def decoded(raw: bytes) -> str:
     except UnicodeDecodeError:
         if any(byte < 9 for byte in raw):
             raise
-        return raw.decode("cp1252", errors="replace")
+        return max((raw.decode(one, errors="replace") for one in _ENCODINGS), key=_known_letters)
+
+
+def _known_letters(text: str) -> int:
+    """Number of letters beyond ASCII in words that the names of columns and units have: in a wrong
+    encoding there are none.
+    """
+    words = set(re.findall(r"[^\W\d_]+", "\n".join(text.splitlines()[:_HEADER_LINES])))
+    return sum(len(word) for word in words if not word.isascii() and is_word_of_header(word))
 
 
 def _of_text(name: str, text: str) -> Sheet:
@@ -123,6 +153,10 @@ def _of_text(name: str, text: str) -> Sheet:
                 return _of_json(name, records)
     if begin == "<" and "<point" in text:
         return _of_labels(name, text)
+    if re.search(r"<t[dh]\b", text, re.IGNORECASE):
+        page = _HtmlTable()
+        page.feed(text)
+        return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
     if re.match(r"[\w/]+:\s*$", text.lstrip().partition("\n")[0]) and "\n---" in text:
         return _of_messages(name, text)
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
@@ -242,6 +276,32 @@ def _text(value: Any) -> str:
 
 def _texts(values: Sequence[Any]) -> tuple[str, ...]:
     return tuple(map(_text, values))
+
+
+class _HtmlTable(HTMLParser):
+    """Rows of the tables of a page, as text: `rows`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self._is_in_cell = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Begin a row or a cell."""
+        if tag == "tr":
+            self.rows.append([])
+        self._is_in_cell = tag in ("td", "th") or (self._is_in_cell and tag not in ("tr", "table"))
+        if tag in ("td", "th") and self.rows:
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        """End a cell."""
+        self._is_in_cell = self._is_in_cell and tag not in ("td", "th", "tr", "table")
+
+    def handle_data(self, data: str) -> None:
+        """Add text to a cell."""
+        if self._is_in_cell and self.rows and self.rows[-1]:
+            self.rows[-1][-1] = f"{self.rows[-1][-1]} {data.strip()}".strip()
 
 
 def _of_labels(name: str, text: str) -> Sheet:
