@@ -167,6 +167,7 @@ _RUN = re.compile(
     re.IGNORECASE,
 )
 _BEFORE_UNIT = re.compile(r"\s*/\s*|_|\s*,\s*|\s+(?:in|en)\s+|\s+")
+_OF_R = re.compile(r"(\S+?)\.{2,3}([a-zA-Zµ]+(?:\.[a-z]+)?)\.?")
 # "m s^-1" and "m*s^-1" are m/s.
 _BY_POWER = re.compile(r"([a-zµ]+)[\s*]([sh])\^-1")
 _SIGNS = {
@@ -182,10 +183,13 @@ _SIGNED = re.compile(r"([a-zA-Z]+)\s*[_^]*\{?\s*([-−–+'′’])\}?")
 _DELTA = re.compile(r"^[δ∆]\s*_?\s*([a-z])\b")
 # Chinese, Japanese and Korean part no words by blanks, or not always.
 _WITHOUT_BLANKS = re.compile(r"[\u3040-\u30ff\u4e00-\u9fff\uac00-\ud7a3]")
-# Letters that are no letter with an accent, as people type them elsewhere.
+# Letters without an accent that could be left out, as people type them elsewhere.
 _PLAIN_LETTERS = str.maketrans({"ø": "oe", "æ": "ae", "œ": "oe", "ł": "l", "đ": "d", "ı": "i"})
 # Vowels with an accent are typed in two letters too: "hoehe" is "höhe", "hoejd" is "höjd".
 _TWO_LETTERS = re.compile(r"([aou])e|a(?=a)")
+# Languages whose words have many endings, and letters that a word has before its ending, at least.
+_OF_MANY_ENDINGS = frozenset(["pl", "cs", "ru", "uk", "hu", "fi", "tr", "ro", "el"])
+_LEAST_STEM = 5
 # Letters between the parts of a compound.
 _LINKS = ("", "s", "n", "en", "e")
 # Parts of compounds, such as Fallhöhe, have this many letters or more.
@@ -307,7 +311,20 @@ def _parts(word: str) -> set[str]:
         found = _compound(spelled, least)
         if found is not None:
             return found
-    return {"?"}
+    return _inflected(word)
+
+
+def _inflected(word: str) -> set[str]:
+    """Meaning of a word with another ending than the known word has, in a language of many endings;
+    "?" where no known word begins alike, or several of unlike meanings do.
+    """
+    found = set()
+    for known, languages in _languages().items():
+        stem = known[: max(_LEAST_STEM, len(known) - 2)]
+        is_alike = len(stem) >= _LEAST_STEM and word.startswith(stem)
+        if is_alike and len(word) <= len(known) + 3 and languages & _OF_MANY_ENDINGS:
+            found.add(_lexicon()[known])
+    return set(found.pop().split(" + ")) if len(found) == 1 else {"?"}
 
 
 def _compound(word: str, least: int, languages: frozenset[str] | None = None) -> set[str] | None:
@@ -335,7 +352,20 @@ def _compound(word: str, least: int, languages: frozenset[str] | None = None) ->
 
 def is_word_of_header(word: str) -> bool:
     """Say whether names of columns or their units have such a word."""
-    return "?" not in meanings_of(word) or _folded(word) in _unit_words()
+    folded = _folded(word)
+    return "?" not in meanings_of(word) or folded in _unit_words() or folded in _words_of_phrases()
+
+
+def is_short_latin(word: str) -> bool:
+    """Say whether a word is of three Latin letters or less, accents apart."""
+    folded = _folded(word)
+    return folded.isascii() and len(folded) <= _LEAST_PART
+
+
+@cache
+def _words_of_phrases() -> frozenset[str]:
+    """The single words of all names of columns."""
+    return frozenset(itertools.chain(*map(str.split, _lexicon())))
 
 
 def role_of(name: str, unit: str = "") -> str:
@@ -405,6 +435,11 @@ def split_header(cell: str) -> tuple[str, str]:
     cell = unicodedata.normalize(
         "NFKC", cell.replace("²", "^2").replace("⁻¹", "^-1").replace("⁻", "-")
     )
+    # Gnuplot numbers its columns, and R writes "height (cm)" as "height..cm.".
+    cell = re.sub(r"^\d+\s*:\s*(?=\D)", "", cell)
+    of_r = _OF_R.fullmatch(cell)
+    if of_r is not None:
+        cell = f"{of_r[1]} [{of_r[2].replace('.', '/')}]"
     cell = re.sub(r"\\(?:si|SI|unit)\s*\{([^{}]*)\}", r"[\1]", cell)
     cell = (
         re.sub(r"\\(?:mathrm|text|rm|textrm)\b\s*|\\[,;: ]|\$", "", cell).replace("\\", " ").strip()

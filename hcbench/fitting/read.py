@@ -397,9 +397,12 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     times = seen.get("time")
     seen.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
     data = _touch_times(name, setup, times, columns.assumed)
-    if len(numbers) < len(columns.table.cells):
-        return replace(data, numbers=numbers)
-    return data
+    unseen = np.delete(np.array(columns.table.lines), numbers)
+    if not len(unseen):
+        return data
+    lines = f"line{'s' * (len(unseen) > 1)} {', '.join(map(str, unseen))}"
+    said = f"no time in {lines}: read as a touch that was not seen, as if each row were a touch"
+    return replace(data, numbers=numbers, assumed="; ".join(filter(None, (columns.assumed, said))))
 
 
 def _touch_times(

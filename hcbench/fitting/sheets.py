@@ -13,7 +13,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-from hcbench.fitting.column_names import explained, is_word_of_header
+from hcbench.fitting.column_names import explained, is_short_latin, is_word_of_header
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
@@ -28,6 +28,8 @@ _LARGEST = 16 << 20
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
+# The first line of a record in YAML: "- time: 0.32".
+_YAML_RECORD = re.compile(r"(?m)^( *)- (?=[^\s:][^:\n]*:\s)")
 # Encodings of text that is not in UTF: the first is taken where no word tells.
 _ENCODINGS = (
     "cp1252",
@@ -133,12 +135,14 @@ def decoded(raw: bytes) -> str:
         return max((raw.decode(one, errors="replace") for one in _ENCODINGS), key=_known_letters)
 
 
-def _known_letters(text: str) -> int:
-    """Number of letters beyond ASCII in words that the names of columns and units have: in a wrong
-    encoding there are none.
+def _known_letters(text: str) -> tuple[int, int]:
+    """Number of letters in words beyond ASCII that names of columns and units have, which a wrong
+    encoding lacks: in words that tell, and in short Latin ones, which may come by chance.
     """
     words = set(re.findall(r"[^\W\d_]+", "\n".join(text.splitlines()[:_HEADER_LINES])))
-    return sum(len(word) for word in words if not word.isascii() and is_word_of_header(word))
+    known = [word for word in words if not word.isascii() and is_word_of_header(word)]
+    telling = [word for word in known if not is_short_latin(word)]
+    return sum(map(len, telling)), sum(map(len, known))
 
 
 def _of_text(name: str, text: str) -> Sheet:
@@ -159,6 +163,8 @@ def _of_text(name: str, text: str) -> Sheet:
         return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
     if re.match(r"[\w/]+:\s*$", text.lstrip().partition("\n")[0]) and "\n---" in text:
         return _of_messages(name, text)
+    if len(_YAML_RECORD.findall(text)) > 1:
+        return _of_messages(name, _YAML_RECORD.sub(r"---\n\1  ", text))
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     return Sheet(name, rows_of(name, lines))
 
@@ -320,26 +326,28 @@ def _of_labels(name: str, text: str) -> Sheet:
 
 
 def _of_messages(name: str, text: str) -> Sheet:
-    """Messages of `rostopic echo` or `ros2 topic echo`: names with blanks before them for their
-    depth, and "---" between messages.
+    """Messages of `rostopic echo` or `ros2 topic echo`, or records of YAML: names with blanks before
+    them for their depth, and "---" between messages.
     """
-    records = []
+    records: list[dict[str, str]] = []
     for message in re.split(r"(?m)^---\s*$", text):
         record: dict[str, str] = {}
         depths: list[tuple[int, str]] = []
         for line in message.splitlines():
-            match = re.match(r"(\s*)([\w/]+):\s*(.*)", line)
+            match = re.match(r"(\s*)([^\s:][^:]*):(?:\s+(.*))?$", line)
             if match is None:
                 continue
             while depths and depths[-1][0] >= len(match[1]):
                 depths.pop()
             depths.append((len(match[1]), match[2]))
-            if match[3].strip():
+            if (match[3] or "").strip():
                 record[".".join(part for _, part in depths)] = match[3].strip().strip("'\"")
         _join_stamp(record)
         if record:
             records.append(record)
-    return _of_json(name, records)
+    about = records[:1] if len(records) > 1 and not records[0].keys() & records[1].keys() else []
+    sheet = _of_json(name, records[len(about) :])
+    return Sheet(name, (*((0, pair) for one in about for pair in one.items()), *sheet.rows))
 
 
 def _join_stamp(record: dict[str, str]) -> None:

@@ -246,7 +246,7 @@ def tables_of(sheet: Sheet) -> list[Table]:
     # Remarks below a table may begin with names.
     of_numbers = [part for part in parts if any(_is_data(cells) for _, cells in part)]
     for part in of_numbers or parts:
-        above = [cells for line, cells in rows if line < part[0][0]]
+        above = [cells for line, cells in rows if line < part[0][0] and not _is_data(cells)]
         table = _table(sheet.name, part, above)
         tables += _in_a_row(table) or _side_by_side(table)
     return tables
