@@ -16,6 +16,8 @@ MUJOCOS := 3.5.0 3.6.0 3.7.0 3.8.0 3.9.0 3.10.0 3.11.0  # beside the installed o
 ENGINES := .venv-engines
 # A tester waits a quarter of its time for processes that tests start: three keep two cores at work.
 TESTERS := 3
+# A file's tests share what it computes. Files come as tests/conftest.py sorts them, not those of most tests first.
+BY_FILE := --dist loadfile --no-loadscope-reorder
 COMPILE = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet --custom-compile-command "make lock"
 # A new environment with uv of the lock, by pip, which installs the rest in a fifth of pip's time.
@@ -39,13 +41,13 @@ report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, 
 	esac
 
 test: check  ## lint, types, then every test
-	$(BIN)/python -m pytest -n $(TESTERS) --dist loadfile
+	$(BIN)/python -m pytest -n $(TESTERS) $(BY_FILE)
 
 test-all: $(INSTALLED)  ## every test that this environment can run, the long ones too
-	HCBENCH_ANSWERS=1 HCBENCH_PLUGINS=1 HCBENCH_PYTHONS=1 HCBENCH_SEARCHES=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	HCBENCH_ANSWERS=1 HCBENCH_PLUGINS=1 HCBENCH_PYTHONS=1 HCBENCH_SEARCHES=1 $(BIN)/python -m pytest -n 2 $(BY_FILE)
 
 test-machines: $(INSTALLED)  ## every test on five simulated machines: processors, threads, languages, users, paths
-	PYTHONPATH=tests/support $(BIN)/python -m machines -n 2 --dist loadfile
+	PYTHONPATH=tests/support $(BIN)/python -m machines -n 2 $(BY_FILE)
 
 test-random: $(INSTALLED)  ## the tests of properties, with a thousand random examples each in place of the same hundred
 	$(BIN)/python -m pytest -n 2 -m hypothesis --hypothesis-profile=random
@@ -88,10 +90,10 @@ test-searches: $(INSTALLED)  ## what tune finds in long searches, and every comm
 	HCBENCH_SEARCHES=1 $(BIN)/python -m pytest -n 2 tests/tuning
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
-	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile
+	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile  # its xdist cannot keep an order
 
 test-newest: $(NEWEST)/.installed  ## every test on the newest versions that the package index has, not locked
-	$(NEWEST)/bin/python -m pytest -n 2 --dist loadfile
+	$(NEWEST)/bin/python -m pytest -n 2 $(BY_FILE)
 
 versions: $(INSTALLED)  ## every command with each version of what hcbench needs: the tables of docs/reference/versions.md
 	PYTHONPATH=tests/support $(BIN)/python -m versions

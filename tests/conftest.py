@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+from dataclasses import replace
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -14,11 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
+from once import FoundOnce, content
 
 from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.sim import registry
-from hcbench.tuning import find
-from hcbench.tuning.tuned import Tuned, make_tuned
+from hcbench.tuning import ask, find
+from hcbench.tuning.model import tune_job
+from hcbench.tuning.tuned import make_tuned
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,6 +34,7 @@ settings.register_profile("random", max_examples=1000, deadline=None)  # `make t
 settings.load_profile("same")
 
 collect_ignore = ["outside"]  # run on its own, as its author would
+_QUICK = ("catalogue", "laws", "reporting", "scoring", "system", "terms")  # rooms
 _MUJOCO_HAS = (
     ("adhesion", "MjModel", "pair_adhesion"),
     ("spec_plugins", "MjSpec", "activate_plugin"),
@@ -64,6 +68,8 @@ def pytest_report_header() -> list[str]:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    # The last files decide how long testers wait for one another: those of quick rooms.
+    items.sort(key=lambda item: item.path.parent.name in _QUICK)
     _leave_out_missing_engines(config, items)
     if not _has_locked_engines():
         for item in items:
@@ -153,20 +159,33 @@ def with_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path / "cache"))
 
 
-_TUNED: dict[str, Tuned] = {}
-
-
-def _tuned_once(recipe: Any, why: str, *question: Any) -> Tuned:
-    """The result of `make_tuned`, which depends on nothing but its arguments."""
-    key = repr((recipe.engine, recipe.name, why, *question))
-    if key not in _TUNED:
-        _TUNED[key] = make_tuned(recipe, why, *question)
-    return _TUNED[key]
+@pytest.fixture(scope="session")
+def found_once(tmp_path_factory: pytest.TempPathFactory) -> FoundOnce:
+    """Results that any process of this run has found."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "found"
+    folder.mkdir(exist_ok=True)
+    return FoundOnce(folder)
 
 
 @pytest.fixture
-def tuned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def tuned_once(monkeypatch: pytest.MonkeyPatch, found_once: FoundOnce) -> None:
     """`tune` finds what an earlier test has asked: pages, commands and
     Python ask the same, and a test of a text needs no second search.
     """
-    monkeypatch.setattr(find, "make_tuned", _tuned_once)
+
+    def tuned(recipe: Any, why: str, *question: Any) -> Any:
+        # The result of `make_tuned` depends on nothing but its arguments.
+        asked = repr((recipe.engine, recipe.name, why, *question))
+        return found_once(asked, lambda: make_tuned(recipe, why, *question))
+
+    def tuned_model(model: Any, *question: Any) -> Any:
+        if (text := content(model)) is None:
+            return tune_job(model, *question)
+        *asked, output = question
+        # A model of one file is written alike into any folder.
+        asked.append(output if output.include else replace(output, folder=None))
+        return found_once(repr((text, *asked)), lambda: tune_job(model, *question))
+
+    monkeypatch.setattr(find, "make_tuned", tuned)
+    monkeypatch.setattr(ask, "tune_job", tuned_model)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from long_searches import LONG
 from measured_bounces import EXACT, synthesise, times_of
 
 from hcbench.fitting.datasets import TouchTimes
@@ -14,6 +15,10 @@ from hcbench.fitting.heights import SpeedPairs
 from hcbench.fitting.result import headline
 from hcbench.fitting.which_law import EITHER, FAMILY
 from hcbench.system.errors import UserError
+
+# Drops of each kind; `make test-all` has all of them.
+DROPS = 3 if LONG else 1
+FAULTLESS = 8 if LONG else 3
 
 
 @pytest.mark.parametrize(
@@ -27,7 +32,7 @@ from hcbench.system.errors import UserError
     ],
 )
 def test_the_law_is_told_from_good_data(law: synthesise.Law, name: str) -> None:
-    for seed in range(3):
+    for seed in range(DROPS):
         found = fit(
             [TouchTimes("t", EXACT, times_of(law, seed, timing=5e-5, scatter=2e-3, most=20))]
         )
@@ -72,7 +77,7 @@ def test_bounces_that_gain_energy_are_refused() -> None:
 )
 def test_a_curve_of_none_of_the_laws_is_none(e: synthesise.Law, what: str) -> None:
     """Impacts at 0.15 to 2 m/s whose e falls at low speeds, where every law of the list rises."""
-    for seed in range(3):
+    for seed in range(DROPS):
         rng = np.random.default_rng(seed)
         v = np.geomspace(0.15, 0.95, 14) * (2.0 if what != "as large as the speed" else 1.0)
         noisy = np.array([e(x) for x in v]) * (1 + 3e-3 * rng.standard_normal(len(v)))
@@ -99,7 +104,7 @@ def test_adhesion_is_no_constant_loss() -> None:
 
 @pytest.mark.parametrize("law", [synthesise.constant(0.7), synthesise.hunt_crossley(0.3, 0.97)])
 def test_a_law_of_the_list_does_not_lack(law: synthesise.Law) -> None:
-    for seed in range(8):
+    for seed in range(FAULTLESS):
         assert not fit([TouchTimes("t", EXACT, times_of(law, seed))]).lack.is_certain
 
 

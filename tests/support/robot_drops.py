@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 QUADRUPED = Path(__file__).parents[2] / "examples" / "quadruped.xml"
-FEET = [f"{side}_{end}_foot,floor" for side in ("left", "right") for end in ("front", "hind")]
+FEET = [f"{side}_{end}_foot,floor" for end in ("front", "hind") for side in ("left", "right")]
 GRAVITY = 9.81
 CHATTER = 0.005  # s
 

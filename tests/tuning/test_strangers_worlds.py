@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from hcbench.tuning.answer import Choice
 
-pytestmark = pytest.mark.needs_engine("pybullet")
+pytestmark = [pytest.mark.needs_engine("pybullet"), pytest.mark.usefixtures("tuned_once")]
 WORLDS = 80 if LONG else 13
 STEP = "1 ms"
 LAUNCHES = [(share, phase) for share in (0.1, 0.5, 1.0) for phase in (0.15, 0.65)]

@@ -18,7 +18,7 @@ import pytest
 import hcbench as hb
 from hcbench.cli import run
 from hcbench.measuring import Wanted
-from hcbench.sim.drop_test import HEIGHTS, PHASES, QUANTITIES, DropTest
+from hcbench.sim.landing import HEIGHTS, PHASES, QUANTITIES, DropTest
 from hcbench.sim.model_under_test import ModelSetting
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import EngineFailed, UserError
@@ -28,6 +28,8 @@ from hcbench.tuning.tuned_model import LandingChange
 mujoco = pytest.importorskip("mujoco")
 
 from robot_drops import FEET, QUADRUPED, drop  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("tuned_once")
 
 UNSEEN = (0.07, 0.39, 0.61, 0.88)
 
@@ -182,7 +184,7 @@ def test_a_setting_with_which_the_robot_lands_worse_gives_way_to_one_that_gains(
 
 
 @pytest.fixture
-def landing_worse(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def landing_worse(tuned_once: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """`tune` finds a setting with which a robot lands worse."""
     was = tuned(rebound=0.005).landing
     assert was is not None

@@ -168,7 +168,7 @@ print("\\n".join(out))
 @pytest.mark.parametrize(
     ("recipe", "timestep", "within"),
     [
-        pytest.param("staggered", 1e-6, 3e-5, marks=pytest.mark.adhesion),
+        pytest.param("staggered", 1e-6, 3e-5, marks=[pytest.mark.adhesion, long_search]),
         pytest.param("staggered", 1e-3, 1e-3, marks=pytest.mark.adhesion),
         ("impulse", 1e-3, None),
     ],

@@ -8,7 +8,7 @@ import pytest
 
 from hcbench.engines.pybullet.model import in_child as forked
 from hcbench.measuring import Measurement, measure
-from hcbench.workers import fork
+from hcbench.workers import process
 
 p = pytest.importorskip("pybullet")
 DATA = Path(pytest.importorskip("pybullet_data").getDataPath())
@@ -16,7 +16,7 @@ DATA = Path(pytest.importorskip("pybullet_data").getDataPath())
 
 def simulated(files: tuple[str, str], speeds: list[float], gravity: float) -> Measurement:
     paths = [str(DATA / name) for name in files]
-    return measure(paths, speeds=speeds, phases=1, gravity=gravity, diagnose=False)
+    return measure(paths, speeds=speeds, phases=1, gravity=gravity, diagnose=False, rest=False)
 
 
 @pytest.mark.parametrize(
@@ -41,13 +41,18 @@ def test_a_launch_has_the_bits_of_one_in_a_fresh_world(
 def test_a_live_world_is_left_as_it_was_and_every_launch_in_it_is_the_first(
     can_fork: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fork, "AVAILABLE", can_fork and fork.AVAILABLE)
+    monkeypatch.setattr(process, "CAN_FORK", can_fork and process.CAN_FORK)
     client = p.connect(p.DIRECT)
     try:
         p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client)
         box = p.loadURDF(str(DATA / "cube_small.urdf"), [0, 0, 0.4], physicsClientId=client)
         found = measure(
-            client, ("body:1", "body:0"), speeds=[0.1, 0.100001], phases=1, diagnose=False
+            client,
+            ("body:1", "body:0"),
+            speeds=[0.1, 0.100001],
+            phases=1,
+            diagnose=False,
+            rest=False,
         )
         assert p.getBasePositionAndOrientation(box, physicsClientId=client)[0] == (0, 0, 0.4)
         assert p.getContactPoints(physicsClientId=client) == ()
@@ -62,7 +67,7 @@ def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
 
     from hcbench.system.errors import EngineFailed
 
-    if not fork.AVAILABLE:
+    if not process.CAN_FORK:
         pytest.skip("this system does not fork")
     with pytest.raises(EngineFailed, match="SIGABRT"):
         forked.run_forked(os.abort)
@@ -70,9 +75,9 @@ def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
 
 def test_the_scatter_over_phases_is_found_where_four_phases_miss_it() -> None:
     files = [str(DATA / "sphere_small.urdf"), str(DATA / "kuka_iiwa/model.urdf")]
-    found = measure(files, speeds=[0.5, 2.0], diagnose=False).curve
-    dense = measure(files, speeds=[0.5, 2.0], phases=101, diagnose=False).curve
-    few = measure(files, speeds=[0.5, 2.0], phases=4, diagnose=False).curve
+    found = measure(files, speeds=[0.5, 2.0], diagnose=False, rest=False).curve
+    dense = measure(files, speeds=[0.5, 2.0], phases=101, diagnose=False, rest=False).curve
+    few = measure(files, speeds=[0.5, 2.0], phases=4, diagnose=False, rest=False).curve
     for point, truth in zip(found, dense, strict=True):
         assert point.highest == pytest.approx(truth.highest, abs=2e-3)
         assert point.restitution == pytest.approx(truth.restitution, abs=5e-3)

@@ -103,6 +103,7 @@ def test_coarse_steps_soften_the_spring() -> None:
     assert np.abs(flight.restitution - target.restitution(HELD_OUT)[:, None]).max() < 1e-3
 
 
+@long_search
 def test_the_same_answer_always() -> None:
     target = target_of(0.008, 1e-6)
     first = setting_for(target)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from long_searches import long_search
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.two_pair import TWO_PAIR, contact_duration, two_pair_rows
@@ -26,7 +27,7 @@ def errors(target: Target, integrator: str | None = None) -> np.ndarray:
 
 
 @pytest.mark.adhesion
-@pytest.mark.parametrize("alpha", [0.002, 0.016])
+@pytest.mark.parametrize("alpha", [pytest.param(0.002, marks=long_search), 0.016])
 def test_restitution_at_a_fine_step(alpha: float) -> None:
     assert np.abs(errors(target_of(alpha, 1e-6))).max() < 1e-4
 

@@ -141,11 +141,14 @@ def _rest(
     if gravity is not None:
         model.opt.gravity[:] = gravity
     mujoco.mj_step(model, data, nstep=settling)
+    sides = opened.place.pair.sides.tolist()
+    # Views of the state: tens of thousands of steps are taken here.
+    place = data.xpos[body]
+    origin = data.xpos[from_body]
     for i in range(count):
         mujoco.mj_step(model, data)
-        position[i] = data.xpos[body] - data.xpos[from_body]
-        force[i] = _force(opened, data)
-        depth[i] = _depth(opened, data)
+        np.subtract(place, origin, out=position[i])
+        force[i], depth[i] = _force_and_depth(opened, data, sides)
     model.opt.gravity[:] = gravity_before
     if not np.isfinite(path).all():
         return DIVERGED
@@ -159,12 +162,23 @@ def _rest(
     return rest_of(moment, depth, rate, force, moved)
 
 
-def _depth(opened: OpenedModel, data: Any) -> float:
-    """Penetration at the deepest point of the pair's contact, m; 0 without one."""
-    of_pair = opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3
-    if not of_pair.any():
-        return 0.0
-    return float(opened.place.contact.onset - data.contact.dist[of_pair].min())
+def _force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
+    """Force of the pair's contact, N, and penetration at its deepest point, m; 0 without one.
+
+    sides: of each geom, as a list: of a few contacts NumPy would take ten times as long.
+    """
+    contacts = data.contact
+    of_pair = [i for i, (a, b) in enumerate(contacts.geom.tolist()) if sides[a] + sides[b] == 3]
+    if not of_pair:
+        return 0.0, 0.0
+    distances = contacts.dist.tolist()
+    # In the contact's frame, the normal first.
+    wrench = np.zeros(6)
+    force = 0.0
+    for i in of_pair:
+        backend().mj_contactForce(opened.model, data, i, wrench)
+        force += float(wrench[0])
+    return force, opened.place.contact.onset - min(distances[i] for i in of_pair)
 
 
 def _is_grasp(one: OpenedModel, other: OpenedModel) -> bool:
@@ -240,14 +254,7 @@ def _hop(opened: OpenedModel) -> float:
 
 def _force(opened: OpenedModel, data: Any) -> float:
     """Force of the pair's contact, N."""
-    # In the contact's frame, the normal first.
-    wrench = np.zeros(6)
-    total = 0.0
-    for i in range(data.ncon):
-        if opened.place.pair.sides[data.contact[i].geom].sum() == 3:
-            backend().mj_contactForce(opened.model, data, i, wrench)
-            total += float(wrench[0])
-    return total
+    return _force_and_depth(opened, data, opened.place.pair.sides.tolist())[0]
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:
