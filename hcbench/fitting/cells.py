@@ -77,7 +77,7 @@ class NumberStyle:
 
         None for other text.
         """
-        text = text.strip().strip("$").strip().replace("\\%", "%").replace("\\,", " ")
+        text = _bare(text)
         if (seconds := _seconds(text)) is not None:
             return NumberCell(seconds, unit="s")
         short = _SHORT.fullmatch(text.partition(" ")[0]) if "(" in text else None
@@ -131,6 +131,12 @@ class NumberStyle:
             return float(mantissa.replace(self.decimal, ".") + exponent)
         except ValueError:
             return math.nan
+
+
+def _bare(text: str) -> str:
+    """A cell without TeX's marks about a number and in it."""
+    text = text.strip().strip("$").strip().replace("{,}", ",")
+    return text.replace("\\%", "%").replace("\\,", " ")
 
 
 def _seconds(text: str) -> float | None:
@@ -219,7 +225,7 @@ def style_of(name: str, columns: Sequence[Sequence[str]]) -> NumberStyle:
 
 def _mantissas(text: str) -> Iterable[str]:
     """The numbers in a cell, without their exponents; none in a clock's time."""
-    text = text.strip()
+    text = _bare(text)
     if _seconds(text) is not None or not looks_numeric(text):
         return
     for part in _PLUS_MINUS.split(text):

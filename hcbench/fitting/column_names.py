@@ -1,4 +1,4 @@
-"""Names of columns: what their words mean in eight languages, and what a refusal says of them."""
+"""Names of columns: what their words mean in many languages, and what a refusal says of them."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _EXAMPLES = {
     "force": ("force [N]", "12"),
 }
 # Meanings of whole files, which no column has.
-_OF_FILES = ("frequency", "unit of length", "unit of time", "units")
+_OF_FILES = ("frequency", "unit of length", "unit of time", "units", "dimension of x")
 # Roles: the meanings that a name must have, and those that it may have besides.
 _EVENTS = {"touch", "bounce"}
 _UPWARDS = {"vertical", "y", "z"}
@@ -84,8 +84,8 @@ _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("height_out", {"height", "after"}, {"bounce", "touch", "peak", *_UPWARDS, "place"}),
     ("height", {"height"}, {"bounce", "peak", "place", *_UPWARDS}),
     ("height", {"place"}, _UPWARDS),
-    ("height", {"y"}, {"vertical"}),
-    ("height", {"z"}, {"vertical"}),
+    ("height", {"y"}, {"vertical", "number"}),
+    ("height", {"z"}, {"vertical", "number"}),
     ("height", {"peak", "bounce"}, set()),
     ("speed_in", {"speed", "before"}, {*_EVENTS, "drop", "vertical"}),
     ("speed_in", {"speed", "touch"}, {"drop", "vertical"}),
@@ -135,6 +135,8 @@ _BESIDE = {
     "frame",
     "sample",
 }
+# Quantities that units of columns are of.
+QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force")
 # Units of a column that is a ratio, such as e.
 NO_UNIT = ("", "1", "-", "–", "—", "none", "dimensionless", "ohne", "a.u.", "n/a", "/")
 # The brackets in which a unit may stand: square ones first, as round ones are used for words too.
@@ -165,6 +167,7 @@ _RUN = re.compile(
     re.IGNORECASE,
 )
 _BEFORE_UNIT = re.compile(r"\s*/\s*|_|\s*,\s*|\s+(?:in|en)\s+|\s+")
+_OF_R = re.compile(r"(\S+?)\.{2,3}([a-zA-Zµ]+(?:\.[a-z]+)?)\.?")
 # "m s^-1" and "m*s^-1" are m/s.
 _BY_POWER = re.compile(r"([a-zµ]+)[\s*]([sh])\^-1")
 _SIGNS = {
@@ -178,7 +181,17 @@ _SIGNS = {
 }
 _SIGNED = re.compile(r"([a-zA-Z]+)\s*[_^]*\{?\s*([-−–+'′’])\}?")
 _DELTA = re.compile(r"^[δ∆]\s*_?\s*([a-z])\b")
-_HAN = re.compile(r"[\u4e00-\u9fff]")
+# Chinese, Japanese and Korean part no words by blanks, or not always.
+_WITHOUT_BLANKS = re.compile(r"[\u3040-\u30ff\u4e00-\u9fff\uac00-\ud7a3]")
+# Letters without an accent that could be left out, as people type them elsewhere.
+_PLAIN_LETTERS = str.maketrans({"ø": "oe", "æ": "ae", "œ": "oe", "ł": "l", "đ": "d", "ı": "i"})
+# Vowels with an accent are typed in two letters too: "hoehe" is "höhe", "hoejd" is "höjd".
+_TWO_LETTERS = re.compile(r"([aou])e|a(?=a)")
+# Languages whose words have many endings, and letters that a word has before its ending, at least.
+_OF_MANY_ENDINGS = frozenset(["pl", "cs", "ru", "uk", "hu", "fi", "tr", "ro", "el"])
+_LEAST_STEM = 5
+# Letters between the parts of a compound.
+_LINKS = ("", "s", "n", "en", "e")
 # Parts of compounds, such as Fallhöhe, have this many letters or more.
 _LEAST_PART = 3
 # Columns that a refusal shows, and letters of each name, at most.
@@ -209,6 +222,18 @@ def _lexicon(of_files: bool = False) -> dict[str, str]:
 
 
 @cache
+def _languages() -> dict[str, frozenset[str]]:
+    """Languages of each word of a column, in the meaning that `_lexicon` has for it."""
+    found: dict[str, frozenset[str]] = {}
+    for meaning, languages in _table().items():
+        for language, words in languages.items():
+            for word in map(" ".join, map(_words, words)):
+                if _lexicon().get(word) == meaning:
+                    found[word] = found.get(word, frozenset()) | {language}
+    return found
+
+
+@cache
 def _unit_words() -> dict[str, str]:
     """Pint's word for each unit, by what people write."""
     found = {}
@@ -220,9 +245,10 @@ def _unit_words() -> dict[str, str]:
 
 def _folded(text: str) -> str:
     """Text in lower case without accents, wide letters and LaTeX's marks."""
-    text = unicodedata.normalize("NFKC", text).casefold().strip()
+    text = unicodedata.normalize("NFKC", text).casefold().strip().translate(_PLAIN_LETTERS)
     bare = unicodedata.normalize("NFD", text)
-    return "".join(letter for letter in bare if not unicodedata.combining(letter))
+    letters = "".join(letter for letter in bare if not unicodedata.combining(letter))
+    return unicodedata.normalize("NFC", letters)
 
 
 def _words(name: str) -> list[str]:
@@ -275,27 +301,71 @@ def _meanings(words: tuple[str, ...]) -> frozenset[str]:
 
 
 def _parts(word: str) -> set[str]:
-    """Meanings of the parts of a word that is in no list: a compound, or Chinese without blanks."""
+    """Meanings of the parts of a word that is in no list; "?" where they are not known."""
     if word.isdigit():
         return {word}
-    lexicon = _lexicon()
-    if _HAN.search(word):
-        found = set()
-        while word:
-            for end in range(len(word), 0, -1):
-                if word[:end] in lexicon or word[:end].isdigit():
-                    found.add(lexicon.get(word[:end], word[:end]))
-                    word = word[end:]
-                    break
-            else:
-                return {"?"}
-        return found
-    for end in range(_LEAST_PART, len(word) - _LEAST_PART + 1):
-        first, last = word[:end], word[end:]
-        for part in (first, first.removesuffix("s")):
-            if part in lexicon and last in lexicon and len(part) >= _LEAST_PART:
-                return {lexicon[part], lexicon[last]}
-    return {"?"}
+    least = 1 if _WITHOUT_BLANKS.search(word) else _LEAST_PART
+    for spelled in (word, _TWO_LETTERS.sub(r"\1", word)):
+        if spelled in _lexicon():
+            return {_lexicon()[spelled]}
+        found = _compound(spelled, least)
+        if found is not None:
+            return found
+    return _inflected(word)
+
+
+def _inflected(word: str) -> set[str]:
+    """Meaning of a word with another ending than the known word has, in a language of many endings;
+    "?" where no known word begins alike, or several of unlike meanings do.
+    """
+    found = set()
+    for known, languages in _languages().items():
+        stem = known[: max(_LEAST_STEM, len(known) - 2)]
+        is_alike = len(stem) >= _LEAST_STEM and word.startswith(stem)
+        if is_alike and len(word) <= len(known) + 3 and languages & _OF_MANY_ENDINGS:
+            found.add(_lexicon()[known])
+    return set(found.pop().split(" + ")) if len(found) == 1 else {"?"}
+
+
+def _compound(word: str, least: int, languages: frozenset[str] | None = None) -> set[str] | None:
+    """Meanings of a compound such as Rücksprunghöhe, of parts of `least` letters or more in one
+    language; None where it is none.
+
+    languages: of the parts before this word; None for any. Long parts are tried first.
+    """
+    if not word:
+        return set()
+    for end in range(len(word), least - 1, -1):
+        for link in _LINKS:
+            part = word[:end].removesuffix(link)
+            spoken = _languages().get(part, frozenset())
+            if languages is not None:
+                spoken &= languages
+            is_linked = not link or (word[:end].endswith(link) and end < len(word))
+            if not spoken or len(part) < least or not is_linked:
+                continue
+            rest = _compound(word[end:], least, spoken)
+            if rest is not None:
+                return {*_lexicon()[part].split(" + "), *rest}
+    return None
+
+
+def is_word_of_header(word: str) -> bool:
+    """Say whether names of columns or their units have such a word."""
+    folded = _folded(word)
+    return "?" not in meanings_of(word) or folded in _unit_words() or folded in _words_of_phrases()
+
+
+def is_short_latin(word: str) -> bool:
+    """Say whether a word is of three Latin letters or less, accents apart."""
+    folded = _folded(word)
+    return folded.isascii() and len(folded) <= _LEAST_PART
+
+
+@cache
+def _words_of_phrases() -> frozenset[str]:
+    """The single words of all names of columns."""
+    return frozenset(itertools.chain(*map(str.split, _lexicon())))
 
 
 def role_of(name: str, unit: str = "") -> str:
@@ -322,7 +392,7 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
             return role
     if len(found) == 1 and unit:
         (meaning,) = found
-        for quantity in ("time", "position", "speed", "force"):
+        for quantity in QUANTITIES_OF_COLUMNS:
             if is_unit_of(unit, quantity):
                 return _BY_QUANTITY.get((meaning, quantity), "")
     return ""
@@ -365,6 +435,11 @@ def split_header(cell: str) -> tuple[str, str]:
     cell = unicodedata.normalize(
         "NFKC", cell.replace("²", "^2").replace("⁻¹", "^-1").replace("⁻", "-")
     )
+    # Gnuplot numbers its columns, and R writes "height (cm)" as "height..cm.".
+    cell = re.sub(r"^\d+\s*:\s*(?=\D)", "", cell)
+    of_r = _OF_R.fullmatch(cell)
+    if of_r is not None:
+        cell = f"{of_r[1]} [{of_r[2].replace('.', '/')}]"
     cell = re.sub(r"\\(?:si|SI|unit)\s*\{([^{}]*)\}", r"[\1]", cell)
     cell = (
         re.sub(r"\\(?:mathrm|text|rm|textrm)\b\s*|\\[,;: ]|\$", "", cell).replace("\\", " ").strip()
@@ -409,7 +484,9 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
     name, unit = (text.replace("\N{GREEK SMALL LETTER MU}", "µ") for text in (name, unit))
     name = name.strip().rstrip("/").strip()
     if unit:
-        return name, plain_unit(unit)
+        # "height_cm [cm]" says it twice.
+        bare, again = _with_unit(name, "")
+        return (bare if again and again == plain_unit(unit) else name), plain_unit(unit)
     # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
     for sign in _BEFORE_UNIT.finditer(name, 1):
         written = name[sign.end() :]
@@ -438,10 +515,7 @@ def plain_unit(text: str) -> str:
 @cache
 def is_unit(text: str) -> bool:
     """True for the unit of a column of times, places, speeds or forces, and for %."""
-    return (
-        any(is_unit_of(text, quantity) for quantity in ("time", "position", "speed", "force"))
-        or text == "%"
-    )
+    return any(is_unit_of(text, quantity) for quantity in QUANTITIES_OF_COLUMNS) or text == "%"
 
 
 @cache

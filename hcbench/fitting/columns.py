@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.fitting.assumed import falls_with_g
 from hcbench.fitting.column_names import (
     DATA_KINDS,
     EXPECTED_COLUMNS,
     QUANTITY_OF,
     is_beside,
     is_group,
+    is_unit_of,
     meanings_of,
     role_of,
 )
+from hcbench.fitting.separators import counts
 from hcbench.fitting.table import cell_of
 from hcbench.fitting.track import seen_fall
 from hcbench.system.errors import UserError
@@ -123,12 +126,15 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
             roles.setdefault(role, []).append(i)
         elif not is_beside(name) and not _counts_rows(table, i):
             unknown.append(i)
+    _leave_counters(table, roles)
+    table = _with_lone_uncertainty(table, roles, unknown)
+    assumed = _taken_by_numbers(table, roles, unknown)
     _part_numbered(table, roles)
     _part_by_others(table, roles)
     places: dict[str, int] = {}
     for role, at in roles.items():
         places[role] = at[0] if len(at) == 1 else _one_of(table, role, at, roles)
-    columns = DataColumns(table, places)
+    columns = DataColumns(table, places, assumed)
     kind = asked or kind_of(columns.roles)
     is_doubtful = kind is None or (kind in _ALONE and kind != asked)
     nameless = [i for i in unknown if not table.header[i][0]]
@@ -181,6 +187,62 @@ def _counts_rows(table: Table, at: int) -> bool:
     numbers = sorted(table.numbers(at).tolist())
     is_counting = numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
     return not table.header[at][0] and is_counting
+
+
+def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
+    """Leave out columns such as "interval" that count the rows and lack the unit that others have."""
+    with_unit = [
+        i
+        for role, at in roles.items()
+        for i in at
+        if role in QUANTITY_OF and table.unit_of(i, QUANTITY_OF[role])
+    ]
+    for role in [role for role in roles if role in QUANTITY_OF and with_unit]:
+        at = roles[role]
+        roles[role] = [i for i in at if i in with_unit or not counts(table.texts(i))]
+        if not roles[role]:
+            del roles[role]
+
+
+def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> Table:
+    """The table with the unit of the column before in each column that is named "SD" or "±" alone:
+    it is the uncertainty of that column.
+    """
+    header = list(table.header)
+    for i in [i for i in unknown if meanings_of(header[i][0]) == {"uncertainty"}]:
+        of = next((role for role, at in roles.items() if i - 1 in at and role in QUANTITY_OF), "")
+        unit = header[i][1] or table.unit_of(i - 1, QUANTITY_OF[of]) if of else ""
+        if of and f"u_{of}" not in roles and (not unit or is_unit_of(unit, QUANTITY_OF[of])):
+            header[i] = (header[i][0], unit)
+            roles[f"u_{of}"] = [i]
+            unknown.remove(i)
+    return replace(table, header=tuple(header))
+
+
+def _taken_by_numbers(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
+    """Give roles to columns with unknown names where their units, and the numbers in them, leave no
+    choice, and return a sentence of it: the only force, or the only place that falls with g.
+    """
+
+    def of_unit(quantity: str) -> list[int]:
+        return [i for i in unknown if is_unit_of(table.unit_of(i, quantity), quantity)]
+
+    times = roles.get("time", []) or of_unit("time")
+    forces = of_unit("force")
+    if "time" in roles and not {"force", "height"} & roles.keys() and len(forces) == 1:
+        roles["force"] = forces
+        unknown.remove(forces[0])
+        return f"{table.header[forces[0]][0]!r} read as the force: no other column is in its unit"
+    if len(times) != 1 or {"height", "force"} & roles.keys():
+        return ""
+    t = table.in_unit(times[0], "time")
+    falling = [i for i in of_unit("position") if falls_with_g(t, table.in_unit(i, "position"))]
+    if len(falling) != 1:
+        return ""
+    roles |= {"time": times, "height": falling}
+    for i in {*times, *falling} & {*unknown}:
+        unknown.remove(i)
+    return f"{table.header[falling[0]][0]!r} read as the height, as it falls with g"
 
 
 def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:

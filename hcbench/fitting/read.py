@@ -14,6 +14,7 @@ from hcbench.fitting.column_names import (
     EXPECTED_COLUMNS,
     QUANTITY_OF,
     explained,
+    is_unit_of,
     meanings_of,
     role_of,
 )
@@ -205,7 +206,8 @@ def _understood(
         of_kind = _of_bounces(columns, kind, asked)
         columns = _complete(columns, of_kind)
         table, of_units = with_units(columns.table, columns.places)
-        return replace(columns, table=table, assumed=of_names or of_units), of_kind
+        assumed = "; ".join(filter(None, (of_names or of_units, columns.assumed)))
+        return replace(columns, table=table, assumed=assumed), of_kind
 
 
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
@@ -300,7 +302,9 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
     for table, _ in _tables(path):
-        if table is None or not any(role_of(*name) == "force" for name in table.header):
+        if table is None or not any(
+            role_of(*name) == "force" or is_unit_of(name[1], "force") for name in table.header
+        ):
             continue
         with explained(table.name, table.header):
             columns = columns_of(table, kind)
@@ -399,9 +403,12 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     times = seen.get("time")
     seen.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
     data = _touch_times(name, setup, times, columns.assumed)
-    if len(numbers) < len(columns.table.cells):
-        return replace(data, numbers=numbers)
-    return data
+    unseen = np.delete(np.array(columns.table.lines), numbers)
+    if not len(unseen):
+        return data
+    lines = f"line{'s' * (len(unseen) > 1)} {', '.join(map(str, unseen))}"
+    said = f"no time in {lines}: read as a touch that was not seen, as if each row were a touch"
+    return replace(data, numbers=numbers, assumed="; ".join(filter(None, (columns.assumed, said))))
 
 
 def _touch_times(

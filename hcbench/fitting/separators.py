@@ -23,6 +23,9 @@ _BLANKS = r"\s+"
 _WIDE_BLANKS = r"\s{2,}"
 # Likelier ones first: they win where two part the lines equally well.
 _SEPARATORS = ("\t", ";", "|", "&", ",", _WIDE_BLANKS, _BLANKS, "")
+# Blanks stand in names too: another sign that parts the lines nearly as well is the one between cells.
+_OF_BLANKS = (_WIDE_BLANKS, _BLANKS)
+_WEAKER = 0.9
 _COMMENT = re.compile(r"\s*(?:#|%|//|!|\\(?=\t)|<!--)+\s*")
 # A "#" after a number starts a comment; in a header it may be part of a name, as in "bounce #".
 _AFTER_NUMBER = re.compile(r"(?<=[\d.])\s+(?:#|//).*")
@@ -34,8 +37,12 @@ _LATEX_END = re.compile(r"\\\\(?:\s*\[[^\]]*\])?\s*(?:\\[a-z]*(?:rule|line)\b.*)
 _LATEX_ALONE = re.compile(
     r"\s*\\(?:[a-z]*(?:rule|line)|begin|end|centering|caption|label|small|footnotesize)\b.*"
 )
+# Rows of a matrix or a list in a program: "[1, 2],", "{1, 2},", "1 2;".
+_IN_BRACKETS = re.compile(r"\s*[\[({].*[\])}]+[,;]?\s*$|[^\[({]*\d\s*;\s*$")
 # Lines that are looked at to find the separator.
 _MOST_LOOKED_AT = 200
+# Meanings of a name that other columns complete.
+_ALONE = ({"x"}, {"uncertainty"})
 # Signs that stand between two numbers of a cell, or between cells.
 _MARKS = frozenset(["±", "+-", "+/-", "\\pm", "&", "|", ";", ","])
 # Words in a header that is parted by what they mean.
@@ -70,14 +77,20 @@ def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
             _SEPARATORS, key=lambda one: (_score(texts, one)[0], _known_names(texts[:1], one))
         )
     _, width, first = _score(texts, sign)
+    is_counted = counts([split(text, sign)[0] for text in texts[first:]])
     rows: list[Row] = []
     for at, (number, text) in enumerate(kept):
         cells = split(text, sign)
         if at < first:
-            # A header may have other signs between its names than there are between the numbers.
-            cells = next(
-                (way for way in header_cells(text, sign, width) if len(way) == width), cells
-            )
+            # A header may have other signs between its names than there are between the numbers;
+            # pandas prints no name over the index of the rows.
+            ways = [
+                way
+                for way in header_cells(text, sign, width)
+                if len(way) == width or (is_counted and len(way) == width - 1)
+            ]
+            best = max(ways, key=lambda way: sum(map(_is_known, way)) - len(way), default=cells)
+            cells = [name.strip('"') for name in best]
         longest = max(map(len, cells))
         if longest > _LONGEST:
             where = f"{name}, line {number}"
@@ -92,15 +105,23 @@ def _without_marks(lines: Sequence[tuple[int, str]]) -> Iterator[tuple[int, str]
 
     Before the first numbers a comment may be a header: there it loses its mark only.
     """
+    is_wiki = any(text.lstrip().startswith("{|") for _, text in lines)
+    of_numbers = [text for _, text in lines if any(map(str.isdigit, text))]
+    in_brackets = sum(1 for text in of_numbers if _IN_BRACKETS.match(text)) * 2 > len(of_numbers)
     is_latex = sum(1 for _, text in lines if _LATEX_END.search(text)) > 1
     begun = False
     for number, line in lines:
         text = line
+        # Wikis write a sign twice: "! a !! b" and "| 1 || 2", or "||a||b||" in headers alone.
+        if is_wiki or text.startswith("||"):
+            text = re.sub(r"^\s*!|!!|\|\|", "|", text)
+        if in_brackets:
+            text = _without_brackets(text)
         if is_latex:
             if _LATEX_ALONE.fullmatch(text):
                 continue
-            text = _LATEX_END.sub("", text).removeprefix("\\hline").strip()
-        if _RULE.fullmatch(text):
+            text = _plain(_LATEX_END.sub("", text).removeprefix("\\hline").strip())
+        if _RULE.fullmatch(text) or (is_wiki and text.startswith(("{|", "|-", "|}"))):
             continue
         bare = _COMMENT.sub("", text, count=1) if _COMMENT.match(text) else text
         if bare != text:
@@ -110,10 +131,26 @@ def _without_marks(lines: Sequence[tuple[int, str]]) -> Iterator[tuple[int, str]
         else:
             text = _AFTER_NUMBER.sub("", text)
             begun = begun or _is_of_numbers(text)
-        if len(text.strip()) > 1 and text.strip()[0] == text.strip()[-1] == "|":
-            text = text.strip()[1:-1]
+        if text.strip().startswith("|"):
+            text = text.strip()[1:].removesuffix("" if is_wiki else "|")
         if text.strip():
             yield number, text
+
+
+def _without_brackets(text: str) -> str:
+    """A line of a matrix without the brackets about it and the sign to the next line."""
+    text = text.strip().rstrip(",; ").lstrip("[({ ")
+    while text[-1:] in tuple("])}") and sum(map(text.count, "])}")) > sum(map(text.count, "[({")):
+        text = text[:-1]
+    return text
+
+
+def _plain(text: str) -> str:
+    """A line of LaTeX with the content alone of commands for a number, a quantity or a font."""
+    text = text.replace("~", " ")
+    text = re.sub(r"\\(?:SI|qty)\s*\{([^{}]*)\}\s*\{([^{}]*)\}", r"\1 \2", text)
+    text = re.sub(r"\\multicolumn\s*\{[^{}]*\}\s*\{[^{}]*\}", "", text)
+    return re.sub(r"\\(?:num|text\w\w|bfseries|itshape)\b\s*(?:\{([^{}]*)\})?", r"\1", text)
 
 
 def _is_of_numbers(text: str) -> bool:
@@ -127,8 +164,10 @@ def split(text: str, separator: str) -> list[str]:
     """Cells of a line, with the quotes of csv; without blanks at their ends."""
     if not separator:
         return [text.strip().strip('"')]
-    if separator in (_BLANKS, _WIDE_BLANKS):
-        return [cell.strip('"') for cell in re.split(separator, text.strip())]
+    if separator in _OF_BLANKS and '"' not in text:
+        return re.split(separator, text.strip())
+    if separator in _OF_BLANKS:
+        separator = " "
     try:
         cells = next(
             csv.reader(io.StringIO(text.strip(" \r\n")), delimiter=separator, skipinitialspace=True)
@@ -169,18 +208,21 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         full[len(cells)] = max(full.get(len(cells), 0), len([*_trimmed(cells)]))
     if not widths:
         return 0.0, 0, len(texts)
+    of_width = {}
+    for width, numbers in widths.items():
+        worth = 1.0
+        is_counted = counts(heads[width][:begin])
+        for at in range(first[width]):
+            for way in header_cells(texts[at], separator, width):
+                known = any(role_of(*split_header(cell)) for cell in way)
+                fits = {len(way), len(_trimmed(way))} & {width, full[width]}
+                # The index of the rows may have no name.
+                if fits or (known and is_counted and len(way) == width - 1):
+                    worth = max(worth, 10.0 if known else 2.0)
+        of_width[width] = numbers * worth * (_WEAKER if separator in _OF_BLANKS else 1.0)
     # A table of one row, such as phyphox writes it, counts as well as a table of one column.
-    width = max(widths, key=lambda count: (widths[count], count))
-    worth = 1.0
-    is_counted = counts(heads[width][:begin])
-    for at in range(first[width]):
-        for way in header_cells(texts[at], separator, width):
-            known = any(role_of(*split_header(cell)) for cell in way)
-            fits = len(way) in (width, full[width]) or len(_trimmed(way)) in (width, full[width])
-            # The index of the rows may have no name.
-            if fits or (known and is_counted and len(way) == width - 1):
-                worth = max(worth, 10.0 if known else 2.0)
-    return widths[width] * worth, width, first[width]
+    width = max(of_width, key=lambda count: (of_width[count], count))
+    return of_width[width], width, first[width]
 
 
 def _known_names(texts: Sequence[str], separator: str) -> int:
@@ -209,7 +251,9 @@ def header_cells(text: str, separator: str, width: int) -> Iterator[list[str]]:
 
     width: of the rows of numbers. A unit belongs to the name before it: "time, s" is one cell.
     """
-    if separator not in (_BLANKS, _WIDE_BLANKS, ""):
+    if '"' in text and separator in _OF_BLANKS:
+        yield split(text, separator)
+    if separator not in (*_OF_BLANKS, ""):
         cells = split(text, separator)
         if (
             any(any(map(str.isalpha, cell)) for cell in cells)
@@ -221,21 +265,13 @@ def header_cells(text: str, separator: str, width: int) -> Iterator[list[str]]:
         if any(map(str.isalpha, text)) and not looks_numeric(text):
             yield [text.strip()]
         return
-    for sign in ("\t", ";", ","):
-        if sign in text:
-            yield _with_units(split(text, sign))
     # A unit in brackets belongs to the name before it.
-    for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])", r"\s+"):
-        names = re.split(blanks, text.strip())
-        if not any(map(looks_numeric, names)) and (
-            len(names) != width or all(map(_is_known, names))
-        ):
-            yield names
+    wide, *narrow = [
+        re.split(blanks, text.strip()) for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])", r"\s+")
+    ]
+    of_signs = [_with_units(split(text, sign)) for sign in ("\t", ";", ",") if sign in text]
+    yield from (names for names in (wide, *of_signs, *narrow) if not any(map(looks_numeric, names)))
     yield from _by_meaning(text.split(), width)
-    for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])", r"\s+"):
-        names = re.split(blanks, text.strip())
-        if not any(map(looks_numeric, names)):
-            yield names
 
 
 def _by_meaning(words: list[str], width: int) -> Iterator[list[str]]:
@@ -254,7 +290,7 @@ def _by_meaning(words: list[str], width: int) -> Iterator[list[str]]:
 def _is_known(name: str) -> bool:
     """Say whether a name has a role, or tells of something else than bounces."""
     plain, unit = split_header(name)
-    return bool(role_of(plain, unit)) or is_beside(plain) or meanings_of(plain) == {"x"}
+    return bool(role_of(plain, unit)) or is_beside(plain) or meanings_of(plain) in _ALONE
 
 
 def _with_units(cells: list[str]) -> list[str]:

@@ -8,11 +8,12 @@ import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-from hcbench.fitting.column_names import explained
+from hcbench.fitting.column_names import explained, is_short_latin, is_word_of_header
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
@@ -31,6 +32,28 @@ _PLACE = re.compile(rb'<(?:\w+:)?c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
+# The first line of a record in YAML: "- time: 0.32".
+_YAML_RECORD = re.compile(r"(?m)^( *)- (?=[^\s:][^:\n]*:\s)")
+# Encodings of text that is not in UTF: the first is taken where no word tells.
+_ENCODINGS = (
+    "cp1252",
+    "cp1250",
+    "cp1251",
+    "cp1253",
+    "cp1254",
+    "cp932",
+    "euc_jp",
+    "gb18030",
+    "big5",
+    "cp949",
+    "koi8_r",
+    "cp866",
+    "cp852",
+    "cp850",
+    "mac_roman",
+)
+# Lines from the first on that have the names of columns.
+_HEADER_LINES = 60
 # Files in an archive that hold tables.
 _TABLES = (".csv", ".txt", ".tsv", ".dat", ".json")
 
@@ -95,7 +118,8 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
 
 
 def decoded(raw: bytes) -> str:
-    """Text in UTF-8, in UTF-16 with or without its mark, or in what spreadsheets in Windows write.
+    """Text in UTF-8, in UTF-16 with or without its mark, or in the encoding of a country in which
+    most names of columns are known.
 
     Raises UnicodeDecodeError for what is not text.
     """
@@ -115,7 +139,17 @@ def decoded(raw: bytes) -> str:
     except UnicodeDecodeError:
         if any(byte < 9 for byte in raw):
             raise
-        return raw.decode("cp1252", errors="replace")
+        return max((raw.decode(one, errors="replace") for one in _ENCODINGS), key=_known_letters)
+
+
+def _known_letters(text: str) -> tuple[int, int]:
+    """Number of letters in words beyond ASCII that names of columns and units have, which a wrong
+    encoding lacks: in words that tell, and in short Latin ones, which may come by chance.
+    """
+    words = set(re.findall(r"[^\W\d_]+", "\n".join(text.splitlines()[:_HEADER_LINES])))
+    known = [word for word in words if not word.isascii() and is_word_of_header(word)]
+    telling = [word for word in known if not is_short_latin(word)]
+    return sum(map(len, telling)), sum(map(len, known))
 
 
 def _of_text(name: str, text: str) -> Sheet:
@@ -130,8 +164,14 @@ def _of_text(name: str, text: str) -> Sheet:
                 return _of_json(name, records)
     if begin == "<" and "<point" in text:
         return _of_labels(name, text)
+    if re.search(r"<t[dh]\b", text, re.IGNORECASE):
+        page = _HtmlTable()
+        page.feed(text)
+        return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
     if re.match(r"[\w/]+:\s*$", text.lstrip().partition("\n")[0]) and "\n---" in text:
         return _of_messages(name, text)
+    if len(_YAML_RECORD.findall(text)) > 1:
+        return _of_messages(name, _YAML_RECORD.sub(r"---\n\1  ", text))
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     return Sheet(name, rows_of(name, lines))
 
@@ -251,6 +291,32 @@ def _texts(values: Sequence[Any]) -> tuple[str, ...]:
     return tuple(map(_text, values))
 
 
+class _HtmlTable(HTMLParser):
+    """Rows of the tables of a page, as text: `rows`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self._is_in_cell = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Begin a row or a cell."""
+        if tag == "tr":
+            self.rows.append([])
+        self._is_in_cell = tag in ("td", "th") or (self._is_in_cell and tag not in ("tr", "table"))
+        if tag in ("td", "th") and self.rows:
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        """End a cell."""
+        self._is_in_cell = self._is_in_cell and tag not in ("td", "th", "tr", "table")
+
+    def handle_data(self, data: str) -> None:
+        """Add text to a cell."""
+        if self._is_in_cell and self.rows and self.rows[-1]:
+            self.rows[-1][-1] = f"{self.rows[-1][-1]} {data.strip()}".strip()
+
+
 def _of_labels(name: str, text: str) -> Sheet:
     """Instants of an .svl file of Sonic Visualiser, s: it has them in samples.
 
@@ -267,26 +333,28 @@ def _of_labels(name: str, text: str) -> Sheet:
 
 
 def _of_messages(name: str, text: str) -> Sheet:
-    """Messages of `rostopic echo` or `ros2 topic echo`: names with blanks before them for their
-    depth, and "---" between messages.
+    """Messages of `rostopic echo` or `ros2 topic echo`, or records of YAML: names with blanks before
+    them for their depth, and "---" between messages.
     """
-    records = []
+    records: list[dict[str, str]] = []
     for message in re.split(r"(?m)^---\s*$", text):
         record: dict[str, str] = {}
         depths: list[tuple[int, str]] = []
         for line in message.splitlines():
-            match = re.match(r"(\s*)([\w/]+):\s*(.*)", line)
+            match = re.match(r"(\s*)([^\s:][^:]*):(?:\s+(.*))?$", line)
             if match is None:
                 continue
             while depths and depths[-1][0] >= len(match[1]):
                 depths.pop()
             depths.append((len(match[1]), match[2]))
-            if match[3].strip():
+            if (match[3] or "").strip():
                 record[".".join(part for _, part in depths)] = match[3].strip().strip("'\"")
         _join_stamp(record)
         if record:
             records.append(record)
-    return _of_json(name, records)
+    about = records[:1] if len(records) > 1 and not records[0].keys() & records[1].keys() else []
+    sheet = _of_json(name, records[len(about) :])
+    return Sheet(name, (*((0, pair) for one in about for pair in one.items()), *sheet.rows))
 
 
 def _join_stamp(record: dict[str, str]) -> None:

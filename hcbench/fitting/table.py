@@ -14,6 +14,7 @@ import numpy as np
 from hcbench.fitting.cells import NumberStyle, is_missing, looks_numeric, style_of
 from hcbench.fitting.column_names import (
     NO_UNIT,
+    QUANTITIES_OF_COLUMNS,
     QUANTITY_OF,
     explained,
     is_unit,
@@ -100,15 +101,23 @@ class Table:
 
     def numbers(self, at: int) -> Floats:
         """A column as it stands, in its own unit, (n,); NaN for other text."""
-        return np.array([self.number(cell_of(row, at)) for row in self.cells])
+        return np.array([self.number(text) for text in self.texts(at)])
+
+    def texts(self, at: int) -> list[str]:
+        """The cells of a column, as the file has them."""
+        return [cell_of(row, at) for row in self.cells]
+
+    def in_unit(self, at: int, quantity: str) -> Floats:
+        """A column in SI, (n,); NaN for other text. Raises UserError for a missing unit."""
+        return np.asarray(self._scale(at, quantity) * self.numbers(at))
 
     def has_number(self, at: int) -> bool:
         """Say whether any cell of a column is a number."""
-        return any(math.isfinite(self.number(cell_of(row, at))) for row in self.cells)
+        return bool(np.isfinite(self.numbers(at)).any())
 
     def is_given(self, at: int) -> list[bool]:
         """For each row, True where the column has a cell that does not say "missing"."""
-        return [not is_missing(cell_of(row, at)) for row in self.cells]
+        return [not is_missing(text) for text in self.texts(at)]
 
     def column(self, at: int, quantity: str) -> Floats:
         """Return a column in SI. Raises UserError for a cell that is not a finite number and for a
@@ -233,8 +242,12 @@ def tables_of(sheet: Sheet) -> list[Table]:
     if any("multi" in cells[0].split(":") for _, cells in rows[:3]):
         raise UserError(sheet.name, "several tracks", "one", "Export the ball's track alone")
     tables = []
-    for part in _parts(rows):
-        table = _table(sheet.name, part)
+    parts = list(_parts(rows))
+    # Remarks below a table may begin with names.
+    of_numbers = [part for part in parts if any(_is_data(cells) for _, cells in part)]
+    for part in of_numbers or parts:
+        above = [cells for line, cells in rows if line < part[0][0] and not _is_data(cells)]
+        table = _table(sheet.name, part, above)
         tables += _in_a_row(table) or _side_by_side(table)
     return tables
 
@@ -303,13 +316,18 @@ def _names(cells: Sequence[str]) -> int:
     )
 
 
-def _table(name: str, rows: list[Row]) -> Table:
-    """The table in these rows. Raises UserError, `explained`, where there is none."""
+def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
+    """The table in these rows, below others. Raises UserError, `explained`, where there is none."""
     begin, end = _block(name, rows)
     body = rows[begin:end]
     width = max(len(_trimmed(cells)) for _, cells in body)
     header, before = _header(rows[:begin], body, width)
-    frequency, written = _said_before(before)
+    frequency, written = _said_before([*above, *before])
+    if "x" in written:
+        header = tuple(
+            (written["x"], unit) if meanings_of(name) == {"x"} else (name, unit)
+            for name, unit in header
+        )
     table = Table(
         name=name,
         header=header,
@@ -384,7 +402,9 @@ def _header(
         for i in range(max(0, len(rows) - _MOST_HEADER_ROWS), len(rows))
         if _fits(rows[i], body, width) or (_are_units(rows[i]) and len(rows[i]) <= width)
     ]
-    at = max(near, key=lambda i: (_names(rows[i]), -i), default=None)
+    # A title has words of a header, and no units.
+    units = {i: sum(bool(split_header(cell)[1]) for cell in rows[i]) for i in near}
+    at = max(near, key=lambda i: (_names(rows[i]), units[i], -i), default=None)
     if at is not None and not _names(rows[at]):
         # No name is known: the row next to the numbers is the header, unless it is a title.
         at = next(
@@ -462,6 +482,12 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
                 written[_UNITS_OF[meaning]] = plain_unit(value)
             elif meaning == "units" and value.lower() in ("si", "mks"):
                 written |= {"time": "s", "position": "m", "speed": "m/s", "force": "N"}
+            elif meaning == "units":
+                unit = plain_unit(value)
+                written |= {of: unit for of in QUANTITIES_OF_COLUMNS if is_unit_of(unit, of)}
+            elif meaning == "dimension of x" and role_of(value.lower()) == "time":
+                # LabVIEW counts its x in s and names it x_value.
+                written |= {"x": "time", "time": "s"}
         match = _RATE_IN_WORDS.search(text)
         if match is not None:
             frequency = frequency or float(match[1].replace(",", "."))
@@ -474,8 +500,7 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
 
 def _style(table: Table) -> NumberStyle:
     """The style of a table's numbers. Raises UserError for those that can be read in two ways."""
-    columns = [[cell_of(row, i) for row in table.cells] for i in range(len(table.header))]
-    return style_of(table.name, columns)
+    return style_of(table.name, [table.texts(i) for i in range(len(table.header))])
 
 
 def _in_a_row(table: Table) -> list[Table]:

@@ -20,6 +20,7 @@ import hcbench as hb
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
 from hcbench.fitting.heights import Heights
+from hcbench.fitting.read import read_dataset
 from hcbench.fitting.setup import Known, MeasurementSetup
 from hcbench.system.errors import UserError
 
@@ -76,6 +77,24 @@ def test_late_heights_may_be_equal_by_rounding(tmp_path: Path) -> None:
     path = tmp_path / "h.csv"
     path.write_text("height [m]\n" + "".join(f"{h:.3f}\n" for h in heights))
     assert hb.fit(path).alpha is not None
+
+
+def test_late_heights_may_rise_by_rounding_and_heights_that_climb_are_refused(
+    tmp_path: Path,
+) -> None:
+    """Read to 1 cm, two of the last heights are a centimetre above the one before: its last digit."""
+    read = [0.30, 0.15, 0.08, 0.04, 0.02, 0.03, 0.02, 0.03]
+    path = tmp_path / "h.csv"
+    path.write_text("height [m]\n" + "".join(f"{height:.2f}\n" for height in read))
+    data = read_dataset(path, EXACT)
+    assert isinstance(data, Heights)
+    np.testing.assert_allclose(data.heights, read)
+    path.write_text("height [m]\n" + "".join(f"{height:.4f}\n" for height in read))
+    with pytest.raises(UserError, match="heights that fall"):
+        read_dataset(path, EXACT)
+    path.write_text("height [m]\n" + "".join(f"{0.3 * 1.2**k:.3f}\n" for k in range(6)))
+    with pytest.raises(UserError, match="heights that fall"):
+        read_dataset(path, EXACT)
 
 
 def test_the_air_of_a_light_ball_is_not_given_as_alpha() -> None:
