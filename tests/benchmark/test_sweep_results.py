@@ -48,6 +48,7 @@ def test_a_sweep_finds_what_a_run_finds(engines_swept: Path) -> None:
     assert swept.study == json.loads(json.dumps(ran.study))
 
 
+@pytest.mark.usefixtures("without_processes")
 @pytest.mark.needs_engine("pybullet")
 def test_bounces_under_gravity_are_swept_too(tmp_path: Path) -> None:
     study = study_from(tomllib.loads(bouncing("reference", "mujoco", "pybullet")))
