@@ -436,7 +436,12 @@ def test_a_loose_solver_is_named_and_its_fix_cures(tmp_path: Path, loose: str) -
     """Four corners touch at once: one sweep over them gives e = 0.88."""
     file = tmp_path / "box.py"
     file.write_text(BOX_ON_PLATE.replace("{loose}", loose), encoding="utf-8")
-    asked = {"pair": "body:1,body:0", "speeds": 0.1, "restitution": 0.95, "rest": False}
+    asked: dict[str, Any] = {
+        "pair": "body:1,body:0",
+        "speeds": 0.1,
+        "restitution": 0.95,
+        "rest": False,
+    }
     found = measure(f"{file}:build", **asked)
     assert [cause.code for cause in found.causes] == ["solver"]
     assert max(abs(i.restitution - 0.95) for i in found.impacts) > 0.05
