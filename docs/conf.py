@@ -12,8 +12,7 @@ from sphinx import addnodes
 from sphinx.transforms import SphinxTransform
 
 from hcbench import __version__
-from hcbench.reporting.page import header_html
-from hcbench.reporting.site_header import header
+from hcbench.reporting.page import header, header_html
 
 project, author, release = "hcbench", "The hcbench developers", __version__
 copyright = author  # noqa: A001  the name that Sphinx reads

@@ -29,8 +29,7 @@ from hcbench.laws.impact_law import ImpactSummary
 from hcbench.measuring.measurement import Cause
 from hcbench.recipes.target import Target
 from hcbench.scoring import Score
-from hcbench.sim.drop_test import QUANTITIES
-from hcbench.sim.landing import Footfall, Landings
+from hcbench.sim.landing import QUANTITIES, Footfall, Landings
 from hcbench.sim.rest import Rest
 from hcbench.terms import records
 from hcbench.terms.impact import Tangential

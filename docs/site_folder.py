@@ -25,7 +25,7 @@ from urllib.parse import unquote, urlsplit
 from preview import HEIGHT, WIDTH, preview
 
 from hcbench import __version__
-from hcbench.reporting.site_header import PAGES
+from hcbench.reporting.page import PAGES
 from hcbench.system.project import PURPOSE, address
 
 REPORTS = Path(__file__).parents[1] / "reports"

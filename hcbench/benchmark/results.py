@@ -25,7 +25,7 @@ from hcbench.measuring.curve import Curve, CurvePoint, curve_of_columns
 from hcbench.scoring import CLAIMS
 from hcbench.system.errors import UserError
 from hcbench.system.files import json_text, parse_json, read_text, write_bytes, write_text
-from hcbench.system.notebook import Drawn
+from hcbench.system.text import Drawn
 from hcbench.terms import records
 from hcbench.terms.fields import ResultTable, validate
 from hcbench.terms.impact import FORMER_E, Floats

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from hcbench.cases.hcbench_cases import LIMIT, Json, run_apart
 from hcbench.cases.score import the_cases
-from hcbench.environments.make import run_with_parent
+from hcbench.environments import run_with_parent
 from hcbench.sim import registry
 from hcbench.sim.remote import RemoteEngine
 from hcbench.system.errors import EngineFailed, UserError

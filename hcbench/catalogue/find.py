@@ -13,8 +13,7 @@ from typing import Any, overload
 from hcbench.catalogue.material import KIND, LEVELS, MaterialPair
 from hcbench.system.errors import UserError
 from hcbench.system.files import parse_json, read_text
-from hcbench.system.notebook import Shown
-from hcbench.system.text import sanitized
+from hcbench.system.text import Shown, sanitized
 from hcbench.terms.arguments import checked
 from hcbench.terms.fields import validate
 from hcbench.terms.options import MaterialName

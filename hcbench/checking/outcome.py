@@ -14,8 +14,7 @@ from hcbench.measuring.measurement import Measurement
 from hcbench.sim.landing import Landings
 from hcbench.sim.touch import TrajectoryTouchdowns
 from hcbench.system.errors import CannotRun, HcbenchError, LimitPassed, UserError
-from hcbench.system.notebook import Shown
-from hcbench.system.text import sanitized
+from hcbench.system.text import Shown, sanitized
 from hcbench.terms import units
 
 

@@ -31,8 +31,7 @@ from hcbench.cli.docs import docs
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
 from hcbench.cli.help import START, VARIABLE, completion, described, group
-from hcbench.cli.law import convert, law
-from hcbench.cli.materials import materials
+from hcbench.cli.law import convert, law, materials
 from hcbench.cli.randomize import randomize
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune

@@ -218,7 +218,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     from hcbench.checking.spec import plan
     from hcbench.measuring.measure import Job, list_pairs
     from hcbench.measuring.measurement import TOLERANCE
-    from hcbench.sim.candidate_pairs import as_records, as_table
+    from hcbench.sim.model_under_test import as_records, as_table
 
     asked = plan(_spec(models, python, options, required=True))
     job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False)

@@ -14,7 +14,7 @@ from hcbench.cli.terminal import progress, show, status
 from hcbench.system.errors import OutputError, UserError
 
 if TYPE_CHECKING:
-    from hcbench.environments.store import Environment
+    from hcbench.environments import Environment
 
 
 _recipes = click.option(
@@ -63,22 +63,22 @@ def add(names: tuple[str, ...], python: str | None) -> None:
 @click.argument("names", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
 def remove(names: tuple[str, ...]) -> None:
     """Remove engines that `add` installed."""
-    from hcbench.environments import store
+    from hcbench import environments
 
     for name in names:
-        matching = [e for e in store.environments() if name in (e.name, e.engine)]
+        matching = [e for e in environments.installed() if name in (e.name, e.engine)]
         if len(matching) != 1:
-            there = ", ".join(e.name for e in matching or store.environments()) or "none"
+            there = ", ".join(e.name for e in matching or environments.installed()) or "none"
             raise UserError(
                 "engine", f"{name!r}", f"an engine in an environment of its own: {there}"
             )
-        store.remove(matching[0])
+        environments.remove(matching[0])
         print(f"removed: {matching[0].name}")
 
 
 def _list(recipes: bool, as_json: bool) -> None:
     """Print the engines, those beside hcbench and those in environments of their own."""
-    from hcbench.environments import store
+    from hcbench import environments
     from hcbench.sim import registry
 
     listed = []
@@ -86,7 +86,7 @@ def _list(recipes: bool, as_json: bool) -> None:
         for name in registry.names():
             settings = _settings(name) if recipes or as_json else {}
             own = [_record(name, {**_beside(name), "settings": settings})]
-            own += [_record(e.name, _elsewhere(e)) for e in store.environments(name)]
+            own += [_record(e.name, _elsewhere(e)) for e in environments.installed(name)]
             if len(own) > 1 and not own[0]["version"]:
                 # Another environment has a version: nothing needs to be installed.
                 own[0]["install"] = ""

@@ -1,4 +1,6 @@
-"""hcbench law and hcbench convert: what a law says, and the parameters of a contact, without a model."""
+"""hcbench law, convert and materials: what a law says, the parameters of a contact, and pairs of
+materials whose restitution is published; without a model.
+"""
 
 from __future__ import annotations
 
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from hcbench.laws.conventions import Conversion
     from hcbench.laws.impact_law import ImpactSummary
     from hcbench.terms.impact import Floats
+
 
 # hcbench law: what the law says of an impact.
 
@@ -256,3 +259,33 @@ def _lines(contact: Conversion) -> Iterator[str]:
     yield "caveats:"
     for caveat in contact.caveats:
         yield f"- {caveat}"
+
+
+# hcbench materials: pairs of materials whose restitution is published, with their sources.
+
+
+@command()
+@click.argument("name", metavar="[NAME]", required=False)
+@as_json
+def materials(name: str | None, as_json: bool) -> None:
+    """List pairs of materials with a published restitution.
+
+    NAME is a pair, such as 'rubber on concrete', or a file material.json: print it in full,
+    with its source. --json of one pair is such a file.
+    """
+    from hcbench.catalogue.find import as_record, as_text
+    from hcbench.catalogue.find import materials as find_all
+
+    found = find_all(name)
+    if as_json and name is not None:
+        # The first is the one that `--material` takes.
+        print_json(as_record(found[0]))
+    elif as_json:
+        print_json([as_record(each) for each in found])
+    elif name is not None:
+        show(as_text(found))
+    else:
+        width = max(map(len, found.names))
+        show("\n".join(f"{each.name:<{width}}  {each.numbers} {each.at}" for each in found))
+        show(f"\n{len(found.names)} pairs; `hcbench materials 'steel on concrete'` shows one.")
+        show("Robots' rubber feet have no published e: use `hcbench fit` or `hcbench land`.")

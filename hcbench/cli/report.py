@@ -294,8 +294,8 @@ def paper(out: Path | None, quick: bool, jobs: int) -> None:
     Redraw every figure, and compute every number that the paper prints.
     """
     with progress("starting"):
-        from hcbench.paper.build import build, engines_drawn_in
         from hcbench.paper.engines import engines_with_two_blocks
+        from hcbench.paper.page import build, engines_drawn_in
         from hcbench.reporting.ask import default_folder, folder_for, missing_engines
 
         missing = missing_engines(engines_with_two_blocks(), _warn)

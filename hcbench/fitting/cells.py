@@ -96,7 +96,8 @@ class NumberStyle:
             return None
         value = self._float(number[1], number[2] or "")
         tail = _TAIL.fullmatch(parts[0][number.end() :])
-        if tail is None or not math.isfinite(value):
+        # A number beyond all bounds is one, for its reader to refuse: as text it would end the table.
+        if tail is None or math.isnan(value):
             return None
         unit = (tail[1] or "").strip()
         if unit and not is_unit(unit):

@@ -18,7 +18,7 @@ from hcbench.fitting.which_law import dissipation_of
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.system.errors import UserError
-from hcbench.system.notebook import Shown
+from hcbench.system.text import Shown
 from hcbench.terms.resolution import SIGMAS_95
 
 if TYPE_CHECKING:

@@ -154,10 +154,15 @@ def _worst(refused: list[tuple[Table | None, UserError]]) -> UserError:
 def _require_all_read(
     found: list[tuple[DataColumns, Dataset]], refused: list[tuple[Table | None, UserError]]
 ) -> None:
-    """Raise the refusal of a sheet that has the columns of one that is read: a drop would be missing."""
-    read = {columns.table.header for columns, _ in found}
+    """Raise the refusal of a table that has the columns of one that is read, or as many in the same
+    sheet: a drop, or its last bounces, would be missing.
+    """
+    headers = {columns.table.header for columns, _ in found}
+    widths = {(columns.table.name, len(columns.table.header)) for columns, _ in found}
     for table, error in refused:
-        if table is not None and table.header in read:
+        if table is None:
+            continue
+        if table.header in headers or (table.name, len(table.header)) in widths:
             raise error
 
 
@@ -170,7 +175,8 @@ def _different(found: list[Dataset]) -> list[Dataset]:
         same = (other for other in kept if type(other) is type(data))
         if not any(_begins_with(other, data) for other in same):
             kept.append(data)
-    return [data for data in found if data in kept]
+    # By identity: data sets hold arrays, which have no one answer to ==.
+    return [data for data in found if any(data is one for one in kept)]
 
 
 def _begins_with(longer: Dataset, data: Dataset) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 import warnings
@@ -35,6 +36,10 @@ _WINDOW = 20.0
 _OVERLAP = 8.0
 # Samples that are read at once: a long recording never lies in memory whole.
 _BLOCK = 1 << 18
+# Bytes at the beginning of a WAV file in which its samples begin, and the largest file without
+# their true number.
+_LARGEST_HEAD = 1 << 16
+_LARGEST_PIPED = 256 << 20
 _PHONES = (".m4a", ".mp4", ".mov", ".aac", ".opus", ".ogg", ".oga", ".mp3", ".flac", ".3gp", ".caf", ".amr",
            ".wma", ".webm", ".mkv")  # fmt: skip
 
@@ -159,8 +164,9 @@ class _Wav:
         with _reading(path, "WAV", "a WAV recording, PCM or float"), warnings.catch_warnings():
             # SciPy warns of chunks that it does not know, such as a title.
             warnings.simplefilter("ignore")
+            mended = _with_true_length(path)
             try:
-                self.rate, samples = wavfile.read(path, mmap=True)
+                self.rate, samples = wavfile.read(mended or path, mmap=mended is None)
             except ValueError:
                 # Samples of 24 bits cannot be mapped into memory.
                 self.rate, samples = wavfile.read(path)
@@ -207,6 +213,38 @@ class _Wav:
         count = (last - first) * channels
         begin = offset + first * channels * dtype.itemsize
         return np.fromfile(path, dtype, count, offset=begin).reshape(-1, channels)
+
+
+def _with_true_length(path: Path) -> io.BytesIO | None:
+    """A WAV file whose header states more samples than there are, with their true number; None for
+    other files.
+
+    A program that writes to a pipe cannot go back to state it, and writes the largest number.
+    Raises ValueError for a file that is too large to be held.
+    """
+    with path.open("rb") as file:
+        head = file.read(_LARGEST_HEAD)
+    # After "RIFF", a length and "WAVE" come chunks: a name, a length, and so many bytes.
+    at = 12
+    frame = 1
+    while head[:4] == b"RIFF" and at + 8 <= len(head):
+        stated = int.from_bytes(head[at + 4 : at + 8], "little")
+        if head[at : at + 4] == b"fmt ":
+            frame = int.from_bytes(head[at + 20 : at + 22], "little") or 1
+        if head[at : at + 4] != b"data":
+            at += 8 + stated + stated % 2
+            continue
+        there = path.stat().st_size - at - 8
+        if stated <= there:
+            return None
+        if there > _LARGEST_PIPED:
+            raise ValueError(f"its header states {stated} bytes of sound; {there} are there")
+        there -= there % frame
+        content = bytearray(path.read_bytes()[: at + 8 + there])
+        content[at + 4 : at + 8] = there.to_bytes(4, "little")
+        content[4:8] = (len(content) - 8).to_bytes(4, "little")
+        return io.BytesIO(bytes(content))
+    return None
 
 
 class _Compressed:

@@ -16,8 +16,7 @@ from hcbench.fitting.heights import ratio
 from hcbench.fitting.linear import Estimate, quantiles
 from hcbench.fitting.which_law import EITHER, FAMILY, LAWS, PLAIN, WITH_E0
 from hcbench.system.errors import UserError
-from hcbench.system.notebook import Drawn
-from hcbench.system.text import sanitized, table
+from hcbench.system.text import Drawn, sanitized, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -40,8 +40,9 @@ _MOST_LOOKED_AT = 200
 _MARKS = frozenset(["±", "+-", "+/-", "\\pm", "&", "|", ";", ","])
 # Words in a header that is parted by what they mean.
 _MOST_WORDS = 14
-# The longest cell.
+# The longest cell, and the longest line.
 _LONGEST = 400
+_LONGEST_LINE = 200_000
 
 
 def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
@@ -49,8 +50,14 @@ def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
     numbers under a header of as many names.
 
     name: what errors call the file. lines: numbers and text, without empty ones.
-    Raises UserError for a cell that is too long to be a number or a name.
+    Raises UserError for a line that is too long for a row, and for a cell that is too long to be a
+    number or a name.
     """
+    for number, text in lines:
+        if len(text) > _LONGEST_LINE:
+            got = f"{len(text)} characters"
+            expected = f"lines of at most {_LONGEST_LINE}"
+            raise UserError(f"{name}, line {number}", got, expected, "Write a row for each reading")
     kept = list(_without_marks(lines))
     told = re.fullmatch(r"sep=(.)", kept[0][1].strip()) if kept else None
     if told is not None:

@@ -15,10 +15,10 @@ from hcbench.fitting.flight import (
     in_air,
 )
 from hcbench.fitting.which_law import dissipation_of, hunt_crossley
-from hcbench.laws.require import require
 from hcbench.system.errors import UserError
 from hcbench.terms import units
 from hcbench.terms.arguments import checked_fields
+from hcbench.terms.bounds import require
 from hcbench.terms.options import Quantity
 from hcbench.terms.units import STANDARD_GRAVITY
 

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 # Largest file that is read, bytes.
 _LARGEST = 16 << 20
+# Cells of a workbook's sheet, empty ones too; so many take some seconds.
+_MOST_CELLS = 1_000_000
+# The place of a cell in a sheet of .xlsx: <c r="AB12" s="1">.
+_PLACE = re.compile(rb'<(?:\w+:)?c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 # Share of bytes that are 0 from which on text has two bytes a letter.
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
@@ -84,6 +88,9 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
         # A recording is read in parts, which no pipe gives.
         advice = "" if is_on_disk else "Save what the pipe brings to a file, and give that"
         raise UserError(name, "is neither text nor a WAV recording", expected, advice) from None
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise UserError(f"{name}, line {line}", "a null character", "text: letters and numbers")
     return [_of_text(name, text)]
 
 
@@ -299,6 +306,7 @@ def _of_workbook(name: str, content: bytes) -> list[Sheet]:
     """
     import pandas as pd
 
+    _require_few_cells(name, content)
     try:
         frames = pd.read_excel(
             io.BytesIO(content),
@@ -322,6 +330,36 @@ def _of_workbook(name: str, content: bytes) -> list[Sheet]:
         called = name if len(frames) == 1 else f"{name}, {sanitized(str(title).strip())}"
         sheets.append(Sheet(called, tuple(rows)))
     return sheets
+
+
+def _require_few_cells(name: str, content: bytes) -> None:
+    """Raise UserError for an .xlsx with a cell far from the others: Calamine takes memory for each
+    cell between, and ends the process where there is not enough.
+    """
+    if not content.startswith(_ARCHIVE):
+        return
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for member in archive.namelist():
+            if not member.startswith("xl/worksheets/"):
+                continue
+            width, height, far = 1, 1, ""
+            for letters, digits in _PLACE.findall(archive.read(member)):
+                column, row = _column_number(letters), int(digits)
+                if column > width or row > height:
+                    far = (letters + digits).decode()
+                width, height = max(column, width), max(row, height)
+            if width * height > _MOST_CELLS:
+                got = f"a cell at {far}, far from the others"
+                expected = f"at most {_MOST_CELLS} cells from A1 on"
+                raise UserError(name, got, expected, "Delete the rows and columns below and beside")
+
+
+def _column_number(letters: bytes) -> int:
+    """The number of a column, from 1: 28 for b"AB"."""
+    number = 0
+    for letter in letters:
+        number = 26 * number + letter - ord("A") + 1
+    return number
 
 
 def _of_archive(name: str, content: bytes) -> list[Sheet]:

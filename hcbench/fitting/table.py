@@ -127,7 +127,7 @@ class Table:
         for row, line in zip(self.cells, self.lines, strict=True):
             text = cell_of(row, at)
             cell = self.style.read(text)
-            if cell is None or not math.isfinite(cell.value):
+            if cell is None or math.isinf(cell.value) or math.isinf(cell.uncertainty):
                 where = f"{self.name}, line {line}"
                 raise UserError(where, f"{text.strip()!r} under {self.header[at][0]!r}", "a number")
             found.append(cell)

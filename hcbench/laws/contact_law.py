@@ -14,10 +14,10 @@ from typing import Any, TypeGuard
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import TouchSpeedLaw, law_named
-from hcbench.laws.require import require as require_that
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.system.errors import SettingError
 from hcbench.terms.arguments import checked_fields
+from hcbench.terms.bounds import require as require_that
 from hcbench.terms.fields import read_numbers
 from hcbench.terms.resolution import STEPS_OF_A_LAW
 

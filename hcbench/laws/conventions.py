@@ -18,13 +18,12 @@ import numpy as np
 
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
-from hcbench.laws.require import positive, require
 from hcbench.laws.restitution import Reading
-from hcbench.laws.root import root
+from hcbench.laws.solvers import root
 from hcbench.system.errors import UserError
-from hcbench.system.notebook import Shown
+from hcbench.system.text import Shown
 from hcbench.terms.arguments import checked_fields
-from hcbench.terms.bounds import LARGEST
+from hcbench.terms.bounds import LARGEST, positive, require
 from hcbench.terms.impact import Floats
 
 # Contacts given by a stiffness and a damping in SI: IMPACT of MSC Adams, ke and kd of Newton.

@@ -13,9 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
-from hcbench.laws.require import positive, require
 from hcbench.terms.arguments import checked_fields
-from hcbench.terms.bounds import LARGEST
+from hcbench.terms.bounds import LARGEST, positive, require
 from hcbench.terms.impact import Floats
 
 

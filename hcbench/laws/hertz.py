@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hcbench.laws.require import positive, require
+from hcbench.terms.bounds import positive, require
 
 if TYPE_CHECKING:
     from hcbench.terms.scene import Material

@@ -23,7 +23,7 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.special import ellipe, ellipk, elliprd, elliprf
 
 from hcbench.laws import hertz
-from hcbench.laws.require import require
+from hcbench.terms.bounds import require
 
 if TYPE_CHECKING:
     from hcbench.terms.impact import Floats

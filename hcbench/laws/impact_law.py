@@ -12,7 +12,7 @@ from hcbench.laws import closed_form, hertz
 from hcbench.laws.conventions import SOLVERS_OF_NEWTON, AdamsImpact, NewtonSpring
 from hcbench.laws.force import HuntCrossley
 from hcbench.system.errors import UserError
-from hcbench.system.notebook import Drawn
+from hcbench.system.text import Drawn
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import MaterialName, PintQuantity

@@ -20,8 +20,8 @@ from enum import StrEnum
 import numpy as np
 
 from hcbench.laws.force import KelvinVoigt
-from hcbench.laws.require import positive, within
-from hcbench.laws.root import root
+from hcbench.laws.solvers import root
+from hcbench.terms.bounds import positive, within
 from hcbench.terms.impact import Floats, Loop
 
 

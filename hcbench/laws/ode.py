@@ -18,8 +18,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.published import TouchSpeedLaw
-from hcbench.laws.require import positive, require
 from hcbench.system.errors import EngineFailed, UserError
+from hcbench.terms.bounds import positive, require
 from hcbench.terms.impact import Floats, Impact, Launch, Loop, Status
 
 if TYPE_CHECKING:

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from hcbench.laws._restitution_series import inverse_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.require import positive, require
 from hcbench.terms.arguments import checked_fields
+from hcbench.terms.bounds import positive, require
 from hcbench.terms.impact import Floats
 
 Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]

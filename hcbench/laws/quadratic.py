@@ -27,7 +27,7 @@ from scipy.special import gammainc, hyp1f1
 
 from hcbench.laws.closed_form import g_ratio
 from hcbench.laws.kelvin_voigt import Ending
-from hcbench.laws.require import positive, require, within
+from hcbench.terms.bounds import positive, require, within
 from hcbench.terms.impact import Floats
 
 

@@ -10,9 +10,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from hcbench.laws import closed_form
-from hcbench.laws.require import require
 from hcbench.system.errors import SettingError
 from hcbench.terms.arguments import checked_fields
+from hcbench.terms.bounds import require
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import SIGMAS_95
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, Unpack
 
 from hcbench.catalogue.target import target_material
-from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.curve import impacts_of
 from hcbench.measuring.diagnose import diagnose, goal_of
@@ -27,18 +26,23 @@ from hcbench.measuring.request import (
 )
 from hcbench.measuring.rest import ANY_REST, RestLimits, at_rest, rest_causes
 from hcbench.sim import registry
-from hcbench.sim.candidate_pairs import CandidatePair, as_records, as_table
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
-from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
+from hcbench.sim.model_under_test import (
+    CandidatePair,
+    Facts,
+    ModelUnderTest,
+    Request,
+    as_records,
+    as_table,
+)
 from hcbench.sim.packages import EXPAND_XACRO
 from hcbench.sim.remote import interpreter_of
 from hcbench.system.errors import EngineFailed, HcbenchError, SceneError, UserError
-from hcbench.system.notebook import Shown
 from hcbench.system.process import memory_limit
-from hcbench.system.text import sanitized
+from hcbench.system.text import Shown, sanitized
 from hcbench.terms.arguments import checked
-from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
+from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds, require
 from hcbench.terms.impact import Impact, Status
 from hcbench.terms.options import (
     BodyPair,

@@ -23,8 +23,7 @@ from hcbench.measuring.curve import Curve, curve_of
 from hcbench.sim.model_under_test import Facts, Request
 from hcbench.sim.rest import Rest
 from hcbench.system.errors import UserError
-from hcbench.system.notebook import Drawn
-from hcbench.system.text import sanitized, time_step
+from hcbench.system.text import Drawn, sanitized, time_step
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Impact, Status

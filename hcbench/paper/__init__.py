@@ -79,14 +79,14 @@ def data(name: str, *, quick: bool = False) -> pd.DataFrame:
         For an unknown name.
 
     """
-    from hcbench.reporting.curves import curves_of
+    from hcbench.reporting.page import curves_of
 
     return curves_of(figure(name, quick=quick))
 
 
 def _drawings(quick: bool) -> dict[str, Any]:
     """Functions that draw the figures, by name."""
-    from hcbench.paper.build import drawings
+    from hcbench.paper.page import drawings
     from hcbench.paper.vibroimpact_figures import FULL, QUICK
 
     return {each.name: each.draw for each in drawings(QUICK if quick else FULL)}

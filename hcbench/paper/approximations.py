@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from hcbench.laws._restitution_series import one_minus_restitution, restitution_of
 from hcbench.laws.closed_form import g_ratio
-from hcbench.laws.require import require, within
+from hcbench.terms.bounds import require, within
 from hcbench.terms.impact import Floats
 
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.require import positive, require
 from hcbench.sim import registry
 from hcbench.sim.remote import interpreter_of
 from hcbench.sim.two_blocks import TwoBlocks
+from hcbench.terms.bounds import positive, require
 from hcbench.workers import call
 
 if TYPE_CHECKING:

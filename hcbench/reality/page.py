@@ -1,29 +1,45 @@
-"""Results in, a folder out: the page of the study, its tables and parameters."""
+"""Results in, a folder out: the page of the study, its figures, its tables and parameters.
+
+The figures are errors by setting with the floors, and e of each impact over speed.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
-from hcbench.reality import cube, figures, study
+from hcbench.reality import cube, study
 from hcbench.reality.data_sets import SETS, SOURCES
-from hcbench.reality.evidence import LATE, SIGN, good
-from hcbench.reality.figures import name_of
+from hcbench.reality.evidence import LATE, SIGN, good, speeds_and_e
 from hcbench.reality.impacts import COLUMNS, ImpactRead
 from hcbench.reality.poses import PAIRS, Own
 from hcbench.reality.study import NO_ENGINE, TWIN_ALPHA, TWIN_E, RealityResults, SettingScore
 from hcbench.reporting import wording
 from hcbench.reporting.page import PAGE, Drawing, draw, render, script
-from hcbench.reporting.wording import listed
+from hcbench.reporting.plot_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    LIMIT,
+    ORANGE,
+    SLATE,
+    draw_band,
+    log_axis,
+    new_figure,
+    speed_axis,
+)
+from hcbench.reporting.wording import engine_title, listed
 from hcbench.sim.toss import FRICTION, NOTHING, PLUGIN_E, RESTITUTION
 from hcbench.system.errors import UserError
 from hcbench.system.files import atomic_folder, json_text, write_text
@@ -57,11 +73,11 @@ def page_text(results: RealityResults, folder: Path | None = None) -> str:
         of_set = [score for score in results.scores if score.set == name]
         if of_set:
             scores[name] = of_set
-            figure = partial(figures.errors, of_set, SETS[name].UNIT)
+            figure = partial(errors_figure, of_set, SETS[name].UNIT)
             drawn[name] = draw(Drawing(f"errors-{name}", figure))
     impacts = None
     if results.impacts:
-        impacts = draw(Drawing("impacts", partial(figures.impacts, results.impacts, results.twins)))
+        impacts = draw(Drawing("impacts", partial(impacts_figure, results.impacts, results.twins)))
     toss = _toss(results)
     # As JSON that no "<" in it can end early.
     toss_json = ""
@@ -322,3 +338,105 @@ def pairs_text(impacts: Sequence[ImpactRead]) -> str:
     """Impact speeds and e, as `hcbench fit` reads them."""
     lines = [f"{each.number},{each.speed_in:.6g},{each.e:.6g},{each.u_e:.6g}\n" for each in impacts]
     return "trial,speed [m/s],restitution,u_restitution\n" + "".join(lines)
+
+
+# The figures of the page: errors by setting with the floors, and e of each impact over speed.
+
+_BINS = 6
+
+
+def name_of(score: SettingScore) -> str:
+    """A setting as figures and tables call it."""
+    words = score.setting
+    if score.engine != NO_ENGINE:
+        words = f"{engine_title(score.engine)}, {score.setting}"
+    if score.cone:
+        words += f", {score.cone} cone"
+    return words
+
+
+def errors_figure(scores: Sequence[SettingScore], unit: str) -> Figure:
+    """Errors of settings, a row each, the best one on top, with their 95 % intervals; floors are
+    vertical lines.
+
+    scores: of one data set, with one setting or floor at least; up to two floors are drawn.
+    unit: of the errors.
+    """
+    settings = []
+    floors = []
+    for score in scores:
+        if score.engine == NO_ENGINE:
+            floors.append(score)
+        else:
+            settings.append(score)
+    settings.sort(key=lambda score: score.error, reverse=True)
+    figure = new_figure(8.2, 0.9 + 0.3 * len(settings))
+    axes = figure.add_subplot()
+    for row, score in enumerate(settings):
+        colour = BLUE
+        if score.setting == NOTHING:
+            colour = LIMIT
+        axes.plot([score.error_low, score.error_high], [row, row], color=colour, linewidth=2.0)
+        axes.plot(score.error, row, "o", color=colour, markersize=5)
+    for floor, (colour, dashes) in zip(floors, ((GREEN, "--"), (SLATE, ":")), strict=False):
+        axes.axvline(floor.error, color=colour, linestyle=dashes, label=floor.setting)
+    axes.set_yticks(range(len(settings)), [name_of(score) for score in settings])
+    log_axis(axes, "x")
+    all_errors = [score.error for score in scores]
+    ticks, labels = _ticks(min(all_errors), max(all_errors))
+    axes.set_xticks(ticks, labels)
+    axes.set_xlabel(f"error, {unit} (log scale)")
+    if floors:
+        axes.legend(loc="upper right")
+    return figure
+
+
+def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Round numbers (1, 2 and 5 times a power of ten) of a log axis from low to high, and their
+    labels.
+    """
+    powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    values = []
+    for power in powers:
+        for digit in (1, 2, 5):
+            value = float(digit * power)
+            if 0.8 * low <= value <= 1.3 * high:
+                values.append(value)
+    return values, [f"{value:g}" for value in values]
+
+
+def impacts_figure(read: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]) -> Figure:
+    """e of each impact over its speed, m/s, with its standard uncertainty.
+
+    read: measured ones, of which the good ones are drawn; at least one is good.
+    twins: impacts read from simulated motions, by the name of their law; up to two are drawn. The
+    band is the middle half of their e in each of _BINS classes of speed.
+    """
+    figure = new_figure(8.2, 4.4)
+    axes = figure.add_subplot()
+    speed, e = speeds_and_e(read)
+    # Classes with as many measured impacts each.
+    edges = np.quantile(speed, np.linspace(0.0, 1.0, _BINS + 1))
+    for (law, of_twin), colour in zip(twins.items(), (GREEN, ORANGE), strict=False):
+        twin_speed, twin_e = speeds_and_e(of_twin)
+        middle = []
+        quartiles = []
+        for low, high in pairwise(edges):
+            inside = twin_e[(twin_speed >= low) & (twin_speed <= high)]
+            # Fewer have no quartiles.
+            if len(inside) > 2:
+                middle.append(0.5 * (high + low))
+                quartiles.append(
+                    [np.quantile(inside, 0.25), np.median(inside), np.quantile(inside, 0.75)]
+                )
+        lower, median, upper = np.array(quartiles).reshape(-1, 3).T
+        draw_band(axes, np.array(middle), lower, upper, colour)
+        axes.plot(middle, median, color=colour, label=f"synthetic, {law}")
+    uncertainty = [each.u_e for each in good(read)]
+    style: dict[str, Any] = {"fmt": ".", "color": BLUE, "ecolor": GREY, "elinewidth": 0.8}
+    axes.errorbar(speed, e, uncertainty, label="measured", **style)
+    speed_axis(axes, inches=False)
+    axes.set_ylabel("e of an impact")
+    axes.set_ylim(0.0, 0.6)
+    axes.legend(loc="upper right")
+    return figure

@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from hcbench.laws.require import positive
 from hcbench.reality.data_sets import Cell, Tick, outcome_of, run_each, settings_of
 from hcbench.reality.identify import best_values, search
 from hcbench.reality.impacts import ImpactRead, read_impacts
@@ -19,6 +18,7 @@ from hcbench.reality.study import SettingScore, of_cell
 from hcbench.sim.toss import Body
 from hcbench.system.errors import UserError
 from hcbench.system.files import read_text
+from hcbench.terms.bounds import positive
 from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool
 

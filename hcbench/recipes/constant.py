@@ -10,7 +10,7 @@ import numpy as np
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
-from hcbench.laws.root import root
+from hcbench.laws.solvers import root
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.resolution import (

@@ -14,7 +14,7 @@ from hcbench.benchmark.results import Results
 from hcbench.benchmark.study import find_study, is_built_in, load_study, name_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import atomic_folder, read_text
-from hcbench.system.notebook import Drawn
+from hcbench.system.text import Drawn
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import Jobs
 from hcbench.workers import WorkerPool

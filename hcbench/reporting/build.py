@@ -1,18 +1,33 @@
 """Results in, a folder out: one page that works alone, its figure as a
-file, its tables as CSV and JSON.
+file, its tables as CSV and JSON. The figure is the report in one picture: restitution over impact
+speed of the settings that matter.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hcbench.laws import closed_form
+from hcbench.measuring.curve import Curve
 from hcbench.reporting import ranking, tables, wording
-from hcbench.reporting.curves import csv_of
 from hcbench.reporting.explorer import explorer, explorer_script
-from hcbench.reporting.overview_figure import overview_figure
-from hcbench.reporting.page import PAGE, Drawing, counted, draw, render
+from hcbench.reporting.page import PAGE, Drawing, counted, csv_of, draw, render
+from hcbench.reporting.plot_style import (
+    LAW,
+    SLATE,
+    declutter,
+    draw_band,
+    marker_stride,
+    set_ticks,
+    speed_axis,
+)
 from hcbench.reporting.tables import Views, views
+from hcbench.reporting.view import RunKey, View
 from hcbench.sim.install import add_commands
 from hcbench.system.files import atomic_folder, write_text
 from hcbench.terms import units
@@ -23,7 +38,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.benchmark.results import Results
-    from hcbench.reporting.view import View
     from hcbench.workers import WorkerPool
 
 
@@ -164,3 +178,147 @@ def _provenance(by_gravity: Views, results: Results) -> dict[str, str]:
 
 def _under(view: View) -> str:
     return "dropped" if view.gravity else "without gravity"
+
+
+# The report in one picture.
+
+# Curves of e below this may have a frame of their own.
+_FAR = 0.5
+# They have one if they lie so far below the rest.
+_GAP = 0.2
+# A smaller range of e over the phases cannot be seen.
+_BAND_SHOWN = 1e-4
+
+_LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2, 2))}
+
+
+class _Line(NamedTuple):
+    """Curve of a run, and the place of the run among those of the figure, from 0."""
+
+    nth: int
+    run: RunKey
+    curve: Curve
+
+    @property
+    def highest(self) -> float:
+        """The largest e of any speed and phase."""
+        return float(self.curve.highest.max())
+
+
+def _draw_law(axes: Axes, view: View, alpha: float) -> None:
+    """e of (16) as a broad pale band, 1 - αv dotted."""
+    v = view.speeds
+    e = closed_form.restitution(alpha, v)
+    axes.plot(v, e, label="the law", color=LAW, linewidth=6, solid_capstyle="butt", zorder=1)
+    axes.plot(v, 1 - alpha * v, label="1 - α v", zorder=2, **_LINEAR)
+
+
+def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> None:
+    """One setting: mean over phases, with the band that the phases span."""
+    style = view.plot_style(run)
+    if (curve.highest - curve.lowest > _BAND_SHOWN).any():
+        draw_band(axes, curve.speed_in, curve.lowest, curve.highest, style.colour)
+    marks = marker_stride(len(curve), nth)
+    axes.plot(
+        curve.speed_in,
+        curve.restitution,
+        label=run.title,
+        markevery=marks,
+        zorder=3,
+        **style.line(),
+    )
+
+
+def overview_figure(view: View, runs: list[RunKey]) -> Figure:
+    """The page in one picture: the main α, the settings that matter, each named beside its line.
+
+    runs: those to draw; one without a curve is left out. What lies far below the rest has a frame
+    of its own at the bottom.
+    """
+    alpha = view.main_alpha
+    fastest = view.speeds[-1]
+    figure = Figure(figsize=(9.2, 4.8))
+    lines = []
+    for nth, run in enumerate(runs):
+        curve = view.curve(run, alpha)
+        if curve is not None:
+            lines.append(_Line(nth, run, curve))
+    lowest = 1 - alpha * fastest
+    for line in lines:
+        if line.highest > _FAR:
+            lowest = min(lowest, float(line.curve.lowest.min()))
+    far = [line for line in lines if line.highest < lowest - _GAP]
+    near = [line for line in lines if line not in far]
+    # Left, bottom, width and height of the frames, as shares of the figure: the names of the lines
+    # stand to the right.
+    lower = 0.2 if far else 0.0
+    axes = figure.add_axes((0.075, 0.115 + lower, 0.615, 0.765 - lower))
+    _draw_law(axes, view, alpha)
+    axes.set_ylim(max(0.0, lowest - 0.05 * (1.05 - lowest)), 1 + 0.15 * (1 - lowest))
+    labels = [
+        (float(closed_form.restitution(alpha, fastest)), "the law", SLATE, "bold"),
+        (1 - alpha * fastest, "1 − αv", SLATE, "normal"),
+    ]
+    _draw_named(axes, view, near, labels)
+    axes.set_ylabel("restitution e")
+    if far:
+        bottom = figure.add_axes((0.075, 0.115, 0.615, lower - 0.04), sharex=axes)
+        top = max(0.1, 1.3 * max(line.highest for line in far))
+        bottom.set_ylim(-0.15 * top, top)
+        set_ticks(bottom.yaxis, [0.0, round(0.8 * top, 2)])
+        _draw_named(bottom, view, far, [])
+        axes.tick_params(labelbottom=False)
+    speed_axis(axes, label=not far, inches=view.in_inches)
+    if far:
+        speed_axis(bottom, inches=False)
+    axes.set_xlim(0, fastest * 1.005)
+    return figure
+
+
+def _draw_named(
+    axes: Axes, view: View, lines: list[_Line], labels: list[tuple[float, str, str, str]]
+) -> None:
+    """Draw curves, and beside them their names and those of other lines.
+
+    labels: of other lines, which are drawn already: e where they end, text, colour, weight of the
+    font.
+    """
+    all_labels = list(labels)
+    for line in lines:
+        run = line.run
+        _draw_curve(axes, view, run, line.curve, line.nth)
+        name = f"{wording.engine_title(run.engine)}, {run.name}, {run.step}"
+        end = float(line.curve.restitution[-1])
+        all_labels.append((end, name, view.plot_style(run).colour, "normal"))
+    _label_ends(axes, all_labels)
+
+
+def _label_ends(axes: Axes, labels: list[tuple[float, str, str, str]]) -> None:
+    """Write names in the right margin, each led to its line's end, none over another.
+
+    labels: e where the line ends, text, colour, weight of the font.
+    """
+    low, high = axes.get_ylim()
+    # As shares of the frame's height, as are the places of the names.
+    ends = (np.clip([label[0] for label in labels], low, high) - low) / (high - low)
+    height = axes.get_position().height
+    places = declutter(ends, 0.0444 / height, 0.0, 1.0)
+    for end, place, (_, text, colour, weight) in zip(ends, places, labels, strict=True):
+        axes.annotate(
+            text,
+            (1.0, end),
+            (1.06, place),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            color=colour,
+            fontweight=weight,
+            va="center",
+            arrowprops={
+                "arrowstyle": "-",
+                "color": colour,
+                "linewidth": 0.7,
+                "shrinkA": 0,
+                "shrinkB": 0,
+                "relpos": (0.0, 0.5),
+            },
+        )

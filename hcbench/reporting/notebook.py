@@ -17,7 +17,7 @@ from hcbench.fitting.which_law import LAWS
 from hcbench.laws.impact_law import ImpactLaw, ImpactLaws
 from hcbench.measuring.measurement import Measurement
 from hcbench.reporting import measurement_page, wording
-from hcbench.reporting.overview_figure import overview_figure
+from hcbench.reporting.build import overview_figure
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import (
     INK,

@@ -1,6 +1,8 @@
-"""Pages that stand alone: figures are drawn, saved and embedded in the
-page, and templates filled in.
+"""Pages that stand alone: figures are drawn, saved and embedded in the page with the numbers behind
+them, and templates filled in; the header that every page has.
 """
+
+from __future__ import annotations
 
 import base64
 import hashlib
@@ -9,8 +11,9 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,9 +22,87 @@ from matplotlib.figure import Figure
 
 from hcbench.reporting import wording
 from hcbench.reporting.plot_style import figure_defaults
-from hcbench.reporting.site_header import Header, page_header
 from hcbench.system import text as _text
 from hcbench.system.files import read_text, write_bytes
+from hcbench.system.project import CLONE, PURPOSE, address, install_line
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+
+# The header of every page: what hcbench is for, how to install it, and its other pages.
+
+# Pages of the site: title -> path in it, and the command that writes or prints the page.
+PAGES = {
+    "docs": ("docs/index.html", "hcbench docs"),
+    "report": ("reports/steel-1lb/index.html", "hcbench report"),
+    "field": ("reports/field/index.html", "hcbench report field"),
+    "reality": ("reports/reality/index.html", "hcbench report reality"),
+    "paper": ("reports/paper/index.html", "hcbench paper"),
+    "materials": ("docs/reference/materials.html", "hcbench materials"),
+    "cases": ("docs/reference/cases.html", "hcbench docs reference/cases"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A page, by its title in the header: a link to it; without one, the command that shows it."""
+
+    title: str
+    link: str
+    command: str
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """Texts and links of a header, as its template names them.
+
+    install: what to type. where: words after it; "" where none are needed.
+    """
+
+    purpose: str
+    install: str
+    where: str
+    entries: tuple[Entry, ...]
+
+
+def header(link: Callable[[str], str]) -> Header:
+    """The header of a page.
+
+    link: gives the link to a path of the site, "" where the page has none.
+    """
+    entries = [Entry(title, link(path), command) for title, (path, command) in PAGES.items()]
+    source = address("Source")
+    if source:
+        entries.append(Entry("source", source, ""))
+    where = "" if source else "in a clone"
+    return Header(PURPOSE, install_line(), where, tuple(entries))
+
+
+def page_header(folder: Path | None = None) -> Header:
+    """The header of a page that is written into a folder, None for one that may go anywhere.
+
+    A report in the clone's own folder reports/ links to the files beside it. Any other page links
+    to the site's address, or names commands while there is none: it must work alone.
+    """
+    site = address("Documentation")
+    if folder is not None and folder.resolve().parent == CLONE / "reports":
+        return header(lambda path: _in_clone(folder, path))
+    return header(lambda path: f"{site}/{path}" if site else "")
+
+
+def _in_clone(folder: Path, path: str) -> str:
+    """The link from a folder of reports/ to a page of the site, or to the file that it is made of;
+    "" where that is not there, as in a source archive.
+    """
+    if path.startswith("docs/"):
+        path = path.removesuffix(".html") + ".md"
+    link = f"../../{path}"
+    return link if (folder / link).is_file() else ""
+
+
+# The page itself.
 
 PAGE = "index.html"
 # How templates write numbers and names.
@@ -208,3 +289,62 @@ def _shortened(svg: str) -> str:
         return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
     return _COORDINATES.sub(lambda path: _LONG_NUMBER.sub(short, path[0]), svg)
+
+
+# The numbers behind a figure: each curve as it is drawn, as a table.
+
+# Columns of the table. A panel is named by its title or its number.
+COLUMNS = ("panel", "curve", "x_axis", "x", "y_axis", "y")
+# Fewer points mark a place in the figure.
+_LEAST_POINTS = 2
+
+
+def curves_of(figure: Figure) -> pd.DataFrame:
+    """A row for each point of each curve, in the units of the axes, which `x_axis` and `y_axis` name.
+
+    Lines across a whole panel and single marks guide the eye alone: they are left out. A panel is
+    named by its title or its number, a curve by its label or its number. Without curves the table
+    has no rows.
+    """
+    # pandas is slow to import.
+    import pandas as pd
+
+    parts = []
+    for number, axes in enumerate(figure.axes, 1):
+        panel = axes.get_title() or f"{number}"
+        x_axis = axes.get_xlabel() or _shared(axes, "x")
+        y_axis = axes.get_ylabel() or _shared(axes, "y")
+        for place, line in enumerate(axes.get_lines(), 1):
+            x, y = (np.asarray(each, dtype=float) for each in line.get_data(orig=False))
+            if line.get_transform() != axes.transData or len(x) < _LEAST_POINTS:
+                continue
+            # Matplotlib gives a line without a label one that begins with an underscore.
+            label = str(line.get_label())
+            if label.startswith("_"):
+                label = f"curve {place}"
+            columns: dict[str, Any] = dict(
+                zip(COLUMNS, (panel, label, x_axis, x, y_axis, y), strict=True)
+            )
+            parts.append(pd.DataFrame(columns))
+    if not parts:
+        return pd.DataFrame(columns=list(COLUMNS))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _shared(axes: Axes, which: str) -> str:
+    """The name that another panel gives to an axis which it shares with this one; "" without one.
+
+    which: "x" or "y".
+    """
+    group = axes.get_shared_x_axes() if which == "x" else axes.get_shared_y_axes()
+    for other in group.get_siblings(axes):
+        name: str = other.get_xlabel() if which == "x" else other.get_ylabel()
+        if name:
+            return name
+    return ""
+
+
+def csv_of(figure: Figure) -> bytes:
+    """The table as CSV, in six digits, which do not depend on the processor."""
+    text: str = curves_of(figure).to_csv(index=False, float_format="%.6g", lineterminator="\n")
+    return text.encode()

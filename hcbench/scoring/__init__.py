@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.require import positive, require
 from hcbench.scoring import tally
 from hcbench.scoring.tally import (
     CLAIMS,
@@ -26,6 +25,7 @@ from hcbench.scoring.tally import (
     score_loop,
 )
 from hcbench.terms.arguments import checked
+from hcbench.terms.bounds import positive, require
 from hcbench.terms.impact import Impact, Launch, Status
 
 __all__ = [

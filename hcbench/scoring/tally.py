@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.minimum import minimum
+from hcbench.laws.solvers import minimum
 from hcbench.terms.impact import Floats, Impact, Loop, Status
 from hcbench.terms.resolution import ROUND_OFF_SUM, STEPS_AT_ITS_ENDS, STEPS_TO_COMPARE
 

@@ -1,31 +1,89 @@
 """Optional capabilities of an engine, a small base class each: `isinstance` asks for it.
 
-An engine that has several of them inherits them all, beside `SteppedEngine`.
+An engine that has several of them inherits them all, beside `SteppedEngine`. `ContactFamily` is
+what one returns that can give a model other contacts in each of many worlds.
 """
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from hcbench.sim.engine import Engine
 from hcbench.sim.rest import UNKNOWN, Standing
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable
 
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.drop_test import DropTest, ReboundSettings
-    from hcbench.sim.landing import DropPlan, Landings
-    from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
+    from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
+    from hcbench.sim.model_under_test import (
+        CandidatePair,
+        ModelSetting,
+        ModelUnderTest,
+        Output,
+        Request,
+        Texts,
+    )
     from hcbench.sim.touch import TrajectoryTouchdowns
-    from hcbench.sim.worlds import ContactFamily
     from hcbench.terms.impact import Floats
+
+
+# Largest nominal e: one above it adds energy.
+MOST_NOMINAL = 1.0
+
+
+class ContactFamily(ABC):
+    """Contacts of a model's pairs that differ in a nominal e and in friction alone.
+
+    name: for the user. notes: sentences for the user.
+    kinds: of each request's pair, the number of the first request whose pair is alike.
+    slides: whether the pairs have friction.
+    mobility: of each request's pair, how many times as easily the contact point moves along the
+    plate as along its normal.
+    """
+
+    name: str
+    notes: tuple[str, ...] = ()
+    kinds: tuple[int, ...]
+    slides: bool = True
+    mobility: tuple[float, ...]
+
+    @abstractmethod
+    def parameters(self, nominal: Floats, friction: Floats | None) -> dict[str, Floats]:
+        """The engine's own parameters of n worlds, each an array of n rows, by the engine's names.
+
+        nominal: e that the contact would have on a free body, (n, pairs). friction: μ, (n,); None
+        for the model's own.
+        """
+
+    @abstractmethod
+    def open(self, request: Request) -> ModelUnderTest:
+        """The model with such contacts, for the launches of a request."""
+
+    @abstractmethod
+    def set(self, model: ModelUnderTest, parameters: Mapping[str, Floats], world: int) -> None:
+        """Give a model that `open` returned the parameters of one world."""
+
+    @abstractmethod
+    def standing(self, models: Sequence[ModelUnderTest]) -> Standing:
+        """Measure how models that `open` returned, one a request, stand with what was set."""
+
+    @abstractmethod
+    def texts(self, output: Output) -> Texts:
+        """The lines and the whole model to which the parameters belong."""
+
+    def one(self, nominal: float, friction: float | None) -> dict[str, Floats]:
+        """Parameters of one world whose pairs all have one nominal e and μ."""
+        every = np.full((1, len(self.kinds)), nominal)
+        return self.parameters(every, None if friction is None else np.array([friction]))
 
 
 @dataclass(frozen=True, slots=True)

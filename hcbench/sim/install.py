@@ -7,7 +7,8 @@ import sys
 from importlib import metadata
 from typing import TYPE_CHECKING
 
-from hcbench.environments import ADD, make, store
+from hcbench import environments
+from hcbench.environments import ADD
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.sim import entry_points, registry
@@ -20,7 +21,7 @@ from hcbench.workers import call
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from hcbench.environments.store import Environment
+    from hcbench.environments import Environment
     from hcbench.sim.backend import Backend
 
 # Limit of a trial bounce, s: engines that compile their kernels first take a minute.
@@ -52,10 +53,12 @@ def add(
     if python == "":
         raise UserError("python", "''", "a version or a path", "Leave the option out for this one")
     asked = requirements(base, backend, version)
-    present = store.find(base, version) if at else None
+    present = environments.find(base, version) if at else None
     if present and set(asked) <= set(present.requirements) and python in (None, present.python):
         return present
-    return make.add(base, backend.package, asked, python or _own_python(backend), _try, progress)
+    return environments.add(
+        base, backend.package, asked, python or _own_python(backend), _try, progress
+    )
 
 
 def _own_python(backend: Backend) -> str:

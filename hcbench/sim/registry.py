@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from hcbench.environments import store
+from hcbench import environments
 from hcbench.sim import backend, entry_points
 from hcbench.sim.engine import Engine, module_of
 from hcbench.sim.entry_points import here, unknown
@@ -42,7 +42,7 @@ def engine(name: str) -> Engine:
         return here(name)
     if not at and version_beside(base):
         return own
-    if installed := store.find(base, version):
+    if installed := environments.find(base, version):
         return remote(own, name, installed)
     if not at:
         return own

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from hcbench.environments.store import Environment
+    from hcbench.environments import Environment
     from hcbench.recipes.recipe import Recipe
     from hcbench.recipes.target import Target
     from hcbench.sim.engine import Engine

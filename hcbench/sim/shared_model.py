@@ -38,9 +38,8 @@ if TYPE_CHECKING:
 
     from hcbench.recipes.recipe import Recipe
     from hcbench.recipes.target import Target
-    from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.columns import Launches
-    from hcbench.sim.model_under_test import ModelUnderTest, Request
+    from hcbench.sim.model_under_test import CandidatePair, ModelUnderTest, Request
     from hcbench.sim.read_impact import Rule
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene

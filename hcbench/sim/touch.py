@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hcbench.system.errors import SceneError, UserError
-from hcbench.system.notebook import Shown
+from hcbench.system.text import Shown
 from hcbench.terms.impact import Floats
 
 # Overlap at the start, in sizes of the smaller one, up to which the two are just moved apart.

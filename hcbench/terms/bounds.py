@@ -1,7 +1,8 @@
-"""Bounds of physical numbers: one table for options, studies, data, states and models.
+"""Bounds of physical numbers, and numbers that a formula has no meaning for: each is refused in one line
+that names the slot.
 
-A number beyond its bounds is nearly always a wrong unit. `--beyond-bounds` admits it; in Python,
-`with beyond_bounds():`.
+One table of bounds serves options, studies, data, states and models. A number beyond its bounds is
+nearly always a wrong unit. `--beyond-bounds` admits it; in Python, `with beyond_bounds():`.
 """
 
 from __future__ import annotations
@@ -10,8 +11,15 @@ import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import TYPE_CHECKING
 
-from hcbench.system.errors import QuantityError
+import numpy as np
+
+from hcbench.system.errors import QuantityError, UserError
+
+if TYPE_CHECKING:
+    from hcbench.terms.impact import Floats
+
 
 # Bounds of a quantity other than 0: squares of others leave the range of a float.
 SMALLEST = 1e-30
@@ -93,3 +101,38 @@ def require_bounds(
         expected = f"{least} ... {high:g} {unit}".strip()
         advice = "" if _beyond.get() else "--beyond-bounds admits it, if it is meant"
         raise QuantityError(slot, got, expected, advice)
+
+
+def require(
+    slot: str,
+    value: object,
+    good: bool,
+    expected: str,
+    advice: str = "",
+    *,
+    error: type[UserError] = UserError,
+) -> None:
+    """Raise `error` in the name of `slot` unless `good`; the message has value, what is expected,
+    advice.
+    """
+    if not good:
+        shown = f"{value:.6g}" if isinstance(value, float) else f"{value!r}"
+        raise error(slot, shown, expected, advice)
+
+
+def positive(slot: str, value: float, unit: str) -> None:
+    """Raise UserError unless SMALLEST <= value <= LARGEST."""
+    expected = f"a value above 0 {unit}".strip() + f", {SMALLEST:g} ... {LARGEST:g}"
+    require(slot, value, SMALLEST <= value <= LARGEST, expected)
+
+
+def within(slot: str, values: Floats | float, low: float, high: float, meaning: str) -> Floats:
+    """The values as an array of floats; raises UserError unless low <= every value <= high.
+
+    slot: what they are called. meaning: what is expected, in words. NaN is outside.
+    """
+    array = np.asarray(values, dtype=float)
+    bad = array[~((array >= low) & (array <= high))]
+    if bad.size:
+        require(slot, float(bad.flat[0]), False, meaning)
+    return array

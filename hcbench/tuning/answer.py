@@ -13,8 +13,7 @@ from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import why_cut
 from hcbench.sim import registry
 from hcbench.system.errors import SettingError
-from hcbench.system.notebook import Drawn
-from hcbench.system.text import time_step, two_digits
+from hcbench.system.text import Drawn, time_step, two_digits
 from hcbench.terms.setting import Pair, Setting
 from hcbench.tuning.tuned import MOST_ADVISED, Tuned, make_tuned
 

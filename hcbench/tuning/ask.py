@@ -21,7 +21,7 @@ from hcbench.measuring.request import make_request, read_limit, read_pair
 from hcbench.recipes.recipe import report_progress
 from hcbench.recipes.target import Target, default_band
 from hcbench.sim import registry
-from hcbench.sim.drop_test import HEIGHTS
+from hcbench.sim.landing import HEIGHTS
 from hcbench.sim.model_under_test import DEFAULT_SPEEDS, Output
 from hcbench.system.errors import UserError
 from hcbench.system.outputs import require_outputs, write_output

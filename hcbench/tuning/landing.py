@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hcbench.sim.drop_test import DropTest, Reach
+from hcbench.sim.landing import DropTest, Reach
 from hcbench.sim.model_under_test import ModelSetting, Texts
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import UserError

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.laws.conventions import AdamsImpact, NewtonSpring
-from hcbench.laws.require import require
 from hcbench.laws.restitution import MeasuredRestitution, RestitutionCurve
 from hcbench.measuring.curve import curve_of, impacts_of
 from hcbench.measuring.measure import Job, run_job, source_of
@@ -35,6 +34,7 @@ from hcbench.sim.simulate import impacts_in
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.system.text import as_bound
 from hcbench.terms.arguments import checked
+from hcbench.terms.bounds import require
 from hcbench.terms.impact import Floats, Impact, Launch
 from hcbench.tuning.landing import landing_as_it_is, tune_landing
 from hcbench.tuning.tune import MAX_ERROR
@@ -48,8 +48,8 @@ from hcbench.tuning.tuned_model import (
 )
 
 if TYPE_CHECKING:
-    from hcbench.sim.drop_test import DropTest
     from hcbench.sim.engine import Engine
+    from hcbench.sim.landing import DropTest
     from hcbench.terms.setting import Setting
 
 

@@ -19,9 +19,8 @@ from hcbench.sim.columns import Whole
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E, MOST_ENERGY
 from hcbench.sim.rest import Standing
-from hcbench.system.notebook import Shown
 from hcbench.system.outputs import write_output
-from hcbench.system.text import joined_names
+from hcbench.system.text import Shown, joined_names
 from hcbench.terms.impact import Floats
 
 Band = tuple[float, float]

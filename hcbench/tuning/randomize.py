@@ -16,12 +16,11 @@ import numpy as np
 
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.request import make_request, read_limit
-from hcbench.sim.capabilities import RandomizesContacts, TunesModels
+from hcbench.sim.capabilities import MOST_NOMINAL, ContactFamily, RandomizesContacts, TunesModels
 from hcbench.sim.columns import Whole
 from hcbench.sim.model_under_test import BESIDE, ModelUnderTest, Output, Request
 from hcbench.sim.rest import UNKNOWN, WORSE, Standing
 from hcbench.sim.simulate import impacts_in
-from hcbench.sim.worlds import MOST_NOMINAL, ContactFamily
 from hcbench.system.errors import LimitPassed, UserError
 from hcbench.system.outputs import require_outputs, write_output
 from hcbench.system.text import sanitized

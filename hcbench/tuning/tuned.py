@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.sim import registry
 from hcbench.sim.passivity import MOST_E, LongestTrain
-from hcbench.system.notebook import Drawn
+from hcbench.system.text import Drawn
 from hcbench.tuning.evaluate import Evaluation, evaluate, rest_test
 
 if TYPE_CHECKING:

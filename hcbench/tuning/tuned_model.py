@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from hcbench.measuring.curve import Curve
-from hcbench.sim.drop_test import DropTest, Reach
+from hcbench.sim.landing import DropTest, Reach
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.rest import Standing
-from hcbench.system.notebook import Shown
-from hcbench.system.text import as_bound, joined_names
+from hcbench.system.text import Shown, as_bound, joined_names
 from hcbench.tuning.tune import MAX_ERROR
 
 # Name of the setting that changes nothing.

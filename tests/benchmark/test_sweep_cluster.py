@@ -17,7 +17,7 @@ from small_sweeps import TESTS, small, until, whole
 from sweep_engine import note
 
 import hcbench
-from hcbench.benchmark import cluster
+from hcbench.benchmark import run
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.study import load_study, study_from
 from hcbench.system.errors import CannotRun
@@ -133,7 +133,7 @@ def test_a_lost_scheduler_is_one_line_and_finished_parts_are_kept(
             if now.shards == 2:
                 kill(process)
 
-        monkeypatch.setattr(cluster, "_CONNECT_S", 2.0)
+        monkeypatch.setattr(run, "_CONNECT_S", 2.0)
         with pytest.raises(CannotRun) as caught:
             sweep(study, folder, scheduler=address, progress=lose)
     assert caught.value.exit_code == 3
@@ -149,7 +149,7 @@ def test_a_lost_scheduler_is_one_line_and_finished_parts_are_kept(
 def test_a_sweep_goes_on_with_a_scheduler_that_is_started_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undisturbed: Path
 ) -> None:
-    monkeypatch.setattr(cluster, "_CONNECT_S", 60.0)
+    monkeypatch.setattr(run, "_CONNECT_S", 60.0)
     with running(scheduler()) as (first, address), ExitStack() as stack:
 
         def restart(now: Progress) -> None:
@@ -181,7 +181,7 @@ def test_without_workers_or_with_others_it_is_one_line(
             if now.shards == 1:
                 with Client(address, set_as_default=False) as client:
                     client.run_on_scheduler(remove)
-                monkeypatch.setattr(cluster, "_WORKERS_S", 0.5)
+                monkeypatch.setattr(run, "_WORKERS_S", 0.5)
 
         with pytest.raises(CannotRun, match=r"has no workers after 0\.5 s; expected one.*--resume"):
             sweep(study_from(LONG), tmp_path / "out", scheduler=address, progress=lose)
@@ -211,7 +211,7 @@ def test_a_scheduler_that_is_not_there_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(run, "_CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense", "tcp://nonsense", "''"):
         with pytest.raises(CannotRun, match=f"{address} does not answer"):
             sweep(study_from(small()), tmp_path / "out", scheduler=address.strip("'"))

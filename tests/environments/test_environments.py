@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import toy_engine
 
-from hcbench import load_scene, workers
+from hcbench import environments, load_scene, workers
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import study_from
 from hcbench.cli import run
-from hcbench.environments import make, store
 from hcbench.laws import closed_form
 from hcbench.sim import install, registry
 from hcbench.sim.capabilities import opener
@@ -113,9 +112,14 @@ def test_the_python_of_hcbench_and_those_of_pyenv_are_found_by_version(
         python.parent.mkdir(parents=True)
         python.touch()
     monkeypatch.setenv("PYENV_ROOT", str(tmp_path))
-    assert make._known("3.98") == str(tmp_path / "versions" / "3.98.10" / "bin" / "python")
-    assert make._known(platform.python_version()) == sys.executable
-    assert make._known("3.9") == make._known("3.97") == make._known("/usr/bin/python") == ""
+    assert environments._known("3.98") == str(tmp_path / "versions" / "3.98.10" / "bin" / "python")
+    assert environments._known(platform.python_version()) == sys.executable
+    assert (
+        environments._known("3.9")
+        == environments._known("3.97")
+        == environments._known("/usr/bin/python")
+        == ""
+    )
 
 
 def test_versions_stand_side_by_side(there: Path) -> None:
@@ -271,10 +275,10 @@ def test_a_damaged_environment_is_none(
         "requirements": [],
     }
     content = record | damage if isinstance(damage, dict) else damage
-    (folder / store.RECORD).write_text(json.dumps(content), encoding="utf-8")
+    (folder / environments.RECORD).write_text(json.dumps(content), encoding="utf-8")
     assert run(["engines", "list"]) == 0
     assert "toy@1.0" not in capsys.readouterr().out
-    assert store.environments() == []
+    assert environments.installed() == []
 
 
 def test_without_a_network_one_line_says_so(
@@ -333,7 +337,7 @@ def test_killed_in_the_middle_nothing_is_there_and_the_next_one_cleans(
         adding.kill()
     (left,) = empty.iterdir()
     assert left.name.endswith(".scratch")
-    assert store.environments() == []
+    assert environments.installed() == []
     with pytest.raises(UserError, match=r"no version of toyphysics==9\.0"):
         install.add("toy@9.0")
     assert not list(empty.iterdir())
@@ -344,7 +348,7 @@ def test_an_environment_of_another_hcbench_is_said_to_be_one(
 ) -> None:
     made = install.add("toy@1.0")
     assert install.add("toy@1.0") == made, "it is there already"
-    record = made.folder / store.RECORD
+    record = made.folder / environments.RECORD
     content = json.loads(record.read_text())
     record.write_text(json.dumps({**content, "requirements": content["requirements"][1:]}))
     with pytest.raises(EngineMissing, match=r"without .*Try: hcbench engines add toy@1\.0"):

@@ -39,7 +39,7 @@ assert run_batch(batch).columns["restitution"][0] > 0.9
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
 def test_what_installs_an_environment_ends_with_a_killed_command(tmp_path: Path) -> None:
-    code = "import os, pathlib; from hcbench.environments.make import run_with_parent; "
+    code = "import os, pathlib; from hcbench.environments import run_with_parent; "
     child = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(60)"
     code += (
         f"run_with_parent([{sys.executable!r}, '-c', {child!r}], pathlib.Path.cwd(), os.environ)"

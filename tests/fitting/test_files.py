@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
-from measured_bounces import synthesise, times_of, write
+from measured_bounces import EXACT, synthesise, times_of, write
+from table_dialects import workbook
 
 import hcbench as hb
 from hcbench.checking.baseline import parse_points
 from hcbench.cli import run
+from hcbench.fitting.read import read_datasets
 from hcbench.fitting.which_law import LAWS
 from hcbench.system.errors import UserError
 from hcbench.terms.units import parse_uncertain
@@ -37,6 +41,24 @@ def test_the_command_hands_alpha_to_tune_and_check(
     assert len(parse_points(str(points))) == 20
 
 
+def test_one_drop_below_itself_in_a_file_is_one_drop(tmp_path: Path) -> None:
+    heights = "height [m]\n" + "\n".join(f"{0.8**n:.6f}" for n in range(8)) + "\n"
+    assert len(read_datasets(Path(write(tmp_path, heights + "\n" + heights)), EXACT)) == 1
+
+
+@pytest.mark.parametrize("place", ["XFD1048576", "B1048576", "XFD1000"])
+def test_a_cell_far_from_the_others_is_named(tmp_path: Path, place: str) -> None:
+    path = tmp_path / "drop.xlsx"
+    content = workbook({"drop": [["height [m]"], ["0.4"], ["0.1"]]})
+    with ZipFile(io.BytesIO(content)) as written, ZipFile(path, "w") as strayed:
+        for member in written.namelist():
+            text = written.read(member).decode()
+            cell = f'<row><c r="{place}"><v>1</v></c></row></sheetData>'
+            strayed.writestr(member, text.replace("</sheetData>", cell))
+    with pytest.raises(UserError, match=f"a cell at {place}, far from the others"):
+        read_datasets(path, EXACT)
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -46,6 +68,10 @@ def test_the_command_hands_alpha_to_tune_and_check(
         ("interval [s]\n0.1\nnan\n0.2\n", "line 3: 'nan'"),
         ("time [s]\n0.3\n0.2\n0.4\n0.5\n", "line 3: time 0.2; expected times that rise"),
         ("time [s]\n0.1\n0.4\n0.6\n", "3 touches"),
+        ("height [m]\n0.4\n0.1\n1e400\n0.01\n", "line 4: '1e400' under 'height'"),
+        ("height [m]\n0.4\n0.1\n0.05\nt\n0.01\n0.008\n", "the header 't' names no unit"),
+        ("height [m]\n0.4\n0.\x001\n", "line 3: a null character"),
+        ("height [m]\n0.4" + 70_000 * ",0.4" + "\n", "line 2: 280003 characters"),
         ("time [kg]\n0.1\n0.4\n0.6\n", "'kg'"),
         ("weather\n1\n", "'weather'"),
         ("speed [m/s],restitution\n1,0\n2,0\n3,0\n", "a rest only"),

@@ -47,6 +47,21 @@ def test_all_kinds_of_wav_are_read(
     assert found["files"][0]["impacts"] == 4
 
 
+@pytest.mark.parametrize("kind", ["16", "24", "stereo"])
+def test_a_recording_from_a_pipe_states_no_true_length_and_is_read(
+    tmp_path: Path, kind: str
+) -> None:
+    sound = np.random.default_rng(3).uniform(-1.0, 1.0, 44100)
+    whole = wav(tmp_path / "whole.wav", kind, sound)
+    content = bytearray(whole.read_bytes())
+    at = content.index(b"data") + 4
+    content[4:8] = content[at : at + 4] = b"\xff\xff\xff\xff"
+    (tmp_path / "piped.wav").write_bytes(content)
+    of_pipe = read_recording(tmp_path / "piped.wav", quick_score)
+    of_file = read_recording(whole, quick_score)
+    np.testing.assert_array_equal(of_pipe.sound, of_file.sound)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [

@@ -11,19 +11,20 @@ import pandas as pd
 import pytest
 from long_searches import long_study
 
+import hcbench as hb
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.ode import impact
 from hcbench.laws.published import LAWS
 from hcbench.paper import constants, impact_figures, vibroimpact_figures
-from hcbench.paper.build import build, drawings
-from hcbench.paper.printed_numbers import Printed, factors, printed_numbers
+from hcbench.paper.page import Printed, build, drawings, factors, printed_numbers
 from hcbench.paper.vibroimpact_figures import QUICK
-from hcbench.reporting.curves import COLUMNS
+from hcbench.reporting.page import COLUMNS, csv_of
 from hcbench.reporting.plot_style import COLOURS, DASHES, figure_defaults, numbered_line
 from hcbench.reporting.wording import four_digits
 from hcbench.system.errors import UserError
+from hcbench.terms.units import POUND_FORCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 INCH, POUND = 0.0254, 4.4482216152605
 NUMBERS = {(n.where, n.what): n for n in printed_numbers()}
@@ -86,7 +88,7 @@ def test_all_nine_figures_are_there_and_say_what_they_show(folder: Path) -> None
 
 @pytest.mark.parametrize("name", [drawing.name for drawing in drawings(QUICK)])
 def test_a_figure_has_its_numbers(folder: Path, name: str) -> None:
-    """They are those of `hb.paper.data` (test_paper_data.py)."""
+    """They are those of `hb.paper.data` (tested below)."""
     found = pd.read_csv(folder / "figures" / f"{name}.csv")
     assert tuple(found.columns) == COLUMNS
     assert len(found) > 100
@@ -288,3 +290,29 @@ def test_the_loop_of_q_2_encloses_the_loss_that_its_restitution_says() -> None:
     assert np.trapezoid(force, x) == pytest.approx(
         0.5 * constants.MASS * 0.25 * (1.0 - e**2), rel=1e-3
     )
+
+
+def test_the_loops_of_figure_4_are_those_of_the_law() -> None:
+    found = hb.paper.data("figure-4")
+    assert len(set(found.panel)) == len(constants.ALPHAS)
+    panel = found[(found.panel == "α = 0.008 s/in") & (found.curve == "16 in/s")]
+    loop = hb.law("0.008 s/in").loop("16 in/s")
+    assert panel.x.to_numpy() * INCH * 1e-3 == pytest.approx(loop.penetration_m, rel=1e-9)
+    assert panel.y.to_numpy() * POUND_FORCE == pytest.approx(loop.force_n, rel=1e-9)
+    assert set(panel.x_axis) == {"approach x, 10⁻³ in"}
+    assert set(panel.y_axis) == {"force F, lb"}
+
+
+def test_the_limit_across_a_panel_is_no_curve() -> None:
+    assert set(hb.paper.data("figure-4").curve) == {"4 in/s", "8 in/s", "12 in/s", "16 in/s"}
+
+
+def test_the_file_has_the_same_table() -> None:
+    lines = csv_of(hb.paper.figure("figure-2")).decode().splitlines()
+    assert lines[0] == ",".join(COLUMNS)
+    assert len(lines) == len(hb.paper.data("figure-2")) + 1
+
+
+def test_an_unknown_figure_lists_the_known() -> None:
+    with pytest.raises(UserError, match=r"^name: 'figure-10'; expected one of: figure-1, "):
+        hb.paper.data("figure-10")

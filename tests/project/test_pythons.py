@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.environments.make import interpreters
+from hcbench.environments import interpreters
 
 ROOT = Path(__file__).parents[2]
 

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.reporting import site_header
-from hcbench.reporting.page import header_html
-from hcbench.reporting.site_header import PAGES, page_header
+from hcbench.reporting import page
+from hcbench.reporting.page import PAGES, header_html, page_header
 
 ROOT = Path(__file__).parents[2]
 MANIFEST = "hcbench-files.json"
@@ -72,10 +71,10 @@ def test_every_page_opens_with_the_header_and_links_to_all_others(
 
 def test_a_page_of_a_user_has_no_dead_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Commands while the project has no address, and links to it once it has one."""
-    monkeypatch.setattr(site_header, "address", lambda name: "")
+    monkeypatch.setattr(page, "address", lambda name: "")
     html = header_html(page_header(tmp_path))
     assert "href" not in html and "<code>hcbench docs</code>" in html
-    monkeypatch.setattr(site_header, "address", lambda name: f"https://example.org/{name}")
+    monkeypatch.setattr(page, "address", lambda name: f"https://example.org/{name}")
     html = header_html(page_header(tmp_path))
     assert 'href="https://example.org/Documentation/reports/field/index.html"' in html
     assert 'href="https://example.org/Source"' in html

@@ -8,8 +8,7 @@ import os
 
 import pytest
 
-from hcbench import load_scene
-from hcbench.environments import make, store
+from hcbench import environments, load_scene
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.sim import install, registry
@@ -31,7 +30,7 @@ if FOLDER:
 
 
 def test_every_engine_that_has_a_package_is_there() -> None:
-    assert set(install.names()) == {made.engine for made in store.environments()}
+    assert set(install.names()) == {made.engine for made in environments.installed()}
 
 
 def test_two_versions_of_an_engine_bounce_alike_and_each_says_its_own() -> None:
@@ -53,7 +52,7 @@ def test_another_python_of_this_machine_runs_the_same(
     tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HCBENCH_DATA", str(tmp_path_factory.mktemp("data")))
-    for version in make.interpreters():
+    for version in environments.interpreters():
         if not version.startswith("3.11."):
             made = install.add("mujoco@3.3.0", version)
             assert made.python == version

@@ -56,7 +56,7 @@ MUTANTS = (
         "or low <= abs(value) <= high",
         "or low < abs(value) <= high",
         "a number at its lower bound is within the bounds",
-        ("tests/terms/test_bounds.py",),
+        ("tests/terms/test_units.py",),
     ),
     Mutant(
         "terms/impact.py",
@@ -136,7 +136,7 @@ MUTANTS = (
         "(v + lack) ** 2 - 2.0 * gravity * x",
         "(v + lack) ** 2 + 2.0 * gravity * x",
         "the speed at the touch plane follows from what flight conserves",
-        ("tests/sim/test_speed_reading.py",),
+        ("tests/sim/test_read_impact.py",),
     ),
     Mutant(
         "sim/stop.py",
@@ -255,7 +255,7 @@ MUTANTS = (
         "DEEP = 2.5",
         "DEEP = 5.0",
         "a run that goes deeper than 2.5 v h lacks something",
-        ("tests/reporting/test_report_gravity.py",),
+        ("tests/reporting/test_report_advice.py",),
     ),
     Mutant(
         "checking/judge.py",
@@ -263,14 +263,14 @@ MUTANTS = (
         "if abs(worst.worst_phase) > max_error:",
         "if worst.worst_phase > max_error:",
         "an e below the target fails the limit as one above it does",
-        ("tests/checking/test_check_verdicts.py",),
+        ("tests/checking/test_check.py",),
     ),
     Mutant(
         "measuring/curve.py",
         "curve_of_columns",
         *_EVENLY,
         "the e that `check` prints weighs each phase by its share of the time step",
-        ("tests/checking/test_judge.py",),
+        ("tests/checking/test_check.py",),
     ),
     Mutant(
         "checking/outcome.py",
@@ -383,7 +383,7 @@ MUTANTS = (
         ("tests/workers",),
     ),
     Mutant(
-        "environments/store.py",
+        "environments.py",
         "find",
         "matching[-1]",
         "matching[0]",

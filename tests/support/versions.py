@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from hcbench.environments.make import interpreters
+from hcbench.environments import interpreters
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "reference" / "versions.md"

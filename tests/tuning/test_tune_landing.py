@@ -18,7 +18,7 @@ import pytest
 import hcbench as hb
 from hcbench.cli import run
 from hcbench.measuring import Wanted
-from hcbench.sim.drop_test import HEIGHTS, PHASES, QUANTITIES, DropTest
+from hcbench.sim.landing import HEIGHTS, PHASES, QUANTITIES, DropTest
 from hcbench.sim.model_under_test import ModelSetting
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import EngineFailed, UserError

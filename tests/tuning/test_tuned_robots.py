@@ -13,7 +13,7 @@ from robot_landings import QUADRUPED
 from tuned_robots import TARGETS, TUNED, Answer, answer, on_the_page, row, write_page
 
 import hcbench as hb
-from hcbench.sim.drop_test import WITHIN
+from hcbench.sim.landing import WITHIN
 
 # Some models use settings that later versions of MuJoCo drop.
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from hcbench.workers.fork import AVAILABLE, Fork
+from hcbench.workers.process import CAN_FORK, Fork
 
-pytestmark = pytest.mark.skipif(not AVAILABLE, reason="forks are for Linux")
+pytestmark = pytest.mark.skipif(not CAN_FORK, reason="forks are for Linux")
 
 
 @pytest.fixture

@@ -21,7 +21,6 @@ from hcbench.system.errors import CannotRun, EngineFailed, SettingError
 from hcbench.workers import (
     WorkerPool,
     call,
-    fork,
     in_worker,
     map_surviving_crashes,
     mark_as_worker,
@@ -339,7 +338,7 @@ print(fresh)
 """
 
 
-@pytest.mark.skipif(not fork.AVAILABLE, reason="this system has no safe fork")
+@pytest.mark.skipif(not process.CAN_FORK, reason="this system has no safe fork")
 def test_a_worker_that_is_begun_has_what_its_parent_imported_and_ends_by_its_own_signals() -> None:
     code = FORKED.format(tests=os.path.dirname(__file__))  # noqa: PTH120
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

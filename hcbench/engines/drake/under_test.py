@@ -26,9 +26,8 @@ from hcbench.laws.closed_form import alpha_of
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring import diagnose
 from hcbench.sim.backend import Backend
-from hcbench.sim.candidate_pairs import CandidatePair, in_order
 from hcbench.sim.capabilities import OpensModels
-from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
+from hcbench.sim.model_under_test import CandidatePair, Facts, ModelUnderTest, Suspect, in_order
 from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Record, Simulation
 from hcbench.system.errors import UserError

@@ -49,14 +49,12 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.drop_test import DropTest, ReboundSettings
-    from hcbench.sim.landing import DropPlan, Landings
-    from hcbench.sim.model_under_test import ModelSetting, Request
+    from hcbench.sim.capabilities import ContactFamily
+    from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
+    from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
     from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
     from hcbench.sim.touch import TrajectoryTouchdowns
-    from hcbench.sim.worlds import ContactFamily
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.pybullet.model.under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.model_under_test import ModelSetting, Request
+    from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
     from hcbench.sim.promise import Promise
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting

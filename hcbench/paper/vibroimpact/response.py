@@ -15,7 +15,6 @@ import numpy as np
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.kelvin_voigt import Ending, matched
-from hcbench.laws.require import positive, require
 from hcbench.paper.vibroimpact.simulate import integrate, motion_size, tangent
 from hcbench.paper.vibroimpact.system import (
     APART,
@@ -26,6 +25,7 @@ from hcbench.paper.vibroimpact.system import (
     TwoSidedContact,
     VibroImpact,
 )
+from hcbench.terms.bounds import positive, require
 from hcbench.terms.impact import Floats
 from hcbench.workers import WorkerPool
 

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from hcbench.laws.force import ForceLaw, HuntCrossley
-from hcbench.laws.require import positive, require
 from hcbench.paper.vibroimpact.system import (
     APART,
     CONTACT,
@@ -29,6 +28,7 @@ from hcbench.paper.vibroimpact.system import (
     stored,
 )
 from hcbench.system.errors import EngineFailed, HcbenchError, UserError
+from hcbench.terms.bounds import positive, require
 from hcbench.terms.impact import Floats
 
 # Integrates many masses between blocks side by side with NumPy, and ends steps where their

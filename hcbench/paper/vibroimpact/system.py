@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from hcbench.laws.force import ForceLaw, HuntCrossley
-from hcbench.laws.require import positive, require
 from hcbench.system.errors import UserError
+from hcbench.terms.bounds import positive, require
 from hcbench.terms.impact import Floats
 
 Drive: TypeAlias = Callable[[float], float]

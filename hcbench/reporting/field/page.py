@@ -17,12 +17,11 @@ from matplotlib.lines import Line2D
 from hcbench.cases.score import measured
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.reporting.curves import csv_of
 from hcbench.reporting.explorer import digits
 from hcbench.reporting.field import cells, features
 from hcbench.reporting.field.cells import MatrixCell, case_table, rows
 from hcbench.reporting.field.view import PLUGIN, STOCK, Case, FieldView, band, headline, versions
-from hcbench.reporting.page import PAGE, Drawing, counted, draw, render, script
+from hcbench.reporting.page import PAGE, Drawing, counted, csv_of, draw, render, script
 from hcbench.reporting.plot_style import (
     KIND_COLOURS,
     LAW,

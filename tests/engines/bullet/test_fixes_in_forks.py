@@ -14,11 +14,11 @@ from hcbench.engines.pybullet.model.under_test import PybulletModel, open_world
 from hcbench.measuring.request import make_request
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Suspect
-from hcbench.workers import fork
+from hcbench.workers import process
 
 p = pytest.importorskip("pybullet")
 DATA = Path(pytest.importorskip("pybullet_data").getDataPath())
-pytestmark = pytest.mark.skipif(not fork.AVAILABLE, reason="needs a system that forks")
+pytestmark = pytest.mark.skipif(not process.CAN_FORK, reason="needs a system that forks")
 
 
 @pytest.fixture

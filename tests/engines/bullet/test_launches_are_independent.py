@@ -8,7 +8,7 @@ import pytest
 
 from hcbench.engines.pybullet.model import in_child as forked
 from hcbench.measuring import Measurement, measure
-from hcbench.workers import fork
+from hcbench.workers import process
 
 p = pytest.importorskip("pybullet")
 DATA = Path(pytest.importorskip("pybullet_data").getDataPath())
@@ -41,7 +41,7 @@ def test_a_launch_has_the_bits_of_one_in_a_fresh_world(
 def test_a_live_world_is_left_as_it_was_and_every_launch_in_it_is_the_first(
     can_fork: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fork, "AVAILABLE", can_fork and fork.AVAILABLE)
+    monkeypatch.setattr(process, "CAN_FORK", can_fork and process.CAN_FORK)
     client = p.connect(p.DIRECT)
     try:
         p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client)
@@ -67,7 +67,7 @@ def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
 
     from hcbench.system.errors import EngineFailed
 
-    if not fork.AVAILABLE:
+    if not process.CAN_FORK:
         pytest.skip("this system does not fork")
     with pytest.raises(EngineFailed, match="SIGABRT"):
         forked.run_forked(os.abort)

@@ -20,10 +20,11 @@ from hcbench.engines.mujoco.model.open import as_requested
 from hcbench.engines.mujoco.model.over_floor import way_up
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of
-from hcbench.sim.drop_test import (
+from hcbench.sim.landing import (
     DROPS,
     FALLEN,
     LATE_S,
+    PARTED_S,
     REST_SPEED,
     SECONDS,
     SECONDS_TO_FALL,
@@ -34,7 +35,6 @@ from hcbench.sim.drop_test import (
     RobotDrop,
     drop_test,
 )
-from hcbench.sim.landing import PARTED_S
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:

@@ -22,8 +22,7 @@ from hcbench.engines.mujoco.model.bodies import (
 )
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms, has_force_law
 from hcbench.engines.mujoco.model.start_pose import start_pose
-from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
-from hcbench.sim.model_under_test import Request
+from hcbench.sim.model_under_test import CandidatePair, Request, choice_error, in_order
 from hcbench.sim.packages import find_part, suggest_names
 from hcbench.system.errors import UserError
 from hcbench.system.text import joined_names, sanitized

@@ -19,7 +19,7 @@ from hcbench.engines.mujoco.model.foot_contact import (
 from hcbench.engines.mujoco.model.open import load
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of, texts_of
-from hcbench.sim.drop_test import DROPS, REBOUNDS, DropTest, ReboundSettings
+from hcbench.sim.landing import DROPS, REBOUNDS, DropTest, ReboundSettings
 from hcbench.sim.model_under_test import ModelSetting, Texts
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from hcbench.engines.mujoco.model.write_pairs import (
     written,
 )
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.sim.worlds import ContactFamily
+from hcbench.sim.capabilities import ContactFamily
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

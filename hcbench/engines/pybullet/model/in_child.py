@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.sim.world import Record, Simulation
 from hcbench.system.errors import EngineFailed
-from hcbench.workers import fork
-from hcbench.workers.fork import Fork
+from hcbench.workers import process
+from hcbench.workers.process import Fork
 
 if TYPE_CHECKING:
     from hcbench.sim.world import Flags
@@ -125,7 +125,7 @@ _FAR = 1e4
 
 def can_fork(bullet: BulletClient) -> bool:
     """Say whether a forked copy of this process has a copy of the client's world in it."""
-    return fork.AVAILABLE and bullet.getConnectionInfo()[_CONNECTION] == bullet.module.DIRECT
+    return process.CAN_FORK and bullet.getConnectionInfo()[_CONNECTION] == bullet.module.DIRECT
 
 
 def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:

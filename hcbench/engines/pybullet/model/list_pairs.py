@@ -21,7 +21,7 @@ from hcbench.engines.pybullet.model.bodies import (
     vector,
 )
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
-from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
+from hcbench.sim.model_under_test import CandidatePair, choice_error, in_order
 from hcbench.sim.packages import find_part
 from hcbench.system.errors import UserError
 from hcbench.system.text import joined_names, sanitized

@@ -34,8 +34,8 @@ from hcbench.engines.pybullet.model.promises import broken_promise, promise_in
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
 from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.model_under_test import (
+    CandidatePair,
     Facts,
     ModelSetting,
     ModelUnderTest,

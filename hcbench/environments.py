@@ -1,5 +1,8 @@
-"""Makes an environment with uv: beside its place first, then by a rename,
-so that none is there half-made.
+"""Python environments that each hold one engine in one version, in the user's data folder.
+
+uv makes one beside its place first; then it is renamed, so that none is there half-made. hcbench
+itself is not copied there: a worker process in such an environment imports the very package that
+started it (`hcbench.sim.remote`), so there is none that could be out of date.
 """
 
 from __future__ import annotations
@@ -13,14 +16,150 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
-from hcbench.environments import store
-from hcbench.environments.store import Environment
 from hcbench.system.errors import CannotRun, HcbenchError, OutputError, UserError
-from hcbench.system.files import scratch_folder
+from hcbench.system.files import (
+    json_text,
+    parse_json,
+    read_text,
+    scratch_folder,
+    user_folder,
+    write_text,
+)
+
+# The command that installs a missing engine.
+ADD = "hcbench engines add"
+
+
+RECORD = "hcbench-engine.json"
+# Version of the record: one of another hcbench is not read.
+_SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """One engine in one version, installed in an environment of its own.
+
+    version: of the engine's package.
+    python: the interpreter's version.
+    size: bytes of its files.
+    requirements: what was asked for, as pip writes it.
+    folder: where it is.
+    """
+
+    engine: str
+    version: str
+    python: str
+    size: int
+    requirements: tuple[str, ...]
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """The name that settings use: "myengine@1.2"."""
+        return f"{self.engine}@{self.version}"
+
+    @property
+    def executable(self) -> Path:
+        """The Python of this environment."""
+        windows = self.folder / "Scripts" / "python.exe"
+        return windows if windows.exists() else self.folder / "bin" / "python"
+
+    def write(self) -> None:
+        """Put the record into the folder. Raises UserError or OutputError as `write_text`."""
+        content = {
+            "schema": _SCHEMA,
+            "engine": self.engine,
+            "version": self.version,
+            "python": self.python,
+            "size_bytes": self.size,
+            "requirements": self.requirements,
+        }
+        write_text(self.folder / RECORD, json_text(content))
+
+
+def home() -> Path:
+    """The folder that has the environments; it may not be there yet."""
+    return user_folder("data") / "engines"
+
+
+def installed(engine: str = "*") -> list[Environment]:
+    """Environments that are complete, of all engines or of one, by engine and version."""
+    whole = []
+    for folder in home().glob(f"{engine}@*"):
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            whole.append(_read(folder))
+    return sorted(whole, key=lambda environment: (environment.engine, _order(environment.version)))
+
+
+def find(engine: str, version: str = "") -> Environment | None:
+    """The environment of an engine in a version; the newest for the version "".
+
+    None where there is none.
+    """
+    matching = [e for e in installed(engine) if version in ("", e.version)]
+    return matching[-1] if matching else None
+
+
+def remove(environment: Environment) -> None:
+    """Take an environment away: by one rename first, so that none is left in part even where this
+    process is killed. Raises OutputError where its folder cannot be moved.
+    """
+    try:
+        with scratch_folder(home()) as scratch:
+            environment.folder.rename(scratch / "removed")
+    except OSError as error:
+        raise OutputError(environment.name, f"{environment.folder}: {error.strerror}", "") from None
+
+
+def _put_in_place(made: Path, environment: Environment, scratch: Path) -> None:
+    """Move an environment that was made beside into its place. OSError where that fails."""
+    with suppress(FileNotFoundError):
+        environment.folder.rename(scratch / "replaced")
+    made.rename(environment.folder)
+
+
+def _read(folder: Path) -> Environment:
+    """The environment of a folder, by its record.
+
+    Raises OSError for a folder without a record; ValueError, KeyError or TypeError for a record of
+    another form or of another folder.
+    """
+    record: Mapping[str, Any] = parse_json(read_text(folder / RECORD))
+    if record["schema"] != _SCHEMA:
+        raise ValueError("of another hcbench")
+    environment = Environment(
+        engine=str(record["engine"]),
+        version=str(record["version"]),
+        python=str(record["python"]),
+        size=int(record["size_bytes"]),
+        requirements=tuple(map(str, record["requirements"])),
+        folder=folder,
+    )
+    if (
+        folder.name != environment.name
+        or not f"{environment.name}{environment.python}".isprintable()
+    ):
+        raise ValueError("not in its place")
+    return environment
+
+
+def _order(version: str) -> list[tuple[int, str]]:
+    """The key by which a version sorts: 3.9 before 3.10, and 3.9rc1 before 3.9.1."""
+    order = []
+    for part in re.findall(r"\d+|[a-z]+", version):
+        if part.isdigit():
+            order.append((int(part), ""))
+        else:
+            # A word sorts before any number: 3.9rc1 before 3.9.1.
+            order.append((-1, part))
+    return order
+
 
 _END_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 # Lowest Python that hcbench runs on.
@@ -55,10 +194,10 @@ def add(
     for any other failure of uv; OutputError for a full disk and a folder that cannot be written.
     Then nothing is left of it.
     """
-    home = store.home()
+    parent = home()
     try:
-        home.mkdir(parents=True, exist_ok=True)
-        with scratch_folder(home) as scratch:
+        parent.mkdir(parents=True, exist_ok=True)
+        with scratch_folder(parent) as scratch:
             folder = scratch / "environment"
             progress(0, 3)
             _make(folder, python)
@@ -74,12 +213,12 @@ def add(
             )
             made.write()
             trial(made)
-            placed = replace(made, folder=home / made.name)
-            store.replace(folder, placed, scratch)
+            placed = replace(made, folder=parent / made.name)
+            _put_in_place(folder, placed, scratch)
             progress(3, 3)
     except OSError as error:
         raise OutputError(
-            "engines", f"{home}: {error.strerror or error}", "a folder that takes it"
+            "engines", f"{parent}: {error.strerror or error}", "a folder that takes it"
         ) from None
     return placed
 
@@ -221,7 +360,7 @@ def _explained(text: str, about: str, folder: Path) -> HcbenchError:
     whose free space is stated.
     """
     if "No space left" in text or "os error 28" in text:
-        left = f"{shutil.disk_usage(folder).free >> 20} MiB left on the disk of {store.home()}"
+        left = f"{shutil.disk_usage(folder).free >> 20} MiB left on the disk of {home()}"
         return OutputError("engines", f"no space for {about}: {left}", "more of it")
     if _NO_NETWORK.search(text):
         reason = "the network is off" if "disabled" in text else _first(r"\S+://[^\s)]+", text)

@@ -1,1 +1,0 @@
-"""MuJoCo MJX: MuJoCo written in JAX, on the scenes of MuJoCo."""

@@ -1,1 +1,0 @@
-"""Newton: rigid bodies on GPUs by Warp, in float32."""
