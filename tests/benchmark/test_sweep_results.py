@@ -117,7 +117,7 @@ def test_any_executor_does(tmp_path: Path, undisturbed: Path) -> None:
     study = study_from(small())
     with ThreadPoolExecutor(2) as threads:
         sweep(study, tmp_path / "threads", executor=threads)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
         sweep(study, tmp_path / "processes", executor=processes)
         assert processes.submit(os.getpid).result() != os.getpid(), "it is left open"
     for name in ("threads", "processes"):
