@@ -159,6 +159,8 @@ def sweep(
     """
     require_parquet()
     store = Store(open_files(os.fspath(folder)))
+    # A plan may take a minute of searches: not for a folder that is none.
+    store.require_folder()
     with _workers(executor, scheduler, jobs) as workers:
         plan = make_plan(study, workers.mapper)
         with store.locked():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import os
@@ -105,6 +106,11 @@ class Files:
     def move(self, name: str, to: str) -> None:
         """Give a file another name."""
         self._system.mv(self._path(name), self._path_to_write(to))
+
+    def require_folder(self) -> None:
+        """Raise FileExistsError where the folder's name is that of a file."""
+        if self._system.isfile(self._root):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -322,6 +328,11 @@ class Store:
             with self._output_errors("a folder that can be written to"):
                 stack.enter_context(self._files.locked())
             yield
+
+    def require_folder(self) -> None:
+        """Raise OutputError where the folder's name is that of a file."""
+        with self._output_errors("a folder that can be written to"):
+            self._files.require_folder()
 
     @contextmanager
     def _output_errors(self, expected: str) -> Iterator[None]:

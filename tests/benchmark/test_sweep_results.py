@@ -48,6 +48,7 @@ def test_a_sweep_finds_what_a_run_finds(engines_swept: Path) -> None:
     assert swept.study == json.loads(json.dumps(ran.study))
 
 
+@pytest.mark.usefixtures("without_processes")
 @pytest.mark.needs_engine("pybullet")
 def test_bounces_under_gravity_are_swept_too(tmp_path: Path) -> None:
     study = study_from(tomllib.loads(bouncing("reference", "mujoco", "pybullet")))
@@ -116,7 +117,7 @@ def test_any_executor_does(tmp_path: Path, undisturbed: Path) -> None:
     study = study_from(small())
     with ThreadPoolExecutor(2) as threads:
         sweep(study, tmp_path / "threads", executor=threads)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
         sweep(study, tmp_path / "processes", executor=processes)
         assert processes.submit(os.getpid).result() != os.getpid(), "it is left open"
     for name in ("threads", "processes"):

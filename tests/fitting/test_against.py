@@ -27,26 +27,31 @@ def drops(folder: Path, name: str, alpha: float, seeds: range) -> list[str]:
 @pytest.mark.parametrize(
     ("other", "verdict"), [(0.3, "the materials differ"), (0.2, "no difference is seen")]
 )
-def test_two_materials_are_compared(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], other: float, verdict: str
-) -> None:
+def test_two_materials_are_compared(tmp_path: Path, other: float, verdict: str) -> None:
     ours, theirs = drops(tmp_path, "a", 0.2, range(3)), drops(tmp_path, "b", other, range(10, 13))
-    assert run(["fit", *ours, "--against", *theirs, "--json"]) == 0
-    (against,) = json.loads(capsys.readouterr().out)["against"]
-    assert against["compared"] == "alpha"
-    assert against["differ"] == (other != 0.2)
-    assert against["ratio"]["low"] < 0.2 / other < against["ratio"]["high"]
-    assert against["files"] == ["b10.csv", "b11.csv", "b12.csv"]
     found = hcbench.fit(*ours, against=theirs)
-    assert found.against is not None
-    assert (found.against.differ, found.against.ratio.value) == (
-        against["differ"],
-        against["ratio"]["value"],
-    )
+    against = found.against
+    assert against is not None
+    assert against.compared == "alpha"
+    assert against.differ == (other != 0.2)
+    assert against.ratio.low < 0.2 / other < against.ratio.high
+    assert against.files == ("b10.csv", "b11.csv", "b12.csv")
     assert verdict in repr(found)
 
 
-def test_the_command_prints_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_the_verdict_and_has_pythons_numbers_in_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (ours,), (theirs,) = drops(tmp_path, "a", 0.2, range(1)), drops(tmp_path, "b", 1.0, range(1))
     assert run(["fit", ours, "--against", theirs]) == 0
     assert "the materials differ" in capsys.readouterr().out
+    assert run(["fit", ours, "--against", theirs, "--json"]) == 0
+    (against,) = json.loads(capsys.readouterr().out)["against"]
+    found = hcbench.fit(ours, against=theirs).against
+    assert found is not None
+    assert (against["compared"], against["files"]) == (found.compared, list(found.files))
+    assert (against["differ"], against["ratio"]["value"]) == (found.differ, found.ratio.value)
+    assert (against["ratio"]["low"], against["ratio"]["high"]) == (
+        found.ratio.low,
+        found.ratio.high,
+    )

@@ -192,7 +192,8 @@ if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):  # came with MuJoCo 3.13
 
 @cache
 def first_look(planted: Planted, wanted: float | None) -> Measurement:
-    return measure(planted.text(), ("ball", "plate"), speeds=SPEEDS, restitution=wanted)
+    # None of the planted causes is one of rest, which tests/measuring/test_rest_causes.py plants.
+    return measure(planted.text(), ("ball", "plate"), speeds=SPEEDS, restitution=wanted, rest=False)
 
 
 @pytest.mark.parametrize("name", PLANTED)
@@ -219,7 +220,9 @@ def test_a_planted_cause_is_named_and_its_fix_cures(name: str) -> None:
         tuned = hb.tune_model(text, ("ball", "plate"), restitution=tuned_e, speeds=speeds)
         text = tuned.written
         allowed = max(allowed, tuned.max_error)
-    again = measure(text, ("ball", "plate"), speeds=speeds, restitution=wanted, diagnose=False)
+    again = measure(
+        text, ("ball", "plate"), speeds=speeds, restitution=wanted, diagnose=False, rest=False
+    )
     assert off(again, goal, found.facts.asked) < allowed, cause.fix
 
 
@@ -409,7 +412,7 @@ BULLET: dict[str, tuple[dict[str, Any], str, float]] = {
 @cache
 def first_look_in_bullet(name: str) -> Measurement:
     with TemporaryDirectory() as folder, beyond_bounds(name == "energy from nothing"):  # e above 1
-        return measure(world(Path(folder), **BULLET[name][0]), speeds=SPEEDS)
+        return measure(world(Path(folder), **BULLET[name][0]), speeds=0.1, rest=False)
 
 
 @pytest.mark.needs_engine("pybullet")
@@ -438,7 +441,7 @@ def test_gravity_within_a_step_is_the_only_cause_in_a_pybullet_world_set_up_righ
     """Bullet reverses the speed of a step's start, up to v h below
     the touch plane, where e is read.
     """
-    found = measure(world(tmp_path, gravity=-9.81), speeds=SPEEDS)
+    found = measure(world(tmp_path, gravity=-9.81), speeds=0.1, rest=False)
     assert [cause.code for cause in found.causes] == ["gravity"]
     for impact in found.measured:
         share = 9.81 * found.facts.timestep / impact.speed_in
@@ -464,7 +467,7 @@ def test_the_calls_of_a_fix_cure_it(name: str, tmp_path: Path) -> None:
                 second = (code == "no-restitution" and k == 1) or code == "other-body"
                 target = "plate" if second else "ball"
                 merged[target] = {**merged[target], **values}
-    cured = measure(world(tmp_path, **merged), speeds=SPEEDS, diagnose=False)
+    cured = measure(world(tmp_path, **merged), speeds=SPEEDS, diagnose=False, rest=False)
     assert off(cured, goal) < 1e-3, [c.fix for c in found.causes]
 
 

@@ -14,6 +14,7 @@ from long_searches import long_search
 import hcbench as hb
 from hcbench import engine
 from hcbench.cli import run
+from hcbench.engines.mujoco.model import row_search
 from hcbench.engines.mujoco.model.row_search import RowSearch, starting_rows
 from hcbench.laws.conventions import NewtonSpring
 from hcbench.measuring import Wanted, measure
@@ -22,6 +23,7 @@ from hcbench.sim.capabilities import TunesModels
 from hcbench.system.errors import UserError
 from hcbench.system.text import as_bound
 from hcbench.tuning.model import tune_job
+from hcbench.tuning.tuned_model import TunedModel
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -212,14 +214,48 @@ def hop_of_a_slide(text: str) -> float:
     return float(max(heights))
 
 
-def test_a_row_that_throws_up_a_sliding_box_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+Costs = tuple[list[float], list[float]]
+
+
+@pytest.fixture(scope="module")
+def box_tuned() -> tuple[TunedModel, Costs]:
+    """A box tuned to e = 0.9 with a search that stops at its first guess; and costs of settings
+    that it tries, together and each alone.
+    """
+    costs: list[Costs] = []
+
+    def best(search: RowSearch, adhesive: bool) -> Any:
+        random = np.random.default_rng(1)
+        members = random.uniform(row_search._LOWEST, row_search._HIGHEST, (6, 7))
+        settings = [search.rows(member, adhesive) for member in members]
+        limits = np.full(6, np.inf)
+        together = search._errors(settings, limits).tolist()
+        costs.append((together, [search._errors([each], limits[:1])[0] for each in settings]))
+        return starting_rows(adhesive)
+
+    box = mujoco.MjSpec.from_string(BOX)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RowSearch, "best", best)
+        asked = [make_request("box,floor", speeds=[0.3, 2.0])]
+        found = tune_job(box, asked, Wanted(restitution=0.9))
+    return found, costs[0]
+
+
+def test_a_row_that_throws_up_a_sliding_box_is_not_taken(
+    box_tuned: tuple[TunedModel, Costs],
+) -> None:
     """All other settings make the box at rest worse; the search is as near as its first guess."""
     one_step = 'size=".1 .1 .1" mass="1" solref="0 -950" solimp="0.9999 0.9999 0.001 0.5 2"'
     assert hop_of_a_slide(BOX.replace('size=".1 .1 .1" mass="1"', one_step)) > 0.04
-    monkeypatch.setattr(RowSearch, "best", lambda _, adhesive: starting_rows(adhesive))
-    box = mujoco.MjSpec.from_string(BOX)
-    found = tune_job(box, [make_request("box,floor", speeds=[0.3, 2.0])], Wanted(restitution=0.9))
-    assert found.name != "one step"
+    assert box_tuned[0].name != "one step"
+
+
+def test_a_setting_costs_among_others_what_it_costs_alone(
+    box_tuned: tuple[TunedModel, Costs],
+) -> None:
+    together, alone = box_tuned[1]
+    assert together == alone
+    assert len(set(together)) == 6
 
 
 @long_search
@@ -233,8 +269,10 @@ def test_a_box_that_slides_on_what_tune_writes_hops_no_higher_than_before() -> N
     assert hop_of_a_slide(nearer.written) <= hop_of_a_slide(BOX)
 
 
-def test_the_hop_that_tune_prints_is_no_higher_than_before_and_that_of_a_loop_of_its_own() -> None:
-    tuned = hb.tune_model(BOX, "box,floor", restitution=0.9, speeds=[0.3, 2.0], max_error=1.0)
+def test_the_hop_that_tune_prints_is_no_higher_than_before_and_that_of_a_loop_of_its_own(
+    box_tuned: tuple[TunedModel, Costs],
+) -> None:
+    tuned, _ = box_tuned
     fall = 9.81 * 0.002**2
     assert tuned.before.hop == pytest.approx(hop_of_a_slide(BOX) - fall, rel=1e-2)
     assert tuned.after.hop == pytest.approx(hop_of_a_slide(tuned.written) - fall, rel=1e-2)
@@ -252,14 +290,14 @@ def world():
     p.connect(p.DIRECT)
     p.setAdditionalSearchPath(pybullet_data.getDataPath())
     p.setGravity(0, 0, -9.81)
-    p.setTimeStep(1e-3)  # g h is a tenth of the slowest impact
+    p.setTimeStep(1e-3)  # g h is a hundredth of the impact
     p.loadURDF("plane.urdf")
     p.loadURDF("sphere_small.urdf", [0, 0, 1])
 """
     )
     source = f"{tmp_path / 'world.py'}:world"
-    asked = ["--pair", "body:1,body:0", "--restitution", "0.6", "--max-error", "0.1", "--json"]
-    assert run(["tune", source, *asked]) == 0
+    asked = ["--pair", "body:1,body:0", "--restitution", "0.6", "--speeds", "1 m/s"]
+    assert run(["tune", source, *asked, "--max-error", "0.1", "--json"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert "p.changeDynamics(1, -1, " in record["paste"]
     assert "restitution=0.6" in record["paste"]

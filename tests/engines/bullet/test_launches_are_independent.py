@@ -76,7 +76,7 @@ def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
 def test_the_scatter_over_phases_is_found_where_four_phases_miss_it() -> None:
     files = [str(DATA / "sphere_small.urdf"), str(DATA / "kuka_iiwa/model.urdf")]
     found = measure(files, speeds=[0.5, 2.0], diagnose=False, rest=False).curve
-    dense = measure(files, speeds=[0.5, 2.0], phases=101, diagnose=False, rest=False).curve
+    dense = measure(files, speeds=[0.5, 2.0], phases=51, diagnose=False, rest=False).curve
     few = measure(files, speeds=[0.5, 2.0], phases=4, diagnose=False, rest=False).curve
     for point, truth in zip(found, dense, strict=True):
         assert point.highest == pytest.approx(truth.highest, abs=2e-3)

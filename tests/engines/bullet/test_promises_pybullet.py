@@ -39,7 +39,7 @@ def measured(folder: Path, after: str) -> Any:
     lines = "\n".join(f"    {line}" for line in pasted.splitlines())
     world = folder / "world.py"
     world.write_text(WORLD.format(text=lines, after=f"    {after}"))
-    return hb.measure(f"{world}:build", ("body:1", "body:0"), speeds="0.1:0.5:3 m/s", rest=False)
+    return hb.measure(f"{world}:build", ("body:1", "body:0"), speeds="0.1:0.5:2 m/s", rest=False)
 
 
 def test_a_world_with_the_pasted_text_keeps_its_promise(tmp_path: Path) -> None:

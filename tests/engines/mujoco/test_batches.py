@@ -107,7 +107,7 @@ def test_mujoco_alone_together_in_threads_and_in_any_chunks_is_the_same(
     if (scene, recipe) == (CUP, "staggered"):
         pytest.skip("a tendon's limit cannot pull")
     setting = made(f"mujoco.{recipe}", scene, timestep, integrator=integrator)
-    launches = at_random(11)
+    launches = at_random(8)
     sizes(compiling=np.inf, cores=1)
     alone = [MUJOCO.run(scene, setting, [launch])[0] for launch in launches]
     sizes(compiling=0.0, cores=1)
@@ -145,7 +145,7 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
 ) -> None:
     if (form, recipe) == (CUP, "staggered"):
         pytest.skip("a tendon's limit cannot pull")
-    scene, launches = dataclasses.replace(form, gravity=9.80665), at_random(8)
+    scene, launches = dataclasses.replace(form, gravity=9.80665), at_random(4)
     if recipe == "two rows":
         two = [{"solref": [-2e8, -400.0], "solimp": STIFF, "onset": onset} for onset in (0.0, 1e-5)]
         setting = Setting("mujoco", recipe, timestep, {"integrator": integrator, "rows": two})
@@ -327,7 +327,7 @@ def test_pybullet_alone_and_together_is_the_same(
     scene: Scene, maximal: bool, recipe: str, timestep: float
 ) -> None:
     setting = made(f"pybullet.{recipe}", scene, timestep, maximal_coordinates=maximal)
-    launches = at_random(9)
+    launches = at_random(6)
     alone = [PYBULLET.run(scene, setting, [launch])[0] for launch in launches]
     assert same(alone, PYBULLET.run(scene, setting, launches))
     assert same(alone[::-1], PYBULLET.run(scene, setting, launches[::-1]))

@@ -640,8 +640,8 @@ def oblique(seed: int, cone: str) -> tuple[float, float, float, float]:
 
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 def test_oblique_impacts_have_the_e_of_the_law_and_friction_within_its_cone(cone: str) -> None:
-    seen = np.array([oblique(seed, cone) for seed in range(150)])
-    assert (seen[:, 0] > 0).sum() > 50
+    seen = np.array([oblique(seed, cone) for seed in range(75)])
+    assert (seen[:, 0] > 0).sum() > 25
     assert seen[:, 0].max() < 1e-9
     assert (seen[:, 1] - seen[:, 2]).max() < 1e-9
     assert seen[:, 3].max() < 1e-12

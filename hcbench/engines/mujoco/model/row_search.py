@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.columns import Whole
     from hcbench.sim.rest import Standing
     from hcbench.terms.impact import Floats
 
@@ -134,7 +135,7 @@ class RowSearch:
         set_rows: Callable[[Any, Rows], None],
     ) -> None:
         """Compile the model with sensors, and lay out the launches that each try takes."""
-        _add_distance_sensors(spec, opened)
+        sensor_of = _add_distance_sensors(spec, opened)
         self._opened = opened
         self._goal = goal
         self._band = band
@@ -142,8 +143,11 @@ class RowSearch:
         self._model = spec.compile()
         for name in ("timestep", "gravity", "disableflags"):
             setattr(self._model.opt, name, getattr(opened[0].model.opt, name))
+        # One for each member of a generation.
+        self._models = [self._model.__copy__() for _ in range(_MEMBERS)]
         self._data = backend().MjData(self._model)
-        self._first_sensor = self._model.nsensordata - len(opened)
+        first_sensor = self._model.nsensordata - len(set(sensor_of))
+        self._sensors = [first_sensor + number for number in sensor_of]
         # A stage of RK4 feels the contact in the step before and after the states that are in it.
         self._lag = int(integrator_name(self._model) == "RK4")
         # A model that already vibrates or sinks more than our limits need
@@ -190,67 +194,78 @@ class RowSearch:
             mujoco.mj_getState(model, data, state, kind)
         return states, data.ctrl.copy()
 
-    def _error(self, rows: Rows, limit: float = math.inf) -> float:
-        """Cost of rows: the largest error of e, and what energy gained and unrest at rest cost.
+    def _errors(self, generation: Sequence[Rows], limits: Floats) -> Floats:
+        """Cost of each pair of rows: the largest error of e, and what energy gained and unrest at
+        rest cost, (n,).
 
-        limit: a cost from which rows are given up; the number returned is then above it, but not
-        the whole cost.
+        generation: n pairs of rows, up to _MEMBERS. Their launches of one part go into one rollout,
+        whose calls would take as long as the steps of a small model.
+        limits: costs from which rows are given up, (n,); the number returned is then above its
+        limit, but not the whole cost.
         """
-        self._set_rows(self._model, rows)
-        worst = 0.0
-        largest_e = 0.0
-        largest_target = 0.0
+        for model, rows in zip(self._models, generation, strict=False):
+            self._set_rows(model, rows)
+        worst = np.zeros(len(generation))
+        largest_e = np.zeros(len(generation))
+        largest_target = np.zeros(len(generation))
         for number, states, control in self._launches:
-            e, speed = self._bounces(number, states, control)
+            tried = np.flatnonzero(worst <= limits)
+            e, speed = self._bounces(tried, number, states, control)
             in_band = speed > 0.9 * self._band[0]
-            target = np.asarray(self._goal.at(speed[in_band]))
-            worst = max(worst, float(np.abs(e[in_band] - target).max(initial=0.0)))
-            if worst > limit:
-                return worst
-            largest_e = max(largest_e, float(e.max()))
-            largest_target = max(largest_target, float(target.max(initial=0.0)))
-        worst += _COSTS * max(0.0, largest_e - max(_LARGEST_E, largest_target))
-        if worst > limit:
-            return worst
-        vibration, depth = self._at_rest()
-        shaking = math.log10(max(1.0, vibration / self._calm))
-        sinking = math.log10(max(1.0, depth / self._shallow))
-        return worst + _RESTLESS * (shaking + sinking)
+            target = np.zeros(speed.shape)
+            target[in_band] = self._goal.at(speed[in_band])
+            off = np.where(in_band, np.abs(e - target), 0.0)
+            worst[tried] = np.maximum(worst[tried], off.max(axis=1))
+            largest_e[tried] = np.maximum(largest_e[tried], e.max(axis=1))
+            largest_target[tried] = np.maximum(largest_target[tried], target.max(axis=1))
+        tried = np.flatnonzero(worst <= limits)
+        most = np.maximum(_LARGEST_E, largest_target[tried])
+        worst[tried] += _COSTS * np.maximum(0.0, largest_e[tried] - most)
+        tried = np.flatnonzero(worst <= limits)
+        worst[tried] += self._unrest(tried)
+        return worst
 
-    def _at_rest(self) -> tuple[float, float]:
-        """(vibration m/s, depth m) of the pairs a while after they were laid, the worst of all.
+    def _unrest(self, tried: Whole) -> Floats:
+        """Cost of the vibration and depth of members a while after they were laid, (m,).
 
-        Vibration is the standard deviation of the approach rates, infinite where the state
-        diverged.
+        tried: numbers of the members, (m,). The worst of all pairs counts. Vibration is the
+        standard deviation of the approach rates, infinite where the state diverged.
         """
-        worst = 0.0
-        deepest = 0.0
+        worst = np.zeros(len(tried))
+        deepest = np.zeros(len(tried))
         h = float(self._model.opt.timestep)
         for number, (states, control) in enumerate(self._laid):
-            depth = self._depths(number, states, control, _LAID)[0]
-            rate = np.diff(depth) / h
-            deepest = max(deepest, float(np.nan_to_num(depth[-_LAST:].mean())))
-            before = np.std(rate[-2 * _LAST : -_LAST])
-            last = np.std(rate[-_LAST:])
-            # Share of the vibration that is left after _LAST steps.
-            calmed = 0.0
-            if before > 0.0:
-                calmed = min(1.0, last / before)
-            # The vibration is taken to fall on by the same share.
-            later = last * calmed**_LATER
-            worst = max(worst, float(np.nan_to_num(later, nan=math.inf)))
-        return worst, deepest
+            for k, depth in enumerate(self._depths(tried, number, states, control, _LAID)[:, 0]):
+                rate = np.diff(depth) / h
+                deepest[k] = max(deepest[k], float(np.nan_to_num(depth[-_LAST:].mean())))
+                before = np.std(rate[-2 * _LAST : -_LAST])
+                last = np.std(rate[-_LAST:])
+                # Share of the vibration that is left after _LAST steps.
+                calmed = 0.0
+                if before > 0.0:
+                    calmed = min(1.0, last / before)
+                # The vibration is taken to fall on by the same share.
+                later = last * calmed**_LATER
+                worst[k] = max(worst[k], float(np.nan_to_num(later, nan=math.inf)))
+        costs = np.empty(len(tried))
+        for k, (vibration, depth) in enumerate(zip(worst.tolist(), deepest.tolist(), strict=True)):
+            shaking = math.log10(max(1.0, vibration / self._calm))
+            sinking = math.log10(max(1.0, depth / self._shallow))
+            costs[k] = _RESTLESS * (shaking + sinking)
+        return costs
 
-    def _bounces(self, number: int, states: Floats, control: Floats) -> tuple[Floats, Floats]:
-        """(e, impact speed m/s) of each launch, (n,), at the touch plane.
+    def _bounces(
+        self, tried: Whole, number: int, states: Floats, control: Floats
+    ) -> tuple[Floats, Floats]:
+        """(e, impact speed m/s) of each launch of each member, (m, n), at the touch plane.
 
-        number: of the opened model whose pair is read.
+        tried: numbers of the members, (m,). number: of the opened model whose pair is read.
         states: one row a launch. control: (nu,).
 
         Both speeds are those of the parabola of free flight through three states. e is 0 for a
         launch that does not part, and _COSTS for one that diverged.
         """
-        x = self._depths(number, states, control, _STEPS)
+        x = self._depths(tried, number, states, control, _STEPS).reshape(-1, _STEPS)
         inside = np.nan_to_num(x, nan=1.0) > 0.0
         launches = np.arange(len(x))
         first = np.clip(inside.argmax(axis=1) - self._lag, 2, _STEPS - 3)
@@ -259,20 +274,31 @@ class RowSearch:
         into = _crossing_speed(x[launches, first - 2], x[launches, first - 1], x[launches, first])
         out = _crossing_speed(x[launches, last], x[launches, last + 1], x[launches, last + 2])
         e = np.where(parted.any(axis=1), out / np.maximum(into, 1e-12), 0.0)
-        return np.nan_to_num(e, nan=_COSTS), into / float(self._model.opt.timestep)
+        e = np.nan_to_num(e, nan=_COSTS)
+        speed = into / float(self._model.opt.timestep)
+        return e.reshape(len(tried), -1), speed.reshape(len(tried), -1)
 
-    def _depths(self, number: int, states: Floats, control: Floats, steps: int) -> Floats:
-        """Penetration of the pair of one opened model after each step, m; (n, steps).
+    def _depths(
+        self, tried: Whole, number: int, states: Floats, control: Floats, steps: int
+    ) -> Floats:
+        """Penetration of the pair of one opened model after each step, m; (m, n, steps).
 
-        number: of the opened model. states: one row a launch. control: (nu,), kept for all steps.
+        tried: numbers of the members, (m,). number: of the opened model.
+        states: one row a launch. control: (nu,), kept for all steps.
         """
+        if len(tried) == 0:
+            return np.empty((0, len(states), steps))
+        models = [self._models[member] for member in tried for _ in states]
         controls = None
         if control.size:
-            controls = np.tile(control, (len(states), steps, 1))
+            controls = np.tile(control, (len(models), steps, 1))
         rollout = backend().rollout.rollout
-        _, sensors = rollout(self._model, [self._data], states, controls, nstep=steps)
+        _, sensors = rollout(
+            models, [self._data], np.tile(states, (len(tried), 1)), controls, nstep=steps
+        )
         onset = self._opened[number].place.contact.onset
-        return np.asarray(onset - sensors[:, :, self._first_sensor + number])
+        depths = onset - sensors[:, :, self._sensors[number]]
+        return np.asarray(depths).reshape(len(tried), len(states), steps)
 
     def rows(self, parameters: Floats, adhesive: bool) -> Rows:
         """Spring and damper of parameters (7,), in the order of _LOWEST.
@@ -303,10 +329,7 @@ class RowSearch:
         """
 
         def errors(members: Floats, limits: Floats) -> Floats:
-            found = []
-            for member, limit in zip(members, limits.tolist(), strict=True):
-                found.append(self._error(self.rows(member, adhesive), limit))
-            return np.array(found)
+            return self._errors([self.rows(member, adhesive) for member in members], limits)
 
         is_large = self._model.nv > _LIGHT
         starts = _LEGS if is_large else _STARTS
@@ -322,16 +345,19 @@ class RowSearch:
             return self.rows(best, adhesive)
 
 
-def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> None:
-    """Add one sensor a model to a spec: the distance of the two geoms of its contact, m.
+def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> list[int]:
+    """Add one sensor a pair of geoms to a spec: their distance, m; return each model's number of it.
 
-    They come last in the compiled model's sensor data, in the order of `opened`.
+    They come last in the compiled model's sensor data, in the order of their numbers from 0 on. The
+    attitudes of a pair share its sensor, which takes time in each step.
     """
     mujoco = backend()
     # In the order of their numbers.
     geom_names = [geom.name for geom in spec.geoms]
-    for model in opened:
-        first, second = model.place.contact.geoms
+    geoms_of = [tuple(model.place.contact.geoms) for model in opened]
+    # A dict keeps each pair of geoms once, in order.
+    different = list(dict.fromkeys(geoms_of))
+    for first, second in different:
         spec.add_sensor(
             type=mujoco.mjtSensor.mjSENS_GEOMDIST,
             objtype=mujoco.mjtObj.mjOBJ_GEOM,
@@ -339,8 +365,9 @@ def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> None:
             reftype=mujoco.mjtObj.mjOBJ_GEOM,
             refname=geom_names[second],
             # MuJoCo reports this distance, m, for all that is farther apart.
-            cutoff=10.0 * float(model.model.stat.extent),
+            cutoff=10.0 * float(opened[0].model.stat.extent),
         )
+    return [different.index(geoms) for geoms in geoms_of]
 
 
 def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[float, float]]:

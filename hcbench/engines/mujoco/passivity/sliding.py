@@ -196,40 +196,37 @@ def _followed(
     began = (data.qvel[:3] @ data.qvel[:3] + inertia @ data.qvel[3:] ** 2) / 2
     # Without gravity a body that a contact has stopped has none to compare with.
     slowest = max((_SLOWEST * g * h) ** 2 / 2, _ROUND_OFF * began)
-    # Views of the state: hundred thousands of steps are taken here.
-    linear = data.qvel[:3]
-    turning = data.qvel[3:6]
-    ahead = np.array([0.0, 0.0, gained])
+    steps = min(round(seconds / h), _STEPS)
+    # Of each state: the number of contacts in the step that led there, and qvel; height at its end.
+    # Hundred thousands of steps are taken here: what is computed from them waits for the end.
+    contacts = np.empty(steps, dtype=int)
+    speeds = np.empty((steps, 6))
+    heights = np.empty(steps)
     place = data.qpos
+    motion = data.qvel
     step = mujoco.mj_step
-    # J/kg: in the last step of free flight, what the contacts have added since the start, and the
-    # least that there was.
-    before = math.nan
-    energy = math.nan
-    least = math.inf
-    grew = 0.0
-    rose = -math.inf
-    in_contact = False
-    for _ in range(min(round(seconds / h), _STEPS)):
-        # Of the state before: without contacts the step from there was free flight.
-        if data.ncon:
-            in_contact = True
-        else:
-            v = linear - ahead
-            here = (v @ v + inertia @ turning**2) / 2 + g * (place[2] - body.high)
-            if math.isnan(energy):
-                energy = here
-            elif in_contact:
-                energy += here - before
-            grew = max(grew, energy / max(least, slowest))
-            least = min(least, energy)
-            before = here
-            in_contact = False
+    start = float(place[2])
+    for k in range(steps):
+        contacts[k] = data.ncon
+        speeds[k] = motion
         step(model, data)
-        rose = max(rose, float(place[2]) - body.high)
+        heights[k] = place[2]
     if not np.isfinite(data.qpos).all():
         return _Path(math.inf, math.inf)
-    return _Path(grew, rose)
+    # Without contacts the step from a state was free flight.
+    free = np.flatnonzero(contacts == 0)
+    v = speeds[free, :3] - np.array([0.0, 0.0, gained])
+    turning = speeds[free, 3:]
+    before = np.concatenate([[start], heights[:-1]])[free]
+    # J/kg, of free flight.
+    energy = ((v**2).sum(axis=1) + turning**2 @ inertia) / 2 + g * (before - body.high)
+    # What the contacts have added since the start: in free flight it stays.
+    added = np.diff(energy, prepend=0.0)
+    added[1:][np.diff(free) == 1] = 0.0
+    since = np.cumsum(added)
+    least = np.fmin.accumulate(since)[:-1]
+    grew = np.fmax.reduce(since[1:] / np.maximum(least, slowest), initial=0.0)
+    return _Path(float(grew), float(np.fmax.reduce(heights)) - body.high)
 
 
 def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
