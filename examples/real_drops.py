@@ -52,20 +52,22 @@ def copies(clone: Path, folder: Path, ball: Ball) -> list[Path]:
 
 
 def main() -> None:
-    """Copy, fit and draw; a row and a band for each ball."""
+    """Copy, fit and draw; a row, a band and a point an impact for each ball."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("clone", type=Path)
     parser.add_argument("folder", type=Path)
     given = parser.parse_args()
     mpl.rcParams |= {"svg.hashsalt": "drops", "svg.fonttype": "none"}
     figure = Figure(figsize=(6.4, 3.6), layout="constrained")
-    axes = figure.add_subplot(xlabel="impact speed, m/s", ylabel="restitution e", ylim=(0.7, 1))
+    axes = figure.add_subplot(xlabel="impact speed, m/s", ylabel="restitution e", ylim=(0.66, 1))
     rows = []
     for name, ball in BALLS.items():
         files = copies(given.clone, given.folder, ball)
         found = hb.fit(*files, mass=ball.mass, diameter=ball.diameter)
         curve = found.to_frame()
         (line,) = axes.plot(curve.speed_m_per_s, curve.restitution, label=name)
+        for drop in found.sets:
+            axes.plot(*drop.pairs(), ".", color=line.get_color(), markersize=2, alpha=0.5)
         ends = (curve.restitution_low, curve.restitution_high)
         axes.fill_between(curve.speed_m_per_s, *ends, color=line.get_color(), alpha=0.25)
         row: dict[str, object] = {"ball": name, "drops": len(found.sets), "law": found.law}
@@ -74,7 +76,7 @@ def main() -> None:
                 row |= {key: value.value, f"{key}_low": value.low, f"{key}_high": value.high}
         rows.append(row | {"from_m_per_s": found.speeds[0], "to_m_per_s": found.speeds[1]})
         print(rows[-1])
-    axes.legend()
+    axes.legend(loc="lower right", ncols=2)
     figure.savefig(given.folder / "drops.svg", metadata={"Date": None})
     pd.DataFrame(rows).to_csv(given.folder / "drops.csv", index=False, float_format="%.4g")
 

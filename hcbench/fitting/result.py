@@ -14,7 +14,7 @@ from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.estimate import ENDS, estimate_of
 from hcbench.fitting.heights import ratio
 from hcbench.fitting.linear import Estimate, quantiles
-from hcbench.fitting.which_law import EITHER, FAMILY, LAWS, PLAIN, WITH_E0
+from hcbench.fitting.which_law import EITHER, FAMILY, LAWS, PLAIN, WITH_E0, hunt_crossley
 from hcbench.system.errors import UserError
 from hcbench.system.text import Drawn, sanitized, table
 
@@ -307,12 +307,45 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
     # The band widens by the uncertainty of g, height and other inputs, and by the differences of
     # drops.
     wider = _wider(result)
+    best = result.best
+    names = best.law.describe(tuple(best.parameters), best.reference)
+    medians = {name: estimate_of(best, name).value for name in names}
+    given = middle * _of_given(result, speeds, medians)
     return (
         speeds,
-        middle,
-        middle - wider * (middle - low),
-        np.minimum(middle + wider * (high - middle), 1.0),
+        given,
+        given - wider * (middle - low),
+        np.minimum(given + wider * (high - middle), 1.0),
     )
+
+
+def likeliest_e(result: FitResult, speeds: Floats) -> Floats:
+    """e of the likeliest law at each speed (n,), m/s; of several drops, with the α or e given."""
+    best = result.best
+    each = np.array([best.curve.at(float(v)) for v in speeds])
+    likeliest = best.law.describe(tuple(best.parameters), best.reference)
+    return np.minimum(1.0, each * _of_given(result, speeds, likeliest))
+
+
+def _of_given(result: FitResult, speeds: Floats, computed: dict[str, float]) -> Floats:
+    """e by the α or e that is given, over e by the computed one, at each speed (n,), m/s.
+
+    computed: parameters of the law for all impacts together, by their names.
+    1 for one drop. The mean over several drops counts each drop, and the computed one each impact.
+    """
+    same = np.ones(len(speeds))
+    if result.between is None:
+        return same
+    if "alpha" in computed and result.alpha is not None:
+        logs = [
+            hunt_crossley(1.5 * result.alpha.value * v)[0]
+            - hunt_crossley(1.5 * computed["alpha"] * v)[0]
+            for v in speeds
+        ]
+        return np.exp(logs)
+    if "restitution" in computed and result.restitution is not None:
+        return same * result.restitution.value / computed["restitution"]
+    return same
 
 
 def _band_of(fit: LawFit, speeds: Floats) -> Floats:
@@ -589,9 +622,9 @@ def as_record(result: FitResult) -> dict[str, Any]:
 def points_text(result: FitResult) -> str:
     """e over speed as a CSV that --points of `tune` and `check` reads."""
     speeds = speeds_over(result, _POINTS)
-    curve = result.best.curve
     law = result.law or f"{result.best.law.name}, the likeliest; others are not ruled out"
-    rows = [f"{v:.6g},{min(1.0, curve.at(float(v))):.6g}" for v in speeds]
+    points = zip(speeds, likeliest_e(result, speeds), strict=True)
+    rows = [f"{v:.6g},{e:.6g}" for v, e in points]
     return "\n".join([f"# {law}", "speed [m/s],restitution", *rows]) + "\n"
 
 
@@ -650,8 +683,8 @@ def _numbers(result: FitResult, low: float, high: float) -> dict[str, Any]:
     speeds = [_rounded(v) for v in speeds_over(result, _POINTS).tolist()]
     # The ends are those of the range, to the last digit.
     speeds[0], speeds[-1] = low, high
-    curve = result.best.curve
-    return {"points": tuple((v, _rounded(min(1.0, curve.at(v)))) for v in speeds)}
+    each = likeliest_e(result, np.array(speeds)).tolist()
+    return {"points": tuple((v, _rounded(e)) for v, e in zip(speeds, each, strict=True))}
 
 
 def _rounded(value: float) -> float:

@@ -10,6 +10,8 @@ from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
 from hcbench.fitting.heights import odd_drops, ratio, shared_value
 from hcbench.fitting.linear import Estimate
+from hcbench.fitting.result import band, points_text
+from hcbench.laws.closed_form import restitution
 
 
 def drop(name: str, alpha: float, seed: int) -> TouchTimes:
@@ -71,3 +73,32 @@ def test_a_file_that_does_not_go_with_the_others_is_named() -> None:
     found = fit([drop("a", 0.15, 1), drop("b", 0.15, 2), drop("c", 0.15, 3), drop("other", 0.3, 4)])
     assert any(warning.startswith("other does not go with") for warning in found.warnings)
     assert found.between is not None and found.between > 0.1
+
+
+@pytest.mark.parametrize("law", ["constant", "hunt-crossley"])
+def test_the_curve_of_several_drops_has_the_number_that_is_given(law: str) -> None:
+    """The mean of drops is not that of all their impacts: once the curve and the headline differed."""
+    each = (0.15, 0.2, 0.3)
+    curves = [
+        synthesise.hunt_crossley(value) if law != "constant" else synthesise.constant(1.0 - value)
+        for value in each
+    ]
+    sets = [
+        TouchTimes(str(n), EXACT, times_of(curve, n)[: 8 + 4 * n]) for n, curve in enumerate(curves)
+    ]
+    found = fit(sets, law)
+    speeds, e, low, high = band(found)
+    assert (low < e).all()
+    assert (e < high).all()
+    rows = points_text(found).splitlines()[2:]
+    of_points = np.array([float(row.split(",")[1]) for row in rows])
+    of_speeds = [float(row.split(",")[0]) for row in rows]
+    if law == "constant":
+        assert found.restitution is not None
+        assert e == pytest.approx(found.restitution.value, rel=1e-6)
+        assert of_points == pytest.approx(found.restitution.value, rel=1e-5)
+    else:
+        assert found.alpha is not None
+        assert e == pytest.approx(restitution(found.alpha.value, speeds), rel=1e-3)
+        expected = restitution(found.alpha.value, np.array(of_speeds))
+        assert of_points == pytest.approx(expected, rel=1e-3)

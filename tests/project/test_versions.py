@@ -29,6 +29,4 @@ def test_every_command_of_hcbench_is_among_those_that_are_run() -> None:
     run = {command.split()[0] for command in versions.COMMANDS}
     # Without an engine, from a file that ships, and minutes long: `make test-pythons` runs them.
     without = {"completion", "docs", "materials", "paper"}
-    # Younger than the table, which `make versions` writes.
-    younger = {"randomize"}
-    assert set(cli.app.commands) - run == without | younger
+    assert set(cli.app.commands) - run == without
